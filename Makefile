@@ -17,7 +17,7 @@ KERNELS := $(VENV)/.kernels
 # The tests of a file stay in one process, so that what they share is made once. More than four processes would only make it more often.
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile
 
-.PHONY: demo docs test test-all dist lint types bench clean
+.PHONY: demo docs test test-all fuzz dist lint types bench clean
 
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mqslam needs Python 3.11 or newer: make PYTHON=python3.11 ...")'
@@ -41,6 +41,9 @@ test: $(READY) lint $(KERNELS)
 
 test-all: $(READY) $(KERNELS)
 	$(PYTEST) -m slow
+
+fuzz: $(READY) $(KERNELS)
+	$(PYTEST) -m 'slow or not slow' tests/fuzz
 
 dist: $(READY)
 	$(BIN)/python .ci/dist.py

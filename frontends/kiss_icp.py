@@ -17,7 +17,7 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
-from mqslam.errors import ConfigError
+from mqslam.errors import ConfigError, untrusted
 from mqslam.frontends.icp_covariance import Surface
 from mqslam.frontends.scan_matching import match_scans
 from mqslam.frontends.scan_track import Match
@@ -127,7 +127,7 @@ def _load_config(path: Path) -> Any:
     from kiss_icp.kiss_icp import KissICP
 
     try:
-        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+        tree = yaml.safe_load(untrusted.read_document(path, untrusted.YAML_BYTES))
         config = _make_repeatable(load_config(path))
         KissICP(config)  # refuses what the loader lets pass, such as null for a number
     except (OSError, UnicodeDecodeError, yaml.YAMLError, TypeError) as error:

@@ -43,7 +43,7 @@ class OdometryFrontEnd:
         if not self._odometry.covers(int(stamps[0]), int(stamps[1]), self._slack_us):
             raise EstimationError(f"the odometry does not cover {t0:.2f} s to {scan.t0:.2f} s of the recording")
         first, last = self._odometry.at(stamps)
-        pose = se2.between(first, last)
+        pose = se2.wrapped_between(first, last)
         along = self._settings.sigma_rest_m + self._settings.sigma_travel * float(np.hypot(pose[0], pose[1]))
         yaw = self._settings.sigma_yaw_rate * (scan.t0 - t0)
         return Measurement(t0, scan.t0, pose, np.diag([along**2, along**2, yaw**2]), points=len(scan.returns))

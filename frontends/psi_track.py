@@ -100,7 +100,7 @@ def _move(tracked: Tracked, pose: se2.Array) -> Tracked:
 
 def _relate(a: Tracked, b: Tracked, psi_odometry: float) -> Match:
     """Returns the motion between two tracked scans; their errors given the map are taken as independent."""
-    pose = se2.between(a.pose, b.pose)
+    pose = se2.wrapped_between(a.pose, b.pose)
     c, s = np.cos(a.state.yaw), np.sin(a.state.yaw)
     by_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     by_start = -by_end.copy()

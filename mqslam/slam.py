@@ -16,8 +16,8 @@ from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
 from mqslam.backend.recognition.within_run import find_loops
 from mqslam.backend.refinement import refine
-from mqslam.backend.sensor_use import NO_USE, SensorSettings, join_sensors
-from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges, read_odometry_motions, reckon
+from mqslam.backend.sensor_use import SensorSettings, SensorUse, join_sensors
+from mqslam.backend.sensors.odometry.odometry_edges import hold_odometry, make_odometry_edges, reckon
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
@@ -32,7 +32,7 @@ from mqslam.execution.kept import LOOPS, REFINED
 from mqslam.execution.runner import Runner
 from mqslam.mapping.render import render_track
 from mqslam.psi.place import beam_of
-from mqslam.solution import Run, Solution
+from mqslam.solution import CHECK, Run, Solution
 
 PSI: Final = "psi"
 """The front end that measures motion by map quality."""
@@ -86,14 +86,14 @@ class Slam:
                 maps = [render_track(what, scans, track, config, solution.beam, runner) for what, track in tracks.items()]
                 before, after = runner.follow("render", maps, len(maps))
             checked, kept = None, None
-            with runner.time_stage("check"), runner.tolerate("the check of the map"):
+            with runner.time_stage("check"), runner.tolerate(CHECK):
                 if len(scans) > 1:
                     optimum = None if solution.covariances.failure else (solution.graph, solution.values)
                     checked = audit_trajectory(scans, solution.optimised, config, solution.beam, runner, optimum)
             with runner.time_stage("render"), runner.tolerate("the keyframes of the map"):
                 kept = solution.keep_map(scans, recording, runner.engine)
         return Run(
-            **(vars(solution) | {"warnings": tuple(runner.warnings)}),
+            **(vars(solution) | {"warnings": tuple(runner.warnings), "crashes": dict(runner.crashes)}),
             map_odometry=before,
             map_optimised=after,
             kept=kept,
@@ -119,14 +119,14 @@ class Slam:
             if self._name == PSI:
                 measurements = straighten(measurements, scans, config, beam, runner)
         with runner.time_stage("optimise"):
-            odometry = read_odometry_motions(scans, context, self._name)
+            odometry, fault = hold_odometry(scans, context, self._name, measurements)
             edges = make_odometry_edges(odometry, measurements, config.odometry, config.graph, context.sensors.mount)
             before = reckon(scans, odometry or measurements)
-            problem, used = Problem(measurements, edges, config.graph, config.loops), NO_USE
+            problem, used = Problem(measurements, edges, config.graph, config.loops), SensorUse(odometry=fault)
             with runner.tolerate("the sensors beside the radar"):
                 sections = SensorSettings(config.gyroscope, config.gnss, config.velocity, config.odometry)
                 sensors, velocities = context.sensors, context.velocities
-                problem, used = join_sensors(problem, odometry, sensors, velocities, scans.start_us, sections)
+                problem, used = join_sensors(problem, odometry, sensors, velocities, scans.start_us, sections, fault)
         search = LoopSearch([], 0)
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import gtsam
@@ -27,6 +27,9 @@ from mqslam.core.sensors.mount import Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.psi.place import Beam, beam_of
+
+CHECK = "the check of the map"
+"""Names that part of a run which judges its map."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +114,7 @@ class Run(Solution):
         checked: the optimised map judged, of its windows a sample; None where that could not be done.
         runtime_s: runtime of each stage [s].
         unread: the error for each polar scan that could not be read and was left out, by its number.
+        crashes: the error, in words, of each part that could not be made, by the name of the part.
         mount: where the radar sits on the vehicle, if trajectories, their covariances and maps are those of the vehicle, in
             the frame of its first pose; None where they are those of the radar.
     """
@@ -121,6 +125,7 @@ class Run(Solution):
     checked: Audit | None
     runtime_s: dict[str, float]
     unread: dict[int, DataError]
+    crashes: Mapping[str, str]
     mount: Mount | None = None
 
     @property

@@ -39,7 +39,7 @@ from mqslam.auditing.speeds import (
 )
 from mqslam.auditing.steps import StepAudit, audit_steps
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
-from mqslam.auditing.tracks import judge_doubt, judge_track, mark_interpolated
+from mqslam.auditing.tracks import judge_doubt, judge_part, judge_track, mark_interpolated
 from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
 from mqslam.auditing.windows.shaking import judge_shaking
 from mqslam.auditing.windows.windows import Undecided, WindowAudit, audit_windows, state_p_values
@@ -182,7 +182,7 @@ def _judge_trajectory(sweeps: Sweeps, settings: AuditConfig, limits: VerdictConf
     if sweeps.track is None:
         return []
     own = judge_track(sweeps.track, sweeps.times, sweeps.revolution_s, settings, limits)
-    return [*own, *judge_doubt(sweeps.doubt_m, settings)]
+    return [*own, *judge_part(sweeps.track, limits), *judge_doubt(sweeps.doubt_m, settings)]
 
 
 def _mark_interpolated(sweeps: Sweeps, settings: AuditConfig) -> NDArray[np.bool_]:

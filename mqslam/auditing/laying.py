@@ -106,7 +106,7 @@ def lay(
     reference, query = (sweeps.local(part, sweeps.poses[k]) for part, k in zip(stretches, frames, strict=True))
     if min(len(reference), len(query)) < settings.fewest:
         return None
-    between = se2.between(sweeps.poses[a], sweeps.poses[b])
+    between = se2.wrapped_between(sweeps.poses[a], sweeps.poses[b])
     references = make_references(reference)
     alignment = align(references, query, between, reach, settings, estimator, rival_sigmas)
     moved = place_rigidly(query.points, alignment.pose) - place_rigidly(query.points, between)

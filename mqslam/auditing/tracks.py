@@ -232,6 +232,23 @@ def _judge_cover(track: Track, settings: AuditConfig, limits: VerdictConfig) -> 
     return [Finding(VerdictStatus.NOT_JUDGED if too_few else VerdictStatus.WARN, reason)]
 
 
+def judge_part(track: Track, limits: VerdictConfig) -> list[Finding]:
+    """Returns that a trajectory covers only a part of the recording; nothing if it covers almost all, or less than half.
+
+    Args:
+        track: the trajectory.
+        limits: settings of the verdict.
+    """
+    if not limits.part_warn * track.scans < track.uncovered <= limits.uncovered_warn * track.scans:
+        return []
+    begin, end = float(track.times[0]), float(track.times[-1])
+    reason = (
+        f"the trajectory covers only a part of the recording, {track.scans - track.uncovered} of "
+        f"{count_of(track.scans, 'scan')} from {begin:.1f} s to {end:.1f} s: the others were not judged"
+    )
+    return [Finding(VerdictStatus.WARN, reason)]
+
+
 def _list_spans(spans: Sequence[tuple[float, float]], last: float) -> str:
     """Returns stretches [s] in words; one that reaches to the last scan is said to begin only."""
     return _join([f"from {a:.1f} s on" if b >= last else f"from {a:.1f} s to {b:.1f} s" for a, b in spans])

@@ -7,12 +7,15 @@ from dataclasses import replace
 
 from mqslam.backend.problem import Problem
 from mqslam.backend.sensors.gyroscope.gyroscope_use import find_turning
+from mqslam.backend.sensors.odometry.odometry_edges import ODOMETRY
+from mqslam.backend.sensors.odometry.odometry_fault import find_odometry_fault
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context, measure_motions
 from mqslam.core.measurement import Measured, Measurement, MotionTable, Status
 from mqslam.core.scans import Scans
 from mqslam.core.sensors.turning import KnownTurning
+from mqslam.core.trajectory import Trajectory
 from mqslam.execution.kept import MEASURED
 from mqslam.execution.runner import Runner
 from mqslam.mapping.live import LiveMap
@@ -36,8 +39,8 @@ def find_doppler(scans: Scans, config: Config, runner: Runner) -> Doppler:
 def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runner) -> MotionTable:
     """Returns a front end's motions between successive scans, or those that an earlier run has kept.
 
-    Where the front end did not find all of them, and there is a gyroscope that agrees with the others, it is asked a second
-    time with what the gyroscope says.
+    Where the front end did not find all of them, it is asked a second time: without odometry that contradicts the others,
+    and with what a gyroscope says that agrees with them.
 
     Args:
         name: of the front end.
@@ -54,23 +57,30 @@ def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runne
         return MotionTable(live.follow(kept.measurements))
     context = replace(context, preview=live.show, engine=runner.engine)
     measurements = MotionTable(live.follow(measure_motions(name, context, scans)))
-    turning = None
-    with runner.tolerate("the gyroscope's part in tracking"):
-        turning = _find_help(name, scans, context, measurements)
-    if turning is not None:
-        live = LiveMap(scans, beam, runner)
-        context = replace(context, preview=live.show, turning=turning)
-        measurements = MotionTable(live.follow(measure_motions(name, context, scans)))
+    if any(motion.status is not Status.CONVERGED for motion in measurements):
+        odometry, turning = _drop_contrary(name, context, measurements), None
+        with runner.tolerate("the gyroscope's part in tracking"):
+            turning = _find_help(name, scans, context, measurements)
+        if turning is not None or odometry is not context.odometry:
+            live = LiveMap(scans, beam, runner)
+            context = replace(context, preview=live.show, turning=turning, odometry=odometry)
+            measurements = MotionTable(live.follow(measure_motions(name, context, scans)))
     runner.keep(MEASURED, Measured(measurements, context.doppler_beta, context.doppler_sigma))
     return measurements
 
 
+def _drop_contrary(name: str, context: Context, measurements: Sequence[Measurement]) -> Trajectory | None:
+    """Returns the odometry that a front end was told; None where it contradicts what the front end found itself."""
+    odometry = context.odometry
+    if odometry is None or name == ODOMETRY:
+        return odometry
+    return None if find_odometry_fault(odometry, context.start_us, measurements, context.config.odometry) else odometry
+
+
 def _find_help(name: str, scans: Scans, context: Context, measurements: Sequence[Measurement]) -> KnownTurning | None:
-    """Returns what a gyroscope says of the turn, where the front end takes it and needs it; None elsewhere."""
+    """Returns what a gyroscope says of the turn, where the front end takes it; None elsewhere."""
     gyroscope, config = context.sensors.gyroscope, context.config
     if gyroscope is None or not getattr(frontends.load(name), "takes_turning", False):
-        return None
-    if all(motion.status is Status.CONVERGED for motion in measurements):
         return None
     drift = Problem(measurements, [], config.graph, config.loops).yaw_drift
     return find_turning(gyroscope, scans.start_us, measurements, drift, config.gyroscope)

@@ -12,7 +12,7 @@ from gtsam.symbol_shorthand import M, X
 
 from mqslam.config import GraphConfig
 from mqslam.core import se2
-from mqslam.errors import describe_error
+from mqslam.errors import describe_error, raise_interrupt
 from mqslam.factors.prior import prior
 
 # numerical limits, none of which changes a result that is exact
@@ -98,6 +98,7 @@ def optimise(graph: PoseGraph) -> Optimum:
         if not np.isfinite(graph.poses_at(values)).all():
             return Optimum(graph.initial, "its poses grew beyond what numbers can hold")
     except Exception as error:  # whatever GTSAM throws, the initial values are a result
+        raise_interrupt(error)
         return Optimum(graph.initial, describe_error(error))
     return Optimum(values)
 

@@ -15,6 +15,7 @@ from mqslam.backend.sensors.gnss.alignment import align
 from mqslam.backend.sensors.gnss.fix_use import FixUse, join_fixes
 from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse, join_gyroscope
 from mqslam.backend.sensors.mount_use import MountUse, find_mount
+from mqslam.backend.sensors.odometry.odometry_fault import OdometryFault
 from mqslam.config import GnssConfig, GyroscopeConfig, OdometryConfig, VelocityConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Refined
@@ -60,6 +61,7 @@ class SensorUse:
         fixes: of the GNSS receiver.
         velocities: of the velocities that chirps measure.
         mount: where the radar sits on the vehicle; None where nothing says anything about it.
+        odometry: why odometry is not used; None where it is, or there is none.
         contributions: how far each sensor that is used moves the trajectory, by its name, once that is measured.
     """
 
@@ -67,7 +69,25 @@ class SensorUse:
     fixes: FixUse | None = None
     velocities: VelocityUse | None = None
     mount: MountUse | None = None
+    odometry: OdometryFault | None = None
     contributions: Mapping[str, Contribution] = field(default_factory=dict)
+
+    @property
+    def opposite(self) -> list[str]:
+        """The sensors that turn the other way than the radar, if there are two and more than agree with its direction.
+
+        A gyroscope on its side says nothing of the direction.
+        """
+        ways = {}
+        if self.odometry is not None:
+            ways["odometry"] = self.odometry.is_opposite
+        rotation = None if self.gyroscope is None else self.gyroscope.rotation
+        if self.gyroscope is not None and self.gyroscope.edges is not None and rotation is not None and rotation.axis == "z":
+            ways["the gyroscope"] = rotation.sign < 0.0
+        if self.fixes is not None and (self.fixes.edges is not None or self.fixes.is_mirrored):
+            ways["GNSS"] = self.fixes.is_mirrored
+        opposite = [name for name, is_opposite in ways.items() if is_opposite]
+        return opposite if len(opposite) >= 2 and 2 * len(opposite) > len(ways) else []
 
     @property
     def notes(self) -> list[str]:
@@ -77,8 +97,9 @@ class SensorUse:
 
     @property
     def refusals(self) -> list[str]:
-        """What a user should know of the sensors that are not used, and of a mount that odometry contradicts."""
+        """What a user should know of odometry and sensors that are not used, and of a mount that odometry contradicts."""
         contradictions = [] if self.mount is None or self.mount.contradiction is None else [self.mount.contradiction]
+        contradictions += [] if self.odometry is None else [self.odometry.statement]
         return contradictions + [statement for use in self._uses if use.edges is None for statement in use.statements]
 
     @property
@@ -104,10 +125,6 @@ class SensorUse:
         return replace(self, contributions={name: _compare(poses, track) for name, track in others.items()})
 
 
-NO_USE = SensorUse()
-"""No sensor beside the radar."""
-
-
 def join_sensors(
     problem: Problem,
     odometry: Sequence[Measurement],
@@ -115,6 +132,7 @@ def join_sensors(
     velocities: Velocities | None,
     start_us: int,
     settings: SensorSettings,
+    fault: OdometryFault | None = None,
 ) -> tuple[Problem, SensorUse]:
     """Holds the sensors against the motions of a problem.
 
@@ -125,6 +143,7 @@ def join_sensors(
         velocities: that the radar's chirps measured, or None.
         start_us: stamp [us] of the recording's time zero.
         settings: of the sensors.
+        fault: why odometry is not used, if it is not.
 
     Returns:
         The problem with the sensors that agree, and what became of all.
@@ -144,7 +163,7 @@ def join_sensors(
     if velocities is not None and problem.measurements:
         moving = join_velocities(velocities, problem.measurements, settings.velocity)
         problem = replace(problem, travels=moving.edges)
-    return problem, SensorUse(turning, placing, moving, mounted)
+    return problem, SensorUse(turning, placing, moving, mounted, fault)
 
 
 def _compare(poses: se2.Array, others: se2.Array) -> Contribution:

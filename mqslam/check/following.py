@@ -98,7 +98,7 @@ def follow(
         for a, b in itertools.pairwise(there):
             if a.status is b.status is Status.CONVERGED:
                 edges.append((a.t0, b.t0))
-                twists.append(se2.log(se2.between(a.pose, b.pose)) / (b.t0 - a.t0))
+                twists.append(se2.log(se2.wrapped_between(a.pose, b.pose)) / (b.t0 - a.t0))
         for one, two in zip(there[tracker.start_scans - 1 :], back[tracker.start_scans - 1 :], strict=True):
             forward.append(_psi_per_point(one))
             backward.append(_psi_per_point(two))

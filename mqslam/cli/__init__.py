@@ -24,6 +24,7 @@ from mqslam.cli.score import score
 from mqslam.cli.simulate import simulate
 from mqslam.cli.terminal.remedies import name_options
 from mqslam.errors import MqslamError
+from mqslam.errors.shown import show
 from mqslam.execution.interrupts import Interrupted, raise_interrupts
 
 app = typer.Typer(
@@ -65,7 +66,7 @@ def _top(
 
     Exit codes: 0 done; 1 check found something suspicious, the verdict of run or audit is as bad as --fail-on or worse, or a
     run of batch failed; 2 a mistake in the command or its input, described in one line; 3 the map that run or audit should
-    judge with --fail-on could not be judged; 130 and 143 interrupted.
+    judge with --fail-on could not be judged; 129, 130 and 143 interrupted.
 
     Example: mqslam run drive --out result
     """
@@ -82,8 +83,8 @@ def main() -> None:
         with raise_interrupts():
             app(prog_name="mqslam")
     except MqslamError as error:
-        print(f"mqslam: error: {name_options(str(error), command)}", file=sys.stderr)
+        print(f"mqslam: error: {show(name_options(str(error), command))}", file=sys.stderr)
         sys.exit(2)
     except Interrupted as error:
-        print(f"mqslam: {name_options(str(error), command)}", file=sys.stderr)
+        print(f"mqslam: {show(name_options(str(error), command))}", file=sys.stderr)
         sys.exit(128 + error.number)

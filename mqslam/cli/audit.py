@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from mqslam.cli.terminal.echo import echo
 from mqslam.cli.terminal.fail_on import FailOn, choose_exit_code
 from mqslam.cli.terminal.options import (
     CORES,
@@ -149,8 +150,8 @@ def audit(
     if as_json:
         typer.echo(to_json(result.summary))
     elif not quiet:
-        typer.echo(name_options("\n".join(_format_lines(result.summary))))
-        typer.echo(f"results in {out}; open {result.report} in a browser")
+        echo(name_options("\n".join(_format_lines(result.summary))))
+        echo(f"results in {out}; open {result.report} in a browser")
     if fail_on is not None:
         raise typer.Exit(choose_exit_code(result.verdict, fail_on))
 

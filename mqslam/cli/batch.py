@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mqslam.cli.terminal.echo import echo
 from mqslam.cli.terminal.options import CORES, Cluster, Force, Jobs, Json, Quiet, Verbose
 from mqslam.cli.terminal.remedies import name_options
+from mqslam.errors.shown import show
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -49,11 +51,11 @@ def batch(
         typer.echo(to_json(summary))
     elif not quiet:
         Console(soft_wrap=True).print(_tabulate(summary))
-        typer.echo(f"report: {result.report}")
+        echo(f"report: {result.report}")
         print_warnings(console, summary["warnings"])
     for run in summary["runs"]:
         if run["failure"] and not as_json:
-            console.print(f"{run['name']} failed: {name_options(run['failure'])}", highlight=False, soft_wrap=True)
+            console.print(f"{run['name']} failed: {show(name_options(run['failure']))}", highlight=False, soft_wrap=True)
     if summary["counts"]["failed"]:
         raise typer.Exit(1)
 

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mqslam.cli.terminal.echo import echo
 from mqslam.cli.terminal.options import ConfigOption, Data, Format, Json, Odometry, Quiet, RangeResolution, Verbose
+from mqslam.errors.shown import show
 
 if TYPE_CHECKING:
     from mqslam.check.statistics import Statistics
@@ -62,12 +64,12 @@ def check(
         typer.echo(json.dumps(told | {"checks": checks}, indent=1))
     else:
         for finding in outcome.findings:
-            typer.echo(f"{finding.name:<24}{finding.verdict:<18}{finding.text}")
+            echo(f"{finding.name:<24}{finding.verdict:<18}{show(finding.text)}")
         if outcome.read < outcome.scans:
             rest = "a damaged one among the others shows in mqslam run, which reads all"
-            typer.echo(f"{outcome.read} of {outcome.scans} scans were read; {rest}")
+            echo(f"{outcome.read} of {outcome.scans} scans were read; {rest}")
         if outcome.warning is not None:
-            typer.echo(outcome.warning)
+            echo(outcome.warning)
     if outcome.suspicious:
         raise typer.Exit(1)
 

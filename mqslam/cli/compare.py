@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from mqslam.cli.terminal.echo import echo
 from mqslam.cli.terminal.options import (
     CORES,
     Cluster,
@@ -27,6 +28,7 @@ from mqslam.cli.terminal.options import (
 )
 from mqslam.cli.terminal.remedies import name_options
 from mqslam.cli.terminal.topics import state_topics
+from mqslam.errors.shown import show
 
 _ASCII_ARROWS = str.maketrans({"↓": "v", "↑": "^", "→": "->"})  # for terminals that know no other letters
 
@@ -113,10 +115,10 @@ def compare(
         _print_table(result.table, result.marked)
         for row in result.summary["rows"]:
             if row.get("verdict") in ("warn", "fail"):
-                typer.echo(f"{row['name']} is judged {row['verdict']}: {name_options(row['reasons'])}")
-        typer.echo(f"results in {out}; open {result.report} in a browser")
+                echo(f"{row['name']} is judged {row['verdict']}: {name_options(row['reasons'])}")
+        echo(f"results in {out}; open {result.report} in a browser")
         if result.conclusion:
-            typer.echo(result.conclusion)
+            echo(result.conclusion)
 
 
 def _parse_trajectories(texts: list[str]) -> dict[str, Path | tuple[Path, Path]]:
@@ -156,7 +158,7 @@ def _print_table(cells: list[list[str]], marked: frozenset[tuple[int, int]]) -> 
     shown = Table(show_edge=False, pad_edge=False)
     shown.add_column("")
     for line in ran.values():
-        shown.add_column(line[0], justify="right")
+        shown.add_column(show(line[0]), justify="right")
     arrows = _ASCII_ARROWS if console.options.ascii_only else {}
     for column, head in enumerate(cells[0][1:], 1):
         values = (
@@ -165,6 +167,6 @@ def _print_table(cells: list[list[str]], marked: frozenset[tuple[int, int]]) -> 
         shown.add_row(head.translate(arrows), *values)
     console.print(shown)
     if marked:
-        typer.echo("* is the best value; ↓ less is better, ↑ more, → 1 nearer to 1".translate(arrows))
+        echo("* is the best value; ↓ less is better, ↑ more, → 1 nearer to 1".translate(arrows))
     for line in failed:
-        typer.echo(name_options(f"{line[0]} {line[1]}"))
+        echo(name_options(f"{line[0]} {line[1]}"))

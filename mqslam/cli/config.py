@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from mqslam.cli.terminal.echo import echo
 from mqslam.cli.terminal.options import ConfigName, Json
 
 config = typer.Typer(help="Show the settings, what a file changes, and their schema.", no_args_is_help=True)
@@ -32,7 +33,7 @@ def show(
     if as_json:
         typer.echo(json.dumps(settings.model_dump(mode="json"), indent=1))
     else:
-        typer.echo(explain_yaml(settings, everything=everything), nl=False)
+        echo(explain_yaml(settings, everything=everything), end="")
 
 
 @config.command()

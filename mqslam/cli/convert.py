@@ -67,7 +67,7 @@ def convert(
     from mqslam.commands.maps.keyframe_cloud import SUFFIX, write_keyframe_cloud
     from mqslam.config import load_config
     from mqslam.errors import ConfigError
-    from mqslam.formats.conversion import check_target, find_target, write_recording
+    from mqslam.formats.conversion import claim_target, find_target, write_recording
     from mqslam.formats.maps.keyframe_folder import find_keyframes
     from mqslam.formats.result_bags import is_run, write_results
 
@@ -81,20 +81,20 @@ def convert(
     if keyframes == data:
         raise ConfigError(f"{data}: holds keyframes, which become a point cloud; end OUT in {SUFFIX}, without --to")
     target = find_target(out, to, message.value)
-    check_target(out, target, force=force, recording=data)
     notes: list[str] = []
-    if is_run(data):
-        if not target.is_bag:
-            raise ConfigError(
-                f"{data}: is a run, whose results become a bag; end OUT in .bag or .mcap, or give --to rosbag2"
-            )
-        write_results(out, data, target.name)
-    else:
-        settings = state_topics(load_config(config), topic)
-        recording = open_data(data, format, range_resolution, settings)
-        with show_progress(console, quiet) as show:
-            notes = write_recording(recording, out, target, partial(show, "converting"))
-        notes = [*recording.notes, *recording.faults, *notes]
+    with claim_target(out, target, force=force, recording=data):
+        if is_run(data):
+            if not target.is_bag:
+                raise ConfigError(
+                    f"{data}: is a run, whose results become a bag; end OUT in .bag or .mcap, or give --to rosbag2"
+                )
+            write_results(out, data, target.name)
+        else:
+            settings = state_topics(load_config(config), topic)
+            recording = open_data(data, format, range_resolution, settings)
+            with show_progress(console, quiet) as show:
+                notes = write_recording(recording, out, target, partial(show, "converting"))
+            notes = [*recording.notes, *recording.faults, *notes]
     if not quiet:
         print_notes(console, notes)
         console.print(f"wrote {out}", highlight=False, soft_wrap=True)

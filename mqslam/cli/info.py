@@ -7,9 +7,11 @@ from typing import Any
 
 import typer
 
+from mqslam.cli.terminal.echo import echo
 from mqslam.cli.terminal.options import ConfigOption, Data, Format, Json, Quiet, RangeResolution, Topic, Verbose
 from mqslam.cli.terminal.remedies import name_options
 from mqslam.cli.terminal.topics import state_topics
+from mqslam.errors.shown import show
 
 _LISTED = 5  # gaps that a person is shown one by one
 
@@ -43,7 +45,7 @@ def info(
     if as_json:
         typer.echo(json.dumps(facts, indent=1))
     elif not quiet:
-        typer.echo("\n".join(f"{name:<14}{value}" for name, value in rows))
+        echo("\n".join(f"{name:<14}{show(value)}" for name, value in rows))
 
 
 def _list_radar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:

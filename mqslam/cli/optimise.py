@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from mqslam.cli.terminal.echo import echo
 from mqslam.cli.terminal.options import Force, Json, Quiet, Verbose
 
 
@@ -62,4 +63,4 @@ def optimise(
                 what = "is no edge" if facts["left_out"] == 1 else "are no edges"
                 left_out = f", without {count_of(facts['left_out'], 'factor')} that {what} between poses"
             rows.append(("wrote", facts["out"] + (left_out if out.suffix == ".g2o" else "")))
-        typer.echo("\n".join(f"{name:<8}{value}" for name, value in rows))
+        echo("\n".join(f"{name:<8}{value}" for name, value in rows))

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from mqslam.cli.terminal.echo import echo
 from mqslam.cli.terminal.options import CORES, Force, Jobs, Json, Quiet, Verbose
 
 paper = typer.Typer(help="Reproduce the paper's table and figures.", no_args_is_help=True)
@@ -55,12 +56,12 @@ def figures(
 
     Example: mqslam paper figures --out figures
     """
-    from mqslam.execution.folders import check_free
+    from mqslam.execution.folders import claim_folder
     from mqslam.psi.published.paper_figures import write_figures
 
-    check_free(out, force=force)
-    captions = write_figures(out, seed)
+    with claim_folder(out, force=force):
+        captions = write_figures(out, seed)
     if as_json:
         typer.echo(json.dumps([{"path": str(path), "text": text} for path, text in captions], indent=1))
     elif not quiet:
-        typer.echo("\n".join(f"{path}: {text}" for path, text in captions))
+        echo("\n".join(f"{path}: {text}" for path, text in captions))

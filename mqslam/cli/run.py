@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mqslam.cli.terminal.echo import echo
 from mqslam.cli.terminal.fail_on import FailOn, choose_exit_code
 from mqslam.cli.terminal.options import (
     CORES,
@@ -130,9 +131,9 @@ def run(
             told = "wrong range bins or a range offset may be part of it"
             print_notes(console, [f"the Doppler shift, as psi measured it, is {shift}; {told}"])
         Console(soft_wrap=True).print(tabulate_summary(summary))
-        typer.echo(f"report: {result.report}")
+        echo(f"report: {result.report}")
         if result.evo_command:
-            typer.echo(f"compare with evo: {result.evo_command}")
+            echo(f"compare with evo: {result.evo_command}")
     if fail_on is not None:
         raise typer.Exit(choose_exit_code(result.verdict, fail_on))
 
@@ -164,6 +165,7 @@ def open_watch(live: str | None, *, force: bool) -> Iterator[Watch | None]:
 def tabulate_summary(summary: dict[str, Any]) -> Table:
     """Returns the table that a person reads first: psi, and the errors where there is ground truth."""
     from rich.table import Table
+    from rich.text import Text
 
     from mqslam.cli.terminal.console import format_verdict
     from mqslam.core.wording import describe_last_pose
@@ -194,7 +196,7 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
                 numbers = (_format(errors[key], "{:.4g}") for errors in (before, after))
                 table.add_row(f"{label} [{unit}]".replace("[", r"\["), *numbers)
     dataset, runtime = summary["dataset"], summary["runtime_s"]
-    table.caption = (
+    table.caption = Text(
         f"{dataset['revolutions']} scans, {dataset['duration_s']:.1f} s, {dataset['length_m']:.1f} m; "
         f"{runtime['total']:.1f} s of computing, {describe_pace(dataset['duration_s'], runtime['total'])}\n"
         + "\n".join(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mqslam.cli.terminal.echo import echo
 from mqslam.cli.terminal.options import ConfigOption, Data, Format, Json, Quiet, RangeResolution, Verbose
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def score(
     if as_json:
         typer.echo(json.dumps(scores, indent=1))
     elif not quiet:
-        typer.echo("\n".join(_format_lines(scores)))
+        echo("\n".join(_format_lines(scores)))
 
 
 def parse_motion(text: str) -> se2.Array:

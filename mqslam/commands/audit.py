@@ -14,7 +14,7 @@ from mqslam.auditing.mending.rounds import Judged, Mended
 from mqslam.auditing.mending.rounds import mend as mend_trajectory
 from mqslam.auditing.sources import LIDAR_CONFIG, Source, divide_cloud, is_cloud, make_lidar_source, move_cloud, place_source
 from mqslam.auditing.sweeps import Sweeps, require_covered
-from mqslam.commands.inputs.extrinsics import to_pose
+from mqslam.commands.inputs.extrinsics import read_extrinsics
 from mqslam.commands.inputs.given_covariances import find_claims
 from mqslam.commands.inputs.opening import WHOLE, Span, carry_to_radar, choose_settings, open_data
 from mqslam.commands.result import JudgedResult
@@ -27,7 +27,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import left_or_right
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
 from mqslam.errors import ConfigError, DataError, Remedy, find_near
-from mqslam.execution.folders import check_free, write_folder_aside
+from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats import lidars
 from mqslam.formats.clouds import read_cloud
@@ -50,11 +50,11 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     out: Path | str,
     *,
     trajectory: Trajectory | Path | str = _OWN,
-    times: Path | None = None,
+    times: Path | str | None = None,
     topic: str | None = None,
     frame: str | None = None,
     time_offset_s: float = 0.0,
-    extrinsics: tuple[float, float, float] | None = None,
+    extrinsics: tuple[float, float, float] | str | None = None,
     heights: tuple[float, float] | None = None,
     covariances: Path | str | None = None,
     false_alarms: float | None = None,
@@ -79,7 +79,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         frame: frame whose pose the transforms of a bag give.
         time_offset_s: added to the stamps of the trajectory [s], if its clock is not that of the data.
         extrinsics: x [m] forward, y [m] to the left and yaw [degrees] to the left of the sensor in the frame of which the
-            trajectory is, such as a vehicle's base; None where the trajectory is the sensor's own.
+            trajectory is, such as a vehicle's base, or the three as a text X,Y,YAW; None where the trajectory is the
+            sensor's own.
         heights: the lowest and highest points of a cloud to use [m]; None takes all.
         covariances: file of the covariances of the trajectory's poses, as a run's covariances.csv, which revisits are held
             against; None takes the one beside a run's own trajectory.tum.
@@ -105,75 +106,81 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         >>> print(audited.verdict, audited.reasons)  # doctest: +SKIP
     """
     data, out = Path(data), Path(out)
-    check_free(out, force=force, recording=data)
-    _check_options(data, format, false_alarms, (start_s, end_s))
-    mount = None if extrinsics is None else to_pose(extrinsics)
-    if mount is not None and covariances is not None:
-        raise ConfigError("covariances are those of the sensor's poses; extrinsics say otherwise; leave out one of the two")
-    given, told = _read_given(trajectory, times, topic, frame, time_offset_s, mount)
-    name = trajectory if isinstance(trajectory, str) else "given" if isinstance(trajectory, Trajectory) else str(trajectory)
-    of_cloud, turning = is_cloud(data), None
-    if of_cloud:
-        if mend and given is None:
-            raise ConfigError(f"{data}: a cloud without its trajectory cannot be mended", Remedy.GIVE_TRAJECTORY)
-        cloud, track = read_cloud(data, heights), given
-        settings = choose_settings(config, None if cloud.is_of_radar else LIDAR_CONFIG)
-        sweeps = _divide(cloud, given, settings)
-        notes, kind, place = list(cloud.notes), data.suffix.lower()[1:], partial(_divide_moved, cloud, given, settings)
-    elif _is_lidar(data, format):
-        settings = choose_settings(config, LIDAR_CONFIG)
-        source = make_lidar_source(lidars.read_lidar(data, settings.reading))
-        track = given or _pick_carried(data, source.tracks, name)
-        sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
-        place = partial(_place_alone, source, settings)
-    else:
-        settings = choose_settings(config)
-        source, track, settings = detect_radar(
-            open_data(data, format, range_resolution, settings, span=(start_s, end_s)), given, name, settings, work
+    with claim_folder(out, force=force, sources=[data]):
+        _check_options(data, format, false_alarms, (start_s, end_s))
+        stated, mount = read_extrinsics(extrinsics)
+        if mount is not None and covariances is not None:
+            raise ConfigError(
+                "covariances are those of the sensor's poses; extrinsics say otherwise; leave out one of the two"
+            )
+        given, told = _read_given(trajectory, None if times is None else Path(times), topic, frame, time_offset_s, mount)
+        name = (
+            trajectory if isinstance(trajectory, str) else "given" if isinstance(trajectory, Trajectory) else str(trajectory)
         )
-        sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
-        turning = _check_turns(source, track, settings, notes, work)
-        place = partial(_place_alone, source, settings)
-    notes += told
-    if mount is not None:
-        notes.append(f"the trajectory is carried to the sensor by its extrinsics: {_describe_mount(mount)}")
-    if given is not None and sweeps.track is not None and not of_cloud:  # the points of a cloud are placed already
-        stated = np.zeros(3) if mount is None else mount
-        sweeps = replace(sweeps, track=replace(sweeps.track, extrinsics=stated, time_offset_s=time_offset_s))
-    claims = None
-    if mount is None:
-        claims, unclaimed = find_claims(covariances, trajectory, given, round(1e6 * time_offset_s), sweeps)
-        notes += unclaimed
-    for note in notes:
-        work.tell(note)
-    if false_alarms is not None:
-        settings = set_false_alarms(settings, false_alarms)
-    sections = settings.audit, settings.estimator, settings.verdict
-    judged = judge.audit(sweeps, *sections, work.engine, work.progress, claims=claims)
-    dataset = {"format": kind, "path": str(data)}
-    origin = name if sweeps.track is not None else None
-    summary = {
-        **summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, notes, extrinsics),
-        "gyroscope": None if turning is None else summarise_check(turning),
-    }
-    mended: Mended | None = None
-    if mend and track is not None:
+        of_cloud, turning = is_cloud(data), None
+        if of_cloud:
+            if mend and given is None:
+                raise ConfigError(f"{data}: a cloud without its trajectory cannot be mended", Remedy.GIVE_TRAJECTORY)
+            cloud, track = read_cloud(data, heights), given
+            settings = choose_settings(config, None if cloud.is_of_radar else LIDAR_CONFIG)
+            sweeps = _divide(cloud, given, settings)
+            notes, kind, place = list(cloud.notes), data.suffix.lower()[1:], partial(_divide_moved, cloud, given, settings)
+        elif _is_lidar(data, format):
+            settings = choose_settings(config, LIDAR_CONFIG)
+            source = make_lidar_source(lidars.read_lidar(data, settings.reading))
+            track = given or _pick_carried(data, source.tracks, name)
+            sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
+            place = partial(_place_alone, source, settings)
+        else:
+            settings = choose_settings(config)
+            source, track, settings = detect_radar(
+                open_data(data, format, range_resolution, settings, span=(start_s, end_s)), given, name, settings, work
+            )
+            sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
+            turning = _check_turns(source, track, settings, notes, work)
+            place = partial(_place_alone, source, settings)
+        notes += told
+        if mount is not None:
+            notes.append(f"the trajectory is carried to the sensor by its extrinsics: {_describe_mount(mount)}")
+        if given is not None and sweeps.track is not None and not of_cloud:  # the points of a cloud are placed already
+            sat = np.zeros(3) if mount is None else mount
+            sweeps = replace(sweeps, track=replace(sweeps.track, extrinsics=sat, time_offset_s=time_offset_s))
+        claims = None
+        if mount is None:
+            claims, unclaimed = find_claims(covariances, trajectory, given, round(1e6 * time_offset_s), sweeps)
+            notes += unclaimed
+        for note in notes:
+            work.tell(note)
+        if false_alarms is not None:
+            settings = set_false_alarms(settings, false_alarms)
+        sections = settings.audit, settings.estimator, settings.verdict
+        judged = judge.audit(sweeps, *sections, work.engine, work.progress, claims=claims)
+        dataset = {"format": kind, "path": str(data)}
+        origin = name if sweeps.track is not None else None
+        summary = {
+            **summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, notes, stated),
+            "gyroscope": None if turning is None else summarise_check(turning),
+        }
+        mended: Mended | None = None
+        if mend and track is not None:
 
-        def judge_mended(shown: Sweeps) -> judge.Audit:
-            return judge.audit(shown, *sections, work.engine, work.progress)
+            def judge_mended(shown: Sweeps) -> judge.Audit:
+                return judge.audit(shown, *sections, work.engine, work.progress)
 
-        mended = mend_trajectory(Judged(track, sweeps, judged), place, judge_mended, settings, work.engine, work.progress)
-        summary["mended"] = summarise_mended(mended, summary, settings)
-    with write_folder_aside(out) as folder:
-        write_audit(folder, settings, summary)
-        if mended is not None:
-            write_tum(folder / "mended.tum", _give_back(mended.result.trajectory, time_offset_s, mount))
-        after = None if mended is None else mended.result
-        failures = write_audit_pages(folder, data.resolve().name, judged, sweeps, settings, summary, after)
-        add_warnings(folder / "audit.json", summary, failures)
-    for warning in summary["warnings"][len(notes) :]:
-        work.tell(warning)
-    return JudgedResult(out, summary)
+            mended = mend_trajectory(
+                Judged(track, sweeps, judged), place, judge_mended, settings, work.engine, work.progress
+            )
+            summary["mended"] = summarise_mended(mended, summary, settings)
+        with write_folder_aside(out) as folder:
+            write_audit(folder, settings, summary)
+            if mended is not None:
+                write_tum(folder / "mended.tum", _give_back(mended.result.trajectory, time_offset_s, mount))
+            after = None if mended is None else mended.result
+            failures = write_audit_pages(folder, data.resolve().name, judged, sweeps, settings, summary, after)
+            add_warnings(folder / "audit.json", summary, failures)
+        for warning in summary["warnings"][len(notes) :]:
+            work.tell(warning)
+        return JudgedResult(out, summary)
 
 
 def _check_options(data: Path, format: str | None, false_alarms: float | None, span: Span) -> None:

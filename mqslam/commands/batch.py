@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from mqslam.commands.batches.batch_plan import read_plan
@@ -9,8 +10,9 @@ from mqslam.commands.batches.batch_schedule import AGAIN, run_all
 from mqslam.commands.result import Result
 from mqslam.commands.work import QUIET, Work
 from mqslam.errors import ClusterError
+from mqslam.execution.guards.locks import lock_output
 from mqslam.report.batch_page import write_batch_pages
-from mqslam.results.batch_results import check_batch, summarise, write_batch
+from mqslam.results.batch_results import Order, check_batch, summarise, write_batch
 from mqslam.results.summary_files import add_warnings
 
 
@@ -33,6 +35,12 @@ def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: W
     """
     plan, out = Path(plan), Path(out)
     orders, text = read_plan(plan)
+    with lock_output(out.absolute()):
+        return _run_all(plan, orders, text, out, force=force, work=work)
+
+
+def _run_all(plan: Path, orders: Sequence[Order], text: str, out: Path, *, force: bool, work: Work) -> Result:
+    """Does the runs of a plan, as `run_batch` says, in a folder that nobody else writes."""
     check_batch(out, force=force)
     try:
         outcomes = run_all(orders, out.absolute(), work.engine, work.progress, force=force)

@@ -31,7 +31,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
 from mqslam.errors import ConfigError, EstimationError, Remedy
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
-from mqslam.execution.folders import check_free, write_folder_aside
+from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.sensors.reading import Reading
 from mqslam.formats.trajectories import read_with_notes
@@ -103,74 +103,74 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     settings = _set_kiss_config(choose_settings(config), kiss_config)
     _check_names(frontends, odometry_only=odometry_only)
     given, told = _make_given_rows(trajectories or {}, frontends)
-    check_free(out, force=force, resume=resume, recording=data)
-    recording = open_data(data, format, range_resolution, settings, span=(start_s, end_s))
-    track, notes = choose_odometry(recording, odometry, settings.reading, recording.mount)
-    notes += told
-    chosen = _choose_gyroscope(recording, imu, frontends)
-    sensors, notes = chosen.sensor, [*notes, *chosen.notes, *chosen.faults]
-    for note in recording.notes:
-        work.tell(note)
-    if kiss_config is not None and _KISS in frontends:  # a file that KISS-ICP refuses is a mistake, not a row that fails
-        known_frontends.create(_KISS, Context.of(recording, settings))
-    take_common_scans(given, make_scans(recording), settings.audit)  # a mistake is raised before the recording is read
-    key = hash_run(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track, sensors)
-    with keep_checkpoint(out, key, resume=resume) as checkpoint:
-        runner = Runner(work.engine, work.progress, checkpoint)
-        scans, detected = detect_all(recording, settings.detector, runner)
-        notes += [*recording.faults, *warn_of_unread(detected.unread)]
-        beta = choose_doppler(scans, settings, work.engine).beta
-        settings = set_doppler_beta(settings, beta)
-        beam = beam_of(settings.estimator, beta)
-        radar_alone = Context.of(recording, settings, doppler_beta=beta)
-        contexts = {
-            name: replace(
-                radar_alone,
-                odometry=track if name == "odometry" else None,
-                sensors=sensors if split_row(name)[1] else NO_SENSORS,
+    with claim_folder(out, force=force, resume=resume, sources=[data]):
+        recording = open_data(data, format, range_resolution, settings, span=(start_s, end_s))
+        track, notes = choose_odometry(recording, odometry, settings.reading, recording.mount)
+        notes += told
+        chosen = _choose_gyroscope(recording, imu, frontends)
+        sensors, notes = chosen.sensor, [*notes, *chosen.notes, *chosen.faults]
+        for note in recording.notes:
+            work.tell(note)
+        if kiss_config is not None and _KISS in frontends:  # a file that KISS-ICP refuses is a mistake, not a row that fails
+            known_frontends.create(_KISS, Context.of(recording, settings))
+        take_common_scans(given, make_scans(recording), settings.audit)  # a mistake is raised before the recording is read
+        key = hash_run(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track, sensors)
+        with keep_checkpoint(out, key, resume=resume) as checkpoint:
+            runner = Runner(work.engine, work.progress, checkpoint)
+            scans, detected = detect_all(recording, settings.detector, runner)
+            notes += [*recording.faults, *warn_of_unread(detected.unread)]
+            beta = choose_doppler(scans, settings, work.engine).beta
+            settings = set_doppler_beta(settings, beta)
+            beam = beam_of(settings.estimator, beta)
+            radar_alone = Context.of(recording, settings, doppler_beta=beta)
+            contexts = {
+                name: replace(
+                    radar_alone,
+                    odometry=track if name == "odometry" else None,
+                    sensors=sensors if split_row(name)[1] else NO_SENSORS,
+                )
+                for name in frontends
+            }
+            rows = run_front_ends(contexts, scans, work.engine, work.progress, back_end=not odometry_only) + given
+            ran = [row for row in rows if row.trajectory is not None]
+            if not ran:
+                raise EstimationError("; ".join(f"{row.name}: {row.failure}" for row in rows))
+            tracks = [row.trajectory for row in ran if row.trajectory is not None]
+            common = take_common_scans(ran, scans, settings.audit)
+            if len(common) < len(scans):
+                notes.append(f"{len(common)} of {len(scans)} scans are in every trajectory; the rows are judged on those")
+            where = find_places(common, tracks, settings.audit.window, settings.compare)
+            along = pick_stations(common, settings.audit.window)
+            judges = JudgeSettings(settings.audit, settings.estimator, settings.verdict, settings.map)
+            rows, judged = judge_rows(
+                rows, common, recording.ground_truth, [*where, *along], judges, beam, work.engine, work.progress
             )
-            for name in frontends
-        }
-        rows = run_front_ends(contexts, scans, work.engine, work.progress, back_end=not odometry_only) + given
-        ran = [row for row in rows if row.trajectory is not None]
-        if not ran:
-            raise EstimationError("; ".join(f"{row.name}: {row.failure}" for row in rows))
-        tracks = [row.trajectory for row in ran if row.trajectory is not None]
-        common = take_common_scans(ran, scans, settings.audit)
-        if len(common) < len(scans):
-            notes.append(f"{len(common)} of {len(scans)} scans are in every trajectory; the rows are judged on those")
-        where = find_places(common, tracks, settings.audit.window, settings.compare)
-        along = pick_stations(common, settings.audit.window)
-        judges = JudgeSettings(settings.audit, settings.estimator, settings.verdict, settings.map)
-        rows, judged = judge_rows(
-            rows, common, recording.ground_truth, [*where, *along], judges, beam, work.engine, work.progress
-        )
-        best = find_best([Standing.of(row) for row in judged.values()], settings.verdict.confidence)
-        notes += [f"{row.name}: {warning}" for row in rows for warning in row.warnings]
-        failures = [f"{row.name} could not run: {row.failure}" for row in rows if row.failure is not None]
-        comparison = Comparison(
-            recording=recording,
-            settings=settings,
-            doppler_beta=beta,
-            rows=tuple(rows),
-            judged=judged,
-            best=best,
-            psi_across=measure_rows_across(judged, best, common, settings, beam, work.engine),
-            compared=len(common),
-            places=tuple(where),
-            stations=tuple(along),
-            agreement=tuple(compare_pairs(ran)),
-            warnings=(*failures, *notes),
-        )
-        summary = summarise(comparison)
-        table, marked = tabulate(summary)
-        report = report_comparison(comparison, summary, table, marked)
-        with write_folder_aside(out) as folder:
-            write_compare(folder, comparison, summary)
-            add_warnings(folder / "compare.json", summary, write_compare_pages(folder, report))
-    for warning in summary["warnings"][len(failures) :]:
-        work.tell(warning)
-    return CompareResult(out, summary, table, marked)
+            best = find_best([Standing.of(row) for row in judged.values()], settings.verdict.confidence)
+            notes += [f"{row.name}: {warning}" for row in rows for warning in row.warnings]
+            failures = [f"{row.name} could not run: {row.failure}" for row in rows if row.failure is not None]
+            comparison = Comparison(
+                recording=recording,
+                settings=settings,
+                doppler_beta=beta,
+                rows=tuple(rows),
+                judged=judged,
+                best=best,
+                psi_across=measure_rows_across(judged, best, common, settings, beam, work.engine),
+                compared=len(common),
+                places=tuple(where),
+                stations=tuple(along),
+                agreement=tuple(compare_pairs(ran)),
+                warnings=(*failures, *notes),
+            )
+            summary = summarise(comparison)
+            table, marked = tabulate(summary)
+            report = report_comparison(comparison, summary, table, marked)
+            with write_folder_aside(out) as folder:
+                write_compare(folder, comparison, summary)
+                add_warnings(folder / "compare.json", summary, write_compare_pages(folder, report))
+        for warning in summary["warnings"][len(failures) :]:
+            work.tell(warning)
+        return CompareResult(out, summary, table, marked)
 
 
 def _set_kiss_config(settings: Config, kiss_config: Path | None) -> Config:
@@ -242,7 +242,9 @@ def _make_given_rows(
         if isinstance(given, Trajectory):
             track = given
         else:
-            track, notes = read_with_notes(*given) if isinstance(given, tuple) else read_with_notes(Path(given))
+            track, notes = (
+                read_with_notes(Path(given[0]), Path(given[1])) if isinstance(given, tuple) else read_with_notes(Path(given))
+            )
             told += [f"{name}: {note}" for note in notes]
         rows.append(make_given_row(name, track))
     return rows, told

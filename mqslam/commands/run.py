@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from mqslam.commands.inputs.extrinsics import name_extrinsics
 from mqslam.commands.inputs.opening import (
     USUAL_INPUTS,
     WHOLE,
@@ -26,10 +27,10 @@ from mqslam.core.recording import Recording
 from mqslam.core.sensors.mount import RADAR
 from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import Remedy, tolerate
+from mqslam.errors import DataError, Remedy, tolerate, untrusted
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.files import to_json_values
-from mqslam.execution.folders import check_free, write_folder_aside
+from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.recordings.oxford import find_image_folder
 from mqslam.formats.shared.azimuth_rows import stamps_in_us
@@ -50,7 +51,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     odometry: str = "auto",
     imu: str = "auto",
     gnss: str = "auto",
-    extrinsics: str = "auto",
+    extrinsics: tuple[float, float, float] | str = "auto",
     frame: str = RADAR,
     config: Config | Path | str | None = None,
     format: str | None = None,
@@ -71,8 +72,8 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
         imu: `auto` (the recording's own gyroscope, if it has one), `none`, or the path of a file.
         gnss: `auto` (the recording's own fixes, unless its ground truth was made from them), `none`, or the path of a file.
-        extrinsics: where the radar sits on the vehicle: `auto` (what the recording states, if it does), `none`, or a text
-            X,Y,YAW of metres forward, metres to the left and degrees to the left.
+        extrinsics: where the radar sits on the vehicle: `auto` (what the recording states, if it does), `none`, or
+            metres forward, metres to the left and degrees to the left, as numbers or as a text X,Y,YAW.
         frame: whose poses are written, in the frame of its first one: `radar` or `vehicle`, for which it must be known where
             the radar sits.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
@@ -97,12 +98,12 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     """
     data, out = Path(data), Path(out)
     settings = choose_settings(config)
-    check_free(out, force=force, resume=resume, recording=data)
-    inputs = Inputs(odometry, imu, gnss, extrinsics, frame)
-    job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=(start_s, end_s))
-    for note in job.recording.notes:
-        work.tell(note)
-    return RunResult(out, execute(job, out, work, resume=resume))
+    inputs = Inputs(str(odometry), str(imu), str(gnss), name_extrinsics(extrinsics), frame)
+    with claim_folder(out, force=force, resume=resume, sources=[data]):
+        job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=(start_s, end_s))
+        for note in job.recording.notes:
+            work.tell(note)
+        return RunResult(out, execute(job, out, work, resume=resume))
 
 
 @dataclass(frozen=True)
@@ -223,7 +224,7 @@ def write_for_leaderboard(folder: Path, recording: Recording, trajectory: Trajec
 def find_finished(out: Path, key: str) -> dict[str, Any] | None:
     """Returns the summary of the run that `out` holds, if it is whole and has the same key, or None."""
     try:
-        summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        summary = json.loads(untrusted.read_document(out / "summary.json"))
+    except (OSError, ValueError, DataError):
         return None
     return summary if isinstance(summary, dict) and summary.get("run_key") == key else None

@@ -15,9 +15,9 @@ from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import describe_error
+from mqslam.errors import describe_error, raise_interrupt
+from mqslam.execution.guards.memory import find_peak_mb
 from mqslam.execution.local_engine import DIED, LocalEngine
-from mqslam.execution.memory import find_peak_mb
 from mqslam.execution.progress import Progress
 from mqslam.execution.runner import Runner
 from mqslam.slam import Slam
@@ -140,6 +140,7 @@ def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
             solution.covariances,
         )
     except Exception as error:  # a front end may be anyone's code, and the others are to go on
+        raise_interrupt(error)
         return Row(row, failure=describe_error(error))
 
 

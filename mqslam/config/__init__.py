@@ -30,7 +30,7 @@ from mqslam.config.reading_config import ReadingConfig
 from mqslam.config.sensor_config import GnssConfig, GyroscopeConfig, SensorConfig, VelocityConfig
 from mqslam.config.tracker_config import TrackerConfig
 from mqslam.config.yaml_file import parse_yaml
-from mqslam.errors import ConfigError, suggest
+from mqslam.errors import ConfigError, suggest, untrusted
 
 __all__ = [
     "AuditConfig",
@@ -120,11 +120,13 @@ def load_config(name: str | Path | None = None) -> Config:
     shipped = resources.files("mqslam.configs") / f"{name}.yaml"
     try:
         if path.is_file():
-            content = path.read_bytes()
+            content: str | bytes = untrusted.read_document(path, untrusted.YAML_BYTES)
         elif shipped.is_file():
             content = shipped.read_bytes()
         else:
             raise ConfigError(f"{name}: no such configuration and no such file; {suggest(path.stem, list_shipped())}")
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{name}: is not a readable YAML file ({error})") from error
     except (OSError, ValueError) as error:
         raise ConfigError(f"{name}: cannot be read ({error})") from error
     return parse_yaml(Config, name, content)

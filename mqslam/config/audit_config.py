@@ -268,6 +268,13 @@ class VerdictConfig(BaseModel):
         description="A window in which a smaller share of points than this is seen twice does not overlap, so that psi "
         "cannot judge it.",
     )
+    part_warn: float = Field(
+        0.1,
+        ge=0.0,
+        le=1.0,
+        description="A trajectory without a pose for a larger share of scans than this covers only a part of the recording, "
+        "which is worth a look: nothing is known of the rest. The first poses of a SLAM may be missing.",
+    )
     uncovered_warn: float = Field(
         0.5,
         ge=0.0,

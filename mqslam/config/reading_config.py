@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from mqslam.config.fields import expert
 
@@ -156,6 +156,13 @@ class ReadingConfig(BaseModel):
         ge=0.0,
         description="A trajectory covers a recording if it lacks at most this much [s] of it at each end, where its first "
         "or last motion is continued.",
+    )
+    lidar_fov_deg: float | None = Field(
+        None,
+        gt=0.0,
+        le=360.0,
+        description="Angle [degrees] that the readings of a CARMEN log's FLASER lines sweep, centred ahead. null takes what "
+        "the log's parameters state, else 180 degrees where there are 180, 181, 360 or 361 readings, as of SICK's lidars.",
     )
     lidar_clip_share: float = expert(
         1e-3,

@@ -28,16 +28,23 @@ class SensorConfig(BaseModel):
     )
     clockwise: bool | None = Field(
         None,
-        description="Whether the radar turns clockwise, seen from above. It matters only where azimuths carry no angles. "
-        "null takes the format's default, which is clockwise in all of them.",
+        description="Whether the radar turns clockwise, seen from above. false mirrors what a radar sees that is mounted "
+        "upside down. null takes what azimuths say, or clockwise where they carry no angles.",
     )
     stamp: Literal["start", "end"] | None = Field(
         None,
         description="Instant of a turn at which a polar scan is stamped. It matters only where azimuths carry no stamps. "
-        "null takes the format's default: end in mulran, radiate and images on a bag's /radar/polar (MulRan's player), "
-        "start in other bags.",
+        "null takes the format's default: end in mulran, radiate and images on a bag's /radar/polar (MulRan's player) "
+        "or /radar_data/b_scan_image (Navtech's driver), start in other bags.",
     )
 
+    encoder_size: int | None = Field(
+        None,
+        ge=2,
+        le=65536,
+        description="Ticks of the encoder in a turn, where azimuths carry encoder values. null takes what the recording "
+        "states, else what Navtech's radars have: 5600, or 16000 in messages of its driver that show it.",
+    )
     radar_topic: str | None = Field(
         None, description="Topic of a bag's polar scans. null chooses it by type and name, or by the shape of its images."
     )

@@ -8,7 +8,7 @@ from typing import Any, TypeVar, get_args
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from mqslam.errors import ConfigError, suggest
+from mqslam.errors import ConfigError, suggest, untrusted
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -25,7 +25,7 @@ def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
         ConfigError: the text is not YAML, or a setting is unknown or out of range.
     """
     try:
-        tree = yaml.safe_load(text if isinstance(text, str) else text.decode("utf-8"))
+        tree = yaml.safe_load(text if isinstance(text, str) else untrusted.decode(text))
     except yaml.MarkedYAMLError as error:
         where = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
         raise ConfigError(f"{name}: is not a readable YAML file ({where}{error.problem or error.context})") from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
 from typing import Protocol, Self
 
@@ -21,7 +21,16 @@ from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.sensors.turning import KnownTurning
 from mqslam.core.sensors.velocity import Velocities
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import ConfigError, EstimationError, FrontEndError, MqslamError, Remedy, describe_error, suggest
+from mqslam.errors import (
+    ConfigError,
+    EstimationError,
+    FrontEndError,
+    MqslamError,
+    Remedy,
+    describe_error,
+    raise_interrupt,
+    suggest,
+)
 
 _log = logging.getLogger(__name__)
 _NEGATIVE = 1e-6  # variance below zero that rounding explains, per sum of the variances
@@ -143,6 +152,7 @@ def load(name: str) -> type[FrontEnd]:
     try:
         front_end: type[FrontEnd] = find_entry_point(name).load()
     except Exception as error:  # a front end may be anyone's code
+        raise_interrupt(error)
         _log.info("front end %s cannot be imported", name, exc_info=error)
         raise ConfigError(f"front end {name}: cannot be imported ({describe_error(error)})") from error
     return front_end
@@ -194,11 +204,18 @@ def measure_motions(name: str, context: Context, scans: Scans) -> Iterator[Measu
                 break
             _check_motion(name, motion)
         count += 1
-        yield motion
+        yield _wrap_yaw(motion)
     if count != len(scans) - 1:
         raise EstimationError(
             f"front end {name}: gave {count} motions for {len(scans)} scans; it must give one for every two successive scans"
         )
+
+
+def _wrap_yaw(motion: Measurement) -> Measurement:
+    """Returns a motion whose yaw is between -180 and 180 deg: a front end may have it a whole turn off."""
+    if abs(motion.pose[2]) <= np.pi:
+        return motion
+    return replace(motion, pose=np.append(motion.pose[:2], se2.wrap(motion.pose[2])))
 
 
 def _check_motion(name: str, motion: Measurement) -> None:
@@ -230,5 +247,6 @@ def _blame(name: str) -> Iterator[None]:
     except (MqslamError, MemoryError):
         raise
     except Exception as error:
+        raise_interrupt(error)
         _log.info("front end %s stopped", name, exc_info=error)
         raise FrontEndError(f"front end {name}: stopped with {describe_error(error)}", Remedy.MEND_FRONT_END) from error

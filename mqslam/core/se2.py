@@ -13,8 +13,9 @@ _CLOSE = 0.1  # poses nearer in time than this share of the usual step are dupli
 
 
 def wrap(angle: ArrayLike) -> Array:
-    """Returns the angle [rad] brought into [-pi, pi)."""
-    return np.asarray((np.asarray(angle, dtype=np.float64) + np.pi) % (2.0 * np.pi) - np.pi)
+    """Returns the angle [rad] brought into [-pi, pi); one that is there already stays the same to its last bit."""
+    given = np.asarray(angle, dtype=np.float64)
+    return np.where((given >= -np.pi) & (given < np.pi), given, (given + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def compose(a: ArrayLike, b: ArrayLike) -> Array:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import shutil
 import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -24,14 +23,15 @@ from mqslam.config import Config, dump_yaml
 from mqslam.core.recording import Recording
 from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import ClusterError, FrontEndError, MqslamError, OutputError, Remedy, WorkerError
+from mqslam.errors import ClusterError, DataError, FrontEndError, MqslamError, OutputError, Remedy, WorkerError, untrusted
 from mqslam.execution.files import write_aside, write_text
+from mqslam.execution.guards.written import CHECKPOINT, remove_checkpoint
 from mqslam.execution.kept import Kept
 from mqslam.version import __version__
 
 R = TypeVar("R")
 
-FOLDER = "checkpoint"
+FOLDER = CHECKPOINT
 
 
 def hash_run(
@@ -41,7 +41,7 @@ def hash_run(
     digest = hashlib.sha256()
     path, resolution = str(recording.path.resolve()), str(recording.range_resolution)
     for text in (__version__, dump_yaml(config), frontend, path, resolution):
-        digest.update(text.encode() + b"\0")
+        digest.update(text.encode(errors="surrogateescape") + b"\0")
     digest.update(recording.stamps_us.tobytes())
     if odometry is not None:
         digest.update(odometry.stamps_us.tobytes() + odometry.poses.tobytes())
@@ -66,8 +66,9 @@ def _list_arrays(sensors: Sensors) -> dict[str, tuple[NDArray[Any], ...]]:
 def keep_checkpoint(out: Path, key: str, *, resume: bool, how: str = Remedy.RESUME) -> Iterator[Checkpoint]:
     """Yields the checkpoint of a run, and keeps it after an error if the run can be resumed.
 
-    A full disk, a lost cluster or worker, an interrupt or an unforeseen error leaves the checkpoint behind, and the error
-    says how to go on. After any other error of mqslam resuming would fail in the same way, so that nothing is left behind.
+    A full disk, a lost cluster or worker, lack of memory or an interrupt leaves the checkpoint behind, and the error says
+    how to go on. After any other error of mqslam resuming would fail in the same way, so that nothing is left behind. After
+    an unforeseen error a later version may go on, but the same one would fail again, so that the error does not say so.
 
     Args:
         out: the run's result folder.
@@ -89,7 +90,8 @@ def keep_checkpoint(out: Path, key: str, *, resume: bool, how: str = Remedy.RESU
             checkpoint.remove()
         raise
     except BaseException as error:
-        if checkpoint.holds_anything:
+        will_recur = isinstance(error, Exception) and not isinstance(error, MemoryError | OSError)
+        if checkpoint.holds_anything and not will_recur:
             error.add_note(how)
         raise
 
@@ -107,15 +109,15 @@ class Checkpoint:
     """
 
     def __init__(self, out: Path, key: str, *, resume: bool) -> None:
-        self._folder = out / FOLDER
+        self._out, self._folder = out, out / FOLDER
         self._key = key
         run = self._folder / "run.json"
         if not (resume and run.exists()):  # written first: without it, nothing has been kept
-            shutil.rmtree(self._folder, ignore_errors=True)
+            remove_checkpoint(out)
             return
         try:
-            kept = json.loads(run.read_text(encoding="utf-8"))["key"]
-        except (OSError, ValueError, KeyError, TypeError):
+            kept = json.loads(untrusted.read_document(run))["key"]
+        except (DataError, OSError, ValueError, KeyError, TypeError):
             kept = None
         if kept != key:
             problem = f"{out}: holds an unfinished run of other data or settings"
@@ -123,9 +125,9 @@ class Checkpoint:
 
     def remove(self) -> None:
         """Deletes what was kept, and the result folder if it holds nothing else."""
-        shutil.rmtree(self._folder, ignore_errors=True)
+        remove_checkpoint(self._out)
         with contextlib.suppress(OSError):
-            self._folder.parent.rmdir()
+            self._out.rmdir()
 
     @property
     def holds_anything(self) -> bool:
@@ -148,9 +150,9 @@ class Checkpoint:
     def _load(self, name: str, arrays: Sequence[str]) -> dict[str, NDArray[Any]] | None:
         """Returns the arrays of a file by name, or None if it is missing or damaged."""
         try:
-            with (self._folder / name).open("rb") as file, np.load(file, allow_pickle=False) as kept:
+            with untrusted.check_file(self._folder / name).open("rb") as file, np.load(file, allow_pickle=False) as kept:
                 return {key: kept[key] for key in arrays}
-        except (OSError, EOFError, ValueError, KeyError, NotImplementedError, zipfile.BadZipFile):
+        except (DataError, OSError, EOFError, ValueError, KeyError, NotImplementedError, zipfile.BadZipFile):
             return None
 
     def _save(self, name: str, arrays: dict[str, NDArray[Any]]) -> None:

@@ -6,25 +6,22 @@ measurements are sent.
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import pickle
 import re
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Any, TypeVar, cast
 
-from mqslam.core.engine import ignore_result
-from mqslam.errors import ClusterError, ConfigError
+from mqslam.core.engine import Engine, ignore_result
+from mqslam.errors import ClusterError, ConfigError, raise_interrupt
 from mqslam.execution.extras import describe_missing
-from mqslam.execution.interrupts import shield_from_interrupts
+from mqslam.execution.local_engine import LocalEngine
 from mqslam.version import __version__
 
 try:
-    import dask
-    from distributed import Client, Future, KilledWorker, LocalCluster
+    from distributed import Client, Future, KilledWorker
     from distributed.client import FutureCancelledError
 except ImportError as error:
     missing, remedy = describe_missing("cluster")
@@ -39,20 +36,15 @@ _LOOK_S = 15.0  # time between two checks for workers; a cluster without workers
 _LOSSES = 3  # how many times in a row the data that tasks share is sent again after all of its copies are lost
 _TASKS = 8  # tasks for each worker that many items are grouped into
 _SMALL = 10_000  # bytes; smaller data travels with each task and cannot be lost with a worker
-_HERE = {  # settings for workers on this machine; the scheduler shares a process with the front end and must wake rarely
-    "distributed.worker.multiprocessing-method": "spawn",
-    "distributed.scheduler.worker-ttl": None,
-    "distributed.scheduler.active-memory-manager.start": False,  # it would remove copies, which matter when a worker dies
-    "distributed.admin.tick.interval": "10s",
-    "distributed.admin.system-monitor.interval": "10s",
-    "distributed.worker.profile.enabled": False,
-}
 _LOGGERS = ("distributed", "distributed.client", "tornado")
 
 
 @contextmanager
-def connect(address: str) -> Iterator[DaskEngine]:
+def connect(address: str) -> Iterator[Engine]:
     """Connects to a cluster and yields its workers as an engine.
+
+    The workers of this machine are processes that no network reaches: whoever reaches a scheduler of Dask can run programs
+    as its owner, and on one machine that would be all of its users.
 
     Args:
         address: `tcp://host:port` of a scheduler, or `local:N` for N workers on this machine while the block lasts.
@@ -63,40 +55,21 @@ def connect(address: str) -> Iterator[DaskEngine]:
     """
     for name in _LOGGERS:  # Dask's own log is noise: what matters is raised as an error
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    workers = re.fullmatch(r"local:([1-9]\d{0,3})", address)
-    if workers is None and not re.fullmatch(r"(tcp|tls)://\S+:\d+", address):
+    if workers := re.fullmatch(r"local:([1-9]\d{0,3})", address):
+        with LocalEngine(int(workers[1]), apart=int(workers[1])) as engine:
+            yield engine
+        return
+    if not re.fullmatch(r"(tcp|tls)://\S+:\d+", address):
         raise ConfigError(f"cluster {address}: give a scheduler's tcp://host:port, or local:N for N workers here")
-    with _start_workers(int(workers[1])) if workers else contextlib.nullcontext(address) as scheduler:
-        try:
-            client = Client(scheduler, timeout=_ANSWER_S, set_as_default=False)
-        except (OSError, TimeoutError, ValueError) as error:
-            raise ClusterError(f"{address}: no scheduler answers there; start one with 'dask scheduler'") from error
-        try:
-            _check_versions(client, address)
-            yield DaskEngine(client, address)
-        finally:
-            client.close(timeout=_ANSWER_S)
-
-
-@contextmanager
-def _start_workers(workers: int) -> Iterator[LocalCluster]:
-    """Starts workers on this machine, which end with the block.
-
-    They never see Ctrl-C, and none is given up because it computes for a long time.
-    """
-    with tempfile.TemporaryDirectory(prefix="mqslam-") as scratch, dask.config.set(_HERE):
-        with shield_from_interrupts():
-            cluster = LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=True,
-                memory_limit=0,
-                dashboard_address=None,
-                local_directory=scratch,
-                silence_logs=logging.CRITICAL,
-            )
-        with cluster:
-            yield cluster
+    try:
+        client = Client(address, timeout=_ANSWER_S, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise ClusterError(f"{address}: no scheduler answers there; start one with 'dask scheduler'") from error
+    try:
+        _check_versions(client, address)
+        yield DaskEngine(client, address)
+    finally:
+        client.close(timeout=_ANSWER_S)
 
 
 def _check_versions(client: Client, address: str) -> None:
@@ -317,4 +290,5 @@ def _attempt(function: Callable[[S, T], R], shared: S, item: T) -> tuple[R | Non
     try:
         return function(shared, item), None
     except Exception as error:
+        raise_interrupt(error)
         return None, error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import math
 import os
@@ -14,11 +15,14 @@ from typing import Any
 import numpy as np
 
 from mqslam.errors import OutputError, Remedy
+from mqslam.errors.shown import show_lines
 
 
 @contextlib.contextmanager
 def write_aside(path: Path) -> Iterator[Path]:
     """Yields a temporary path beside `path`, which takes the name of `path` when the block ends without an error.
+
+    The file has reached the disk before it takes that name, and others may read it as the user's umask says.
 
     Raises:
         OutputError: the folder cannot be written to, or the disk is full.
@@ -31,18 +35,41 @@ def write_aside(path: Path) -> Iterator[Path]:
     aside = Path(name)
     try:
         yield aside
-        aside.chmod(0o644)
+        aside.chmod(0o666 & ~_read_umask())
+        flush(aside)
         aside.replace(path)
+        flush(path.parent)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror})", Remedy.FREE_SPACE) from error
     finally:
         aside.unlink(missing_ok=True)
 
 
+def flush(path: Path) -> None:
+    """Has the system write a file, or the names in a folder, to the disk; folders only where the system can do so."""
+    if path.is_dir() and os.name == "nt":
+        return
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # a file system that has nothing to flush
+            raise
+    finally:
+        os.close(handle)
+
+
+def _read_umask() -> int:
+    """Returns what the user takes from the permissions of new files; the system tells it only to those who set it."""
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask
+
+
 def write_text(path: Path, text: str) -> None:
-    """Writes a UTF-8 text file, whole or not at all."""
+    """Writes a UTF-8 text file, whole or not at all, with escapes for what is not fit to be shown."""
     with write_aside(path) as aside:
-        aside.write_text(text, encoding="utf-8")
+        aside.write_text(show_lines(text), encoding="utf-8")
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
@@ -56,11 +83,13 @@ def to_json(content: Mapping[str, Any]) -> str:
 
 
 def to_json_values(value: Any) -> Any:
-    """Returns a value with None for numbers that JSON does not have, and NumPy's numbers as Python's."""
+    """Returns a value with None for numbers that JSON does not have, Python's numbers, and texts fit to be shown."""
     if isinstance(value, Mapping):
         return {key: to_json_values(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
         return [to_json_values(part) for part in value]
+    if isinstance(value, str):
+        return show_lines(value)
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,69 +1,190 @@
-"""Result folders: each is checked to be free beforehand, written beside its place and renamed: it is whole or absent."""
+"""Result folders: each is claimed beforehand, written beside its place and renamed: it is whole or absent.
+
+While a command works, nobody else writes the folder. What others put into it meanwhile is kept.
+"""
 
 from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
 
 from mqslam.errors import OutputError, Remedy
-from mqslam.execution.checkpoint import FOLDER
+from mqslam.execution.files import flush
+from mqslam.execution.guards.locks import Lock, lock_output
+from mqslam.execution.guards.written import (
+    CHECKPOINT,
+    carry_over,
+    list_entries,
+    list_written,
+    remove_checkpoint,
+    remove_entries,
+)
+
+_UNFINISHED, _REPLACED = "unfinished", "replaced"  # suffixes of the folders beside a result, and the lock's words for them
+
+
+@dataclass(frozen=True, slots=True)
+class _Claim:
+    """A result folder that a command of this process writes.
+
+    Args:
+        lock: its lock.
+        replaceable: what lay in it at the command's start and may be replaced.
+    """
+
+    lock: Lock
+    replaceable: Sequence[PurePosixPath]
+
+
+_claims: dict[Path, _Claim] = {}
+
+
+@contextmanager
+def claim_folder(
+    out: Path, *, force: bool = False, resume: bool = False, sources: Sequence[Path | None] = (None,)
+) -> Iterator[None]:
+    """Checks that a result folder may be written, and keeps other commands from it until the block ends.
+
+    Args:
+        out: the folder.
+        force: whether what mqslam has written into it may be replaced.
+        resume: whether an unfinished run in it is to be continued.
+        sources: what the result is computed from, which must not be replaced by it.
+
+    Raises:
+        OutputError: the folder exists with content that may be neither replaced nor resumed, holds a source or lies in it,
+            is a file, cannot be made, or is written by another command.
+    """
+    for source in sources:
+        _check_place(out, source)
+    place = out.resolve()
+    with lock_output(place) as lock:
+        _give_back(place, lock)
+        _check_free(out, force=force, resume=resume)
+        _claims[place] = _Claim(lock, list_entries(place) if force else ())
+        try:
+            yield
+        finally:
+            del _claims[place]
 
 
 @contextmanager
 def write_folder_aside(out: Path) -> Iterator[Path]:
     """Yields a folder beside `out` that takes the place of `out` when the block ends without an error.
 
-    Its name is always the same, so that the next run clears what a killed run has left there.
+    What mqslam has written into `out` goes then; all else that lies in it is carried over.
 
     Raises:
         OutputError: the folder cannot be written.
     """
-    aside, replaced = out.parent / f".{out.name}.unfinished", out.parent / f".{out.name}.replaced"
-    shutil.rmtree(aside, ignore_errors=True)
-    shutil.rmtree(replaced, ignore_errors=True)
+    place = out.resolve()
+    if place not in _claims:
+        with claim_folder(out, force=True), write_folder_aside(out) as aside:
+            yield aside
+        return
+    claim = _claims[place]
+    for left in _list_left(place, claim.lock, _UNFINISHED):
+        shutil.rmtree(left, ignore_errors=True)
+    aside = _name_beside(place, _UNFINISHED)
     try:
+        claim.lock.note(f"{_UNFINISHED} {aside.name}")
         aside.mkdir(parents=True)
     except OSError as error:
         raise OutputError(f"{out}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
     try:
         yield aside
-        if out.exists():
-            out.rename(replaced)
-        aside.rename(out)
-        shutil.rmtree(replaced, ignore_errors=True)
+        _flush_all(aside)
+        _put(aside, place, claim)
     except OSError as error:
         raise OutputError(f"{out}: cannot be written ({error.strerror})", Remedy.FREE_SPACE) from error
     finally:
         shutil.rmtree(aside, ignore_errors=True)
 
 
-def check_free(out: Path, *, force: bool, resume: bool = False, recording: Path | None = None) -> None:
-    """Checks that a result folder may be written, before hours are spent on its content.
+def _put(aside: Path, out: Path, claim: _Claim) -> None:
+    """Gives a finished folder its place."""
+    if out.exists():
+        replaced = _name_beside(out, _REPLACED)
+        claim.lock.note(f"{_REPLACED} {replaced.name}")
+        out.rename(replaced)
+        try:
+            aside.rename(out)
+        except OSError:
+            replaced.rename(out)
+            raise
+        remove_checkpoint(replaced)
+        again = [entry for entry in claim.replaceable if (out / entry).exists()]
+        remove_entries(replaced, [*again, *list_written(replaced, claim.replaceable)])
+        carry_over(replaced, out)
+    else:
+        aside.rename(out)
+    flush(out.parent)
 
-    Args:
-        out: the folder.
-        force: whether what it holds may be replaced.
-        resume: whether an unfinished run in it is to be continued.
-        recording: what the result is computed from, which must not be replaced by it.
+
+def _give_back(out: Path, lock: Lock) -> None:
+    """Gives back what a killed command was about to replace."""
+    for left in _list_left(out, lock, _REPLACED):
+        if not out.exists():
+            left.rename(out)
+            continue
+        remove_entries(left, list_written(left, list_entries(left)))
+        carry_over(left, out)
+
+
+def _list_left(out: Path, lock: Lock, word: str) -> list[Path]:
+    """Lists the folders that killed commands have left beside a folder and noted in its lock by a word."""
+    names = [note.partition(" ")[2] for note in lock.notes if note.startswith(f"{word} .{out.name}.{word}")]
+    left = [out.with_name(name) for name in names if "/" not in name]
+    return [folder for folder in left if folder.is_dir() and not folder.is_symlink()]
+
+
+def _name_beside(out: Path, word: str) -> Path:
+    """Returns a path beside a folder where nothing is."""
+    path, number = out.with_name(f".{out.name}.{word}"), 0
+    while os.path.lexists(path):
+        number += 1
+        path = out.with_name(f".{out.name}.{word}.{number}")
+    return path
+
+
+def _flush_all(folder: Path) -> None:
+    """Has the system write all that is below a folder to the disk."""
+    for root, _, files in os.walk(folder):
+        for name in files:
+            flush(Path(root) / name)
+        flush(Path(root))
+
+
+def _check_place(out: Path, recording: Path | None) -> None:
+    """Checks that a result folder can be where it is wanted.
 
     Raises:
-        OutputError: the folder exists with content that may be neither replaced nor resumed, holds the recording or lies in
-            it, is a file, or cannot be made.
+        OutputError: it cannot, or a recording would be replaced.
     """
     if out.name in ("", ".."):
         raise OutputError(f"{out}: is not the name of a new folder", Remedy.CHOOSE_OUTPUT)
-    unfinished = (out / FOLDER).is_dir()
-    if out.is_file() or (out.is_dir() and any(out.iterdir()) and not force and not (resume and unfinished)):
-        remedy = Remedy.CHOOSE_OR_RESUME_OUTPUT if unfinished else Remedy.CHOOSE_OR_REPLACE_OUTPUT
-        raise OutputError(f"{out}: exists already", remedy)
     if recording is not None and recording.resolve().is_relative_to(out.resolve()):
         raise OutputError(f"{out}: holds the recording", Remedy.CHOOSE_OUTPUT)
     if recording is not None and recording.is_dir() and out.resolve().is_relative_to(recording.resolve()):
         raise OutputError(f"{out}: lies in the recording", Remedy.CHOOSE_OUTPUT)
     check_writable(out)
+
+
+def _check_free(out: Path, *, force: bool, resume: bool) -> None:
+    """Checks that a result folder holds nothing that must stay.
+
+    Raises:
+        OutputError: it holds something, or is a file.
+    """
+    unfinished = (out / CHECKPOINT).is_dir()
+    is_in_use = out.is_dir() and any(out.iterdir()) and not force and not (resume and unfinished)
+    if is_in_use or (out.exists() and not out.is_dir()):
+        remedy = Remedy.CHOOSE_OR_RESUME_OUTPUT if unfinished else Remedy.CHOOSE_OR_REPLACE_OUTPUT
+        raise OutputError(f"{out}: exists already", remedy)
 
 
 def check_writable(out: Path) -> None:

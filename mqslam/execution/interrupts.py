@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C and SIGTERM: workers end, files stay whole, and the command says in one line that it was stopped."""
+"""Handling of Ctrl-C, SIGTERM and SIGHUP: workers end, files stay whole, and one line says that the command was stopped."""
 
 from __future__ import annotations
 
@@ -10,35 +10,26 @@ from multiprocessing import active_children
 from types import FrameType
 from typing import TYPE_CHECKING
 
+from mqslam.errors import Interrupted, find_interrupt
+
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+__all__ = ["Interrupted", "raise_interrupts", "shield_from_interrupts"]
+
+_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _HAS_ALARMS = hasattr(signal, "SIGALRM")  # which Windows has not
-_AGAIN_S = 0.05  # after which an interrupt that was lost is raised again
-
-
-class Interrupted(BaseException):
-    """The interrupt that a signal has asked for; its notes say how to go on.
-
-    Args:
-        number: number of the signal.
-    """
-
-    def __init__(self, number: int) -> None:
-        super().__init__("interrupted")
-        self.number = number
-
-    def __str__(self) -> str:
-        return "; ".join(["interrupted", *getattr(self, "__notes__", [])])
+_AGAIN_S = 0.05  # after which it is seen whether an interrupt was lost, again and again
 
 
 @contextmanager
 def raise_interrupts() -> Iterator[None]:
-    """Makes SIGINT and SIGTERM end all workers and raise `Interrupted` in the main thread, while the block lasts.
+    """Makes SIGINT, SIGTERM and SIGHUP end all workers and raise `Interrupted` in the main thread, while the block lasts.
 
-    A signal that is ignored, as shells do for their background jobs, stays ignored. Python drops an exception that is raised
-    while it deletes an object; an interrupt that is lost so is raised again a moment later, where the system has alarms.
+    A signal that is ignored, as shells do for their background jobs, stays ignored. An interrupt that is raised while an
+    object is deleted or while compiled code calls Python may be dropped there, or be turned into an error that somebody
+    handles. It is raised again a moment later, where the system has alarms, unless the cleaning up that it causes is under
+    way; at the latest it is raised at the end of the block.
     """
     hook = sys.unraisablehook
     alarm = signal.getsignal(signal.SIGALRM) if _HAS_ALARMS else None
@@ -52,16 +43,18 @@ def raise_interrupts() -> Iterator[None]:
             signal.signal(other, signal.SIG_IGN)  # a second signal would stop the cleaning up
         for worker in active_children():
             worker.terminate()
+        if _HAS_ALARMS:
+            signal.signal(signal.SIGALRM, stop_again)
+            signal.setitimer(signal.ITIMER_REAL, _AGAIN_S, _AGAIN_S)
         raise Interrupted(number)
 
     def stop_again(number: int, frame: FrameType | None) -> None:
-        raise Interrupted(received[0])
+        handled = sys.exception()
+        if handled is None or not isinstance(find_interrupt(handled), Interrupted):
+            raise Interrupted(received[0])
 
     def keep_interrupt(dropped: UnraisableHookArgs) -> None:
-        if _HAS_ALARMS and isinstance(dropped.exc_value, Interrupted):
-            signal.signal(signal.SIGALRM, stop_again)
-            signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
-        else:
+        if not isinstance(dropped.exc_value, Interrupted):
             hook(dropped)
 
     for number in taken:
@@ -69,6 +62,8 @@ def raise_interrupts() -> Iterator[None]:
     sys.unraisablehook = keep_interrupt
     try:
         yield
+        if received:
+            raise Interrupted(received[0])
     except Exception as error:
         if received:  # a library that was being imported turns the interrupt into an ImportError
             stopped = Interrupted(received[0])

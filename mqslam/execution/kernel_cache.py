@@ -15,15 +15,19 @@ _CODE = Path(__file__).parents[1]
 
 def choose_cache() -> None:
     """Names a folder for compiled kernels if numba would find none; the processes that this one starts use it, too."""
-    if "NUMBA_CACHE_DIR" not in os.environ and not any(map(_is_writable, (_CODE, _find_user_cache()))):
+    if "NUMBA_CACHE_DIR" not in os.environ and not any(map(_is_writable, (_CODE, *_list_user_caches()))):
         os.environ["NUMBA_CACHE_DIR"] = str(_make_folder())
 
 
-def _find_user_cache() -> Path:
-    """Returns the folder that numba takes for a user's cache."""
-    if os.name == "nt":
-        return Path(os.environ.get("LOCALAPPDATA", Path.home()))
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
+def _list_user_caches() -> list[Path]:
+    """Returns the folder that numba takes for a user's cache; none for a user without a home, as containers have them."""
+    named = os.environ.get("LOCALAPPDATA" if os.name == "nt" else "XDG_CACHE_HOME")
+    if named:
+        return [Path(named)]
+    try:
+        return [Path.home() if os.name == "nt" else Path.home() / ".cache"]
+    except RuntimeError:
+        return []
 
 
 def _is_writable(folder: Path) -> bool:

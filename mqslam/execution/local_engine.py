@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
@@ -29,10 +29,11 @@ class LocalEngine:
 
     Args:
         jobs: how many of them work at a time; one is this process itself.
+        apart: how many calls of `map_apart` are made at a time; they share the processes.
     """
 
-    def __init__(self, jobs: int) -> None:
-        self._jobs = jobs
+    def __init__(self, jobs: int, *, apart: int = 1) -> None:
+        self._jobs, self._apart = jobs, apart
         self._workers: WorkerProcesses | None = None
 
     def __enter__(self) -> LocalEngine:
@@ -43,8 +44,8 @@ class LocalEngine:
 
     @property
     def jobs(self) -> int:
-        """Number of processes that a call of `map_apart` may use: all, since these calls come one after the other."""
-        return self._jobs
+        """Number of processes that a call of `map_apart` may use."""
+        return max(1, self._jobs // self._apart)
 
     def close(self) -> None:
         """Ends the processes, if there are any."""
@@ -104,8 +105,15 @@ class LocalEngine:
         items: Sequence[T],
         done: Callable[[int, R | None], None] = ignore_result,
     ) -> list[R | None]:
-        """Calls the function as `Engine.map_apart` does, in one process after the other."""
-        return _collect((_call_apart(function, shared, item) for item in items), done)
+        """Calls the function as `Engine.map_apart` does, each time in a process of its own."""
+        if self._apart == 1:
+            return _collect((_call_apart(function, shared, item) for item in items), done)
+        with ThreadPoolExecutor(self._apart) as threads:  # each waits for a process
+            try:
+                return _collect(threads.map(lambda item: _call_apart(function, shared, item), items), done)
+            except BaseException:
+                threads.shutdown(wait=False, cancel_futures=True)
+                raise
 
 
 HERE: Final = LocalEngine(1)  # does one item after the other, in this thread

@@ -16,9 +16,9 @@ from mqslam.core.engine import Engine
 from mqslam.core.scans import Scan
 from mqslam.errors import tolerate
 from mqslam.execution.checkpoint import Checkpoint
+from mqslam.execution.guards.memory import return_free_memory
 from mqslam.execution.kept import Kept
 from mqslam.execution.local_engine import HERE
-from mqslam.execution.memory import return_free_memory
 from mqslam.execution.progress import Progress, ignore_progress
 
 S = TypeVar("S")
@@ -43,6 +43,7 @@ class Runner:
     Attributes:
         runtime_s: seconds by stage so far.
         warnings: what could not be done so far, and why.
+        crashes: the errors, in words, of what could not be made, by its name.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class Runner:
         self.watch = watch
         self.runtime_s: dict[str, float] = {}
         self.warnings: list[str] = []
+        self.crashes: dict[str, str] = {}
         self._checkpoint = checkpoint
 
     @contextmanager
@@ -71,7 +73,7 @@ class Runner:
 
     def tolerate(self, what: str) -> AbstractContextManager[None]:
         """Turns an error of the block into one of the warnings, as `mqslam.errors.tolerate` does."""
-        return tolerate(what, self.warnings)
+        return tolerate(what, self.warnings, self.crashes)
 
     def find(self, kept: Kept[R]) -> R | None:
         """Returns the result of a stage that an earlier run has kept, or None."""

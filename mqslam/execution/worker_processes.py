@@ -16,8 +16,8 @@ from typing import Any, NamedTuple, TypeVar
 from weakref import finalize, ref
 
 from mqslam.core.stored import release
+from mqslam.execution.guards.memory import return_free_memory
 from mqslam.execution.interrupts import shield_from_interrupts
-from mqslam.execution.memory import return_free_memory
 
 S = TypeVar("S")
 T = TypeVar("T")

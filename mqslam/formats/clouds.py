@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,22 +12,25 @@ from numpy.typing import NDArray
 
 from mqslam.core.sensors.timed_cloud import TimedCloud
 from mqslam.core.wording import count_of
-from mqslam.errors import DataError, MqslamError
+from mqslam.errors import DataError, MqslamError, untrusted
 from mqslam.execution.extras import describe_missing
+from mqslam.formats.lidars import laz
 from mqslam.formats.ply import read_clock
 from mqslam.formats.shared import npz
+from mqslam.formats.shared.columns import find_stamps
+from mqslam.formats.shared.poses import mark_places
 from mqslam.formats.shared.stamps import LATEST_US, convert_stamps, time_unit
 
 _WANTED = "a cloud needs x, y and one of time, t, timestamp, stamp or gps_time for every point"
 _COARSEST_S = 0.05  # coarser times cannot tell one sweep of a sensor from the next: such files are refused
 _NOTED_S = 1e-3  # finer steps of time than this move no map and are not worth a note
-_MOST_EXPANSION = 1000  # a file may claim to hold this many times its size: larger claims would fill the memory
+_YEAR_US = 365.25 * 86400e6
+_LONGEST_US = 10 * _YEAR_US  # the times of a longer cloud are no times: as many windows as there can be would be judged
 _MOST_NUMBERS = 10_000  # a point may have this many numbers, for the same reason
-_RECORD_BYTES, _COMPRESSED = 54, 0x80  # in LAS files: header of a variable-length record, flag of compressed points
-_PANIC = "PanicException"  # what lazrs, written in Rust, raises beside all of Python's exceptions
 Columns = Mapping[str, Any]
 
 
+@untrusted.reads_file
 def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedCloud:
     """Reads a cloud, such as the `map.ply` of a run, as points in the plane in the order of their times.
 
@@ -47,13 +49,11 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
     if load is None:
         raise DataError(path, "is no cloud in a known format", f"give one of {', '.join(_LOADERS)}")
     try:
-        columns = load(path)
+        columns = load(untrusted.check_file(path))
         clock = read_clock(path) if load is _load_ply else None
     except MqslamError:
         raise
-    except BaseException as error:  # each library raises errors of its own besides NumPy's and the system's
-        if not isinstance(error, Exception) and type(error).__name__ != _PANIC:
-            raise
+    except Exception as error:  # each library raises errors of its own besides NumPy's and the system's
         reason = (getattr(error, "strerror", None) or str(error) or type(error).__name__).splitlines()[0][:160]
         raise DataError(path, f"is not a readable {path.suffix} ({reason})", "write it anew") from error
     cloud = _make_cloud(path, columns, z_range)
@@ -67,18 +67,24 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
 
 def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | None) -> TimedCloud:
     """Makes a cloud of the columns of a file."""
-    name, unit = next(((name, unit) for name in columns if (unit := time_unit(name)) is not None), (None, ""))
+    fields = [*columns]
+    stamps_at = [(fields[column], unit) for column, unit in find_stamps(fields)]
+    name, unit = stamps_at[0] if stamps_at else (None, "")
     if name is None or "x" not in columns or "y" not in columns:
         missing = "time per point" if name is None else "x and y"
         raise DataError(path, f"has no {missing} (fields: {', '.join([*columns][:20]) or 'none'})", _WANTED)
     if z_range is not None and "z" not in columns:
         raise DataError(path, "has no z to choose points by", "leave the range of z out")
     x, y, times = (_read_column(path, columns, field) for field in ("x", "y", name))
+    if len(stamps_at) > 1:
+        times = _join(times, _read_column(path, columns, stamps_at[1][0]))
+        name, unit = f"{name} and {stamps_at[1][0]}", "ns"
     z = _read_column(path, columns, "z") if z_range is not None else None
     if len({len(x), len(y), len(times)}) > 1 or (z is not None and len(z) != len(x)):
         raise DataError(path, f"has {len(x)} x, {len(y)} y and {len(times)} times", "write it anew")
     notes = [_note_precision(path, name, times)] if times.dtype == np.float32 and len(times) else []
-    whole = np.isfinite(x) & np.isfinite(y) & np.isfinite(times)
+    with np.errstate(invalid="ignore"):  # damaged numbers need not even be proper NaNs
+        whole = mark_places(np.column_stack([x, y]).astype(np.float64)) & np.isfinite(times)
     if dropped := len(x) - int(np.count_nonzero(whole)):
         notes.append(f"{count_of(dropped, 'point')} without finite coordinates and time: left out")
     if z is not None and z_range is not None:
@@ -90,10 +96,22 @@ def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | Non
         stamps, unit = convert_stamps(times[whole], unit)
     except ValueError as error:
         raise DataError(path, f"{name} {error}", _WANTED) from error
+    begin, end = np.quantile(stamps, [0.05, 0.95])
+    if end - begin > _LONGEST_US:
+        raise DataError(path, f"{name} runs over {(end - begin) / _YEAR_US:.0f} years", "write it anew")
     order = np.argsort(stamps, kind="stable")
     points = np.column_stack([x[whole], y[whole]]).astype(np.float64)
     notes.append(f"times are {name} in {unit}")
     return TimedCloud(path, points[order], stamps[order], tuple(note for note in notes if note))
+
+
+def _join(seconds: NDArray[Any], parts: NDArray[Any]) -> NDArray[Any]:
+    """Joins times (N,) in whole seconds with their nanoseconds to times in nanoseconds."""
+    if seconds.shape != parts.shape or not all(np.issubdtype(values.dtype, np.integer) for values in (seconds, parts)):
+        return np.round(seconds.astype(np.float64) * 1e9)
+    if np.abs(parts).max(initial=0) >= 10**9:  # times of their own
+        return parts
+    return np.asarray(seconds.astype(np.int64) * 10**9 + parts.astype(np.int64))
 
 
 def _read_column(path: Path, columns: Columns, name: str) -> NDArray[Any]:
@@ -145,7 +163,7 @@ def _load_pcd(path: Path) -> Columns:
         ):  # pypcd4 would make a list of all that the header claims
             raise DataError(path, f"claims {sum(header.count)} numbers per point", "write it anew")
         claimed = header.points * header.build_dtype().itemsize
-        if claimed > _MOST_EXPANSION * path.stat().st_size:
+        if claimed > untrusted.bound_unpacked(path.stat().st_size):
             raise DataError(path, f"claims {header.points} points in {path.stat().st_size} bytes", "write it anew")
     points = PointCloud.from_path(path).pc_data
     if len(points) != header.points:
@@ -161,16 +179,10 @@ def _load_las(path: Path) -> Columns:
     except ModuleNotFoundError as error:
         raise _name_missing(path, "las") from error
 
-    if not _is_plausible_las(path):
-        raise DataError(path, "has a damaged header or chunk table", "copy it anew")
-    backend = laspy.LazBackend.Lazrs  # the parallel one aborts the process on damaged chunks
-    with laspy.open(path, laz_backend=backend, read_evlrs=False) as file:
-        header = file.header
-        if header.point_count * header.point_format.size > _MOST_EXPANSION * path.stat().st_size:
-            raise DataError(path, f"claims {header.point_count} points in {path.stat().st_size} bytes", "write it anew")
-        cloud = file.read()
-    if len(cloud.points) != header.point_count:
-        raise DataError(path, f"holds {len(cloud.points)} of {header.point_count} points", "copy it anew")
+    with laz.unpack(path) as unpacked, laspy.open(unpacked, read_evlrs=False) as file:
+        count, cloud = file.header.point_count, file.read()
+    if len(cloud.points) != count:
+        raise DataError(path, f"holds {len(cloud.points)} of {count} points", "copy it anew")
     fields = [name for name in cloud.point_format.dimension_names if name not in "XYZ"]
     return {"x": cloud.x, "y": cloud.y, "z": cloud.z, **{name: cloud[name] for name in fields}}
 
@@ -179,45 +191,6 @@ def _name_missing(path: Path, library: str) -> DataError:
     """Returns the error of a cloud whose library is not installed."""
     missing, remedy = describe_missing(library)
     return DataError(path, f"cannot be read here, since {missing}", remedy)
-
-
-def _is_plausible_las(path: Path) -> bool:
-    """Returns whether the file can hold the records and chunks it claims: laspy and lazrs allocate what they read."""
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        head = file.read(107).ljust(107, b"\0")
-        header_size, points_at, records = struct.unpack_from("<HII", head, 94)
-        if header_size + _RECORD_BYTES * records > min(points_at, size):
-            return False
-        if not head[104] & _COMPRESSED:
-            return True
-        file.seek(header_size)
-        if not _are_plausible_items(file.read(points_at - header_size), records, int.from_bytes(head[105:107], "little")):
-            return False
-        file.seek(points_at)
-        (table_at,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
-        if table_at == -1:  # written as a stream: the table's place follows it
-            file.seek(max(0, size - 8))
-            (table_at,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
-        if not points_at < table_at < size:
-            return False
-        file.seek(table_at)
-        _, chunks = struct.unpack("<II", file.read(8).ljust(8, b"\xff"))
-    return bool(chunks <= size)
-
-
-def _are_plausible_items(block: bytes, records: int, point_bytes: int) -> bool:
-    """Returns whether records of a LAZ file say how points are packed, in items that add up to a point, or lazrs panics."""
-    at = 0
-    for _ in range(records):
-        user, number, length = struct.unpack_from("<2x16sHH", block.ljust(at + _RECORD_BYTES, b"\0"), at)
-        content = block[at + _RECORD_BYTES : at + _RECORD_BYTES + length]
-        at += _RECORD_BYTES + length
-        if user.rstrip(b"\0") == b"laszip encoded" and number == 22204 and len(content) >= 34:
-            count = int.from_bytes(content[32:34], "little")
-            sizes = [int.from_bytes(content[k + 2 : k + 4], "little") for k in range(34, 34 + 6 * count, 6)]
-            return count > 0 and sum(sizes) == point_bytes and len(content) >= 34 + 6 * count
-    return False
 
 
 def _load_npz(path: Path) -> Columns:

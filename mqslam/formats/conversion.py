@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,8 @@ from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import ConfigError, OutputError, Remedy, suggest
-from mqslam.execution.folders import check_free, check_writable
+from mqslam.execution.folders import check_writable, claim_folder
+from mqslam.execution.guards.locks import lock_output
 from mqslam.formats.recordings import list_targets
 from mqslam.formats.recordings.watched import watch
 from mqslam.formats.shared.target import Message, Target
@@ -46,8 +48,9 @@ def find_target(out: Path, name: str | None = None, message: Message = "image") 
     return target
 
 
-def check_target(out: Path, target: Target, *, force: bool, recording: Path) -> None:
-    """Checks that a result may be written before time is spent on it.
+@contextmanager
+def claim_target(out: Path, target: Target, *, force: bool, recording: Path) -> Iterator[None]:
+    """Checks that a result may be written before time is spent on it, and keeps others from it until the block ends.
 
     Args:
         out: where it goes.
@@ -56,10 +59,11 @@ def check_target(out: Path, target: Target, *, force: bool, recording: Path) -> 
         recording: what it is made from, which must not be replaced by it.
 
     Raises:
-        OutputError: something is there and may not be replaced, or the result cannot be written.
+        OutputError: something is there and may not be replaced, the result cannot be written, or another command writes it.
     """
     if not target.suffix:
-        check_free(out, force=force, recording=recording)
+        with claim_folder(out, force=force, sources=[recording]):
+            yield
         return
     if out.is_dir():
         raise OutputError(f"{out}: exists already and is a folder", Remedy.CHOOSE_OUTPUT)
@@ -68,6 +72,8 @@ def check_target(out: Path, target: Target, *, force: bool, recording: Path) -> 
     if out.resolve() == recording.resolve():
         raise OutputError(f"{out}: is the recording itself", Remedy.CHOOSE_OUTPUT)
     check_writable(out)
+    with lock_output(out.absolute()):
+        yield
 
 
 def write_recording(recording: Recording, out: Path, target: Target, progress: Callable[[int, int], object]) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
 from mqslam.formats.shared.stamps import LATEST_US
 
@@ -39,6 +39,7 @@ def write_covariances(path: Path, given: StampedCovariances) -> None:
     write_text(path, "\n".join(lines) + "\n")
 
 
+@untrusted.reads_file
 def read_covariances(path: Path) -> StampedCovariances:
     """Reads the covariances of a trajectory's poses.
 
@@ -47,7 +48,7 @@ def read_covariances(path: Path) -> StampedCovariances:
             terms of a row are not those of a covariance.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = untrusted.read_text(path).splitlines()
     except FileNotFoundError as error:
         raise DataError(path, "does not exist", _REMEDY) from error
     except (OSError, UnicodeDecodeError) as error:

@@ -11,16 +11,19 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
+from mqslam.formats.shared.columns import RATES, SPEEDS, find_column, find_stamps, join_stamps
 from mqslam.formats.shared.poses import make_trajectory
-from mqslam.formats.shared.stamps import LATEST_US, parse_stamps
+from mqslam.formats.shared.stamps import parse_stamps
 from mqslam.formats.tum import read_tum
 
 _LEAST_SLIDE = 1e-9  # sideways speeds below this [m/s] are rounding errors
+_TWIST = (("v", SPEEDS), ("omega", RATES), ("vy", SPEEDS))
 _Read = TypeVar("_Read")
 
 
+@untrusted.reads_file
 def read_odometry(path: Path) -> Trajectory:
     """Reads an odometry file: TUM, or CSV with the header `t,v,omega` and optionally `vy`.
 
@@ -31,7 +34,7 @@ def read_odometry(path: Path) -> Trajectory:
         DataError: the file cannot be read, is in neither layout or holds a non-number, or its stamps do not increase.
     """
     try:
-        with path.open(encoding="utf-8") as lines:
+        with untrusted.open_text(path, "utf-8-sig") as lines:
             first = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
     except FileNotFoundError as error:
         raise DataError(path, "does not exist", "check the path of the odometry, or take the recording's own") from error
@@ -55,6 +58,7 @@ def read_beside(read: Callable[[], _Read]) -> tuple[_Read | None, list[str]]:
         return None, [f"{error.path} {error.problem}: left out"]
 
 
+@untrusted.reads_file
 def read_numbers(path: Path, columns: list[int]) -> NDArray[np.float64]:
     """Reads columns (N, len(columns)) of a CSV whose first line is a header.
 
@@ -64,6 +68,7 @@ def read_numbers(path: Path, columns: list[int]) -> NDArray[np.float64]:
     return _read_table(path, _read_rows(path)[1:], columns)
 
 
+@untrusted.reads_file
 def read_stamped(path: Path, columns: list[int]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Reads stamps (N,) [us] and columns (N, len(columns)) of a CSV with or without a header.
 
@@ -85,7 +90,7 @@ def read_stamped(path: Path, columns: list[int]) -> tuple[NDArray[np.int64], NDA
 def _read_rows(path: Path) -> list[str]:
     """Reads the lines of a text file that are neither empty nor a comment."""
     try:
-        text = path.read_text(encoding="utf-8").split("\n")
+        text = untrusted.read_text(path, "utf-8-sig").split("\n")
     except (OSError, ValueError) as error:
         raise _no_table(path, error) from error
     return [line for line in text if line.strip() and not line.startswith("#")]
@@ -124,16 +129,23 @@ def write_twists(path: Path, stamps_us: Iterable[int], twists: se2.Array) -> Non
 
 def _read_twists(path: Path, header: str) -> Trajectory:
     """Reads a CSV of body twists and chains them."""
-    names = [name.strip().lower() for name in header.split(",")]
-    missing = [name for name in ("t", "v", "omega") if name not in names]
+    names = [name.strip(" \"'\ufeff\r\n").lower() for name in header.split(",")]
+    stamps_at = find_stamps(names)
+    found = {name: find_column(path, names, name, units) for name, units in _TWIST}
+    missing = [] if stamps_at else ["t"]
+    missing += [name for name in ("v", "omega") if found[name] is None]
     if missing:
         raise DataError(path, f"has no column {', '.join(missing)}", "give a CSV whose header is t,v,omega[,vy]")
-    wanted = [names.index(name) for name in ("t", "v", "omega", "vy") if name in names]
-    table = read_numbers(path, wanted)
-    if np.abs(table[:, 0]).max(initial=0.0) > LATEST_US:
-        raise DataError(path, "holds stamps too large for any clock", "give them in microseconds")
-    stamps = np.round(table[:, 0]).astype(np.int64)
-    lateral = table[:, 3] if "vy" in names else np.zeros(len(table))
+    columns, factors = zip(*(column for column in found.values() if column is not None), strict=True)
+    rows = _read_rows(path)[1:]
+    table = _read_table(path, rows, [*(column for column, _ in stamps_at), *columns])
+    try:
+        words = [[row.split(",")[column].strip() for row in rows] for column, _ in stamps_at]
+        stamps = join_stamps(words, [unit or "us" for _, unit in stamps_at])
+    except ValueError as error:
+        raise DataError(path, str(error), "give them in microseconds") from error
+    table = table[:, len(stamps_at) - 1 :] * np.array([1.0, *factors])
+    lateral = table[:, 3] if found["vy"] is not None else np.zeros(len(table))
     twists = np.column_stack([table[:, 1], lateral, table[:, 2]])
     steps = se2.exp(twists[:-1], np.diff(stamps) * 1e-6) if len(stamps) > 1 else np.empty((0, 3))
     return make_trajectory(path, stamps, se2.integrate_steps(steps)[: len(stamps)])

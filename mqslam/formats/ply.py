@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.point_map import PointMap
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_aside
 
 _VERTEX = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("time", "<f8"), ("psi", "<f4")]
@@ -75,7 +75,7 @@ def read_clock(path: Path) -> Clock | None:
     Raises:
         OSError: the file cannot be read.
     """
-    with path.open("rb") as file:
+    with untrusted.check_file(path).open("rb") as file:
         header, end, _ = file.read(_HEADER_BYTES).partition(b"end_header")
     for line in header.decode("latin-1").splitlines() if end else ():
         match = _CLOCK.fullmatch(line.removeprefix("comment ").strip())
@@ -84,6 +84,7 @@ def read_clock(path: Path) -> Clock | None:
     return None
 
 
+@untrusted.reads_file
 def read_ply(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
     """Reads vertex properties (N,) of a run's PLY by name.
 
@@ -93,7 +94,7 @@ def read_ply(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.float64]]
     from plyfile import PlyData, PlyParseError
 
     try:
-        vertices = PlyData.read(str(path))["vertex"]
+        vertices = PlyData.read(str(untrusted.check_file(path)))["vertex"]
         return {name: np.asarray(vertices[name], dtype=np.float64) for name in names}
     except (OSError, ValueError, KeyError, PlyParseError) as error:
         problem = f"is not a readable PLY with {', '.join(names)} ({error})"

@@ -10,7 +10,7 @@ import numpy as np
 
 from mqslam.core.sensors.mount import VEHICLE
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.maps.nav2_map import read_nav2_map
 from mqslam.formats.ply import read_ply
 from mqslam.formats.shared.bag_writer import RADAR_FRAME, TF_TYPE, VEHICLE_FRAME, Bag, write_bag
@@ -44,9 +44,9 @@ def write_results(out: Path, run: Path, kind: str) -> None:
         DataError: a file of the run is missing or damaged.
         OutputError: the bag cannot be written.
     """
-    trajectory = read_tum(run / "trajectory.tum")
-    first, moved = int(trajectory.stamps_us[0]), _find_moved(run / "summary.json")
-    with write_bag(out, kind) as bag:
+    with untrusted.stay_within(run), write_bag(out, kind) as bag:
+        trajectory = read_tum(run / "trajectory.tum")
+        first, moved = int(trajectory.stamps_us[0]), _find_moved(run / "summary.json")
         for topic, message_type, message in (
             ("/map", _GRID_TYPE, _make_grid(bag, run, first)),
             ("/points", _CLOUD_TYPE, _make_cloud(bag, run / "map.ply", first)),
@@ -61,7 +61,7 @@ def write_results(out: Path, run: Path, kind: str) -> None:
 def _find_moved(summary: Path) -> str:
     """Returns the frame whose poses a run has, as its summary says."""
     try:
-        stated = json.loads(summary.read_text(encoding="utf-8"))
+        stated = json.loads(untrusted.read_document(summary))
         of_vehicle = stated.get("frame") == VEHICLE  # a run of an earlier version has the radar's
     except (OSError, ValueError, AttributeError) as error:
         raise DataError(summary, "is no summary of a run", "run the recording anew") from error

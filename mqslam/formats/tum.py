@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
 from mqslam.formats.shared.poses import make_trajectory, read_yaw
-from mqslam.formats.shared.stamps import LATEST_US
+from mqslam.formats.shared.stamps import guess_unit, parse_stamps
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
@@ -22,17 +22,20 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
     write_text(path, "".join(lines))
 
 
+@untrusted.reads_file
 def read_tum(path: Path) -> Trajectory:
     """Reads a TUM file: `t[s] x y z qx qy qz qw`, `#` starts a comment; z, roll and pitch are dropped.
+
+    Stamps above 1e11 are taken as milliseconds, above 1e14 as microseconds, above 1e17 as nanoseconds.
 
     Raises:
         DataError: the file cannot be read, has a line of other than eight numbers, a quaternion of zeros, or its
             stamps do not increase.
     """
-    stamps: list[int] = []
+    times: list[str] = []
     poses: list[tuple[float, float, float]] = []
     try:
-        text = path.read_text(encoding="utf-8")
+        text = untrusted.read_text(path, "utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(path, "is not a readable text file", "give a TUM trajectory") from error
     for number, line in enumerate(text.splitlines(), 1):
@@ -43,14 +46,16 @@ def read_tum(path: Path) -> Trajectory:
             values = [float(word) for word in words]
             if len(values) != 8 or not np.isfinite(values).all():
                 raise ValueError
-            stamp = _parse_stamp(words[0])
-            if abs(stamp) > LATEST_US:
-                raise ValueError
-        except (ValueError, OverflowError):
+        except ValueError:
             raise DataError(path, f"line {number} is not 't x y z qx qy qz qw'", "give a TUM trajectory") from None
-        stamps.append(stamp)
+        times.append(words[0])
         poses.append((values[1], values[2], read_yaw(path, f"line {number}", values[4:])))
-    return make_trajectory(path, np.array(stamps, dtype=np.int64), np.array(poses, dtype=np.float64).reshape(-1, 3))
+    try:
+        unit = guess_unit(max((abs(float(time)) for time in times), default=0.0))
+        stamps = parse_stamps(times, unit) if unit != "s" else np.array([_parse_stamp(t) for t in times], dtype=np.int64)
+    except ValueError as error:
+        raise DataError(path, str(error), "give a TUM trajectory, with stamps in seconds") from error
+    return make_trajectory(path, stamps, np.array(poses, dtype=np.float64).reshape(-1, 3))
 
 
 def _parse_stamp(seconds: str) -> int:

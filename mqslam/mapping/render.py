@@ -129,7 +129,8 @@ def select_moving(poses: se2.Array, settings: MapConfig) -> NDArray[np.bool_]:
     keep = np.zeros(len(poses), dtype=bool)
     last = poses[0]
     for k, pose in enumerate(poses):
-        if k == 0 or np.hypot(*(pose[:2] - last[:2])) >= settings.travel_m or abs(pose[2] - last[2]) >= settings.travel_rad:
+        x, y, turned = se2.subtract(pose, last)
+        if k == 0 or np.hypot(x, y) >= settings.travel_m or abs(turned) >= settings.travel_rad:
             keep[k] = True
             last = pose
     return keep

@@ -18,7 +18,7 @@ from mqslam.core.wording import count_of, list_judged
 from mqslam.errors import tolerate
 from mqslam.execution.extras import list_versions
 from mqslam.execution.files import write_text
-from mqslam.execution.memory import return_free_memory
+from mqslam.execution.guards.memory import return_free_memory
 from mqslam.report.content import Content, Fold, Frame, Part, Row, Section, Table, Values, Verdict
 from mqslam.report.figures.svg import is_svg
 from mqslam.report.formatting import ABSENT, format_p_value, format_value

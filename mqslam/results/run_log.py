@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from mqslam.core.wording import list_judged
+from mqslam.errors.shown import show
 from mqslam.execution.extras import list_versions
 
 
@@ -25,7 +26,7 @@ def format_log(title: str, lines: Sequence[str]) -> str:
         f"command: {shlex.join(sys.argv)}",
         f"versions: {', '.join(list_versions())}; {platform.platform()}",
     )
-    return "\n".join((title, *origin, *lines)) + "\n"
+    return "\n".join(map(show, (title, *origin, *lines))) + "\n"
 
 
 def list_verdict(summary: Mapping[str, Any]) -> list[str]:

@@ -23,7 +23,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
 from mqslam.evaluation import list_errors
 from mqslam.execution.files import write_json, write_text
-from mqslam.execution.memory import find_peak_mb
+from mqslam.execution.guards.memory import find_peak_mb
 from mqslam.formats.covariances import StampedCovariances, write_covariances
 from mqslam.formats.graphs.g2o import format_g2o
 from mqslam.formats.maps.geojson import write_geojson

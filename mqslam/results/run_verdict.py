@@ -17,7 +17,7 @@ from mqslam.core.recording import Recording
 from mqslam.detection.stage import warn_of_unread
 from mqslam.mapping.render import select_moving
 from mqslam.results.run_scale import judge_scale
-from mqslam.solution import Run
+from mqslam.solution import CHECK, Run
 
 _LISTED: Final = 5  # gaps that are named one by one, so that the warnings stay readable
 _SEEN_BY_CHIRPS: Final = "; the velocities by chirps carry the trajectory there"
@@ -29,14 +29,27 @@ def judge_run(run: Run) -> tuple[VerdictStatus, list[str]]:
 
     Only windows show the map. Without any, the map is not judged, and all other findings are reasons.
     """
-    if run.checked is None:
+    if run.checked is None and CHECK in run.crashes:
+        crash = f"{CHECK} crashed ({run.crashes[CHECK]}), so that nothing has judged the map; run.log has the traceback"
+        seen = [Finding(VerdictStatus.NOT_JUDGED, crash)]
+    elif run.checked is None:
         seen = judge_windows([], len(run.optimised), run.config.audit.window, run.config.verdict)
     else:
         seen = list(chain.from_iterable(run.checked.tests.values()))
-    others = [*judge_scale(run), *_judge_track(run), *_judge_whole_map(run)]
+    others = [*_judge_direction(run), *judge_scale(run), *_judge_track(run), *_judge_whole_map(run)]
     if not run.checks:
         others = [replace(f, status=VerdictStatus.NOT_JUDGED) if f.status is VerdictStatus.WARN else f for f in others]
     return verdict_of([*_judge_passes(run), *seen, *others])  # psi across passes sees a torn map: it leads
+
+
+def _judge_direction(run: Run) -> list[Finding]:
+    """Returns that the radar is mirrored, where sensors that know nothing of each other turn the other way."""
+    opposite = run.sensors.opposite
+    if not opposite:
+        return []
+    who = f"{', '.join(opposite[:-1])} and {opposite[-1]} turn the other way than the radar"
+    remedy = "set sensor.clockwise: false, as for a radar that is mounted upside down"
+    return [Finding(VerdictStatus.WARN, f"the map is mirrored: {who}; {remedy}")]
 
 
 def list_warnings(run: Run, recording: Recording) -> list[str]:

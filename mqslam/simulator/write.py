@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import shutil
-import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
@@ -16,9 +14,9 @@ import numpy as np
 
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.errors import ConfigError, OutputError, Remedy, suggest
+from mqslam.errors import ConfigError, suggest
 from mqslam.execution.files import write_text
-from mqslam.execution.folders import make_folder
+from mqslam.execution.folders import claim_folder, make_folder, write_folder_aside
 from mqslam.formats.odometry_files import write_twists
 from mqslam.formats.recordings import oxford
 from mqslam.simulator.city import give_way, make_city_drive, make_city_scene
@@ -113,7 +111,7 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
     }
     if recording.hard_world is not None:
         parameters |= {"realism": realism, "effects": asdict(recording.hard_world.realism)}
-    with _write_folder_whole(out) as folder:
+    with _write_new_folder(out) as folder:
         (folder / "radar").mkdir()
         oxford.write_ground_truth(folder, recording)
         oxford.write_stamps(folder, recording.stamps_us.tolist())
@@ -200,23 +198,20 @@ def _write_polar_scan(folder: Path, recording: SimulatedRecording, k: int) -> No
 
 
 @contextlib.contextmanager
-def _write_folder_whole(out: Path) -> Iterator[Path]:
-    """Makes a folder beside `out` that becomes `out` when the block ends without an error, and is removed otherwise."""
-    out = out.absolute()
-    existed = out.exists()
-    make_folder(out)
-    try:
-        aside = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+def _write_new_folder(out: Path) -> Iterator[Path]:
+    """Makes a folder beside `out` that becomes `out` when the block ends without an error, and is removed otherwise.
+
+    Raises:
+        OutputError: `out` holds something, is a file, or cannot be written.
+    """
+    with claim_folder(out, force=True):
+        existed = out.exists()
+        make_folder(out)
         try:
-            yield aside
-            aside.chmod(0o755)
-            aside.replace(out)
+            with write_folder_aside(out) as aside:
+                yield aside
         except BaseException:
-            shutil.rmtree(aside, ignore_errors=True)
+            if not existed:
+                with contextlib.suppress(OSError):
+                    out.rmdir()
             raise
-    except BaseException as error:
-        if not existed:
-            out.rmdir()
-        if isinstance(error, OSError):
-            raise OutputError(f"{out}: cannot be written ({error.strerror})", Remedy.FREE_SPACE) from error
-        raise

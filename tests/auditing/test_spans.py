@@ -72,6 +72,18 @@ def test_scans_at_one_end_that_see_other_things_move_no_span() -> None:
     assert max(np.hypot(*span.offset[:2]) for span in spans if (span.earlier, span.later) == middle) < 0.1
 
 
+def test_a_heading_that_passes_180_deg_between_the_ends_of_a_span_is_no_whole_turn() -> None:
+    recording, scans = block_drive()
+    truth = recording.ground_truth
+    poses = truth.poses.copy()
+    poses[:, 2] = se2.wrap(poses[:, 2])
+    sweeps = place_sweeps(scans, Trajectory(truth.stamps_us, poses), CONFIG.audit, beam_of(CONFIG.estimator, 0.0))[0]
+    crossing = int(np.argmax(np.abs(np.diff(sweeps.poses[:, 2]))))
+    pair = crossing - 1, crossing + 2
+    laid = lay(sweeps, pair, pick_ends(pair, CONFIG.audit), (2.0, 0.1), CONFIG.audit, CONFIG.estimator)
+    assert laid is not None and abs(laid.between[2]) < 1.0
+
+
 def laid(offset: np.ndarray) -> Laid:
     return Laid(0, 1, np.array([30.0, 0.0, 0.0]), 30.0, offset, 1e-4 * np.eye(3), 0.1, 0.8, 1.0, 1.0, True, True)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mqslam.auditing.tracks import Track, find_jumps, judge_doubt, judge_track, mark_interpolated, measure_doubt
+from mqslam.auditing.tracks import Track, find_jumps, judge_doubt, judge_part, judge_track, mark_interpolated, measure_doubt
 from mqslam.auditing.verdict import Finding, VerdictStatus
 from mqslam.config import Config
 from mqslam.core import se2
@@ -33,6 +33,17 @@ def track(keep: np.ndarray | None = None, noise_m: float = 0.0) -> Track:
 
 def judged(given: Track) -> list[Finding]:
     return judge_track(given, TIMES, REVOLUTION_S, CONFIG.audit, CONFIG.verdict)
+
+
+@pytest.mark.parametrize(("uncovered", "warns"), [(0, 0), (16, 0), (17, 1), (60, 1), (80, 1), (81, 0)])
+def test_a_trajectory_of_a_part_of_the_scans_is_a_warning_of_its_own(uncovered: int, warns: int) -> None:
+    part = Track(TIMES[uncovered:], driven(TIMES)[uncovered:], 160, uncovered)
+    findings = judge_part(part, CONFIG.verdict)
+    assert [finding.status for finding in findings] == [VerdictStatus.WARN] * warns
+    named = f"{160 - uncovered} of 160 scans from {TIMES[uncovered]:.1f} s to 39.8 s"
+    assert all(named in finding.reason for finding in findings)
+    of_few_scans = judge_track(part, TIMES[uncovered:], REVOLUTION_S, CONFIG.audit, CONFIG.verdict)
+    assert len(of_few_scans) == (uncovered == 81)  # one of the two says it
 
 
 @pytest.mark.parametrize("noise_m", [0.0, 0.02, 0.3])

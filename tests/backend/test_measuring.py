@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from support.bends import START_US, TURN_S, Unit, measured, read
+from support.bends import START_US, TURN_S, Unit, measured, read, yaw_at
 
 from mqslam.backend.measuring import measure
 from mqslam.config import Config, SensorConfig
@@ -18,6 +18,7 @@ from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.sensors.sensors import Sensors
+from mqslam.core.trajectory import Trajectory
 from mqslam.execution.runner import Runner
 from mqslam.psi.place import beam_of
 
@@ -64,15 +65,26 @@ class Deaf(HalfBlind):
 
 
 def ask(
-    kind: type[HalfBlind], gyroscope: Gyroscope | None, monkeypatch: pytest.MonkeyPatch
+    kind: type[HalfBlind],
+    gyroscope: Gyroscope | None,
+    monkeypatch: pytest.MonkeyPatch,
+    odometry: Trajectory | None = None,
 ) -> tuple[list[Measurement], int]:
     """Returns the motions, and how often the front end was asked for them."""
     monkeypatch.setattr(frontend, "load", lambda _: kind)
     monkeypatch.setattr(HalfBlind, "asked", [])
     config = Config(sensor=SensorConfig(doppler_beta=0.0))
-    context = Context(config, TURN_S, START_US, None, sensors=Sensors(gyroscope))
+    context = Context(config, TURN_S, START_US, odometry, sensors=Sensors(gyroscope))
     motions = list(measure("any", SCANS, context, beam_of(config.estimator, 0.0), Runner()))
     return motions, len(HalfBlind.asked)
+
+
+def test_odometry_that_contradicts_the_radar_tells_a_blind_stretch_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    times = TURN_S * np.arange(COUNT + 1)
+    poses = np.column_stack([8.0 * times, np.zeros(COUNT + 1), -yaw_at(times)])
+    odometry = Trajectory(START_US + np.round(1e6 * times).astype(np.int64), poses)
+    motions, asked = ask(HalfBlind, None, monkeypatch, odometry)
+    assert asked == 2 and turned(motions) == 0.0
 
 
 def turned(motions: list[Measurement]) -> float:

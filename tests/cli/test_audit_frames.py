@@ -123,3 +123,18 @@ def test_mistakes_are_one_line_and_leave_nothing(street: Path, tmp_path: Path, o
 def test_what_belongs_to_a_trajectory_needs_one(street: Path, tmp_path: Path, option: tuple[str, str]) -> None:
     result = mqslam("audit", street, "--out", tmp_path / "a", "--quiet", *option)
     assert result.code == 2 and "--extrinsics belong to a trajectory from a file; give --trajectory FILE" in result.err
+
+
+@pytest.mark.parametrize(("begin", "end"), [(0.0, 0.5), (0.2, 1.0)], ids=["first-half", "without-its-beginning"])
+def test_a_trajectory_of_a_part_of_the_recording_is_a_warning(
+    street: Path, quick: Path, tmp_path: Path, begin: float, end: float
+) -> None:
+    truth = read_tum(street / "gt" / "poses_tum.txt")
+    first, last = truth.stamps_us[0], truth.stamps_us[-1]
+    shares = (truth.stamps_us - first) / (last - first)
+    kept = (shares >= begin) & (shares <= end)
+    write_tum(tmp_path / "part.tum", Trajectory(truth.stamps_us[kept], truth.poses[kept]))
+    words = ("audit", street, "--trajectory", tmp_path / "part.tum", "--config", quick, "--out", tmp_path / "out")
+    shown = mqslam(*words, "--fail-on", "warn")
+    assert shown.code == 1 and shown.out.startswith("verdict       warn: ")
+    assert "the trajectory covers only a part of the recording" in " ".join(shown.out.split())

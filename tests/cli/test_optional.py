@@ -116,6 +116,9 @@ def test_a_map_its_check_and_loops_that_fail_cost_no_trajectory(
     summary = summary_of(out)
     assert summary["psi"]["per_point_optimised"] is None and summary["inflation"]["median"] is None
     assert summary["verdict"]["status"] == "not judged"
+    crashed = "the check of the map crashed (LinAlgError: Singular matrix), so that nothing has judged the map"
+    assert summary["verdict"]["reasons"][0].startswith(crashed)
+    assert not any("no window" in reason or "too few" in reason for reason in summary["verdict"]["reasons"])
     assert "Numbers" in (out / "report.html").read_text()
     assert len(summary["warnings"]) == 4  # an empty map makes a page like any other
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+import shutil
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from itertools import pairwise
@@ -369,17 +370,15 @@ def test_a_run_shows_progress_a_table_and_the_report(
 def test_force_replaces_an_earlier_result_whole(street: Path, quick: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
-    (out / "earlier").write_text("gone")
+    (out / "mended.tum").write_text("gone")
+    (out / "notes.txt").write_text("kept")
     done = mqslam("run", street, "--out", out, "--frontend", "odometry", "--config", quick, "--force", "--quiet")
     assert (done.code, done.out, done.err) == (0, "", "")
-    assert {path.name for path in out.iterdir()} == FILES | PLACED and list(tmp_path.iterdir()) == [out]
+    assert {path.name for path in out.iterdir()} == FILES | PLACED | {"notes.txt"} and list(tmp_path.iterdir()) == [out]
 
 
 def test_odometry_that_stops_early_is_not_used_and_said(street: Path, quick: Path, tmp_path: Path) -> None:
-    drive = tmp_path / "drive"
-    drive.mkdir()
-    for name in ("radar", "radar.timestamps", "simulation.json"):
-        (drive / name).symlink_to(street / name)
+    drive = shutil.copytree(street, tmp_path / "drive", ignore=shutil.ignore_patterns("gt", "imu.csv", "gnss.csv"))
     (drive / "odom.csv").write_text("\n".join((street / "odom.csv").read_text().splitlines()[:50]) + "\n")
     shown = mqslam("run", drive, "--out", tmp_path / "out", "--config", quick)
     assert shown.code == 0 and shown.err.count("odometry does not cover the whole recording") == 1

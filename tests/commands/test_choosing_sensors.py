@@ -16,6 +16,7 @@ from mqslam.commands.inputs.opening import Inputs, choose_fixes, choose_gyroscop
 from mqslam.commands.run import open_job
 from mqslam.config import Config
 from mqslam.core.recording import Recording
+from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.mount import Mount
 from mqslam.errors import ConfigError, DataError
 from mqslam.formats.recordings import open_recording
@@ -156,3 +157,30 @@ def test_mistakes_of_a_run_are_one_line_and_leave_nothing(oxford: Path, options:
     shown = mqslam("run", oxford, "--out", oxford.parent / "out", "--quiet", *options)
     assert shown.code == 2 and said in shown.err and shown.err.count("\n") == 1
     assert not (oxford.parent / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("late_s", "said"),
+    [
+        (86_400, "late by a day; add -86400 s to them"),
+        (-619_315_200, "early by 1024 weeks, as of a receiver whose count of weeks began anew; add 619315200 s to them"),
+        (18, "late by 18 s, as GPS time is against UTC; add -18 s to them"),
+    ],
+)
+def test_a_clock_that_is_off_by_a_usual_time_is_said(recording: Recording, tmp_path: Path, late_s: int, said: str) -> None:
+    late = (np.linspace(recording.start_us, recording.end_us, 9).astype(np.int64) + 1_000_000 * late_s).tolist()
+    imu = write_imu_csv(tmp_path / "mine.csv", *(f"{t},0,0,0" for t in late))
+    gnss = write_gnss_csv(tmp_path / "gnss.csv", *(f"{t},43.0,-79.0,2.5" for t in late))
+    for choose, file in ((choose_gyroscope, imu), (choose_fixes, gnss)):
+        with pytest.raises(DataError) as caught:
+            choose(recording, str(file))
+        assert f"the stamps seem to be {said}; give one of" in str(caught.value)
+    own = Fixes(np.array(late), np.full(9, 43.0), np.full(9, -79.0), np.full(9, 2.5), "gps")
+    (fault,) = choose_fixes(replace(recording, fixes=own), "auto").faults
+    assert fault.endswith(f"are not used: the stamps seem to be {said}")
+
+
+def test_latitudes_that_no_place_has_are_said_to_be_longitudes(recording: Recording, tmp_path: Path) -> None:
+    file = write_gnss_csv(tmp_path / "gnss.csv", f"{recording.start_us},-120.0,43.0,2.5")
+    with pytest.raises(DataError, match="its latitudes seem to be longitudes, and the other way round"):
+        choose_fixes(recording, str(file))

@@ -146,3 +146,9 @@ def test_the_path_is_as_long_as_its_steps() -> None:
     poses = np.array([[0.0, 0.0, 0.0], [3.0, 4.0, 1.0], [3.0, 4.0, 2.0], [3.0, 16.0, 0.0]])
     np.testing.assert_array_equal(se2.step_lengths(poses), [5.0, 0.0, 12.0])
     np.testing.assert_array_equal(se2.path_lengths(poses), [0.0, 5.0, 5.0, 17.0])
+
+
+def test_an_angle_in_range_keeps_its_last_bit() -> None:
+    angles = np.array([1e-17, -0.3, 0.1, 3.0, -np.pi])
+    np.testing.assert_array_equal(se2.wrap(angles), angles)
+    np.testing.assert_allclose(se2.wrap(angles + 2.0 * np.pi), angles, rtol=0.0, atol=1e-15)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -19,7 +20,7 @@ from mqslam.core.scans import Returns
 from mqslam.core.sensors.detected import Detected
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
-from mqslam.errors import DataError, OutputError
+from mqslam.errors import DataError, OutputError, Remedy
 from mqslam.execution.checkpoint import FOLDER, Checkpoint, hash_run, keep_checkpoint
 from mqslam.execution.kept import LOOPS, MEASURED, REFINED, describe_kept_stretch
 from mqslam.execution.runner import Runner
@@ -288,6 +289,40 @@ def test_an_interrupted_run_can_be_resumed(tmp_path: Path, error: type[BaseExcep
         checkpoint.keep(LOOPS, LoopSearch(CLOSURES, 17))
         raise error
     assert resumed(tmp_path / "out").find(LOOPS) is not None
+
+
+@pytest.mark.parametrize(
+    ("error", "is_advised"),
+    [
+        (KeyboardInterrupt(), True),
+        (MemoryError(), True),
+        (OSError(28, "No space left on device"), True),
+        (OutputError("the disk is full"), True),
+        (ValueError("the same again"), False),
+        (np.linalg.LinAlgError("the same again"), False),
+    ],
+    ids=repr,
+)
+def test_resuming_is_advised_unless_the_same_would_happen_again(
+    tmp_path: Path, error: BaseException, is_advised: bool
+) -> None:
+    with pytest.raises(type(error)) as raised, keep_checkpoint(tmp_path / "out", "this run", resume=False) as checkpoint:
+        checkpoint.keep(LOOPS, LoopSearch(CLOSURES, 17))
+        raise error
+    assert (str(Remedy.RESUME) in getattr(raised.value, "__notes__", [])) == is_advised
+    assert resumed(tmp_path / "out").find(LOOPS) is not None
+
+
+@pytest.mark.parametrize("name", ["run.json", LOOPS.file])
+def test_a_pipe_in_a_checkpoint_is_not_waited_for(tmp_path: Path, name: str) -> None:
+    filled(tmp_path / "out")
+    (tmp_path / "out" / FOLDER / name).unlink()
+    os.mkfifo(tmp_path / "out" / FOLDER / name)
+    if name == "run.json":
+        with pytest.raises(OutputError, match="unfinished run of other data"):
+            resumed(tmp_path / "out")
+    else:
+        assert resumed(tmp_path / "out").find(LOOPS) is None
 
 
 def test_an_error_while_resuming_keeps_what_was_there(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from support.clusters import Cluster, at, cluster, fatal, full_disk, slow_sum
+from support.clusters import Cluster, at, cluster, fatal, full_disk, meet, slow_sum
 from support.commands import INSTALLED, list_processes, mqslam
 
 from mqslam.errors import ClusterError
@@ -214,3 +214,25 @@ def test_an_interrupt_leaves_no_process_and_what_can_be_resumed(lap: Path, tmp_p
     assert process.wait(timeout=300) == 130 and rest.splitlines()[-1] == "mqslam: interrupted; continue with --resume"
     assert "Traceback" not in rest and {path.name for path in (tmp_path / "out").iterdir()} == {FOLDER}
     assert list_processes(process.pid) == []
+
+
+def listening_ports() -> set[str]:
+    """Returns the ports of all networks on which a process of this machine listens."""
+    lines = [line.split() for name in ("tcp", "tcp6") for line in Path(f"/proc/net/{name}").read_text().splitlines()[1:]]
+    return {words[1] for words in lines if words[3] == "0A"}
+
+
+def test_no_network_reaches_the_workers_of_this_machine() -> None:
+    before = listening_ports()
+    with connect("local:2") as engine:
+        assert engine.map(slow_sum, [1, 2], range(8), lambda *_: None) == [3 + k for k in range(8)]
+        assert listening_ports() <= before
+
+
+def test_workers_of_this_machine_make_several_calls_apart_at_a_time(tmp_path: Path) -> None:
+    done: list[tuple[int, int | None]] = []
+    with connect("local:3") as engine:
+        assert engine.jobs == 1
+        assert engine.map_apart(meet, (tmp_path, 3), [0, 1, 2], lambda *said: done.append(said)) == [0, 1, 2]
+        assert engine.map_apart(fatal, [1], [-1, 5]) == [None, 6]
+    assert done == [(1, 0), (2, 1), (3, 2)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import stat
 from pathlib import Path
 
@@ -65,9 +66,33 @@ def test_a_folder_in_the_way_is_an_error_and_stays(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["result.txt"]
 
 
-def test_others_may_read_what_is_written(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("mask", "mode"), [(0o022, 0o644), (0o027, 0o640), (0o077, 0o600), (0o002, 0o664)])
+def test_the_users_umask_says_who_may_read_what_is_written(tmp_path: Path, mask: int, mode: int) -> None:
+    before = os.umask(mask)
+    try:
+        write_text(tmp_path / "result.txt", "text")
+        assert os.umask(mask) == mask
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "result.txt").stat().st_mode) == mode
+
+
+def test_a_file_is_on_the_disk_before_it_takes_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps: list[str] = []
+    flush = os.fsync
+    monkeypatch.setattr(
+        os, "fsync", lambda handle: steps.append(str(Path(f"/proc/self/fd/{handle}").readlink())) or flush(handle)
+    )
+    monkeypatch.setattr(Path, "replace", lambda self, target: steps.append("named") or self.rename(target))
     write_text(tmp_path / "result.txt", "text")
-    assert stat.S_IMODE((tmp_path / "result.txt").stat().st_mode) == 0o644
+    file, named, folder = steps
+    assert Path(file).name.startswith(".result.txt.") and named == "named" and folder == str(tmp_path)
+
+
+def test_a_path_that_is_no_utf_8_can_be_written_about(tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"drive-\xff")
+    write_text(path, f"of {path.name}\n")
+    assert path.read_bytes() == b"of drive-\\udcff\n"
 
 
 def test_text_is_utf_8_and_replaces_what_was_there(tmp_path: Path) -> None:

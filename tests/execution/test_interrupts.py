@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
+from mqslam.errors import tolerate
 from mqslam.execution.interrupts import Interrupted, raise_interrupts
 
 
@@ -61,3 +63,61 @@ def test_an_interrupt_that_a_library_turns_into_an_error_is_one_still() -> None:
             wait()
         except Interrupted:
             raise ImportError("cannot import name") from None
+
+
+def interrupt() -> None:
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(0.01)
+
+
+def test_an_interrupt_that_compiled_code_drops_is_raised_again() -> None:
+    dropped = []
+    with pytest.raises(Interrupted) as stopped, raise_interrupts():
+        for _ in range(2):  # the second time it is dropped again
+            try:
+                interrupt() if not dropped else wait()
+            except BaseException as error:
+                dropped.append(error)
+        wait()
+    assert stopped.value.number == signal.SIGINT and len(dropped) == 2
+
+
+def test_an_interrupt_inside_a_function_that_c_calls_is_not_lost() -> None:
+    reached = []
+    with pytest.raises(Interrupted), raise_interrupts():
+        ctypes.CFUNCTYPE(None)(interrupt)()  # it prints or drops what is raised, and goes on
+        wait()
+        reached.append("the end")
+    assert not reached
+
+
+def test_an_interrupt_that_is_dropped_last_is_raised_at_the_end() -> None:
+    with pytest.raises(Interrupted), raise_interrupts():
+        try:
+            interrupt()
+        except BaseException as error:
+            dropped = error
+    assert isinstance(dropped, Interrupted)
+
+
+def test_cleaning_up_after_an_interrupt_is_not_interrupted() -> None:
+    cleaned = []
+    with pytest.raises(Interrupted), raise_interrupts():
+        try:
+            interrupt()
+        finally:
+            time.sleep(0.3)
+            try:
+                raise ValueError("while it cleans up")
+            except ValueError:
+                time.sleep(0.2)
+            cleaned.append("all of it")
+    assert cleaned
+
+
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, lambda: Interrupted(signal.SIGINT)])
+def test_an_interrupt_that_compiled_code_turns_into_an_error_is_not_tolerated(kind: Callable[[], BaseException]) -> None:
+    warnings: list[str] = []
+    with pytest.raises((KeyboardInterrupt, Interrupted)), tolerate("the check of the map", warnings):
+        raise SystemError("<function> returned a result with an exception set") from kind()
+    assert not warnings

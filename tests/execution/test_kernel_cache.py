@@ -62,3 +62,19 @@ def test_kernels_are_kept_in_the_folder_that_is_named(tmp_path: Path) -> None:
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     shown = subprocess.run([sys.executable, "-c", COMPILE], env=environment, capture_output=True, text=True, check=True)
     assert str(tmp_path) in shown.stdout
+
+
+def test_a_user_without_a_home_and_a_name_can_work(read_only: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As containers have them: a number that nobody has given a name or a folder."""
+    program = (
+        "import pwd; pwd.getpwuid = {}.__getitem__; import mqslam; from mqslam.core.motion import raise_to; print('done')"
+    )
+    left = {name: value for name, value in os.environ.items() if name in ("PATH", "PYTHONPATH")}
+    shown = subprocess.run([sys.executable, "-c", program], env=left, cwd=read_only, capture_output=True, text=True)
+    assert shown.stdout == "done\n" and list(read_only.iterdir()) == [], shown.stderr
+    for name in ("HOME", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("pwd.getpwuid", {}.__getitem__)
+    monkeypatch.setattr(kernel_cache, "_is_writable", lambda folder: folder != kernel_cache._CODE)
+    kernel_cache.choose_cache()
+    assert Path(os.environ["NUMBA_CACHE_DIR"]).parent == read_only

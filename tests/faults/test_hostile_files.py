@@ -108,6 +108,72 @@ def test_a_name_that_leaves_the_recording(drive: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+def test_a_link_a_pipe_or_a_device_in_place_of_a_file(drive: Path, tmp_path: Path) -> None:
+    """Every kind of both is in `tests/execution/test_untrusted.py`."""
+    secret = tmp_path / "secret"
+    secret.write_text("t,v,omega\n0,1,0\n")
+    for name in ("radar.timestamps", "recording.json", "odom.csv", "imu.csv", "gnss.csv", "gt/poses_tum.txt"):
+        for place in (lambda file: file.symlink_to(secret), os.mkfifo, lambda file: file.symlink_to("/dev/zero")):
+            copy = shutil.copytree(drive, tmp_path / "copy")
+            (copy / name).unlink(missing_ok=True)
+            place(copy / name)
+            shown = mqslam("info", copy)
+            assert f"{copy / name}" in shown.out + shown.err, name
+            assert "is a link out of the recording" in shown.out + shown.err or "is a pipe" in shown.out + shown.err
+            shutil.rmtree(copy)
+    os.mkfifo(tmp_path / "pipe")
+    for named in (tmp_path / "pipe", "/dev/zero"):
+        for option in ("--odometry", "--imu", "--gnss", "--config"):
+            shown = mqslam("run", drive, "--out", tmp_path / "out", option, named, "--quiet")
+            assert_refused(shown, str(named))
+        assert_refused(mqslam("audit", drive, "--trajectory", named, "--out", tmp_path / "out", "--quiet"), str(named))
+        assert_refused(mqslam("batch", named, "--out", tmp_path / "out"), str(named))
+        assert_refused(mqslam("info", named), str(named))
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_line_without_an_end(drive: Path, tmp_path: Path) -> None:
+    (drive / "odom.csv").write_bytes(b"t,v,omega" + b"9" * 3_000_000)
+    shown = mqslam("info", drive)
+    assert shown.code == 0 and "odom.csv has a line of over 1000000 bytes: left out" in shown.out
+    assert_refused(run_quickly(drive, tmp_path / "out", "--strict"), "odom.csv has a line of over 1000000 bytes")
+
+
+def test_a_name_that_commands_the_terminal(drive: Path, tmp_path: Path) -> None:
+    """Every kind of character and of place is in `tests/execution/test_shown.py`."""
+    hostile = "drive\x1b]0;PWNED\x07\x9b31m\u202e[red]gnp"
+    named = drive.rename(tmp_path / hostile)
+    images(named)[7].write_bytes(b"broken")
+    shown = run_quickly(named, tmp_path / "out", "-v")
+    assert shown.code == 0 and "drive\\x1b]0;PWNED\\x07\\x9b31m\\u202e[red]gnp" in shown.err
+    texts = [shown.out, shown.err, *(file.read_text() for file in (tmp_path / "out").glob("*.[hljcy]*") if file.is_file())]
+    assert len(texts) > 7 and not any(set(text) & set("\x1b\x07\x9b\u202e") for text in texts)
+
+
+def test_a_file_on_which_a_library_crashes(tmp_path: Path) -> None:
+    """LAZ files and GTSAM's archives are read in a process of its own: `tests/execution/test_apart.py`."""
+    crash = Path(__file__).parents[1] / "support" / "files" / "crash.laz"
+    shown = mqslam("audit", crash, "--out", tmp_path / "out", "--quiet")
+    assert_refused(shown, "crash.laz: is not a readable .laz (the library that reads it crashed)")
+
+
+def test_an_error_that_a_reader_lets_through(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every kind of error is in `tests/execution/test_untrusted.py`."""
+
+    def fail(*_: object) -> None:
+        raise OverflowError("Python int too large to convert to C long")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("mqslam.formats.recordings.oxford.index_rows", fail)
+        said = f"{drive}: is damaged or of another kind (OverflowError: Python int too large to convert to C long)"
+        assert_refused(run_quickly(drive, tmp_path / "out"), said)
+        assert_refused(mqslam("info", drive), said)
+    bag = write_bag(open_recording(write_oxford(tmp_path / "few")), bag_path(tmp_path, "mcap"), "mcap")
+    monkeypatch.setattr("mqslam.formats.recordings.rosbag._read_index", fail)
+    assert_refused(mqslam("info", bag), f"{bag}: ", "Python int too large")
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("attack", ["object/apply", "object/new", "name"])
 def test_yaml_that_would_execute(drive: Path, tmp_path: Path, attack: str) -> None:
     touched, evil, kiss = tmp_path / "executed", tmp_path / "evil.yaml", tmp_path / "kiss.yaml"
@@ -117,6 +183,9 @@ def test_yaml_that_would_execute(drive: Path, tmp_path: Path, attack: str) -> No
     kiss.write_text(f"kiss_icp: {{config_file: {evil}}}\n")
     words = ["--frontend", "kiss_icp", "--config", kiss, "--quiet"]
     assert_refused(mqslam("run", drive, "--out", tmp_path / "out", *words), "evil.yaml: is not a YAML file")
+    evil.write_text("# " + "x" * 300_000)
+    assert_refused(mqslam("run", drive, "--out", tmp_path / "out", *words), "evil.yaml: is larger than 0.3 MB")
+    evil.write_text(text)
     bag = write_bag(open_recording(write_oxford(tmp_path / "few")), bag_path(tmp_path, "ros2"), "ros2")
     (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: " + text)
     assert_refused(run_quickly(bag, tmp_path / "out"), f"{bag}: is not a readable bag")

@@ -20,6 +20,8 @@ from support.parameters import mostly_slow
 
 from mqslam.cli import main
 from mqslam.execution.checkpoint import FOLDER
+from mqslam.execution.cluster import connect
+from mqslam.execution.local_engine import LocalEngine
 
 INTERRUPTS = list(itertools.product(("run", "compare", "audit", "simulate"), (signal.SIGINT, signal.SIGTERM)))
 
@@ -150,3 +152,28 @@ def test_a_cluster_that_is_lost(drive: Path, tmp_path: Path, crew: Cluster, monk
     assert {path.name for path in (tmp_path / "out").iterdir()} == {FOLDER}
     assert run_quickly(drive, tmp_path / "out", "--resume").code == 0
     assert (tmp_path / "out" / "trajectory.tum").read_bytes() == (tmp_path / "alone" / "trajectory.tum").read_bytes()
+
+
+def test_a_terminal_that_is_closed(drive: Path, tmp_path: Path) -> None:
+    """It sends SIGHUP, which nohup has a command ignore."""
+    out = tmp_path / "out"
+    process = subprocess.Popen(
+        [INSTALLED, "run", drive, "--out", out],
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # what runs the tests may ignore it
+    )
+    assert process.stderr is not None
+    while (line := process.stderr.readline()) and "reading and detecting: 30/30" not in line:
+        pass
+    time.sleep(0.2)
+    process.send_signal(signal.SIGHUP)
+    last = process.stderr.read().splitlines()[-1]
+    assert process.wait(timeout=300) == 129 and last == "mqslam: interrupted; continue with --resume"
+    assert {path.name for path in out.iterdir()} == {FOLDER}
+
+
+def test_a_program_of_another_user_of_this_machine() -> None:
+    """No port is open: `tests/execution/test_cluster.py`, `test_no_network_reaches_the_workers_of_this_machine`."""
+    with connect("local:1") as engine:
+        assert isinstance(engine, LocalEngine)

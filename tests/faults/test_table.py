@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-PAGE = Path(__file__).parents[2] / "docs" / "reference" / "faults.md"
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "reference" / "faults.md"
 
 
 def test_every_row_of_the_table_has_its_test() -> None:
@@ -17,3 +18,9 @@ def test_every_row_of_the_table_has_its_test() -> None:
     for row in rows:
         name = "test_" + re.sub(r"[^a-z0-9]+", "_", row.replace("`", "").lower()).strip("_")
         assert name in tests, f"the fault '{row}' has no {name}"
+
+
+def test_the_tests_that_the_page_names_are_there() -> None:
+    named = re.findall(r"`(tests/[\w/.]+)`", PAGE.read_text(encoding="utf-8"))
+    assert len(named) > 3
+    assert [name for name in named if not (ROOT / name).exists()] == []

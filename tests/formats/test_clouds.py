@@ -177,6 +177,16 @@ def test_times_too_coarse_for_single_precision_are_noted_or_refused(tmp_path: Pa
         read_cloud(ply(tmp_path / "c.ply", "float", T + 1.6e9))
 
 
+def test_times_that_no_drive_has_are_refused(tmp_path: Path) -> None:
+    for times, is_read in (([0.0, *1.7e9 + np.arange(40.0)], True), (np.linspace(-1e9, 1e9, 41), False)):
+        np.savez(tmp_path / "cloud.npz", x=np.zeros(41), y=np.zeros(41), t=np.asarray(times))
+        if is_read:
+            assert len(read_cloud(tmp_path / "cloud.npz")) == 41
+        else:
+            with pytest.raises(DataError, match="t runs over 57 years"):
+                read_cloud(tmp_path / "cloud.npz")
+
+
 def test_a_cloud_without_times_is_refused_with_its_fields(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", points=np.column_stack([X, Y]), colours=X)
     np.savez(tmp_path / "b.npz", x=X, t=T)
@@ -239,6 +249,15 @@ def damaged(tmp_path: Path) -> dict[str, bytes]:
         "array.npz": b"\x93NUMPY" + noise,
         "map.xyz": b"1 2 3\n",
     }
+
+
+@pytest.mark.parametrize("name", ["map.las", "map.laz"])
+def test_a_survey_that_claims_more_records_than_it_has_room_for_is_refused(tmp_path: Path, name: str) -> None:
+    content = bytearray(las(tmp_path / name).read_bytes())
+    content[100:104] = (100_000).to_bytes(4, "little")  # a thousand times as many would fill the memory
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(DataError, match="has a damaged header"):
+        read_cloud(tmp_path / name)
 
 
 @pytest.mark.filterwarnings("ignore")

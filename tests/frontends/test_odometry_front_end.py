@@ -37,6 +37,15 @@ def test_a_motion_is_read_between_the_stamps_of_the_odometry() -> None:
         np.testing.assert_allclose(motion.pose, se2.exp(twist, 0.25), atol=1e-9)
 
 
+def test_a_heading_that_passes_180_deg_is_no_whole_turn() -> None:
+    _, scans = street_drive()
+    stamps = street_drive()[0].stamps_us
+    poses = se2.chain(np.tile([2.0, 0.0, 0.05], (len(stamps) - 1, 1)), np.array([0.0, 0.0, np.pi - 0.5]))
+    poses[:, 2] = se2.wrap(poses[:, 2])
+    motions = list(OdometryFrontEnd(context(Trajectory(stamps, poses))).measure(scans))
+    np.testing.assert_allclose([motion.pose for motion in motions], np.tile([2.0, 0.0, 0.05], (len(motions), 1)), atol=1e-9)
+
+
 def test_uncertainty_grows_with_travel() -> None:
     _, scans = street_drive()
     stamps = street_drive()[0].stamps_us

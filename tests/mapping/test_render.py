@@ -141,3 +141,9 @@ def test_the_doppler_shift_is_taken_out_where_the_yaw_of_the_poses_is_wrapped() 
         place_along(scan.returns, times, poses, shifted).points,
         atol=1e-9,
     )
+
+
+def test_a_radar_that_stands_with_its_heading_about_180_deg_is_rendered_once() -> None:
+    yaws = np.pi + 1e-3 * np.array([-1.0, 1.0, -2.0, 1.0])
+    poses = np.column_stack([np.zeros((4, 2)), se2.wrap(yaws)])
+    assert select_moving(poses, CONFIG.map).tolist() == [True, False, False, False]

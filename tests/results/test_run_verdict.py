@@ -11,6 +11,8 @@ from mqslam.auditing.verdict import VerdictStatus
 from mqslam.backend.sensor_use import SensorUse
 from mqslam.backend.sensors.chirps.velocity_use import VelocityUse
 from mqslam.backend.sensors.gnss.fix_use import FixUse
+from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse
+from mqslam.backend.sensors.odometry.odometry_fault import OdometryFault
 from mqslam.config import Config
 from mqslam.core.measurement import Measurement, Refined, Status
 from mqslam.core.point_map import PointMap
@@ -182,6 +184,38 @@ def test_fixes_that_lie_farther_apart_than_the_trajectory_has_them_do_not_pass(s
     assert (status, len(said)) == ((WARN, 1) if stretch in (0.8, 1.3) else (PASS, 0))
     unknown = list_unknown_scale(run(240, odometry_factors=0, sensors=SensorUse(fixes=fixes)), ASSUMED)
     assert bool(unknown) is (stretch is None)  # fixes that are refused for another reason show nothing
+
+
+def turning(sign: float, axis: str = "z") -> GyroscopeUse:
+    """Returns the use of a gyroscope that turns as the radar does, or the other way."""
+    return GyroscopeUse("imu.csv", (), SimpleNamespace(axis=axis, sign=sign), SimpleNamespace())
+
+
+OPPOSITE = OdometryFault("the odometry is not used", is_opposite=True)
+UNLIKE = OdometryFault("the odometry is not used", is_opposite=False)
+MIRRORED, FITTING = FixUse("gnss.csv", (), is_mirrored=True), FixUse("gnss.csv", (), SimpleNamespace())
+
+
+@pytest.mark.parametrize(
+    ("used", "who"),
+    [
+        (SensorUse(odometry=OPPOSITE, gyroscope=turning(-1.0)), "odometry and the gyroscope turn"),
+        (SensorUse(gyroscope=turning(-1.0), fixes=MIRRORED), "the gyroscope and GNSS turn"),
+        (SensorUse(odometry=OPPOSITE, gyroscope=turning(-1.0), fixes=MIRRORED), "odometry, the gyroscope and GNSS turn"),
+        (SensorUse(odometry=OPPOSITE, gyroscope=turning(-1.0), fixes=FITTING), "odometry and the gyroscope turn"),
+        (SensorUse(odometry=OPPOSITE), None),
+        (SensorUse(odometry=OPPOSITE, gyroscope=turning(1.0)), None),
+        (SensorUse(odometry=UNLIKE, gyroscope=turning(-1.0)), None),
+        (SensorUse(odometry=OPPOSITE, gyroscope=turning(-1.0, "x")), None),
+    ],
+)
+def test_two_sensors_that_turn_the_other_way_than_the_radar_show_that_it_is_mirrored(
+    used: SensorUse, who: str | None
+) -> None:
+    status, reasons = judge_run(run(240, sensors=used))
+    said = [reason for reason in reasons if "the map is mirrored" in reason]
+    assert (status, len(said)) == ((PASS, 0) if who is None else (WARN, 1))
+    assert who is None or (f"{who} the other way than the radar" in said[0] and "set sensor.clockwise: false" in said[0])
 
 
 def test_on_what_the_scale_rests_is_said_where_nothing_is_held_against_it() -> None:

@@ -131,3 +131,14 @@ def fatal(shared: list[int], item: int) -> int:
     if item < 0:
         os._exit(1)
     return slow_sum(shared, item)
+
+
+def meet(shared: tuple[Path, int], item: int) -> int:
+    """Returns the item once so many calls are there at a time."""
+    folder, count = shared
+    (folder / str(item)).touch()
+    end = time.monotonic() + 300.0
+    while len(list(folder.iterdir())) < count:
+        assert time.monotonic() < end, "the calls are made one after the other"
+        time.sleep(0.05)
+    return item

@@ -19,6 +19,8 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_stretch
 from mqslam.formats.covariances import read_covariances
 from mqslam.formats.graphs.g2o import read_g2o
+from mqslam.formats.maps.keyframe_folder import read_keyframes
+from mqslam.formats.maps.nav2_map import read_nav2_map
 from mqslam.formats.recordings import open_recording
 
 _MOST = 10_000_000  # elements of an array that so small a file can mean
@@ -125,3 +127,17 @@ def check_pose_graph(path: Path) -> None:
     stored = read_g2o(path)
     assert set(stored.held) <= set(stored.keys) and len(stored.keys) == stored.values.size()
     assert stored.factors.size() > 0 and np.isfinite(stored.factors.error(stored.values))
+
+
+def check_keyframes(path: Path) -> None:
+    made = read_keyframes(path)
+    frames = made.keyframes
+    assert 0 < len(frames.poses) < _MOST and np.isfinite(frames.poses).all()
+    assert np.all(frames.rows[:, 0] <= frames.rows[:, 1]) and frames.rows.max() <= len(frames.points)
+    assert len(made.places.keyframes) == len(made.places.descriptors)
+
+
+def check_nav2_map(path: Path) -> None:
+    grid = read_nav2_map(path)
+    assert grid.cells.ndim == 2 and grid.cells.size < _MOST
+    assert np.isfinite(grid.origin).all() and 0.0 < grid.resolution < np.inf

@@ -2,65 +2,44 @@
 
 from __future__ import annotations
 
-import gzip
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import laspy
 import numpy as np
-from numpy.typing import NDArray
+from support import small_files as small
 from support.layouts import (
     left_turn,
     write_boreas,
-    write_mulran_columns,
-    write_mulran_poses,
     write_mulran_rows,
-    write_radiate,
 )
 from support.mutation import Mutate, inside_gzip, inside_png, inside_zip, plain
-from support.recordings import START_US, TURN_US, bag_path, bag_writer, circle, write_bag, write_oxford
+from support.recordings import START_US
 from support.sensors import (
-    RATE,
-    gga,
-    rmc,
-    write_applanix_gps,
-    write_applanix_imu,
-    write_dmu,
     write_gnss_csv,
     write_imu_csv,
-    write_ins,
-    write_lines,
-    write_matrix,
-    write_mulran_gps,
-    write_mulran_imu,
-    write_oxford_gps,
 )
 from support.soundness import (
     check_cloud,
     check_covariances,
     check_fixes,
     check_gyroscope,
+    check_keyframes,
     check_lidar,
+    check_nav2_map,
     check_pose_graph,
     check_radar,
     check_trajectory,
 )
 
-from mqslam.config import Config, dump_yaml, load_config
-from mqslam.core.trajectory import Trajectory
+from mqslam.commands.batches.batch_plan import read_plan
+from mqslam.config import Config, load_config
 from mqslam.formats.clouds import read_cloud
-from mqslam.formats.covariances import StampedCovariances, write_covariances
+from mqslam.formats.graphs.gtsam_text import read_gtsam
 from mqslam.formats.lidars import carmen, laserscan
-from mqslam.formats.recordings import open_recording, read_odometry
-from mqslam.formats.recordings.native import write as write_native
-from mqslam.formats.recordings.rosbag import write as write_own_bag
+from mqslam.formats.recordings import read_odometry
 from mqslam.formats.sensors import read_fixes, read_gyroscope
-from mqslam.formats.shared.bag_writer import TF_TYPE
-from mqslam.formats.shared.bag_writer import write_bag as write_result_bag
-from mqslam.formats.trajectories import read_trajectory, write_kitti
-from mqslam.formats.tum import write_tum
+from mqslam.formats.trajectories import read_trajectory
 
 
 @dataclass(frozen=True)
@@ -71,11 +50,13 @@ class Subject:
         write: writes a valid input into a folder and returns the path to be read.
         read: reads it, and checks what was read.
         inside: damage under what is compressed, by suffix; everything is damaged as it lies on the disk, too.
+        is_apart: whether each read takes a process of its own, and a second.
     """
 
     write: Callable[[Path], Path]
     read: Callable[[Path], None]
     inside: dict[str, Mutate]
+    is_apart: bool = False
 
     def mutations(self, file: Path) -> tuple[Mutate, ...]:
         """Returns the kinds of damage to a file."""
@@ -83,235 +64,14 @@ class Subject:
         return (plain, inside) if inside else (plain,)
 
 
-def oxford(folder: Path) -> Path:
-    drive = write_oxford(folder / "drive")
-    (drive / "odom.csv").write_text("t,v,omega\n" + "".join(f"{START_US + 10**5 * k},8.0,0.1\n" for k in range(20)))
-    (drive / "simulation.json").write_text('{"range_resolution_m": 0.175}\n')
-    (drive / "gt").mkdir()
-    rows = [f"{START_US + k * TURN_US},{START_US + (k - 1) * TURN_US},2.0,0.0,0,0,0,0.01,1,2\n" for k in range(1, 7)]
-    (drive / "gt" / "radar_odometry.csv").write_text("a,b,x,y,z,roll,pitch,yaw,c,d\n" + "".join(rows))
-    write_imu_csv(drive / "imu.csv")
-    write_gnss_csv(drive / "gnss.csv")
-    (drive / "recording.json").write_text(
-        '{"range_resolution_m": 0.175, "radar_on_vehicle": {"x_m": 1.0, "y_m": 0.0, "yaw_rad": 0.1}}'
-    )
-    return drive
+def check_gtsam_archive(path: Path) -> None:
+    stored = read_gtsam(path / "graph.txt", path / "values.txt")
+    assert stored.keys and np.isfinite(stored.factors.error(stored.values))
 
 
-def oxford_ins(folder: Path) -> Path:
-    """Writes what Oxford's dataset has of its car's INS, beside the radar."""
-    drive = write_oxford(folder / "drive")
-    write_ins(drive / "gps" / "ins.csv", 0.1)
-    write_oxford_gps(drive / "gps" / "gps.csv")
-    return drive
-
-
-def boreas(folder: Path) -> Path:
-    drive = write_boreas(folder / "drive", left_turn())
-    write_applanix_imu(drive / "applanix" / "imu_raw.csv", RATE)
-    write_applanix_gps(drive / "applanix" / "gps_post_process.csv", 0.76, -1.38)
-    write_matrix(drive / "calib" / "T_applanix_lidar.txt", np.eye(4))
-    write_matrix(drive / "calib" / "T_radar_lidar.txt", np.diag([1.0, -1.0, -1.0, 1.0]))
-    return drive
-
-
-def own_bag(folder: Path) -> Path:
-    """Writes a bag as the package does, with all sensors."""
-    write_own_bag("mcap", "image", folder / "drive.mcap", open_recording(oxford(folder)))
-    return folder / "drive.mcap"
-
-
-def dmu(folder: Path) -> Path:
-    write_matrix(folder / "calib" / "T_applanix_dmu.txt", np.diag([1.0, -1.0, -1.0, 1.0]))
-    write_dmu(folder / "imu" / "dmu_imu.csv", RATE)
-    return folder
-
-
-def nmea(folder: Path) -> Path:
-    lines = [rmc("221319.00", "141123"), *(gga(f"2213{second}.00") for second in range(20, 40))]
-    return write_lines(folder / "log.nmea", *lines)
-
-
-def mulran(folder: Path) -> Path:
-    drive = write_mulran_columns(folder / "drive", left_turn())
-    write_mulran_poses(drive, left_turn())
-    write_mulran_imu(drive / "xsens_imu.csv")
-    write_mulran_gps(drive / "gps.csv")
-    return drive
-
-
-def native(folder: Path) -> Path:
-    write_native(folder / "drive.npz", open_recording(oxford(folder)))
-    return folder / "drive.npz"
-
-
-def bag(kind: str) -> Callable[[Path], Path]:
-    return lambda folder: write_bag(open_recording(oxford(folder)), bag_path(folder, kind), kind)
-
-
-def scans(kind: str) -> Callable[[Path], Path]:
-    def write(folder: Path) -> Path:
-        path = bag_path(folder, kind)
-        with bag_writer(path, kind) as bag:
-            types = bag.store.types
-            lidar, wheels = bag.topic("/scan", laserscan.SCAN_TYPE), bag.topic("/odom", "nav_msgs/msg/Odometry")
-            for k in range(4):
-                stamp = START_US + k * 100_000
-                message = types[laserscan.SCAN_TYPE](
-                    bag.header(stamp),
-                    angle_min=-1.0,
-                    angle_max=1.0,
-                    angle_increment=0.1,
-                    time_increment=1e-3,
-                    scan_time=0.1,
-                    range_min=0.1,
-                    range_max=30.0,
-                    ranges=np.linspace(1, 20, 21).astype(np.float32),
-                    intensities=np.zeros(0, np.float32),
-                )
-                bag.write(lidar, stamp, message)
-                bag.write(wheels, stamp, bag.odometry(stamp, np.array([0.1 * k, 0.0, 0.01])))
-        return path
-
-    return write
-
-
-def carmen_log(folder: Path) -> Path:
-    lines = ["PARAM robot_front_laser_max 30.0 host 0\n"]
-    for k in range(4):
-        pose = f"{0.1 * k} 0 0.01"
-        lines.append(f"ODOM {pose} 0 0 0 {k}.5 host {k}.5\n")
-        lines.append(f"FLASER 5 1 2 3 4 81.9 {pose} {pose} {k}.5 host {k}.5\n")
-        lines.append(f"ROBOTLASER1 0 -1.5 3.1 0.6 30.0 0.01 0 5 1 2 3 4 5 0 {pose} {pose} 0 0 0 0 0 {k}.6 host {k}.6\n")
-    (folder / "drive.log").write_text("".join(lines))
-    return folder / "drive.log"
-
-
-def carmen_gzip(folder: Path) -> Path:
-    (folder / "drive.log.gz").write_bytes(gzip.compress(carmen_log(folder).read_bytes()))
-    return folder / "drive.log.gz"
-
-
-_POINTS = np.column_stack([np.linspace(0, 9, 40), np.linspace(-3, 3, 40), np.zeros(40), np.linspace(0, 3.9, 40)])
-
-
-def ply(body: str) -> Callable[[Path], Path]:
-    def write(folder: Path) -> Path:
-        properties = "".join(f"property double {name}\n" for name in ("x", "y", "z", "time"))
-        header = f"ply\nformat {body} 1.0\nelement vertex {len(_POINTS)}\n{properties}end_header\n"
-        rows = "".join(" ".join(map(str, row)) + "\n" for row in _POINTS.tolist()).encode()
-        (folder / "map.ply").write_bytes(header.encode() + (rows if body == "ascii" else _POINTS.astype("<f8").tobytes()))
-        return folder / "map.ply"
-
-    return write
-
-
-def pcd(data: str) -> Callable[[Path], Path]:
-    def write(folder: Path) -> Path:
-        from pypcd4 import Encoding, PointCloud
-
-        cloud = PointCloud.from_points(_POINTS, ("x", "y", "z", "t"), (np.float64,) * 4)
-        cloud.save(folder / "map.pcd", encoding=Encoding(data))
-        return folder / "map.pcd"
-
-    return write
-
-
-def las(suffix: str) -> Callable[[Path], Path]:
-    def write(folder: Path) -> Path:
-        content = laspy.LasData(laspy.LasHeader(point_format=1, version="1.2"))
-        content.x, content.y, content.z, content.gps_time = _POINTS.T
-        content.write(str(folder / f"map.{suffix}"))
-        return folder / f"map.{suffix}"
-
-    return write
-
-
-def npz(folder: Path) -> Path:
-    np.savez(folder / "map.npz", points=_POINTS[:, :3], t=_POINTS[:, 3])
-    return folder / "map.npz"
-
-
-def _track() -> Trajectory:
-    return circle(START_US + TURN_US * np.arange(20))
-
-
-def tum(folder: Path) -> Path:
-    write_tum(folder / "track.tum", _track())
-    return folder / "track.tum"
-
-
-def kitti(folder: Path) -> Path:
-    (folder / "track").mkdir()
-    write_kitti(folder / "track" / "poses.txt", _track())
-    (folder / "track" / "times.txt").write_text("".join(f"{stamp * 1e-6:.6f}\n" for stamp in _track().stamps_us.tolist()))
-    return folder / "track"
-
-
-def matrices(folder: Path) -> Path:
-    """Writes poses as the matrices of an array, and their stamps."""
-    path = kitti(folder)
-    numbers = np.loadtxt(path / "poses.txt").reshape(-1, 3, 4)
-    (path / "poses.txt").unlink()
-    np.save(path / "poses.npy", numbers)
-    return path
-
-
-def graph(folder: Path) -> Path:
-    """Writes poses as matrices, each with its stamp behind."""
-    rows = (kitti(folder) / "poses.txt").read_text().splitlines()
-    lines = [f"{row} {1000 * stamp}\n\n" for row, stamp in zip(rows, _track().stamps_us.tolist(), strict=True)]
-    (folder / "graph.txt").write_text("".join(lines))
-    return folder / "graph.txt"
-
-
-def transforms(folder: Path) -> Path:
-    """Writes poses as transforms from the map to the radar."""
-    with write_result_bag(folder / "track.mcap", "mcap") as bag:
-        topic = bag.topic("/tf", TF_TYPE)
-        for stamp, pose in zip(_track().stamps_us.tolist(), _track().poses, strict=True):
-            x, y, yaw = pose.tolist()
-            move = bag.make("geometry_msgs/msg/Transform", bag.vector(x, y, 0.0), bag.quaternion(yaw))
-            stamped = bag.make("geometry_msgs/msg/TransformStamped", bag.header(stamp, "map"), "radar", move)
-            bag.write(topic, stamp, bag.make(TF_TYPE, [stamped]))
-    return folder / "track.mcap"
-
-
-def csv(folder: Path) -> Path:
-    rows: NDArray[Any] = np.column_stack([_track().stamps_us * 1000, _track().poses])
-    text = "time_ns,x,y,yaw\n" + "".join(f"{int(t)},{x},{y},{yaw}\n" for t, x, y, yaw in rows.tolist())
-    (folder / "track.csv").write_text(text)
-    return folder / "track.csv"
-
-
-def covariances(folder: Path) -> Path:
-    shape = np.array([[0.04, 0.01, 0.001], [0.01, 0.09, -0.002], [0.001, -0.002, 0.0001]])
-    stamps = _track().stamps_us
-    given = StampedCovariances(stamps, np.arange(1, len(stamps) + 1)[:, None, None] * shape)
-    write_covariances(folder / "covariances.csv", given)
-    return folder / "covariances.csv"
-
-
-def pose_graph(spatial: bool) -> Callable[[Path], Path]:
-    def write(folder: Path) -> Path:
-        start, step = ("0 0 0 0 0 0 1", "1 0 0 0 0 0.1 0.995") if spatial else ("0 0 0", "1 0 0.1")
-        vertex, edge = ("VERTEX_SE3:QUAT", "EDGE_SE3:QUAT") if spatial else ("VERTEX_SE2", "EDGE_SE2")
-        information = np.eye(6 if spatial else 3)[np.triu_indices(6 if spatial else 3)]
-        lines = [f"{vertex} {k} {start}\n" for k in range(8)]
-        lines += [f"{edge} {k} {k + 1} {step} {' '.join(map(str, information))}\n" for k in range(7)]
-        (folder / "graph.g2o").write_text("".join(lines) + "FIX 0\n")
-        return folder / "graph.g2o"
-
-    return write
-
-
-def twists(folder: Path) -> Path:
-    return oxford(folder) / "odom.csv"
-
-
-def settings(folder: Path) -> Path:
-    (folder / "settings.yaml").write_text(dump_yaml(Config()))
-    return folder / "settings.yaml"
+def check_plan(path: Path) -> None:
+    orders, _ = read_plan(path)
+    assert orders and all(order.name for order in orders)
 
 
 def _config(path: Path) -> None:
@@ -321,53 +81,60 @@ def _config(path: Path) -> None:
 _PNG: dict[str, Mutate] = {".png": inside_png}
 _NPZ: dict[str, Mutate] = {".npz": inside_zip}
 SUBJECTS = {
-    "oxford": Subject(oxford, check_radar("oxford"), _PNG),
-    "oxford ins": Subject(oxford_ins, check_radar("oxford"), _PNG),
-    "boreas": Subject(boreas, check_radar("boreas"), _PNG),
+    "oxford": Subject(small.oxford, check_radar("oxford"), _PNG),
+    "oxford ins": Subject(small.oxford_ins, check_radar("oxford"), _PNG),
+    "boreas": Subject(small.boreas, check_radar("boreas"), _PNG),
     "boreas_rt": Subject(
         lambda folder: write_boreas(folder / "drive", left_turn(), np.arange(left_turn().sensor.azimuths) % 2 == 0),
         check_radar("boreas"),
         _PNG,
     ),
-    "mulran columns": Subject(mulran, check_radar("mulran"), _PNG),
+    "mulran columns": Subject(small.mulran, check_radar("mulran"), _PNG),
     "mulran rows": Subject(lambda folder: write_mulran_rows(folder / "drive", left_turn()), check_radar("mulran"), _PNG),
-    "radiate": Subject(lambda folder: write_radiate(folder / "drive", left_turn()), check_radar("radiate"), _PNG),
-    "native": Subject(native, check_radar("native"), _NPZ),
-    "ros1 bag": Subject(bag("ros1"), check_radar("rosbag"), {}),
-    "ros2 bag": Subject(bag("ros2"), check_radar("rosbag"), {}),
-    "mcap": Subject(bag("mcap"), check_radar("rosbag"), {}),
-    "own mcap": Subject(own_bag, check_radar("rosbag"), {}),
-    "laserscan ros1": Subject(scans("ros1"), lambda path: check_lidar(laserscan.read_lidar(path)), {}),
-    "laserscan mcap": Subject(scans("mcap"), lambda path: check_lidar(laserscan.read_lidar(path)), {}),
-    "carmen": Subject(carmen_log, lambda path: check_lidar(carmen.read_lidar(path)), {}),
-    "carmen gzip": Subject(carmen_gzip, lambda path: check_lidar(carmen.read_lidar(path)), {".gz": inside_gzip}),
-    "ply": Subject(ply("binary_little_endian"), lambda path: check_cloud(read_cloud(path)), {}),
-    "ply ascii": Subject(ply("ascii"), lambda path: check_cloud(read_cloud(path)), {}),
-    "pcd": Subject(pcd("binary"), lambda path: check_cloud(read_cloud(path)), {}),
-    "pcd compressed": Subject(pcd("binary_compressed"), lambda path: check_cloud(read_cloud(path)), {}),
-    "pcd ascii": Subject(pcd("ascii"), lambda path: check_cloud(read_cloud(path)), {}),
-    "las": Subject(las("las"), lambda path: check_cloud(read_cloud(path)), {}),
-    "laz": Subject(las("laz"), lambda path: check_cloud(read_cloud(path)), {}),
-    "npz": Subject(npz, lambda path: check_cloud(read_cloud(path)), _NPZ),
-    "tum": Subject(tum, lambda path: check_trajectory(read_trajectory(path)), {}),
-    "kitti": Subject(kitti, lambda path: check_trajectory(read_trajectory(path / "poses.txt", path / "times.txt")), {}),
-    "matrices": Subject(
-        matrices, lambda path: check_trajectory(read_trajectory(path / "poses.npy", path / "times.txt")), {}
+    "radiate": Subject(small.radiate, check_radar("radiate"), _PNG),
+    "native": Subject(small.native, check_radar("native"), _NPZ),
+    "ros1 bag": Subject(small.bag("ros1"), check_radar("rosbag"), {}),
+    "ros2 bag": Subject(small.bag("ros2"), check_radar("rosbag"), {}),
+    "mcap": Subject(small.bag("mcap"), check_radar("rosbag"), {}),
+    "own mcap": Subject(small.own_bag, check_radar("rosbag"), {}),
+    "laserscan ros1": Subject(small.scans("ros1"), lambda path: check_lidar(laserscan.read_lidar(path)), {}),
+    "laserscan mcap": Subject(small.scans("mcap"), lambda path: check_lidar(laserscan.read_lidar(path)), {}),
+    "carmen": Subject(small.carmen_log, lambda path: check_lidar(carmen.read_lidar(path)), {}),
+    "carmen gzip": Subject(small.carmen_gzip, lambda path: check_lidar(carmen.read_lidar(path)), {".gz": inside_gzip}),
+    "ply": Subject(small.ply("binary_little_endian"), lambda path: check_cloud(read_cloud(path)), {}),
+    "ply ascii": Subject(small.ply("ascii"), lambda path: check_cloud(read_cloud(path)), {}),
+    "pcd": Subject(small.pcd("binary"), lambda path: check_cloud(read_cloud(path)), {}),
+    "pcd compressed": Subject(small.pcd("binary_compressed"), lambda path: check_cloud(read_cloud(path)), {}),
+    "pcd ascii": Subject(small.pcd("ascii"), lambda path: check_cloud(read_cloud(path)), {}),
+    "las": Subject(small.las("las"), lambda path: check_cloud(read_cloud(path)), {}),
+    "laz": Subject(small.las("laz"), lambda path: check_cloud(read_cloud(path)), {}, is_apart=True),
+    "gtsam archive": Subject(small.gtsam_archive, check_gtsam_archive, {}, is_apart=True),
+    "npz": Subject(small.npz, lambda path: check_cloud(read_cloud(path)), _NPZ),
+    "tum": Subject(small.tum, lambda path: check_trajectory(read_trajectory(path)), {}),
+    "kitti": Subject(
+        small.kitti, lambda path: check_trajectory(read_trajectory(path / "poses.txt", path / "times.txt")), {}
     ),
-    "graph": Subject(graph, lambda path: check_trajectory(read_trajectory(path)), {}),
-    "transforms": Subject(transforms, lambda path: check_trajectory(read_trajectory(path)), {}),
-    "csv": Subject(csv, lambda path: check_trajectory(read_trajectory(path)), {}),
-    "covariances": Subject(covariances, check_covariances, {}),
-    "pose graph": Subject(pose_graph(False), check_pose_graph, {}),
-    "pose graph in space": Subject(pose_graph(True), check_pose_graph, {}),
-    "odometry": Subject(twists, lambda path: check_trajectory(read_odometry(path)), {}),
+    "matrices": Subject(
+        small.matrices, lambda path: check_trajectory(read_trajectory(path / "poses.npy", path / "times.txt")), {}
+    ),
+    "graph": Subject(small.graph, lambda path: check_trajectory(read_trajectory(path)), {}),
+    "transforms": Subject(small.transforms, lambda path: check_trajectory(read_trajectory(path)), {}),
+    "csv": Subject(small.csv, lambda path: check_trajectory(read_trajectory(path)), {}),
+    "covariances": Subject(small.covariances, check_covariances, {}),
+    "pose graph": Subject(small.pose_graph(False), check_pose_graph, {}),
+    "pose graph in space": Subject(small.pose_graph(True), check_pose_graph, {}),
+    "odometry": Subject(small.twists, lambda path: check_trajectory(read_odometry(path)), {}),
     "gyroscope": Subject(
         lambda folder: write_imu_csv(folder / "imu.csv"), lambda path: check_gyroscope(read_gyroscope(path).sensor), {}
     ),
-    "dmu": Subject(dmu, lambda path: check_gyroscope(read_gyroscope(path / "imu" / "dmu_imu.csv").sensor), {}),
+    "dmu": Subject(small.dmu, lambda path: check_gyroscope(read_gyroscope(path / "imu" / "dmu_imu.csv").sensor), {}),
     "gnss": Subject(
         lambda folder: write_gnss_csv(folder / "gnss.csv"), lambda path: check_fixes(read_fixes(path, START_US).sensor), {}
     ),
-    "nmea": Subject(nmea, lambda path: check_fixes(read_fixes(path, START_US).sensor), {}),
-    "settings": Subject(settings, _config, {}),
+    "nmea": Subject(small.nmea, lambda path: check_fixes(read_fixes(path, START_US).sensor), {}),
+    "settings": Subject(small.settings, _config, {}),
+    "plan": Subject(small.plan, check_plan, {}),
+    "keyframes": Subject(small.keyframes, check_keyframes, {}),
+    "nav2 map": Subject(small.nav2_map, check_nav2_map, {}),
+    "result": Subject(small.result_folder, lambda path: check_trajectory(read_trajectory(path)), {}),
 }

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mqslam.backend.linear.marginal_recursion import UNDETERMINED, Derivative, Elimination
 from mqslam.backend.pose_graph import PoseGraph, pose_of
 from mqslam.core import se2
-from mqslam.errors import EstimationError, describe_error
+from mqslam.errors import EstimationError, describe_error, raise_interrupt
 
 # numerical tolerance, which changes no result that is exact
 _DISAGREEMENT: Final = 1e-4  # largest difference between two computations, per product of standard deviations
@@ -67,6 +67,7 @@ def compute_all_marginals(graph: PoseGraph, values: gtsam.Values) -> PoseCovaria
     try:
         marginals = Uncertainty(graph, values).compute_twice(lambda eliminated: eliminated.compute_marginals(keys))
     except Exception as error:  # a singular system, or one that does not fit into memory
+        raise_interrupt(error)
         return PoseCovariances.unknown(describe_error(error))
     return PoseCovariances(np.arange(graph.size), marginals)
 

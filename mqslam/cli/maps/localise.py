@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mqslam.cli.terminal.echo import echo
 from mqslam.cli.terminal.options import (
     CORES,
     Cluster,
@@ -113,14 +114,15 @@ def localise(
     elif not quiet:
         print_warnings(console, result.warnings)
         Console(soft_wrap=True).print(_tabulate(result.summary))
-        typer.echo(f"report: {result.report}")
+        echo(f"report: {result.report}")
         if result.evo_command:
-            typer.echo(f"compare with evo: {result.evo_command}")
+            echo(f"compare with evo: {result.evo_command}")
 
 
 def _tabulate(summary: dict[str, Any]) -> Table:
     """Returns the table that a person reads first: how many scans lie on the map, and how sure their poses are."""
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(title=None, show_edge=False, pad_edge=False, show_header=False)
     table.add_column("")
@@ -137,7 +139,7 @@ def _tabulate(summary: dict[str, Any]) -> Table:
         table.add_row("ATE after alignment, all scans", f"{summary['evaluation']['ate_rmse_m']:.3f} m")
     dataset, total = summary["dataset"], summary["runtime_s"]["total"]
     speed = dataset["duration_s"] / max(total, 1e-9)
-    table.caption = (
+    table.caption = Text(
         f"{dataset['scans']} scans, {dataset['duration_s']:.1f} s; {total:.1f} s of computing, {speed:.1f} times real time"
     )
     table.caption_justify = "left"

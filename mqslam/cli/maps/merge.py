@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from mqslam.cli.terminal.echo import echo
 from mqslam.cli.terminal.options import CORES, Cluster, ConfigOption, Force, Jobs, Json, Quiet, Verbose
 
 
@@ -43,8 +44,8 @@ def merge(
     if as_json:
         typer.echo(to_json(result.summary))
     elif not quiet:
-        typer.echo("\n".join(_format_lines(result.summary)))
-        typer.echo(f"results in {out}; open {result.report} in a browser")
+        echo("\n".join(_format_lines(result.summary)))
+        echo(f"results in {out}; open {result.report} in a browser")
 
 
 def _format_lines(summary: dict[str, Any]) -> list[str]:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from mqslam.cli.terminal.echo import echo
 from mqslam.cli.terminal.options import Quiet, Verbose
 
 
@@ -56,4 +57,4 @@ def view(
         open_viewer(path)
         outcome = "opened in Rerun's viewer"
     if not quiet:
-        typer.echo(f"{path}: {outcome}")
+        echo(f"{path}: {outcome}")

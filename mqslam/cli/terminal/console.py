@@ -10,6 +10,7 @@ from rich.console import Console
 
 from mqslam.cli.terminal.remedies import name_options
 from mqslam.core.wording import list_judged
+from mqslam.errors.shown import show
 from mqslam.execution.progress import Progress, ignore_progress
 
 if TYPE_CHECKING:
@@ -55,13 +56,13 @@ def print_notes(console: Console, notes: Iterable[str]) -> None:
         notes: texts whose remedies are put in the words of the command line.
     """
     for note in notes:
-        console.print(f"note: {name_options(note)}", highlight=False, soft_wrap=True)
+        console.print(f"note: {show(name_options(note))}", highlight=False, soft_wrap=True)
 
 
 def print_warnings(console: Console, warnings: Iterable[str]) -> None:
     """Prints what a user should know before the numbers, like notes, in the colour of warnings."""
     for warning in warnings:
-        console.print(f"warning: {name_options(warning)}", style="yellow", highlight=False, soft_wrap=True)
+        console.print(f"warning: {show(name_options(warning))}", style="yellow", highlight=False, soft_wrap=True)
 
 
 def format_verdict(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -71,9 +72,9 @@ def format_verdict(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         summary: content of audit.json or summary.json.
     """
     verdict, unjudged = summary["verdict"], summary["not_judged"]
-    reasons = name_options("; ".join(list_judged(verdict["reasons"], unjudged)))
+    reasons = show(name_options("; ".join(list_judged(verdict["reasons"], unjudged))))
     lines = [("verdict", f"{verdict['status']}: {reasons}")]
-    return [*lines, ("not judged", "; ".join(unjudged))] if unjudged else lines
+    return [*lines, ("not judged", show("; ".join(unjudged)))] if unjudged else lines
 
 
 @contextmanager

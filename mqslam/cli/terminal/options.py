@@ -9,6 +9,8 @@ from typing import Annotated
 
 import typer
 
+from mqslam.errors.shown import show_lines
+
 
 def _complete_config(incomplete: str) -> list[str]:
     """Returns the names of shipped settings that begin like this, for the shell to complete."""
@@ -31,6 +33,14 @@ def _complete_format(incomplete: str) -> list[str]:
     return [name for name in FORMATS if name.startswith(incomplete)]
 
 
+class _Shown(logging.Formatter):
+    """Log lines in which nothing from a file can command the terminal."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Returns the lines of a record."""
+        return show_lines(super().format(record))
+
+
 def _set_verbosity(verbose: bool) -> bool:
     """Sends the package's log lines to stderr, or keeps them back, and returns which of the two."""
     log = logging.getLogger("mqslam")
@@ -38,7 +48,7 @@ def _set_verbosity(verbose: bool) -> bool:
         log.removeHandler(handler)
     if verbose:
         handler = logging.StreamHandler()
-        handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
+        handler.setFormatter(_Shown("%(name)s: %(message)s"))
         log.addHandler(handler)
     log.setLevel(logging.INFO if verbose else logging.WARNING)
     return verbose
@@ -154,7 +164,7 @@ Cluster = Annotated[
     typer.Option(
         "--cluster",
         metavar="ADDRESS",
-        help="Work on a Dask cluster instead: tcp://host:port, or local:N for N workers on this machine.",
+        help="Work on a Dask cluster instead: tcp://host:port, or local:N for N worker processes on this machine.",
     ),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace whatever is at --out.")]

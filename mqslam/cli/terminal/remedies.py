@@ -39,6 +39,7 @@ _WORDS: dict[str, str] = {
     Remedy.RECORD_LIVE_VIEW: "give --live FILE.rrd and open the file elsewhere",
     Remedy.REPLACE_UNFINISHED_OUTPUT: "choose another --out, or give --force instead of --resume",
     Remedy.RESUME: "continue with --resume",
+    Remedy.WAIT_OR_CHOOSE_OUTPUT: "wait until that has ended, or choose another --out",
 }
 _OUT_IS_ARGUMENT = ("convert", "simulate")  # commands whose output is an argument, not an option
 _ANY = re.compile("|".join(re.escape(remedy) for remedy in sorted(_WORDS, key=len, reverse=True)))

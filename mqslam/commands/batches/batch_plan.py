@@ -12,7 +12,7 @@ from mqslam.commands.inputs.extrinsics import parse_extrinsics, to_pose
 from mqslam.config import list_shipped, load_config
 from mqslam.config.yaml_file import parse_yaml
 from mqslam.core import frontend as frontends
-from mqslam.errors import ConfigError
+from mqslam.errors import ConfigError, untrusted
 from mqslam.results.batch_results import Order
 
 _CHOICES = ("auto", "none")  # instead of a file, or of extrinsics
@@ -49,7 +49,7 @@ def read_plan(path: Path) -> tuple[list[Order], str]:
         ConfigError: the file cannot be read, holds a mistake, or gives two runs the same name.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = untrusted.read_document(path, untrusted.YAML_BYTES)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
         raise ConfigError(f"{path}: cannot be read ({reason}); give a YAML file with the runs") from error

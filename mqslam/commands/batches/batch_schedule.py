@@ -10,8 +10,8 @@ from mqslam.commands.inputs.opening import Inputs
 from mqslam.commands.run import Job, execute, find_finished, open_job
 from mqslam.commands.work import Work
 from mqslam.core.engine import Engine
-from mqslam.errors import MqslamError, describe_error
-from mqslam.execution.folders import check_free
+from mqslam.errors import MqslamError, describe_error, raise_interrupt
+from mqslam.execution.folders import claim_folder
 from mqslam.execution.local_engine import DIED, LocalEngine
 from mqslam.execution.progress import Progress
 from mqslam.results.batch_results import Order, Outcome
@@ -68,12 +68,13 @@ def run_one(terms: Terms, order: Order) -> Outcome:
         kept = _find_kept(terms, order)  # a worker may have done it and died before it could report it
         if kept is not None:
             return kept
-        check_free(out, force=terms.force, resume=True, recording=order.data)
-        job = _open_order(order)
-        with LocalEngine(terms.jobs) as engine:
-            summary = execute(job, out, Work(engine), resume=not terms.force, how=AGAIN)
+        with claim_folder(out, force=terms.force, resume=True, sources=[order.data]):
+            job = _open_order(order)
+            with LocalEngine(terms.jobs) as engine:
+                summary = execute(job, out, Work(engine), resume=not terms.force, how=AGAIN)
         return Outcome(summary)
     except Exception as error:  # a front end may be anyone's code, and the others are to go on
+        raise_interrupt(error)
         return Outcome(failure=describe_error(error))
 
 

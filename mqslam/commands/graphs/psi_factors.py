@@ -13,7 +13,7 @@ from gtsam.symbol_shorthand import M, X
 
 from mqslam.auditing.mending.along import straighten
 from mqslam.backend.problem import Problem
-from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges, read_odometry_motions
+from mqslam.backend.sensors.odometry.odometry_edges import hold_odometry, make_odometry_edges
 from mqslam.commands.graphs.keys import Between, Keys, Pose, check_apart, choose_lift, list_keys
 from mqslam.commands.graphs.radar import Source, look_at
 from mqslam.commands.work import QUIET, Work
@@ -165,7 +165,9 @@ def psi_factors(
                 measurements = straighten(measurements, scans, settings, radar.beam, radar.runner)
             for warning in radar.runner.warnings:
                 work.tell(warning)
-        motions = read_odometry_motions(scans, context, frontend)
+        motions, fault = hold_odometry(scans, context, frontend, measurements)
+        if fault is not None:
+            work.tell(fault.statement)
         edges = make_odometry_edges(motions, measurements, settings.odometry, settings.graph)
     problem = Problem(measurements, edges, settings.graph, settings.loops)
     first_scans = problem.submaps.first_scans.tolist()

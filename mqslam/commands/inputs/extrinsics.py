@@ -24,6 +24,25 @@ def parse_extrinsics(text: str) -> tuple[float, float, float]:
     return x, y, yaw
 
 
+def read_extrinsics(
+    given: tuple[float, float, float] | str | None,
+) -> tuple[tuple[float, float, float] | None, se2.Array | None]:
+    """Returns extrinsics that are given as three numbers or as a text X,Y,YAW, and the pose (3,) [m, rad] that they are.
+
+    Raises:
+        ConfigError: the text is not made of three numbers, or they are beyond any vehicle.
+    """
+    if given is None:
+        return None, None
+    stated = parse_extrinsics(given) if isinstance(given, str) else given
+    return stated, to_pose(stated)
+
+
+def name_extrinsics(given: tuple[float, float, float] | str) -> str:
+    """Returns extrinsics as a text X,Y,YAW; `auto` and `none` are one already."""
+    return given if isinstance(given, str) else ",".join(repr(float(value)) for value in given)
+
+
 def to_pose(extrinsics: tuple[float, float, float]) -> se2.Array:
     """Returns extrinsics in metres and degrees as a pose (3,) in metres and radians.
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mqslam.commands.inputs.extrinsics import parse_extrinsics, to_pose
 from mqslam.config import Config, ReadingConfig, load_config
 from mqslam.core.recording import Recording
+from mqslam.core.sensors.clock_offsets import describe_offset, find_offset
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.sensors.mount import RADAR, VEHICLE, Mount
@@ -94,6 +95,7 @@ def open_data(
         clockwise=sensor.clockwise,
         stamp=sensor.stamp,
         topics=Topics(sensor.radar_topic, sensor.odometry_topic, sensor.truth_topic),
+        encoder_size=sensor.encoder_size,
         settings=settings.reading,
     )
     if strict and recording.faults:
@@ -201,7 +203,8 @@ def choose_gyroscope(recording: Recording, choice: str) -> Reading[Gyroscope | N
         return reading
     own = recording.gyroscope
     if own is not None and not _overlaps(recording, own.stamps_us):
-        return Reading(None, faults=("the recording's gyroscope shares no time with the radar and is not used",))
+        why = _explain_clock(recording, own.stamps_us)
+        return Reading(None, faults=(f"the recording's gyroscope shares no time with the radar and is not used{why}",))
     return Reading(own)
 
 
@@ -229,7 +232,8 @@ def choose_fixes(recording: Recording, choice: str) -> Reading[Fixes | None]:
         why = f"the GNSS fixes in {own.source} are not used, since the recording's ground truth was made from them; "
         return Reading(None, faults=(f"{why}name the file to use them",))
     if own is not None and not _overlaps(recording, own.stamps_us):
-        return Reading(None, faults=("the recording's GNSS fixes share no time with the radar and are not used",))
+        why = _explain_clock(recording, own.stamps_us)
+        return Reading(None, faults=(f"the recording's GNSS fixes share no time with the radar and are not used{why}",))
     return Reading(own)
 
 
@@ -257,6 +261,12 @@ def _overlaps(recording: Recording, stamps_us: NDArray[np.int64]) -> bool:
     return bool(first < after)
 
 
+def _explain_clock(recording: Recording, stamps_us: NDArray[np.int64]) -> str:
+    """Returns by which usual time the stamps (N,) [us] of a sensor are off a recording, in words; "" where by none."""
+    late_s = find_offset(int(stamps_us[0]), int(stamps_us[-1]), recording.start_us, recording.end_us)
+    return "" if late_s is None else f": the stamps seem to be {describe_offset(late_s)}; add {-late_s:.0f} s to them"
+
+
 def _require_overlap(recording: Recording, stamps_us: NDArray[np.int64], name: str) -> None:
     """Raises DataError unless some of the increasing stamps (N,) [us] of a file lie within a recording."""
     if _overlaps(recording, stamps_us):
@@ -268,4 +278,6 @@ def _require_overlap(recording: Recording, stamps_us: NDArray[np.int64], name: s
     if unit:
         problem += f": its stamps look like {unit}"
         remedy = f"give them in microseconds, of {recording.start_us} to {recording.end_us} us in the radar's clock"
+    if not unit:
+        problem += _explain_clock(recording, stamps_us)
     raise DataError(name, problem, remedy)

@@ -8,6 +8,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from mqslam.backend.measuring import measure
+from mqslam.commands.inputs.extrinsics import name_extrinsics
 from mqslam.commands.inputs.opening import Inputs, choose_settings
 from mqslam.commands.result import LocaliseResult
 from mqslam.commands.run import Job, open_job
@@ -19,7 +20,7 @@ from mqslam.core.keyframes import KeyframeMap
 from mqslam.detection.stage import detect_all, warn_of_unread
 from mqslam.errors import DataError, EstimationError, FewReturnsError, NotInMapError, Remedy
 from mqslam.execution.files import write_json
-from mqslam.execution.folders import check_free, write_folder_aside
+from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
 from mqslam.localisation.localised import Localised
@@ -39,7 +40,7 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
     frontend: str = "psi",
     odometry: str = "auto",
     imu: str = "auto",
-    extrinsics: str = "auto",
+    extrinsics: tuple[float, float, float] | str = "auto",
     config: Config | Path | str | None = None,
     format: str | None = None,
     range_resolution: float | None = None,
@@ -81,25 +82,25 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
         >>> print(localised.read_trajectory().poses[0], localised.summary["share_on_map"])  # doctest: +SKIP
     """
     data, out, map = Path(data), Path(out), Path(map)
-    check_free(out, force=force, recording=data)
-    made = open_map(map)
-    settings = _choose_settings(config, map, made)
-    inputs = Inputs(odometry, imu, "none", extrinsics)
-    job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=(start_s, end_s))
-    for note in job.recording.notes:
-        work.tell(note)
-    runner = Runner(work.engine, work.progress)
-    with runner.time_stage("total"):
-        localised, unread = _find(job, made, runner)
-    warnings = [*job.warnings, *warn_of_unread(unread), *runner.warnings]
-    summary = summarise(localised, job.recording, map, made, frontend, runner.runtime_s, warnings)
-    with write_folder_aside(out) as folder:
-        write_localised(folder, localised, settings, made.keyframes.georeference, summary, job.recording)
-        failures = write_localise_page(folder, localised, made, settings, summary)
-        if failures:
-            summary["warnings"] += failures
-            write_json(folder / "summary.json", summary)
-    return LocaliseResult(out, summary)
+    with claim_folder(out, force=force, sources=[data]):
+        made = open_map(map)
+        settings = _choose_settings(config, map, made)
+        inputs = Inputs(str(odometry), str(imu), "none", name_extrinsics(extrinsics))
+        job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=(start_s, end_s))
+        for note in job.recording.notes:
+            work.tell(note)
+        runner = Runner(work.engine, work.progress)
+        with runner.time_stage("total"):
+            localised, unread = _find(job, made, runner)
+        warnings = [*job.warnings, *warn_of_unread(unread), *runner.warnings]
+        summary = summarise(localised, job.recording, map, made, frontend, runner.runtime_s, warnings)
+        with write_folder_aside(out) as folder:
+            write_localised(folder, localised, settings, made.keyframes.georeference, summary, job.recording)
+            failures = write_localise_page(folder, localised, made, settings, summary)
+            if failures:
+                summary["warnings"] += failures
+                write_json(folder / "summary.json", summary)
+        return LocaliseResult(out, summary)
 
 
 def open_map(path: Path) -> KeyframeMap:

@@ -9,9 +9,9 @@ from mqslam.commands.inputs.opening import choose_settings
 from mqslam.commands.result import MergeResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config
-from mqslam.errors import ConfigError, DataError
+from mqslam.errors import ConfigError, DataError, untrusted
 from mqslam.execution.files import to_json_values
-from mqslam.execution.folders import check_free, write_folder_aside
+from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.graphs.g2o import read_g2o
 from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
@@ -58,23 +58,23 @@ def merge(
     """
     folders, out = [Path(result) for result in results], Path(out)
     _check_apart(folders)
-    for folder in folders:
-        check_free(out, force=force, recording=folder)
-    parts = [read_part(folder) for folder in folders]
-    _check_recordings(parts)
-    settings = choose_settings(_find_settings(folders[0]) if config is None else config)
-    runner = Runner(work.engine, work.progress)
-    with runner.time_stage("total"):
-        merged = merge_parts(parts, settings, runner)
-    summary = to_json_values(summarise_merge(merged, runner.runtime_s))
-    for warning in summary["warnings"]:
-        work.tell(warning)
-    with write_folder_aside(out) as folder:
-        write_merge(folder, merged, summary)
-        add_warnings(folder / "summary.json", summary, write_merge_page(folder, merged, summary))
-    return MergeResult(out, summary)
+    with claim_folder(out, force=force, sources=folders):
+        parts = [read_part(folder) for folder in folders]
+        _check_recordings(parts)
+        settings = choose_settings(_find_settings(folders[0]) if config is None else config)
+        runner = Runner(work.engine, work.progress)
+        with runner.time_stage("total"):
+            merged = merge_parts(parts, settings, runner)
+        summary = to_json_values(summarise_merge(merged, runner.runtime_s))
+        for warning in summary["warnings"]:
+            work.tell(warning)
+        with write_folder_aside(out) as folder:
+            write_merge(folder, merged, summary)
+            add_warnings(folder / "summary.json", summary, write_merge_page(folder, merged, summary))
+        return MergeResult(out, summary)
 
 
+@untrusted.reads_file
 def read_part(folder: Path) -> Part:
     """Reads a result as a part of a merge.
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.graphs.stored_graph import StoredGraph
 
 if TYPE_CHECKING:
@@ -55,6 +55,7 @@ _PLANAR: Final = _Kind("VERTEX_SE2", "EDGE_SE2", 3, 3)
 _SPATIAL: Final = _Kind("VERTEX_SE3:QUAT", "EDGE_SE3:QUAT", 7, 6)
 _TAGS: Final = ("VERTEX", "EDGE", "FIX")  # begin the lines of any g2o file, also those that are not understood here
 _TRAJECTORY_WIDTHS: Final = (8, 12)  # numbers in a line of TUM (a stamp, a place and a quaternion) and of KITTI (a matrix)
+_LARGEST: Final = 1e18  # of a pose or an information: squares and products of larger ones overflow
 _LARGEST_NUMBER: Final = 2**56 - 1  # by definition: GTSAM keeps letters in the bits above
 _TURNED: Final = [3, 4, 5, 0, 1, 2]  # GTSAM has the rotation first, g2o the place
 _REMEDY: Final = f"give a graph of {_PLANAR.vertex} and {_PLANAR.edge}, or of {_SPATIAL.vertex} and {_SPATIAL.edge}"
@@ -124,6 +125,7 @@ def replace_poses(text: str, values: gtsam.Values) -> str:
     return "\n".join(lines) + "\n"
 
 
+@untrusted.reads_file
 def read_g2o(path: Path) -> StoredGraph:
     """Reads a graph of planar poses, or of poses in space.
 
@@ -155,6 +157,7 @@ def read_g2o(path: Path) -> StoredGraph:
     return StoredGraph(factors, values, tuple(sorted(poses)), tuple(sorted(held)) or (min(poses),))
 
 
+@untrusted.reads_file
 def read_edges(path: Path) -> tuple[list[tuple[int, int]], int]:
     """Reads which pairs of poses the edges of a run's graph join, in the order of the file, and how many poses there are.
 
@@ -162,7 +165,7 @@ def read_edges(path: Path) -> tuple[list[tuple[int, int]], int]:
         DataError: the file cannot be read or is no graph.
     """
     try:
-        words = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
+        words = [line.split() for line in untrusted.read_text(path).splitlines()]
         edges = [(int(w[1]), int(w[2])) for w in words if w and w[0] == _PLANAR.edge]
         return edges, sum(bool(w) and w[0] == _PLANAR.vertex for w in words)
     except (OSError, ValueError, IndexError) as error:
@@ -176,7 +179,7 @@ def read_text(path: Path) -> str:
         DataError: the file cannot be read or is no text.
     """
     try:
-        return path.read_text(encoding="utf-8")
+        return untrusted.read_text(path)
     except FileNotFoundError as error:
         raise DataError(path, "does not exist", "check the path") from error
     except (OSError, UnicodeDecodeError) as error:
@@ -241,7 +244,7 @@ def _parse_words(words: Sequence[str], ends: int, count: int) -> tuple[list[int]
         vertices, numbers = [int(word) for word in words[1 : 1 + ends]], [float(word) for word in words[1 + ends :]]
     except ValueError:
         return [], []
-    is_sound = len(vertices) == ends and len(numbers) == count and bool(np.isfinite(numbers).all())
+    is_sound = len(vertices) == ends and len(numbers) == count and bool((np.abs(numbers) <= _LARGEST).all())
     return (vertices, numbers) if is_sound and all(0 <= k <= _LARGEST_NUMBER for k in vertices) else ([], [])
 
 

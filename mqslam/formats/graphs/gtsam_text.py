@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from mqslam.errors import DataError
-from mqslam.execution.memory import bound_memory
+from mqslam.errors import DataError, untrusted
+from mqslam.execution.guards.apart import ProcessFailed, call_apart
 from mqslam.formats.graphs.stored_graph import StoredGraph
 
 if TYPE_CHECKING:
@@ -16,19 +15,19 @@ if TYPE_CHECKING:
 
 _BEGIN: Final = b"22 serialization::archive "  # by definition of boost's text archives
 _BYTES: Final = 4 << 30  # limit against hostile files: memory of the process that reads one
-_PATIENCE_S: Final = 600.0  # limit against hostile files: time of that process
 _REMEDY: Final = "give what serialize() of gtsam.NonlinearFactorGraph and of gtsam.Values returned, written by this GTSAM"
 
 
 def recognises(path: Path) -> bool:
     """Returns whether a file begins as such an archive does."""
     try:
-        with path.open("rb") as file:
+        with untrusted.check_file(path).open("rb") as file:
             return file.read(len(_BEGIN)) == _BEGIN
     except OSError:
         return False
 
 
+@untrusted.reads_file
 def read_gtsam(graph: Path, values: Path) -> StoredGraph:
     """Reads a graph and the values of its variables.
 
@@ -53,18 +52,17 @@ def read_gtsam(graph: Path, values: Path) -> StoredGraph:
     return StoredGraph(factors, known, keys, () if is_held else keys[:1])
 
 
-def write_again() -> None:
-    """Reads an archive of the kind that the command line names from stdin, and writes it to stdout.
+def write_again(words: list[str]) -> bytes:
+    """Returns an archive of the kind that the word names, as GTSAM reads it from stdin and writes it, for `call_apart`.
 
     GTSAM ends with the process where an archive is damaged in some ways. Therefore another process reads it first, and what
     that has understood and written is read here.
     """
     import gtsam
 
-    bound_memory(_BYTES)
-    content = getattr(gtsam, sys.argv[1])()
+    content = getattr(gtsam, words[0])()
     content.deserialize(sys.stdin.read())
-    sys.stdout.write(content.serialize())
+    return str(content.serialize()).encode()
 
 
 def _read_again(path: Path, kind: str) -> str:
@@ -77,15 +75,12 @@ def _read_again(path: Path, kind: str) -> str:
         raise DataError(path, "does not exist", "check the path")
     if not recognises(path):
         raise DataError(path, f"is not a gtsam.{kind} in GTSAM's text form", _REMEDY)
-    code = f"from {__name__} import write_again; write_again()"
     try:
-        text = path.read_bytes()
-        done = subprocess.run([sys.executable, "-c", code, kind], input=text, capture_output=True, timeout=_PATIENCE_S)
-    except (OSError, subprocess.TimeoutExpired) as error:
+        return call_apart(write_again, [kind], untrusted.check_file(path).read_bytes(), most_bytes=_BYTES).decode("utf-8")
+    except ProcessFailed as error:
+        raise DataError(path, f"is not a readable gtsam.{kind}", _REMEDY) from error
+    except OSError as error:
         raise DataError(path, "cannot be read", _REMEDY) from error
-    if done.returncode != 0:
-        raise DataError(path, f"is not a readable gtsam.{kind}", _REMEDY)
-    return done.stdout.decode("utf-8")
 
 
 def _is_pose(values: gtsam.Values, key: int) -> bool:

@@ -6,10 +6,12 @@ from pathlib import Path
 
 from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core.sensors.lidar import LidarRecording
+from mqslam.errors import untrusted
 from mqslam.formats.lidars import carmen, laserscan
 from mqslam.formats.shared import bags
 
 
+@untrusted.reads_file
 def recognises(path: Path) -> bool:
     """Returns whether the path is a CARMEN log, or a bag with laser scans and nothing that a radar sent.
 
@@ -19,6 +21,7 @@ def recognises(path: Path) -> bool:
     return carmen.recognises(path) or (bags.recognises(path) and laserscan.holds_scans(path))
 
 
+@untrusted.reads_file
 def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarRecording:
     """Reads a recording that `recognises` knows.
 

@@ -2,12 +2,14 @@
 
 FLASER names no angles: its n readings sweep 180 degrees from -90 on. An even n ends a step before +90 (180: -90 to +89 by 1,
 360: -90 to +89.5 by 0.5), an odd n at +90 (181 by 1, 361 by 0.5). On the Intel and ACES logs this gives sharper maps than
-centring an even number or stretching it over the half turn.
+centring an even number or stretching it over the half turn. Other numbers of readings are of other lidars: what these sweep
+is stated by a setting or by the log's parameters, or the log is refused.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +29,10 @@ _ENDINGS = (".log", ".log.gz", ".clf", ".clf.gz")
 _ERROR_CODES_M = 81.82  # SICK lidars write what they could not measure as 81.83 m to 81.91 m
 _CLIP_TOLERANCE_M = 1e-6  # ranges are written with fewer digits
 _LEAST_MAXIMUM_M = 1.0  # a smaller maximum among the parameters is no lidar's
+_HALF_TURNS = {180, 181, 360, 361}  # readings of SICK's lidars, whose field of view is 180 degrees
+_FIELDS_OF_VIEW = ("laser_front_laser_fov", "laser_laser1_fov")  # parameters [degrees]
+_LEAST_FOV_DEG, _FULL_DEG = 10.0, 360.0  # what a lidar sweeps; a smaller number may be in radians
+_FEW = 90  # readings of no lidar that is known: more than two degrees apart over half a turn
 _MOST_METRES, _MOST_OFFSET_M = 100.0, 2.0  # larger maxima and offsets among the parameters are in centimetres
 
 
@@ -51,7 +57,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
     """
     log = read_log(path)
     kind = max(log.scans, key=lambda name: len(log.scans[name]))
-    stamps, scans, notes = _choose_scans(path, log, kind)
+    stamps, scans, notes = _choose_scans(path, log, kind, settings)
     returns, clipped = _drop_clipped(scans, (stamps - stamps[0]) * 1e-6, log.parameters, settings)
     if not any(len(scan) for scan in returns):
         raise DataError(path, "holds no range below the lidar's maximum", "give a log in which the lidar saw something")
@@ -71,7 +77,9 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
     return LidarRecording(path, "carmen", stamp_scans(stamps, returns), trajectory, odometry, tuple(notes))
 
 
-def _choose_scans(path: Path, log: CarmenLog, kind: str) -> tuple[NDArray[np.int64], list[ScanLine], list[str]]:
+def _choose_scans(
+    path: Path, log: CarmenLog, kind: str, settings: ReadingConfig
+) -> tuple[NDArray[np.int64], list[ScanLine], list[str]]:
     """Chooses the scans of a kind whose stamps increase; returns stamps (N,) [us], scans, and what was left out."""
     notes = []
     if others := {name: log.messages[name] for name in log.messages if "LASER" in name and name != kind}:
@@ -85,9 +93,39 @@ def _choose_scans(path: Path, log: CarmenLog, kind: str) -> tuple[NDArray[np.int
     if dropped := len(log.scans[kind]) - len(rows):
         notes.append(f"{count_of(dropped, 'scan')} with a stamp that repeats or runs backward: left out")
     scans = [log.scans[kind][row] for row in rows]
-    if odd := {len(scan.ranges) for scan in scans} - {180, 181, 360, 361} if kind == "FLASER" else set():
-        notes.append(f"scans of {min(odd)} readings are taken to span 180 degrees")
+    if kind == "FLASER":
+        scans, spread = _spread_readings(path, scans, log.parameters, settings)
+        notes += spread
     return stamps[rows], scans, notes
+
+
+def _spread_readings(
+    path: Path, scans: list[ScanLine], parameters: dict[str, float], settings: ReadingConfig
+) -> tuple[list[ScanLine], list[str]]:
+    """Returns FLASER scans with the angles that the user or the log's parameters state, and a note.
+
+    Raises:
+        DataError: nobody states what their readings sweep, and their number does not tell it.
+    """
+    fov_deg, whose = settings.lidar_fov_deg, "reading.lidar_fov_deg"
+    for name in _FIELDS_OF_VIEW if fov_deg is None else ():
+        if _LEAST_FOV_DEG <= parameters.get(name, 0.0) <= _FULL_DEG:
+            fov_deg, whose = parameters[name], name
+            break
+    counts = {len(scan.ranges) for scan in scans}
+    if fov_deg is None:
+        if odd := sorted(count for count in counts - _HALF_TURNS if count >= _FEW):
+            problem = f"holds scans of {odd[0]} readings, and does not say what angle they sweep"
+            raise DataError(path, problem, "state it by reading.lidar_fov_deg, such as 240 for a Hokuyo URG-04LX")
+        odd = sorted(counts - _HALF_TURNS)
+        return scans, [f"scans of {odd[0]} readings are taken to span 180 degrees"] if odd else []
+    if counts <= _HALF_TURNS and fov_deg in (180.0, 181.0):  # what the lidars of such logs sweep in any case
+        return scans, []
+    spread = []
+    for scan in scans:
+        half = np.radians(fov_deg) / 2.0
+        spread.append(replace(scan, angles=np.linspace(-half, half, len(scan.ranges), endpoint=fov_deg < _FULL_DEG)))
+    return spread, [f"the readings of a scan sweep {fov_deg:g} degrees, as {whose} states it"]
 
 
 def _parse_stamps(path: Path, words: list[str]) -> NDArray[np.int64]:

@@ -9,6 +9,7 @@ ROBOTLASER1 type start_angle field_of_view resolution maximum_range accuracy rem
 
 from __future__ import annotations
 
+import codecs
 import gzip
 import zlib
 from collections import Counter
@@ -20,7 +21,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 
 _LONGEST_LINE = 1 << 20  # [bytes] longer lines would fill the memory
 _GZIP_MAGIC = b"\x1f\x8b"
@@ -118,10 +119,11 @@ def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
     """Reads the lines of a log with their numbers; a line is never held beyond a mebibyte."""
     limit = _LONGEST_LINE + _MOST_EXPANSION * path.stat().st_size if path.exists() else 0
     try:
-        with path.open("rb") as plain, gzip.open(plain) if _is_gzip(plain) else plain as lines:
+        with untrusted.check_file(path).open("rb") as plain, gzip.open(plain) if _is_gzip(plain) else plain as lines:
             number = unpacked = 0
             while line := lines.readline(_LONGEST_LINE):
                 number += 1
+                line = line.removeprefix(codecs.BOM_UTF8) if number == 1 else line
                 unpacked += len(line)
                 if unpacked > limit:
                     raise DataError(path, f"unpacks to more than {limit / 1e6:.0f} MB", "give a CARMEN log")
@@ -151,8 +153,12 @@ def _parse_flaser(words: list[str], above: int) -> ScanLine:
 
 def _parse_robotlaser(words: list[str], above: int) -> ScanLine:
     """Parses the words of a ROBOTLASER1 line, with the number of ODOM lines above it."""
-    start, resolution, maximum = (float(words[column]) for column in (2, 4, 5))
+    start, view, resolution, maximum = (float(words[column]) for column in (2, 3, 4, 5))
     count = int(words[8])
+    if resolution <= 0.0:  # some programs leave it out
+        resolution = _parse_finite([view], 1)[0] / max(count - 1, 1)
+    if resolution <= 0.0:
+        raise ValueError(words[3])
     ranges, rest = _parse_numbers(words[9:], count), words[9 + count :]
     reflected = int(rest[0])
     remissions, tail = _parse_numbers(rest[1:], reflected), rest[1 + reflected :]

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
-_STATIC = "/tf_static"
 _COMMANDS = ("goal", "initialpose", "initial_pose")
 
 
@@ -40,6 +39,7 @@ class _Index:
     sensor_frame: str = ""
     body_frame: str = ""
     mounts: Mounts = field(default_factory=Mounts)
+    clock: bags.Clock = field(default_factory=bags.Clock)
 
 
 def holds_scans(path: Path) -> bool:
@@ -58,7 +58,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
     """Reads the scans of a bag, with its odometry and the poses that some SLAM published.
 
     Ranges outside (range_min, range_max), NaN and infinite ones are no returns. Beam k is measured k time increments after
-    the header's stamp. Poses are carried to the lidar where /tf_static says how it is mounted.
+    the header's stamp. Poses are carried to the lidar where /tf_static, or a transform on /tf that never changes, places it.
 
     Args:
         path: the bag.
@@ -77,15 +77,17 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
     if len(scans) < 2 or not any(map(len, scans)):
         problem = f"has {len(scans)} scans with stamps that increase on {topic}, {sum(map(len, scans))} returns in them"
         raise DataError(path, problem, "give a bag in which the lidar moves and sees something")
-    notes = [f"scans from {topic}"]
+    notes = [f"scans from {topic}", *index.clock.notes]
     if dropped := len(index.scans) - len(scans):
         notes.append(f"{count_of(dropped, 'scan')} with a stamp that repeats or runs backward: left out")
     mount = index.mounts.find(index.sensor_frame, index.body_frame)
-    if mount and mount.upside_down:
-        notes.append("the lidar is mounted upside down: its angles are mirrored")
+    stated = index.mounts.topics.get(bags.name_frame(index.sensor_frame), "/tf_static")
+    upside_down = index.mounts.is_upside_down(index.sensor_frame, index.body_frame)
+    if upside_down:
+        notes.append(f"the lidar is mounted upside down, as {stated} states it: its angles are mirrored")
     times, noted = _find_times(stamps, scans, settings)
     scans = [
-        Returns(scan.ranges, -scan.azimuths if mount and mount.upside_down else scan.azimuths, time, scan.intensities)
+        Returns(scan.ranges, -scan.azimuths if upside_down else scan.azimuths, time, scan.intensities)
         for scan, time in zip(scans, times, strict=True)
     ]
     notes += noted
@@ -94,7 +96,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
         poses = bags.trajectory_of(index.poses.get(name or "", ()))
         notes += bags.note_left_out(index.poses.get(name or "", ()), name)
         if poses is not None:
-            how = "carried to the lidar by /tf_static" if mount else "taken as that of the lidar itself"
+            how = f"carried to the lidar by {stated}" if mount else "taken as that of the lidar itself"
             notes.append(f"{what} from {name}, {how}")
             carried[what] = Trajectory(poses.stamps_us, se2.compose(poses.poses, mount.pose)) if mount else poses
     timed = stamp_scans(stamps, scans)
@@ -125,20 +127,21 @@ def _choose_pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
 
 
 def _read_index(path: Path, reader: AnyReader, topic: str, pose_topics: set[str | None]) -> _Index:
-    """Reads the messages of the scans, of the pose topics and of /tf_static, once."""
+    """Reads the messages of the scans, of the pose topics and of transforms, once."""
     index = _Index()
-    connections = [c for c in reader.connections if c.topic in (topic, _STATIC) or c.topic in pose_topics]
+    connections = [c for c in reader.connections if c.topic == topic or c.topic in pose_topics or Mounts.reads(c)]
     for connection, logged, raw in reader.messages(connections):
         message: Any = reader.deserialize(raw, connection.msgtype)
         if connection.topic == topic:
             with bags.name_message(path, topic, logged):
                 index.scans.append(_parse_scan(message))
-            index.stamps_us.append(bags.stamp_of(message) or logged // 1000)
+            index.stamps_us.append(index.clock.stamp(topic, message, logged))
             index.sensor_frame = message.header.frame_id
-        elif connection.topic == _STATIC:
-            index.mounts.add(message)
+        elif Mounts.reads(connection):
+            index.mounts.add(message, connection.topic)
         else:
-            index.poses.setdefault(connection.topic, []).append(bags.pose_of(connection.msgtype, message))
+            stamp = index.clock.stamp(connection.topic, message, logged)
+            index.poses.setdefault(connection.topic, []).append(bags.pose_of(connection.msgtype, message, stamp))
             if connection.msgtype == ODOMETRY_TYPE:
                 index.body_frame = message.child_frame_id
     return index

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,8 +23,11 @@ from numpy.typing import NDArray
 from mqslam.core.keyframes import KEYFRAME_POINT, KeyframeMap, Keyframes, MappedRecording, PlaceTable
 from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.sensors.tangent_plane import TangentPlane
-from mqslam.errors import DataError, OutputError, Remedy
+from mqslam.core.stored import release
+from mqslam.errors import DataError, OutputError, Remedy, untrusted
 from mqslam.execution.files import write_aside, write_json
+from mqslam.formats.shared.poses import mark_places
+from mqslam.formats.shared.stamps import LATEST_US
 from mqslam.version import __version__
 
 FOLDER: Final = "keyframes"
@@ -43,6 +46,7 @@ _KEYFRAME: Final = np.dtype(
         ("end_point", "<i8"),
     ]
 )
+_AT_A_TIME: Final = 1_000_000  # numbers of a file that are looked through together
 _REMEDY: Final = "give the folder of a result that `mqslam run` or `mqslam merge` has written"
 
 
@@ -101,8 +105,9 @@ def find_keyframes(path: Path) -> Path | None:
     return None
 
 
+@untrusted.reads_file
 def read_keyframes(path: Path) -> KeyframeMap:
-    """Opens a map; its points and descriptors stay on disk until they are asked for.
+    """Opens a map; its points and descriptors are looked through, and stay on disk until they are asked for.
 
     Args:
         path: the folder, or that of the result that holds it.
@@ -121,9 +126,14 @@ def read_keyframes(path: Path) -> KeyframeMap:
     recordings = tuple(MappedRecording(**recording) for recording in index["recordings"])
     spans = np.column_stack([rows["first_point"], rows["end_point"]])
     sound = (spans >= 0).all() and (spans <= len(points)).all() and (np.diff(spans) >= 0).all()
-    sound &= np.isin(rows["recording"], np.arange(len(recordings))).all() and np.isfinite(rows["pose"]).all()
+    sound &= np.isin(rows["recording"], np.arange(len(recordings))).all()
+    sound &= (
+        mark_places(np.column_stack([rows["pose"], rows["travelled_m"]])).all() and not np.isinf(rows["covariance"]).any()
+    )
     if not sound:
         raise DataError(folder / "keyframes.npy", "does not fit the rest of the map", _REMEDY)
+    _check_numbers(folder / "points.npy", points.view("<f4"))
+    _check_numbers(folder / "descriptors.npy", descriptors.reshape(-1))
     if not (((places >= 0) & (places < len(rows))).all()):
         raise DataError(folder / "places.npy", "names keyframes that the map does not have", _REMEDY)
     where = index["georeference"]
@@ -144,6 +154,19 @@ def read_keyframes(path: Path) -> KeyframeMap:
     return KeyframeMap(keyframes, PlaceTable(np.array(places), descriptors, index["described_with"]))
 
 
+def _check_numbers(path: Path, numbers: NDArray[Any]) -> None:
+    """Looks through the numbers (N,) of a mapped file, which is taken out of the memory again.
+
+    Raises:
+        DataError: one is not finite, or larger than anything in a map.
+    """
+    for begin in range(0, len(numbers), _AT_A_TIME):
+        if not mark_places(numbers[begin : begin + _AT_A_TIME, None].astype(np.float32)).all():
+            raise DataError(path, "holds numbers that are not finite, or far too large", _REMEDY)
+        release(numbers)
+
+
+@untrusted.reads_file
 def _read_index(path: Path) -> dict[str, Any]:
     """Reads index.json.
 
@@ -151,7 +174,7 @@ def _read_index(path: Path) -> dict[str, Any]:
         DataError: it cannot be read, or another version has written it.
     """
     try:
-        index = json.loads(path.read_text(encoding="utf-8"))
+        index = json.loads(untrusted.read_document(path))
         is_map, version = index["format"] == _FORMAT, int(index["version"])
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise DataError(path, "cannot be read as the index of a map", _REMEDY) from error
@@ -167,6 +190,10 @@ def _read_index(path: Path) -> dict[str, Any]:
             numbers = [where["latitude"], where["longitude"], *where["pose"]]
             if len(numbers) != 5 or not all(math.isfinite(float(number)) for number in numbers):
                 raise ValueError("georeference")
+        for recording in recordings:
+            name, *numbers = astuple(recording)
+            if not isinstance(name, str) or not all(abs(number) < LATEST_US for number in numbers):
+                raise ValueError("recordings")
         if min(sizes) < 0 or not recordings or not isinstance(described, dict):
             raise ValueError("sizes")
     except (ValueError, TypeError, KeyError) as error:
@@ -174,6 +201,7 @@ def _read_index(path: Path) -> dict[str, Any]:
     return dict(index)
 
 
+@untrusted.reads_file
 def _read_array(path: Path, kind: np.dtype[Any], shape: tuple[int | None, ...]) -> NDArray[Any]:
     """Maps an array of a file; None in the shape is any length.
 
@@ -181,7 +209,9 @@ def _read_array(path: Path, kind: np.dtype[Any], shape: tuple[int | None, ...]) 
         DataError: the file does not hold such an array.
     """
     try:
-        array: NDArray[Any] = np.load(path, mmap_mode="r" if 0 not in shape else None, allow_pickle=False)
+        array: NDArray[Any] = np.load(
+            untrusted.check_file(path), mmap_mode="r" if 0 not in shape else None, allow_pickle=False
+        )
     except (OSError, ValueError, EOFError) as error:
         raise DataError(path, "cannot be read", _REMEDY) from error
     fits = array.dtype == kind and array.ndim == len(shape)

@@ -13,9 +13,11 @@ from mqslam.core import se2
 from mqslam.core.point_map import OccupancyGrid
 from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.stored import release
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_aside, write_text
+from mqslam.formats.shared.poses import mark_places
 
+_WIDEST_M = 1e3  # no map has wider cells
 _OCCUPIED = 0
 _UNKNOWN = 205
 """Pixels of cells. map_server reads a pixel p as the occupancy (255 - p) / 255: 205 gives 0.19608, just above the threshold
@@ -76,6 +78,7 @@ def write_nav2_map(folder: Path, grid: OccupancyGrid, place: Georeference | None
     write_text(folder / "map.yaml", yaml.safe_dump(settings, sort_keys=False, default_flow_style=None))
 
 
+@untrusted.reads_file
 def read_nav2_map(file: Path) -> Nav2Map:
     """Reads a `map.yaml` and the image it names, as map_server would.
 
@@ -83,8 +86,10 @@ def read_nav2_map(file: Path) -> Nav2Map:
         DataError: the files are no such map.
     """
     try:
-        settings = yaml.safe_load(file.read_text(encoding="utf-8"))
-        magic, width, height, most, pixels = (file.parent / settings["image"]).read_bytes().split(maxsplit=4)
+        settings = yaml.safe_load(untrusted.read_document(file, untrusted.YAML_BYTES))
+        magic, width, height, most, pixels = (
+            untrusted.check_file(file.parent / settings["image"]).read_bytes().split(maxsplit=4)
+        )
         if (magic, most) != (b"P5", b"255"):
             raise ValueError("its image is not 8-bit grey")
         image = np.frombuffer(pixels, dtype=np.uint8).reshape(int(height), int(width))
@@ -93,7 +98,10 @@ def read_nav2_map(file: Path) -> Nav2Map:
         meaning[darkness > settings["occupied_thresh"]] = _MESSAGE_OCCUPIED
         meaning[darkness < settings["free_thresh"]] = _MESSAGE_FREE
         origin = np.array(settings["origin"], dtype=np.float64).reshape(3)
-        return Nav2Map(meaning[image[::-1]], float(settings["resolution"]), origin)
+        resolution = float(settings["resolution"])
+        if not (mark_places(origin) and 0.0 < resolution < _WIDEST_M):
+            raise ValueError("its resolution or origin is no length or place")
+        return Nav2Map(meaning[image[::-1]], resolution, origin)
     except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError) as error:
         problem = f"is not a readable map ({str(error).splitlines()[0]})"
         raise DataError(file, problem, "give the folder of a finished run") from error

@@ -8,9 +8,11 @@ from typing import Protocol, cast
 
 from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core.recording import Recording
-from mqslam.errors import ConfigError, DataError, Remedy, suggest
+from mqslam.errors import ConfigError, DataError, Remedy, suggest, untrusted
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.formats.odometry_files import read_odometry
+from mqslam.formats.recordings.mirrored import turn_as_told
+from mqslam.formats.shared.bags import explain_packed
 from mqslam.formats.shared.sensing import USUAL_TOPICS, Sensing, Stamp, Topics, is_bin_length
 from mqslam.formats.shared.target import Target
 
@@ -38,16 +40,18 @@ FORMATS = {
     "rosbag": "mqslam.formats.recordings.rosbag",
     "native": "mqslam.formats.recordings.native",
 }
+_IMAGE_FOLDERS = ("radar", "Navtech_Polar", "polar", "polar_oxford_form", "sensor_data")
 
 
 def open_recording(
-    path: Path,
+    path: Path | str,
     format: str | None = None,
     range_resolution: float | None = None,
     *,
     clockwise: bool | None = None,
     stamp: Stamp | None = None,
     topics: Topics = USUAL_TOPICS,
+    encoder_size: int | None = None,
     settings: ReadingConfig = USUAL_READING,
 ) -> Recording:
     """Opens a recording without reading its polar scans.
@@ -56,31 +60,34 @@ def open_recording(
         path: a file or folder in one of the layouts of `FORMATS`.
         format: name of the layout; None guesses it from the path.
         range_resolution: length of a range bin [m]; None takes it from the recording or the layout's default.
-        clockwise: whether the radar turns clockwise, where azimuths carry no angles; None takes the layout's default.
+        clockwise: whether the radar turns clockwise, seen from above; None takes what azimuths say, or the layout's default.
         stamp: whether the stamp of a polar scan is its start or its end, where azimuths carry no stamps; None takes the
             layout's default.
         topics: of a bag, where their types and names do not tell which ones are meant.
+        encoder_size: ticks of the encoder in a turn, where azimuths carry encoder values; None takes what the recording
+            states, else what Navtech's radars have.
         settings: how recordings are understood where they do not say.
 
     Raises:
         ConfigError: the format is unknown, or the range resolution is no length.
         DataError: the path does not exist, is in no known layout, or holds a recording that cannot be used.
     """
+    path = Path(path)
     if range_resolution is not None and not is_bin_length(range_resolution):
         raise ConfigError(f"range resolution {range_resolution}: is no length of a range bin; give metres, such as 0.0438")
     if format is not None and format not in FORMATS:
         raise ConfigError(f"format '{format}': is unknown; {suggest(format, FORMATS)}")
-    try:
+    with untrusted.blame_file(path), untrusted.stay_within(_find_root(path)):
         if not path.exists():
             raise DataError(path, "does not exist", "check the path")
         if path.is_dir() and not any(path.iterdir()):
             raise DataError(path, "is an empty folder", "give the folder or file that holds the recording")
+        untrusted.check_file(path)  # other files are checked where they are read
         layout = _load(format) if format else _guess_layout(path)
         if topics != USUAL_TOPICS and layout is not _load("rosbag"):
             raise DataError(path, "is no bag, and has no topics", "leave the topics out")
-        return layout.open_recording(path, Sensing(range_resolution, clockwise, stamp, topics), settings)
-    except OSError as error:
-        raise DataError(path, f"cannot be read ({error.strerror or error})", "check its permissions") from error
+        opened = layout.open_recording(path, Sensing(range_resolution, clockwise, stamp, topics, encoder_size), settings)
+        return turn_as_told(opened, clockwise)
 
 
 def list_targets() -> list[Target]:
@@ -91,6 +98,14 @@ def list_targets() -> list[Target]:
 def _load(format: str) -> Layout:
     """Imports the module of a layout."""
     return cast(Layout, importlib.import_module(FORMATS[format]))
+
+
+def _find_root(path: Path) -> Path:
+    """Returns the folder of the whole recording, which the path may be or lie in, as that of its images."""
+    root = path.resolve()
+    while root.name in _IMAGE_FOLDERS:
+        root = root.parent
+    return root
 
 
 def _is_result(path: Path) -> bool:
@@ -111,6 +126,8 @@ def _guess_layout(path: Path) -> Layout:
     if (path / FOLDER).is_dir():
         remedy = "give the recording that it is made from, or resume the run before its result is used"
         raise DataError(path, "is an unfinished run of mqslam, not a recording", remedy)
+    if packed := explain_packed(path):
+        raise packed
     lidars = importlib.import_module("mqslam.formats.lidars")
     if lidars.recognises(path):
         raise DataError(path, "is a lidar's recording", "give a radar's; a lidar's can be audited")

@@ -1,4 +1,4 @@
-"""The length of a range bin, as Navtech's drivers publish it beside the radar's data.
+"""The length of a range bin and the size of the encoder, as Navtech's drivers publish it beside the radar's data.
 
 Drivers of several ages publish a RadarConfigurationMessage or RadarConfigurationMsg, whose `bin_size` is a number or the
 bytes of one, in metres or in tenths of a millimetre. No radar of this kind has bins shorter than 5 mm or longer than 0.5 m,
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 _NAMES: Final = ("/RadarConfigurationMessage", "/RadarConfigurationMsg")
 _BIN_M: Final = (0.005, 0.5)  # by the hardware: bins are about 4 to 18 cm long
+_ENCODER: Final = (400, 65536)  # by the hardware: encoders have a tick for every azimuth at least, in 16 bits
+_USUAL_ENCODERS: Final = (5600, 16000)
 _PER_M: Final = (1.0, 1e4)  # units in which drivers state it
 
 
@@ -41,6 +43,31 @@ def read_bin_size(reader: AnyReader) -> tuple[float, str] | None:
             if length is not None:
                 return length, connection.topic
     return None
+
+
+def read_encoder_size(reader: AnyReader) -> int | None:
+    """Reads the ticks of the encoder in a turn; None where no message states them.
+
+    Args:
+        reader: of an open bag.
+    """
+    for message in _read_configurations(reader):
+        numbers = [number for number in _list_numbers(getattr(message, "encoder_size", 0)) if number.is_integer()]
+        sizes = [int(number) for number in numbers if _ENCODER[0] <= number <= _ENCODER[1]]
+        if sizes:  # the radar sends its bytes the high one first
+            return next((size for size in sizes if size in _USUAL_ENCODERS), sizes[-1])
+    return None
+
+
+def _read_configurations(reader: AnyReader) -> Iterator[Any]:
+    """Yields the configuration messages of a bag that can be read."""
+    for connection in reader.connections:
+        if connection.msgtype.endswith(_NAMES) and connection.msgcount:
+            for _, _, raw in reader.messages([connection]):
+                try:
+                    yield deserialise(reader, connection, raw)
+                except ValueError:
+                    break
 
 
 def _interpret(stated: Any) -> float | None:

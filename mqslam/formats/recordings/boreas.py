@@ -59,7 +59,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Row
         DataError: there are no polar scans, or a file cannot be used.
     """
     folder = oxford.find_image_folder(path)
-    images = index_rows(folder, list_stamps(folder), settings)
+    images = index_rows(folder, list_stamps(folder), settings, sensing.encoder_size)
     poses = folder.parent / "applanix" / "radar_poses.csv"
     truth, faults = read_beside(lambda: _read_poses(poses) if poses.exists() else None)
     resolution, assumed = sensing.choose_resolution(_find_resolution(int(images.stamps_us[0])), _RADAR)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.recordings.lost_columns import Restorer
 from mqslam.formats.shared.arrivals import estimate_arrivals
 from mqslam.formats.shared.azimuth_rows import note_spread, spread_azimuths
@@ -73,6 +73,7 @@ class ColumnImageRecording(Recording):
     shape: tuple[int, int]
     clockwise: bool
 
+    @untrusted.reads_recording
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Reads the polar scans start <= k < stop, one after the other.
 

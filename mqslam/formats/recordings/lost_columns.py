@@ -29,6 +29,7 @@ _STALE = 0.53  # a column that changes less since the turn before, as a share of
 #               change by at most half of that, by noise that the recorder adds, and others by more than 0.6 of it
 _ALIKE = 0.75  # copies also change by less than this share of their own spread; where there is only noise, the change is 1.4
 _MOST_LOST = 3  # seldom does a turn lose more azimuths
+_MOST_PLACED = 40  # losses of more azimuths are spread evenly: a search for their places could take minutes and gigabytes
 _KEPT = 8  # images that are kept in memory; six are looked at for each
 
 
@@ -90,7 +91,7 @@ class Restorer:
             of_neighbour: the same of an image before or after, as far as it is known.
         """
         beside = (k - 1, k + 1)
-        if not self._lost(k) or not all(self._is_there(other) for other in beside):
+        if not 0 < self._lost(k) <= _MOST_PLACED or not all(self._is_there(other) for other in beside):
             return self._spread_evenly(k)
         # a lost azimuth looks like the one before it
         sources = (np.maximum(np.maximum.accumulate(of_neighbour(other)), 0) for other in beside)

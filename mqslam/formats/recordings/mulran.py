@@ -72,7 +72,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Rec
     if folder.resolve().name == _ROWS:
         resolution, assumed = sensing.choose_resolution(RANGE_RESOLUTION_M, _RADAR)
         notes = [*assumed, *sensing.note_unused()]
-        images = index_rows(folder, names, settings)
+        images = index_rows(folder, names, settings, sensing.encoder_size)
         rows = images.to_recording(path, "mulran", resolution, ground_truth=truth, notes=notes, faults=faults)
         return _read_sensors(folder).add_to(replace(rows, is_resolution_assumed=bool(assumed)))
     columns = ColumnImages(folder, names)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_aside
 from mqslam.formats.sensors.native_sensors import pack_sensors, unpack_sensors
 from mqslam.formats.shared import npz
@@ -23,6 +23,7 @@ from mqslam.formats.shared.sensing import Sensing, is_bin_length
 from mqslam.formats.shared.target import Target
 from mqslam.formats.shared.turns import find_usual_turns, measure_turn, place_turns
 
+_MOST_TURNED = 1e6  # azimuths beyond this are damaged [rad]
 _LONGEST_TURN_S = 30.0  # turns that claim to last longer are damaged
 _REMEDY = "write it anew"
 _WRITTEN = "give a file written by mqslam"
@@ -32,6 +33,7 @@ _WRITTEN = "give a file written by mqslam"
 class NativeRecording(Recording):
     """A recording in a native `.npz`."""
 
+    @untrusted.reads_recording
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Reads the polar scans start <= k < stop, one after the other."""
         with npz.open_npz(self.path, _WRITTEN) as archive:
@@ -173,7 +175,7 @@ def _read_polar_scan(path: Path, archive: zipfile.ZipFile, k: int, start_s: floa
     valid = _read_member(path, archive, f"valid_{k:06d}", np.bool_, 1)
     if not len(times) == len(azimuths) == len(power) == len(valid):
         raise DataError(path, f"polar scan {k} has members of different lengths", _REMEDY)
-    sound = power.size and np.isfinite(azimuths).all() and np.all(np.abs(times - start_s) < _LONGEST_TURN_S)
+    sound = power.size and np.all(np.abs(azimuths) < _MOST_TURNED) and np.all(np.abs(times - start_s) < _LONGEST_TURN_S)
     if not sound or np.any(np.diff(times) < 0.0):
         raise DataError(path, f"polar scan {k} has times or azimuths that make no turn", _REMEDY)
     return PolarScan(times, azimuths, power, valid)

@@ -25,7 +25,7 @@ from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.sensors.mount import Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
-from mqslam.errors import DataError, Remedy
+from mqslam.errors import DataError, Remedy, untrusted
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.odometry_files import read_beside, read_numbers, read_odometry, write_twists
@@ -72,7 +72,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Row
     if not folder.is_dir():
         raise DataError(path, "holds no folder radar/", "give the folder whose radar/ holds <t>.png images")
     names, notes, faults = _list_names(root, folder)
-    images = index_rows(folder, names, settings)
+    images = index_rows(folder, names, settings, sensing.encoder_size)
     resolution, assumed = _find_resolution(root, sensing.range_resolution)
     end_us = int(images.stamps_us[-1] + images.turns_us[-1])
     beside, unread = read_beside(lambda: _read_ground_truth(root, int(images.stamps_us[0]), end_us))
@@ -109,7 +109,7 @@ def _list_names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str],
         return names, [], []
     present = set(names.tolist())
     try:
-        rows = [line.split() for line in listing.read_text(encoding="utf-8").splitlines() if line.strip()]
+        rows = [line.split() for line in untrusted.read_text(listing).splitlines() if line.strip()]
         listed = [(int(row[0]), row[1:2] != ["0"]) for row in rows]
     except (OSError, ValueError) as error:
         raise DataError(listing, "has lines other than '<t> 1'", "repair it, or remove it to use all images") from error
@@ -137,7 +137,7 @@ def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]
         if not file.exists():
             continue
         try:
-            value = float(json.loads(file.read_text(encoding="utf-8"))["range_resolution_m"])
+            value = float(json.loads(untrusted.read_document(file))["range_resolution_m"])
             if not is_bin_length(value):
                 raise ValueError(value)
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
@@ -172,7 +172,7 @@ def _read_mount(root: Path) -> Mount | None:
     """Reads where the radar sits, which a converted recording may state."""
     file = root / _RECORDING
     try:
-        stated = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+        stated = json.loads(untrusted.read_document(file)) if file.exists() else {}
         if _MOUNT not in stated:
             return None
         pose = np.array([float(stated[_MOUNT][key]) for key in ("x_m", "y_m", "yaw_rad")])
@@ -266,7 +266,7 @@ def write_polar_scan(folder: Path, recording: Recording, k: int, polar_scan: Pol
 
 def _format_moves(truth: Trajectory) -> str:
     """Formats poses as motions in the frames of the poses before them; Oxford's frames are y right, yaw clockwise."""
-    moves = se2.between(truth.poses[:-1], truth.poses[1:])
+    moves = se2.wrapped_between(truth.poses[:-1], truth.poses[1:])
     lines = [_COLUMNS]
     for later, earlier, (x, y, yaw) in zip(truth.stamps_us[1:], truth.stamps_us[:-1], moves.tolist(), strict=True):
         lines.append(f"{later},{earlier},{x:.6f},{-y:.6f},0,0,0,{-yaw:.6f},{later},{earlier}")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -20,14 +20,16 @@ from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
-from mqslam.errors import DataError
-from mqslam.formats.recordings.bag_configuration import read_bin_size
+from mqslam.errors import DataError, untrusted
+from mqslam.formats.recordings.bag_azimuths import open_message, read_turns
+from mqslam.formats.recordings.bag_configuration import read_bin_size, read_encoder_size
 from mqslam.formats.recordings.bag_poses import Frames
+from mqslam.formats.recordings.mirrored import mirror
 from mqslam.formats.sensors.carried import read_carried
 from mqslam.formats.sensors.ros_sensors import RosSensors, list_sensor_messages
 from mqslam.formats.shared import bags, polar_message
 from mqslam.formats.shared.arrivals import estimate_arrivals
-from mqslam.formats.shared.azimuth_rows import azimuth_stamps, note_spread, spread_azimuths
+from mqslam.formats.shared.azimuth_rows import azimuth_stamps, check_encoder, note_spread, spread_azimuths
 from mqslam.formats.shared.bag_writer import KINDS, RADAR_FRAME, VEHICLE_FRAME, Bag, write_bag
 from mqslam.formats.shared.bags import B_SCAN_TYPE, COMPRESSED_TYPE, IMAGE_TYPE, ODOMETRY_TYPE
 from mqslam.formats.shared.polar_message import Layout
@@ -57,6 +59,7 @@ class RosbagRecording(Recording):
         messages_us: (N,) int64 [us], stamp of the message of each polar scan, be it the start or the end of the turn.
         logged_ns: (N,) int64 [ns], when the message of each polar scan was recorded.
         clockwise: whether azimuths without stamps and angles of their own follow one another clockwise, seen from above.
+        encoder: encoder ticks of a turn, where they are stated.
     """
 
     topic: str
@@ -64,7 +67,9 @@ class RosbagRecording(Recording):
     messages_us: NDArray[np.int64]
     logged_ns: NDArray[np.int64]
     clockwise: bool
+    encoder: int | None = None
 
+    @untrusted.reads_recording
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Reads the polar scans start <= k < stop, one after the other."""
         wanted = range(len(self))[start:stop]
@@ -73,11 +78,14 @@ class RosbagRecording(Recording):
         k = wanted.start
         with bags.open_bag(self.path) as reader:
             connections = [connection for connection in reader.connections if connection.topic == self.topic]
-            first, after = int(self.logged_ns[k]), int(self.logged_ns[wanted[-1]]) + 1
-            for connection, logged, raw in reader.messages(connections, first, after):
+            first, after = int(self.logged_ns[k]), self._until(connections, wanted.stop)
+            for connection, logged, raw in read_turns(reader, reader.messages(connections, first, after), self.topic):
                 try:
-                    message = bags.deserialise(reader, connection, raw)
-                    if _stamp_us(self.layout, message, logged) != self.messages_us[k]:
+                    message = open_message(reader, connection, raw)
+                    if (
+                        _stamp_us(self.layout, message, bags.Clock(), (self.topic, logged), self.encoder)
+                        != self.messages_us[k]
+                    ):
                         continue
                 except ValueError:  # the index has left it out, too
                     continue
@@ -89,10 +97,16 @@ class RosbagRecording(Recording):
                     return
         raise DataError(self.path, f"polar scan {k} on {self.topic} is gone", "the bag changed since it was opened")
 
+    def _until(self, connections: list[Connection], stop: int) -> int | None:
+        """Returns when all messages of the polar scans before `stop` are recorded [ns]; None if the bag ends with them."""
+        if not any(connection.msgtype.endswith(bags.FFT_NAMES) for connection in connections):
+            return int(self.logged_ns[stop - 1]) + 1
+        return int(self.logged_ns[stop]) if stop < len(self) else None
+
     def _polar_scan(self, k: int, message: Any) -> PolarScan:
         power = polar_message.read_power(self.layout, message)
         if self.layout.stamps_azimuths:
-            azimuths = polar_message.read_azimuths(self.layout, message)
+            azimuths = polar_message.read_azimuths(self.layout, message, self.encoder)
         else:
             begin, duration = int(self.stamps_us[k]), int(self.turns_us[k])
             azimuths = spread_azimuths(len(power), begin, duration, clockwise=self.clockwise)
@@ -104,7 +118,7 @@ def recognises(path: Path) -> bool:
     return bags.recognises(path)
 
 
-def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> RosbagRecording:
+def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Recording:
     """Indexes a bag in one pass over its messages, of which only stamps, poses and the readings of sensors stay.
 
     Args:
@@ -116,10 +130,13 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         DataError: the bag cannot be read, has no radar topic, or a radar message cannot be used.
     """
     with bags.open_bag(path) as reader:
-        topic, layout, notes = polar_message.choose_topic(path, reader, sensing.topics.radar)
+        encoder = sensing.encoder_size or read_encoder_size(reader)
+        topic, layout, notes = polar_message.choose_topic(path, reader, sensing.topics.radar, encoder)
         odometry_topic, truth_topic = _choose_pose_topics(path, reader, sensing.topics)
         sensors, stated = RosSensors.choose(reader), read_bin_size(reader)
-        index = _read_index(path, reader, (topic, layout), {odometry_topic, truth_topic} - {None}, sensors, settings)
+        index = _read_index(
+            path, reader, (topic, layout, encoder), {odometry_topic, truth_topic} - {None}, sensors, settings
+        )
     ordered = np.ones(len(index.stamps_us), dtype=np.bool_)
     if layout.stamps_azimuths:  # else the order of messages is that of the polar scans
         ordered = mark_increasing(index.stamps_us)
@@ -129,9 +146,12 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
     faults = [unread] if index.unread else []
     if skipped := len(ordered) - len(messages_us):
         faults.append(f"the stamps of {count_of(skipped, 'message')} on {topic} repeat or run backward: left out")
-    clockwise, stamp_sigma_s = sensing.clockwise is not False, 0.0
+    upside_down = sensors.mounts.is_upside_down(index.radar_frame)
+    clockwise, stamp_sigma_s = (not upside_down if sensing.clockwise is None else sensing.clockwise), 0.0
     if layout.stamps_azimuths:
         measured = [turn for turn, kept in zip(index.measured_turns_us, ordered.tolist(), strict=True) if kept]
+        if encoder is None:
+            faults += check_encoder(path, messages_us, [measured[0], measured[-1]], index.turn_ticks)
         usual = find_usual_turns(messages_us, settings, measured.__getitem__)
         starts, turns = place_turns(messages_us, "start", usual, settings)
         turns[-1] = index.turns_us[int(np.flatnonzero(ordered)[-1])] or turns[-1]
@@ -153,6 +173,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
     odometry, truth = (bags.trajectory_of(index.poses.get(name or "", ())) for name in (odometry_topic, truth_topic))
     for name in (odometry_topic, truth_topic):
         faults += bags.note_left_out(index.poses.get(name or "", ()), name)
+    notes += index.clock.notes
     carried = read_carried(
         lambda: sensors.read_gyroscope(path),
         lambda: sensors.read_fixes(path),
@@ -185,8 +206,17 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         messages_us=messages_us,
         logged_ns=np.array(index.logged_ns, dtype=np.int64)[ordered],
         clockwise=clockwise,
+        encoder=encoder,
     )
-    return carried.add_to(recording)
+    placed = carried.add_to(recording)
+    if not upside_down:
+        return placed
+    over = f"{sensors.mounts.topics[bags.name_frame(index.radar_frame)]} places the radar upside down"
+    if sensing.clockwise is not None:
+        return replace(placed, notes=(*placed.notes, f"{over}, which counts for nothing since sensor.clockwise is set"))
+    if layout.stamps_azimuths:
+        return mirror(placed, f"{over}: what it sees is mirrored")
+    return replace(placed, notes=(*placed.notes, f"{over}: it turns counter-clockwise, seen from above"))
 
 
 @dataclass(slots=True)
@@ -195,7 +225,7 @@ class _Index:
 
     Turns are those of polar scans whose azimuths are stamped, None where these do not tell; of the messages that are no
     polar scans, the first is kept as an error. The radar's frame is that of its first message, and so is that whose poses
-    a topic has, "" where its messages do not name it.
+    a topic has, "" where its messages do not name it. `turn_ticks` are taken as a turn of the encoder if none are stated.
     """
 
     stamps_us: list[int] = field(default_factory=list)
@@ -206,7 +236,9 @@ class _Index:
     error: DataError | None = None
     poses: dict[str, list[bags.PoseRow]] = field(default_factory=dict)
     radar_frame: str = ""
+    turn_ticks: int = 0
     frames: dict[str, str] = field(default_factory=dict)
+    clock: bags.Clock = field(default_factory=bags.Clock)
 
 
 def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[str | None, str | None]:
@@ -229,28 +261,29 @@ def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[s
 def _read_index(
     path: Path,
     reader: AnyReader,
-    radar: tuple[str, Layout],
+    radar: tuple[str, Layout, int | None],
     pose_topics: set[str | None],
     sensors: RosSensors,
     settings: ReadingConfig,
 ) -> _Index:
     """Reads the messages of the radar, of the pose topics and of the sensors, once."""
-    topic, layout = radar
+    topic, layout, encoder = radar
     index = _Index()
     read = [c for c in reader.connections if c.topic == topic or c.topic in pose_topics or sensors.reads(c.topic)]
-    for connection, logged, raw in reader.messages(read):
+    for connection, logged, raw in read_turns(reader, reader.messages(read), topic):
         if sensors.reads(connection.topic):
             sensors.add(reader, connection, logged, raw)
             continue
         if connection.topic != topic:
             message: Any = reader.deserialize(raw, connection.msgtype)
-            index.poses.setdefault(connection.topic, []).append(bags.pose_of(connection.msgtype, message))
+            stamp = index.clock.stamp(connection.topic, message, logged)
+            index.poses.setdefault(connection.topic, []).append(bags.pose_of(connection.msgtype, message, stamp))
             index.frames.setdefault(connection.topic, getattr(message, "child_frame_id", ""))
             continue
         try:
             with bags.name_message(path, topic, logged):
-                message = bags.deserialise(reader, connection, raw)
-                stamp = _stamp_us(layout, message, logged)
+                message = open_message(reader, connection, raw)
+                stamp = _stamp_us(layout, message, index.clock, (topic, logged), encoder)
         except DataError as error:
             index.unread += 1
             index.error = index.error or error.with_traceback(None)
@@ -259,7 +292,8 @@ def _read_index(
         index.logged_ns.append(logged)
         index.radar_frame = index.radar_frame or polar_message.read_frame(message)
         if layout.stamps_azimuths:
-            azimuths = polar_message.read_azimuths(layout, message)
+            index.turn_ticks = max(index.turn_ticks, polar_message.find_turn(layout, message))
+            azimuths = polar_message.read_azimuths(layout, message, encoder)
             index.turns_us.append(azimuths.find_duration(settings))
             index.measured_turns_us.append(azimuths.measure_turn(settings))
     if 2 * index.unread > index.unread + len(index.stamps_us) and index.error is not None:
@@ -267,13 +301,14 @@ def _read_index(
     return index
 
 
-def _stamp_us(layout: Layout, message: Any, logged_ns: int) -> int:
+def _stamp_us(layout: Layout, message: Any, clock: bags.Clock, recorded: tuple[str, int], encoder: int | None) -> int:
     """Returns the stamp [us] of a message: its first azimuth's, else the header's, else when it was recorded."""
     if layout.stamps_azimuths:
-        return int(polar_message.read_azimuths(layout, message).stamps_us[0])
+        return int(polar_message.read_azimuths(layout, message, encoder).stamps_us[0])
     if message.__msgtype__ != COMPRESSED_TYPE:  # decoding every image of a bag only to index it takes minutes
         polar_message.read_pixels(message)
-    return bags.stamp_of(message) or logged_ns // 1000
+    topic, logged_ns = recorded
+    return clock.stamp(topic, message, logged_ns)
 
 
 def write(kind: str, message: Message, out: Path, recording: Recording) -> list[str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.sensors import fixes_csv, gyroscope_csv
 from mqslam.formats.sensors.boreas_fixes import TIME, read_boreas_fixes
 from mqslam.formats.sensors.boreas_imus import APPLANIX_COLUMN, DMU_NAMES, read_boreas_imu
@@ -19,6 +19,7 @@ from mqslam.formats.sensors.sensor_table import read_header
 __all__ = ["read_fixes", "read_gyroscope"]
 
 
+@untrusted.reads_file
 def read_gyroscope(path: Path) -> Reading[Gyroscope]:
     """Reads a file of a gyroscope: CSV `t,wx,wy,wz`, or one of those that Oxford, Boreas and MulRan have.
 
@@ -33,6 +34,7 @@ def read_gyroscope(path: Path) -> Reading[Gyroscope]:
     return read_mulran_imu(header) if header.holds_numbers else gyroscope_csv.read_gyroscope_csv(header)
 
 
+@untrusted.reads_file
 def read_fixes(path: Path, start_us: int) -> Reading[Fixes]:
     """Reads a file of GNSS fixes: NMEA, CSV `t,lat,lon[,sigma_m]`, or one of those that Oxford, Boreas and MulRan have.
 
@@ -54,7 +56,7 @@ def read_fixes(path: Path, start_us: int) -> Reading[Fixes]:
 def _holds_sentences(path: Path) -> bool:
     """Returns whether a file is an NMEA log: by its suffix, or since a sentence stands in its first line."""
     try:
-        with path.open(encoding="ascii", errors="replace") as lines:
+        with untrusted.open_text(path, "ascii", "replace") as lines:
             return path.suffix.lower() == ".nmea" or "$" in lines.readline(200)
     except FileNotFoundError as error:
         raise DataError(path, "does not exist", "check the path") from error

@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.sensors.mount import Mount
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 
 TO_FORWARD = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Takes vectors of the Applanix frame to x forward, y left, z up."""
 _SQUARE = 1e-3  # the rows of a rotation in a file are of unit length and square to one another within this
 
 
+@untrusted.reads_file
 def read_boreas_mount(calibration: Path) -> Mount | None:
     """Reads the pose of the radar in the Applanix frame, or returns None where the calibrations do not state it.
 
@@ -49,9 +50,15 @@ def read_transform(file: Path) -> NDArray[np.float64]:
         DataError: the file holds none.
     """
     try:
-        matrix = np.loadtxt(file, ndmin=2)
+        with untrusted.open_text(file) as lines:
+            matrix = np.loadtxt(lines, ndmin=2)
         turn = matrix[:3, :3]
-        if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.abs(turn @ turn.T - np.eye(3)).max() > _SQUARE:
+        if (
+            matrix.shape != (4, 4)
+            or not np.array_equal(matrix[3], (0.0, 0.0, 0.0, 1.0))
+            or not np.isfinite(matrix).all()
+            or np.abs(turn @ turn.T - np.eye(3)).max() > _SQUARE
+        ):
             raise ValueError("its rows are no rotation and translation")
     except (OSError, ValueError) as error:
         reason = str(error).splitlines()[0]

@@ -9,7 +9,8 @@ import numpy as np
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.execution.files import write_text
 from mqslam.formats.sensors.reading import Reading, make_fixes
-from mqslam.formats.sensors.sensor_table import Header, read_sensor_table
+from mqslam.formats.sensors.sensor_table import Header, read_converted
+from mqslam.formats.shared.columns import DEGREES
 
 REMEDY = "give an NMEA log, or a CSV whose header is t,lat,lon[,sigma_m]: microseconds, degrees and metres"
 
@@ -24,9 +25,8 @@ def read_fixes_csv(header: Header, *, made_truth: bool = False) -> Reading[Fixes
     Raises:
         DataError: a column is missing, or no row can be used.
     """
-    columns = header.find(("t", "lat", "lon"), REMEDY)
-    columns += [header.names.index("sigma_m")] if "sigma_m" in header.names else []
-    table = read_sensor_table(header, columns, "us")
+    stated = [("sigma_m", {"m": 1.0})] if "sigma_m" in header.names else []
+    table = read_converted(header, [("lat", DEGREES), ("lon", DEGREES), *stated], REMEDY)
     if table.columns.shape[1] < 3:
         table = table.with_columns(np.column_stack([table.columns, np.full(len(table.columns), np.nan)]))
     return make_fixes(header.path, str(header.path), table, made_truth=made_truth)

@@ -7,7 +7,8 @@ from pathlib import Path
 from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.execution.files import write_text
 from mqslam.formats.sensors.reading import Reading, make_gyroscope
-from mqslam.formats.sensors.sensor_table import Header, read_sensor_table
+from mqslam.formats.sensors.sensor_table import Header, read_converted
+from mqslam.formats.shared.columns import RATES
 
 REMEDY = "give a CSV whose header is t,wx,wy,wz: microseconds, and rad/s about x forward, y left and z up"
 
@@ -21,7 +22,7 @@ def read_gyroscope_csv(header: Header) -> Reading[Gyroscope]:
     Raises:
         DataError: a column is missing, or fewer than two rows can be used.
     """
-    table = read_sensor_table(header, header.find(("t", "wx", "wy", "wz"), REMEDY), "us")
+    table = read_converted(header, [(name, RATES) for name in ("wx", "wy", "wz")], REMEDY)
     return make_gyroscope(header.path, str(header.path), table)
 
 

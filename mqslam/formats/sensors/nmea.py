@@ -18,7 +18,7 @@ import numpy as np
 
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.wording import count_of, is_or_are
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.sensors.reading import Reading, make_fixes
 from mqslam.formats.sensors.sensor_table import SensorTable
 
@@ -152,7 +152,7 @@ def _list_sentences(path: Path) -> Iterator[_Sentence]:
         DataError: the log cannot be read.
     """
     try:
-        with path.open(encoding="ascii", errors="replace") as lines:
+        with untrusted.open_text(path, "ascii", "replace") as lines:
             for line in lines:
                 _, dollar, sentence = line.partition("$")
                 if not dollar:

@@ -15,12 +15,14 @@ import numpy as np
 
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.sensors.reading import Reading, make_fixes, make_gyroscope
 from mqslam.formats.sensors.sensor_table import SensorTable
 from mqslam.formats.shared.stamps import format_frame, read_listing
 
 NAME = "GPS_IMU_Twist"
 _PLACE, _EAST, _NORTH, _RATES = 0, 1, 2, 5  # lines: position, two rows of its covariance, turn rates
+_MOST_BYTES = 10_000  # of a message, which has about 500
 _DOWN = (1.0, -1.0, -1.0)  # from x forward, y right, z down to x forward, y left, z up
 
 
@@ -67,10 +69,12 @@ def make_radiate_fixes(root: Path, messages: SensorTable) -> Reading[Fixes]:
 def _read_message(file: Path) -> list[float]:
     """Reads latitude, longitude, standard deviation and three turn rates from a file; NaN where it cannot be read."""
     try:
-        lines = [[float(word) for word in line.split(",")] for line in file.read_text(encoding="utf-8").splitlines()]
+        lines = [
+            [float(word) for word in line.split(",")] for line in untrusted.read_document(file, _MOST_BYTES).splitlines()
+        ]
         latitude, longitude = lines[_PLACE][:2]
         variance = 0.5 * (lines[_EAST][0] + lines[_NORTH][1])
         x, y, z = lines[_RATES]
-    except (OSError, ValueError, IndexError):
+    except (OSError, ValueError, IndexError, DataError):
         return [float("nan")] * 6
     return [latitude, longitude, float(np.sqrt(max(variance, 0.0))), x, y, z]

@@ -14,6 +14,7 @@ from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError
 from mqslam.formats.sensors.sensor_table import SensorTable
+from mqslam.formats.shared.poses import mark_places
 from mqslam.formats.shared.stamps import mark_increasing
 
 _FASTEST_TURN = np.pi  # no vehicle turns faster than half round in a second [rad/s]: such readings are in another unit
@@ -49,7 +50,7 @@ def make_gyroscope(path: Path, source: str, table: SensorTable, *notes: str, own
     Raises:
         DataError: fewer than two rows can be used.
     """
-    finite = np.asarray(np.isfinite(table.columns).all(axis=1))
+    finite = mark_places(table.columns)
     kept, faults = _choose_rows(source, table, finite, "numbers that are not finite")
     if np.count_nonzero(kept) < 2:
         has = "finite rates" if np.count_nonzero(finite) < 2 else "a later stamp than those before it"
@@ -80,7 +81,9 @@ def make_fixes(path: Path, source: str, table: SensorTable, *notes: str, made_tr
     if not kept.any():
         has = "a latitude within 90 degrees and a longitude within 180 degrees that are not both 0"
         problem = _describe_unusable(table, 0, "position of a GNSS receiver", has)
-        raise DataError(path, problem, "give a log with fixes, in degrees")
+        swapped = (np.abs(longitudes) <= 90.0) & (np.abs(latitudes) <= 180.0) & (np.abs(latitudes) > 90.0)
+        hint = ": its latitudes seem to be longitudes, and the other way round" if swapped.any() else ""
+        raise DataError(path, problem, f"give a log with fixes, in degrees{hint}")
     sigmas = np.where(np.isfinite(sigmas) & (sigmas > 0.0), sigmas, np.nan)
     fixes = Fixes(table.stamps_us[kept], latitudes[kept], longitudes[kept], sigmas[kept], source, made_truth)
     return Reading(fixes, notes, faults)

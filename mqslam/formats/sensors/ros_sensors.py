@@ -1,4 +1,4 @@
-"""Sensors in ROS bags: `sensor_msgs/Imu`, `sensor_msgs/NavSatFix`, and where the radar sits by /tf_static.
+"""Sensors in ROS bags: `sensor_msgs/Imu`, `sensor_msgs/NavSatFix`, and where the radar sits by /tf_static or /tf.
 
 Fixes on a topic whose name says that it is ground truth are those that the ground truth was made from.
 """
@@ -35,7 +35,7 @@ STATIC_TOPIC = "/tf_static"
 _IMU_TOPIC, _FIX_TOPIC, _TRUTH_FIX_TOPIC = "/imu/data", "/gps/fix", "/ground_truth/fix"
 _IMU_FRAME, _FIX_FRAME = "imu", "gps"  # no transform places them: rates stay about the axes that they are read about
 _NOT_GIVEN = -1.0  # first number of a covariance whose quantity an Imu does not state
-_NO_FIX = -1  # status of a NavSatFix
+_NO_FIX, _UNKNOWN = -1, -2  # statuses of a NavSatFix; drivers that never set it leave the last one
 
 
 @dataclass(slots=True)
@@ -52,12 +52,16 @@ class RosSensors:
         imu_frame: frame of the gyroscope.
         unread: number of messages that are damaged, by topic.
         unfixed: number of messages without a fix.
-        mounts: the static transforms.
+        unstated: number of messages that do not state whether they have a fix.
+        transform_topics: topics of transforms, of which those count that never change.
+        mounts: these transforms.
+        clock: reads the stamps of messages.
     """
 
     imu_topic: str | None
     fix_topic: str | None
     others: tuple[str, ...]
+    transform_topics: tuple[str, ...] = ()
     imu_stamps: array[int] = field(default_factory=lambda: array("q"))
     rates: array[float] = field(default_factory=lambda: array("d"))
     imu_frame: str = ""
@@ -65,34 +69,37 @@ class RosSensors:
     places: array[float] = field(default_factory=lambda: array("d"))
     unread: dict[str, int] = field(default_factory=dict)
     unfixed: int = 0
+    unstated: int = 0
     mounts: Mounts = field(default_factory=Mounts)
+    clock: bags.Clock = field(default_factory=bags.Clock)
 
     @classmethod
     def choose(cls, reader: AnyReader) -> RosSensors:
         """Chooses the topics of a bag: those with most messages, and ground truth only where there is no other."""
         imus = [topic for topic in _rank_topics(reader, IMU_TYPE) if not _is_truth(topic)]
         receivers = _rank_topics(reader, FIX_TYPE)
-        return cls(next(iter(imus), None), next(iter(receivers), None), (*imus[1:], *receivers[1:]))
+        transforms = tuple(dict.fromkeys(c.topic for c in reader.connections if Mounts.reads(c)))
+        return cls(next(iter(imus), None), next(iter(receivers), None), (*imus[1:], *receivers[1:]), transforms)
 
     def reads(self, topic: str) -> bool:
         """Returns whether the messages of a topic are to be added."""
-        return topic in (self.imu_topic, self.fix_topic, STATIC_TOPIC)
+        return topic in (self.imu_topic, self.fix_topic, *self.transform_topics)
 
     def add(self, reader: AnyReader, connection: Connection, logged_ns: int, raw: bytes) -> None:
         """Takes in a message of one of the topics; a damaged one is counted."""
         try:
             message = bags.deserialise(reader, connection, raw)
-            if connection.topic == STATIC_TOPIC:
-                self.mounts.add(message)
+            if connection.topic in self.transform_topics:
+                self.mounts.add(message, connection.topic)
             elif connection.topic == self.imu_topic:
-                self._add_rates(message, bags.stamp_of(message) or logged_ns // 1000)
+                self._add_rates(message, self.clock.stamp(connection.topic, message, logged_ns))
             else:
-                self._add_place(message, bags.stamp_of(message) or logged_ns // 1000)
+                self._add_place(message, self.clock.stamp(connection.topic, message, logged_ns))
         except (ValueError, OverflowError, AttributeError):
             self.unread[connection.topic] = self.unread.get(connection.topic, 0) + 1
 
     def read_gyroscope(self, path: Path) -> Reading[Gyroscope] | None:
-        """Returns the gyroscope, its rates turned to the vehicle's axes where /tf_static places it; None without a topic.
+        """Returns the gyroscope, its rates turned to the vehicle's axes where transforms place it; None without a topic.
 
         Raises:
             DataError: fewer than two messages can be used.
@@ -115,26 +122,27 @@ class RosSensors:
         Raises:
             DataError: no message can be used.
         """
-        if self.fix_topic is None or (self.unfixed and not self.fix_stamps):
+        if self.fix_topic is None or ((self.unfixed or self.unstated) and not self.fix_stamps):
             return None
         places = np.array(self.places, dtype=np.float64).reshape(-1, 3)
         table = self._tabulate(self.fix_topic, self.fix_stamps, places)
         return make_fixes(path, self.fix_topic, table, made_truth=_is_truth(self.fix_topic))
 
     def read_mount(self, path: Path, radar_frame: str) -> Mount | None:
-        """Returns where /tf_static places the radar on the vehicle; None where it does not.
+        """Returns where the transforms place the radar on the vehicle; None where they do not.
 
         Raises:
             DataError: it holds damaged messages, or transforms that are not finite.
         """
-        mount = self.mounts.find(radar_frame, "") if bags.name_frame(radar_frame) in self.mounts.parents else None
+        topic = self.mounts.topics.get(bags.name_frame(radar_frame))
+        mount = self.mounts.find(radar_frame, "") if topic else None
         if mount is None:
             if damaged := self.unread.get(STATIC_TOPIC):
                 raise DataError(path, f"holds {count_of(damaged, 'damaged message')} on {STATIC_TOPIC}", "repair the bag")
             return None
         if not np.isfinite(mount.pose).all():
-            raise DataError(path, f"places {radar_frame} by transforms that are not finite", f"repair {STATIC_TOPIC}")
-        return Mount(mount.pose, STATIC_TOPIC)
+            raise DataError(path, f"places {radar_frame} by transforms that are not finite", f"repair {topic}")
+        return Mount(mount.pose, topic or STATIC_TOPIC)
 
     @property
     def notes(self) -> list[str]:
@@ -144,7 +152,10 @@ class RosSensors:
         notes += [f"{', '.join(self.others)}: other sensors of these kinds, not read"] if self.others else []
         if self.unfixed:
             notes.append(f"{count_of(self.unfixed, 'message')} on {self.fix_topic} without a fix")
-        return notes
+        if self.unstated:
+            said = "whose status is not set (-2): those with a place are taken as fixes"
+            notes.append(f"{count_of(self.unstated, 'message')} on {self.fix_topic} {said}")
+        return notes + self.clock.notes
 
     def _add_rates(self, message: Any, stamp_us: int) -> None:
         if message.angular_velocity_covariance[0] == _NOT_GIVEN:
@@ -155,8 +166,10 @@ class RosSensors:
         self.imu_frame = message.header.frame_id
 
     def _add_place(self, message: Any, stamp_us: int) -> None:
-        if message.status.status <= _NO_FIX:
-            self.unfixed += 1
+        is_unknown = message.status.status == _UNKNOWN
+        self.unstated += is_unknown
+        if message.status.status <= _NO_FIX and not (is_unknown and _is_place(message.latitude, message.longitude)):
+            self.unfixed += not is_unknown
             return
         known = message.position_covariance_type != 0
         variance = float(message.position_covariance[0] + message.position_covariance[4]) / 2.0 if known else np.nan
@@ -166,6 +179,11 @@ class RosSensors:
 
     def _tabulate(self, topic: str, stamps: array[int], columns: NDArray[np.float64]) -> SensorTable:
         return SensorTable(np.array(stamps, dtype=np.int64), columns, self.unread.get(topic, 0))
+
+
+def _is_place(latitude: float, longitude: float) -> bool:
+    """Returns whether a latitude and a longitude [degrees] are a place, and not what a receiver without one leaves."""
+    return bool(np.isfinite([latitude, longitude]).all()) and (latitude, longitude) != (0.0, 0.0)
 
 
 def _rank_topics(reader: AnyReader, kind: str) -> list[str]:

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
+from mqslam.formats.shared.columns import find_column, find_stamps
 from mqslam.formats.shared.stamps import LATEST_US, UNITS, guess_unit
 
 _LONGEST_LINE = 10_000  # characters of a table's first line: in a longer one the file is no table
@@ -78,7 +79,7 @@ def read_header(path: Path, remedy: str) -> Header:
         DataError: there is none, or the file does not exist or is no text.
     """
     try:
-        with path.open(encoding="utf-8-sig") as file:
+        with untrusted.open_text(path, "utf-8-sig") as file:
             number = 0
             while line := file.readline(_LONGEST_LINE):
                 number += 1
@@ -117,15 +118,41 @@ def read_sensor_table(
     return SensorTable(stamps_us, numbers[timed, 1:], int(np.count_nonzero(~timed)))
 
 
+def read_converted(header: Header, wanted: Sequence[tuple[str, dict[str, float]]], remedy: str) -> SensorTable:
+    """Reads columns whose names may state their units; stamps that state none are in microseconds.
+
+    Args:
+        header: the first line of the table.
+        wanted: names of the columns beside that of the stamps, and the units that each may have.
+        remedy: what to give in place of the file.
+
+    Raises:
+        DataError: the file cannot be read, or a column is missing or states a unit that cannot be converted.
+    """
+    stamps = find_stamps(header.names)
+    found = [find_column(header.path, header.names, name, units) for name, units in wanted]
+    if not stamps or None in found:
+        lacking = [name for (name, _), column in zip(wanted, found, strict=True) if column is None]
+        header.find([*([] if stamps else ["t"]), *lacking], remedy)
+    columns, factors = zip(*(column for column in found if column is not None), strict=True)
+    table = read_sensor_table(header, [*(column for column, _ in stamps), *columns], stamps[0][1] or "us")
+    readings, stamps_us = table.columns[:, len(stamps) - 1 :] * np.array(factors), table.stamps_us
+    if len(stamps) == 1:
+        return table.with_columns(readings)
+    parts_us = np.round(np.nan_to_num(table.columns[:, 0]) / 1000.0).astype(np.int64)
+    own = np.abs(parts_us).max(initial=0) > 10**6  # stamps of their own, in nanoseconds
+    return SensorTable(parts_us if own else stamps_us + parts_us, readings, table.unread)
+
+
 def _read_numbers(path: Path, columns: Sequence[int], skipped: int, parse: Mapping[int, Parse]) -> NDArray[np.float64]:
     """Reads columns (N, len(columns)) of all lines but the first ones; NaN where a cell is no number."""
     try:
-        with path.open(encoding="utf-8-sig") as file:
+        with untrusted.open_text(path, "utf-8-sig") as file:
             for _ in range(skipped):
                 file.readline()
             if not any(line.split("#", 1)[0].strip() for line in file):  # NumPy warns of a file without rows
                 return np.empty((0, len(columns)))
-        with path.open(encoding="utf-8-sig") as file:
+        with untrusted.open_text(path, "utf-8-sig") as file:
             words: dict[int | str, Parse] = dict(parse.items())
             return np.loadtxt(
                 file, delimiter=",", converters=words or None, skiprows=skipped, usecols=list(columns), ndmin=2
@@ -139,7 +166,7 @@ def _read_numbers(path: Path, columns: Sequence[int], skipped: int, parse: Mappi
 def _read_lines(path: Path, columns: Sequence[int], skipped: int, parse: Mapping[int, Parse]) -> NDArray[np.float64]:
     """Reads what `_read_numbers` does, line by line."""
     rows: list[list[float]] = []
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
+    with untrusted.open_text(path, "utf-8-sig", "replace") as file:
         for number, line in enumerate(file):
             if number < skipped or not line.strip() or line.startswith("#"):
                 continue

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +22,11 @@ TURN_TICKS = 5600
 """Bytes before the power in an Oxford row, the one among them that flags, and encoder ticks of a turn."""
 FIRST_NS = 1e17
 """Larger than any stamp since 1970 in us, and smaller than that of any radar's recording in ns."""
+STATE_ENCODER = "state the encoder's ticks per turn by sensor.encoder_size if it has others"
+_NEAR_STEPS = 5  # steps between polar scans at either end whose median tells how long a turn takes there
+_OVERLAP = 1.05  # no turn of a radar takes so many times as long as until the next one begins: it keeps its rate better
+_MADE = (500, 512, 1000, 1024, 1250, 1800, 2000, 2048, 2500, 3000, 3600, 4000, 4096, 5000, 7200, 8000, 8192, 10000, 16000)
+_SAME_SIZE = 0.02  # how well the steps between polar scans show the ticks of a turn
 _LONGEST_TURN_US = 30e6  # a stamp further than this from the others of its turn is damaged
 
 
@@ -82,7 +89,7 @@ def repair_azimuths(
         turn: encoder ticks of a turn.
 
     Raises:
-        ValueError: there are under two rows, or under half of the times or ticks are usable.
+        ValueError: there are under two rows, or under half of the times or ticks are usable, or half of the ticks are alike.
     """
     if len(stamps_us) < 2:
         raise ValueError(f"has {len(stamps_us)} azimuths")
@@ -94,7 +101,12 @@ def repair_azimuths(
     rotating = _mark_increasing(unwrapped, inside)
     for usable, what in ((timed, "times that increase"), (rotating, f"encoder values of one turn (0..{turn})")):
         if 2 * np.count_nonzero(usable) < len(usable):
-            raise ValueError(f"has no {what} in its rows")
+            hint = f"; {STATE_ENCODER}" if np.max(ticks) > turn else ""
+            raise ValueError(f"has no {what} in its rows{hint}")
+    values, counts = np.unique(ticks, return_counts=True)
+    if 2 * counts.max() > len(ticks) > 2 and np.ptp(stamps_us) > 0:
+        value, many = values[counts.argmax()], f"{counts.max()} of its {len(ticks)} rows"
+        raise ValueError(f"has the encoder value {value} in {many}: the radar's encoder told nothing")
     rows = np.arange(len(ticks))
     if not timed.all():
         stamps_us = np.round(np.interp(rows, rows[timed], stamps_us[timed])).astype(np.int64)
@@ -124,11 +136,50 @@ def note_spread(whose: str, stamp: Stamp, clockwise: bool) -> str:
     )
 
 
-def read_metadata(image: NDArray[np.uint8], *, flags_validity: bool = True) -> Azimuths:
+def check_encoder(
+    path: Path, stamps_us: NDArray[np.int64], ends: Sequence[float | None], turn: int = TURN_TICKS
+) -> list[str]:
+    """Checks that turns do not overlap by far, which they seem to where the encoder has fewer ticks than is taken.
+
+    They also seem to where the radar sweeps a part of the turn only, slowly. Such a recording is told from one of another
+    encoder by the number of ticks, since encoders are made with a few of them.
+
+    Args:
+        path: of the recording.
+        stamps_us: (N,) of its polar scans [us].
+        ends: how long the first and the last turn take at the rate of their azimuths [us]; None where these do not tell.
+        turn: encoder ticks that were taken as a turn.
+
+    Returns:
+        A fault for the user where they do, but no encoder that is made has as many ticks as the turns show.
+
+    Raises:
+        DataError: they do, as with an encoder of another size.
+    """
+    steps = np.diff(stamps_us)
+    if len(steps) < _NEAR_STEPS:
+        return []
+    until_next = [float(np.median(near)) for near in (steps[:_NEAR_STEPS], steps[-_NEAR_STEPS:])]
+    too_long = [end / until for end, until in zip(ends, until_next, strict=True) if end is not None]
+    if len(too_long) < 2 or min(too_long) < _OVERLAP or max(too_long) > _OVERLAP * min(too_long):
+        return []
+    ticks = turn / float(np.mean(too_long))
+    problem = f"its encoder values sweep {ticks:.0f} of {turn} ticks while the radar turns once"
+    if not any(abs(ticks - size) < _SAME_SIZE * size for size in _MADE):
+        return [f"{problem}: it sweeps a part of the turn only, or sensor.encoder_size is to be set to the ticks of a turn"]
+    raise DataError(path, problem, f"set sensor.encoder_size to the ticks of a turn, about {ticks:.0f}")
+
+
+def read_metadata(image: NDArray[np.uint8], *, flags_validity: bool = True, turn: int = TURN_TICKS) -> Azimuths:
     """Reads the azimuths of an image (A, 11 + B) of Oxford rows.
 
     A row begins with int64 time [us or ns], uint16 encoder (5600 a turn, clockwise from straight ahead), both
     little-endian, and a byte that is 255 where the azimuth was measured, unless it flags something else.
+
+    Args:
+        image: the rows.
+        flags_validity: whether the byte says which azimuths were measured.
+        turn: encoder ticks of a turn.
 
     Raises:
         ValueError: the rows are no Oxford rows.
@@ -139,13 +190,22 @@ def read_metadata(image: NDArray[np.uint8], *, flags_validity: bool = True) -> A
     stamps = np.ascontiguousarray(head[:, :8]).view("<i8")[:, 0].astype(np.int64)
     measured = head[:, FLAG_BYTE] == 255 if flags_validity else np.ones(len(head), dtype=np.bool_)
     ticks = np.ascontiguousarray(head[:, 8:10]).view("<u2")[:, 0].astype(np.uint16)
-    return repair_azimuths(stamps_in_us(stamps), ticks, measured)
+    return repair_azimuths(stamps_in_us(stamps), ticks, measured, turn)
 
 
-def has_metadata(image: NDArray[np.uint8]) -> bool:
+def has_times(image: NDArray[np.uint8]) -> bool:
+    """Returns whether the rows of an image (A, W) begin with the times of a turn, whatever their angles."""
+    if len(image) < 2 or image.shape[1] <= METADATA_BYTES:
+        return False
+    stamps = np.ascontiguousarray(image[:, :8]).view("<i8")[:, 0].astype(np.int64)
+    first, last = stamps_in_us(stamps[[0, -1]]).tolist()
+    return bool(np.all(np.diff(stamps) >= 0) and first > 0 and 0 < last - first <= SLOWEST_TURN_US)
+
+
+def has_metadata(image: NDArray[np.uint8], turn: int = TURN_TICKS) -> bool:
     """Returns whether the rows of an image (A, W) begin with times and angles that sweep half a turn at least."""
     try:
-        azimuths = read_metadata(image)
+        azimuths = read_metadata(image, turn=turn)
     except ValueError:
         return False
     sweep = azimuths.angles[0] - azimuths.angles[-1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +13,10 @@ import numpy as np
 
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
-from mqslam.errors import DataError, MqslamError
-from mqslam.formats.shared.poses import yaw_of_quaternion
+from mqslam.errors import DataError, MqslamError, untrusted
+from mqslam.execution.guards.bag_bounds import bound_rosbags
+from mqslam.formats.shared.images import CONVERT_IMAGES, NotGreyError
+from mqslam.formats.shared.poses import mark_places, yaw_of_quaternion
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -24,12 +27,53 @@ COMPRESSED_TYPE = "sensor_msgs/msg/CompressedImage"
 B_SCAN_TYPE = "navtech_msgs/msg/RadarBScanMsg"
 B_SCAN_DEFINITION = "sensor_msgs/Image b_scan_img\nuint16[] encoder_values\nuint64[] timestamps\n"
 """Message of Navtech's driver, and its definition, which ROS itself does not know."""
+FFT_NAMES = ("/RadarFftDataMessage", "/RadarFftDataMsg", "/FftDataMessage")
+"""Names of the messages of one azimuth that drivers of several ages publish; their packages differ, too."""
+_FFT_TYPES = ("messages/msg/RadarFftDataMessage", "nav_messages/msg/RadarFftDataMsg")
+_FFT_DEFINITION = "std_msgs/Header header\n" + "".join(
+    f"uint8[] {name}\n"
+    for name in ("angle", "azimuth", "sweep_counter", "ntp_seconds", "ntp_split_seconds", "data", "data_length")
+)
 ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
 POSE_TYPE = "geometry_msgs/msg/PoseStamped"
 POSE_WITH_COVARIANCE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 PATH_TYPE = "nav_msgs/msg/Path"
 TRUTH_NAME = re.compile(r"truth|(?<![a-z])gt(?![a-z])")
+_MOST_METADATA_BYTES = 800_000  # of a folder's metadata.yaml; that of a day in files of a minute has about 500,000
 PoseRow = tuple[int, float, float, float]
+_OTHER_SCHEMAS = {
+    "ros1msg": "of ROS 1 in an mcap",
+    "protobuf": "in protobuf",
+    "jsonschema": "in JSON",
+    "flatbuffer": "in FlatBuffers",
+}
+_GIVE_ROS = "give the .bag that it was made from, or convert that with rosbags-convert"
+_UNPACK = {
+    "zstd": "zstd -d FILE",
+    "zst": "zstd -d FILE",
+    "gz": "gunzip FILE",
+    "bz2": "bunzip2 FILE",
+    "xz": "unxz FILE",
+    "lz4": "unlz4 FILE",
+    "zip": "unzip FILE",
+    "7z": "7z x FILE",
+    "tar": "tar xf FILE",
+    "tgz": "tar xf FILE",
+}
+_PACKED = re.compile(rf".*?(?P<what>\.(?:db3|mcap|bag))?\.(?P<how>{'|'.join(_UNPACK)})")
+
+
+def explain_packed(path: Path) -> DataError | None:
+    """Returns the error of a file that is packed as a whole, such as one of a ROS 2 bag; None of any other."""
+    packed = _PACKED.fullmatch(path.name.lower())
+    if packed is None or not path.is_file():
+        return None
+    unpack = f"unpack it, as by '{_UNPACK[packed['how']]}'"
+    if packed["how"].startswith("zst") and packed["what"]:
+        return DataError(
+            path, "is a packed file of a ROS 2 bag", f"give the bag's folder, with its metadata.yaml, or {unpack}"
+        )
+    return DataError(path, "is packed", f"{unpack}, and give what was in it")
 
 
 def recognises(path: Path) -> bool:
@@ -50,14 +94,24 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+    for file in path.iterdir() if path.is_dir() else (path,):
+        if not file.is_dir():
+            untrusted.check_file(file)
+    if (described := path / "metadata.yaml").is_file():
+        untrusted.read_document(described, _MOST_METADATA_BYTES)
+    bound_rosbags()
     store = get_typestore(Stores.ROS2_HUMBLE)
     store.register(get_types_from_msg(B_SCAN_DEFINITION, B_SCAN_TYPE))
+    for name in _FFT_TYPES:
+        store.register(get_types_from_msg(_FFT_DEFINITION, name))
     try:
         with AnyReader([path], default_typestore=store) as reader:
             yield reader
     except MqslamError:
         raise
     except Exception as error:  # on damaged files rosbags lets through whatever struct, zlib, apsw, yaml... raise
+        if isinstance(error, KeyError) and error.args and (kind := _OTHER_SCHEMAS.get(error.args[0])):
+            raise DataError(path, f"holds messages {kind}, not of ROS 2", _GIVE_ROS) from error
         reason = (str(error) or type(error).__name__).splitlines()[0]
         remedy = "copy it anew, or repair it with 'rosbag reindex' or 'mcap recover'"
         raise DataError(path, f"is not a readable bag ({reason})", remedy) from error
@@ -69,7 +123,7 @@ def name_message(path: Path, topic: str, logged_ns: int) -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        remedy = "cut it out of the bag, or name another bag"
+        remedy = CONVERT_IMAGES if isinstance(error, NotGreyError) else "cut it out of the bag, or name another bag"
         raise DataError(path, f"the message on {topic} recorded at {logged_ns} ns {error}", remedy) from error
 
 
@@ -121,16 +175,46 @@ def stamp_of(message: Any) -> int:
     return int(stamp.sec) * 1_000_000 + int(stamp.nanosec) // 1000
 
 
-def pose_of(message_type: str, message: Any) -> PoseRow:
+@dataclass(slots=True)
+class Clock:
+    """The stamps of a bag's messages: those of their headers or, where a header has none, when they were recorded.
+
+    Args:
+        read: number of messages on each topic.
+        unstamped: number of those among them whose headers have no stamp.
+    """
+
+    read: dict[str, int] = field(default_factory=dict)
+    unstamped: dict[str, int] = field(default_factory=dict)
+
+    def stamp(self, topic: str, message: Any, logged_ns: int) -> int:
+        """Returns the stamp [us] of a message with a header that was recorded at a time [ns], and counts it."""
+        stamp = stamp_of(message)
+        self.read[topic] = self.read.get(topic, 0) + 1
+        if not stamp:
+            self.unstamped[topic] = self.unstamped.get(topic, 0) + 1
+        return stamp or logged_ns // 1000
+
+    @property
+    def notes(self) -> list[str]:
+        """What a user should know of messages without stamps: one line for each of their topics."""
+        return [
+            f"{'the' if count == self.read[topic] else f'{count} of {self.read[topic]}'} messages on {topic} "
+            "have no stamps in their headers: they are taken at the times at which they were recorded"
+            for topic, count in self.unstamped.items()
+        ]
+
+
+def pose_of(message_type: str, message: Any, stamp_us: int) -> PoseRow:
     """Returns the stamp [us] and planar pose (x, y [m], yaw [rad]) of an odometry or pose message."""
     pose = message.pose if message_type == POSE_TYPE else message.pose.pose
     q = pose.orientation
-    return stamp_of(message), pose.position.x, pose.position.y, yaw_of_quaternion(q.x, q.y, q.z, q.w)
+    return stamp_us, pose.position.x, pose.position.y, yaw_of_quaternion(q.x, q.y, q.z, q.w)
 
 
 def trajectory_of(rows: Iterable[PoseRow]) -> Trajectory | None:
     """Returns the finite poses in the order of their stamps, or None where there are not two."""
-    kept = sorted({row[0]: row for row in rows if np.isfinite(row[1:]).all()}.values())
+    kept = sorted({row[0]: row for row in rows if mark_places(np.array(row[1:]))}.values())
     if len(kept) < 2:
         return None
     return Trajectory(np.array([row[0] for row in kept], dtype=np.int64), np.array([row[1:] for row in kept]))
@@ -138,7 +222,9 @@ def trajectory_of(rows: Iterable[PoseRow]) -> Trajectory | None:
 
 def note_left_out(rows: Sequence[PoseRow], topic: str | None) -> list[str]:
     """Returns what to tell of poses that `trajectory_of` leaves out: one line, or none."""
-    left_out = sum(not np.isfinite(row[1:]).all() for row in rows)
+    if rows and trajectory_of(rows) is None:
+        return [f"{topic} is left out: it holds no two poses at different times"]
+    left_out = sum(not mark_places(np.array(row[1:])) for row in rows)
     return describe_left_out(left_out, f"{left_out} of {count_of(len(rows), 'pose')} on {topic}")
 
 

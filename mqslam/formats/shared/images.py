@@ -13,22 +13,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.wording import is_or_are
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 
-_MOST_PIXELS = 64_000_000  # largest polar scan: larger images are damaged, or made to fill the memory
+_MOST_PIXELS, _LONGEST_SIDE = 16_000_000, 65_535  # largest polar scan: larger ones are damaged, or made to fill the memory
 _MOST_EXPANSION = 1032  # the most that deflate can do: an image with more pixels per byte of its file is cut short
+CONVERT_IMAGES = "convert the images to 8-bit grey (mono8)"
 _Read = TypeVar("_Read")
 _DAMAGE = (OSError, SyntaxError, ValueError, EOFError, zlib.error, struct.error)
+
+
+class NotGreyError(ValueError):
+    """An image that is not 8-bit grey."""
+
+
+class TooLargeError(ValueError):
+    """An image of more pixels than a polar scan has."""
 
 
 def read_grey(path: Path) -> NDArray[np.uint8]:
     """Reads the pixels (rows, columns) of an 8-bit grey PNG.
 
     Raises:
-        DataError: the file is missing, is no such PNG, is damaged or has over 64 million pixels.
+        DataError: the file is missing, is no such PNG, is damaged or too large for a polar scan.
     """
     try:
         return decode_grey(path, ("PNG",))
+    except NotGreyError as error:
+        raise DataError(path, str(error), CONVERT_IMAGES) from error
     except ValueError as error:
         raise DataError(path, str(error), "copy it anew, or leave it out of the recording") from error
 
@@ -37,24 +48,37 @@ def decode_grey(source: Path | BinaryIO, formats: tuple[str, ...]) -> NDArray[np
     """Decodes the pixels (rows, columns) of an 8-bit grey image in one of Pillow's formats.
 
     Raises:
-        ValueError: the image is missing, in none of the formats, not 8-bit grey, damaged or over 64 million pixels.
+        ValueError: the image is missing, in none of the formats, not 8-bit grey, damaged or too large for a polar scan.
     """
     from PIL import Image
 
+    if isinstance(source, Path):
+        untrusted.check_file(source)
     try:
         size = _count_bytes(source)
         with Image.open(source, formats=formats) as image:
             width, height = image.size
-            fits = width * height <= _MOST_PIXELS
-            if image.mode == "L" and fits:
+            check_size(height, width)
+            if image.mode == "L":
                 if width * height > _MOST_EXPANSION * size:
                     raise ValueError("image file is truncated")
                 return np.asarray(image)
+            problem = f"is not an 8-bit grey image (mode {image.mode})"
+    except TooLargeError:
+        raise
     except (*_DAMAGE, Image.DecompressionBombError) as error:
         raise ValueError(f"is not a readable {' or '.join(formats)} ({error})") from error
-    if fits:
-        raise ValueError(f"is not an 8-bit grey image (mode {image.mode})")
-    raise ValueError(f"is too large for one polar scan ({width} x {height} pixels)")
+    raise NotGreyError(problem)
+
+
+def check_size(height: int, width: int) -> None:
+    """Checks that an image (height, width) can be a polar scan.
+
+    Raises:
+        TooLargeError: it has over 16 million pixels, or a side over 65,535.
+    """
+    if height * width > _MOST_PIXELS or max(height, width) > _LONGEST_SIDE:
+        raise TooLargeError(f"is too large for one polar scan ({width} x {height} pixels)")
 
 
 def list_stamps(folder: Path) -> NDArray[np.int64]:
@@ -76,8 +100,8 @@ def list_numbers(folder: Path) -> Iterator[str]:
             stem = entry.name.removesuffix(".png")
             if stem == entry.name or not (stem.isascii() and stem.isdecimal()):
                 continue
-            if entry.is_symlink() and not (target := Path(entry.path).resolve()).is_relative_to(inside):
-                raise DataError(entry.path, f"is a link out of the recording (to {target})", "copy the image in its place")
+            if entry.is_symlink():
+                untrusted.check_link(Path(entry.path), inside)
             yield stem
 
 

@@ -12,10 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.errors import DataError
+from mqslam.errors import DataError, MqslamError, untrusted
 
-_MOST_EXPANSION = 100  # an archive may unpack to this many times its size: power is noise, which hardly packs
-_ALWAYS_BYTES = 16_000_000  # any archive may unpack to this size: small ones may hold only masks and zeros
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
@@ -28,15 +26,17 @@ def open_npz(path: Path, remedy: str) -> Iterator[zipfile.ZipFile]:
         remedy: what errors tell the user to do.
 
     Raises:
-        DataError: the file is no archive, or would unpack to a hundred times its size.
+        DataError: the file is no archive, or would unpack to many times its size.
     """
     try:
-        archive = zipfile.ZipFile(path)
+        archive = zipfile.ZipFile(untrusted.check_file(path))
+    except MqslamError:
+        raise
     except Exception as error:  # zipfile lets through whatever struct, the codecs and the system raise
         raise DataError(path, "is not a readable .npz", remedy) from error
     with archive:
         unpacked = sum(member.file_size for member in archive.infolist())
-        if unpacked > _ALWAYS_BYTES + _MOST_EXPANSION * path.stat().st_size:
+        if unpacked > untrusted.bound_unpacked(path.stat().st_size):
             raise DataError(path, f"would unpack to {unpacked / 1e6:.0f} MB", remedy)
         yield archive
 
@@ -60,6 +60,6 @@ def read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
             raise ValueError(f"{shape} of {dtype}")
         with archive.open(member) as file:
             array: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
-            return array
+        return np.asarray(array, dtype=array.dtype.newbyteorder("="))
     except Exception as error:  # the header is parsed as a Python literal, the rest unpacked by zlib
         raise ValueError(f"{name} is missing or damaged") from error

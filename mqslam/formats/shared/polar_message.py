@@ -18,10 +18,12 @@ from mqslam.core.recording import PolarScan, Recording
 from mqslam.errors import DataError, Remedy
 from mqslam.formats.shared.azimuth_rows import (
     METADATA_BYTES,
+    TURN_TICKS,
     Azimuths,
     azimuth_stamps,
     encode_azimuths,
     has_metadata,
+    has_times,
     make_rows,
     read_metadata,
     repair_azimuths,
@@ -30,13 +32,14 @@ from mqslam.formats.shared.bag_writer import RADAR_FRAME, Bag
 from mqslam.formats.shared.bags import (
     B_SCAN_TYPE,
     COMPRESSED_TYPE,
+    FFT_NAMES,
     IMAGE_TYPE,
     deserialise,
     list_topics,
     name_message,
     require_topic,
 )
-from mqslam.formats.shared.images import decode_grey
+from mqslam.formats.shared.images import CONVERT_IMAGES, NotGreyError, check_size, decode_grey
 from mqslam.formats.shared.sensing import Stamp
 
 if TYPE_CHECKING:
@@ -44,6 +47,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
 
 _GREY = ("mono8", "8UC1")
+_DEEP = ("mono16", "16UC1", "16SC1", "32FC1")
 _COMPRESSIONS = ("PNG", "JPEG")
 _FIRST_TRIED = 10  # at least one of this many first messages of a topic must be a polar scan
 _ENCODER_TURNS = (5600, 16000)  # ticks per turn of the encoders that Navtech's radars have
@@ -51,6 +55,12 @@ _FEWEST_PIXELS = 100  # a polar image has at least this many pixels on its short
 _LONG_SIDE = 3  # on an unknown topic, a polar image is at least this many times as long as wide
 _MULRAN_PLAYER = "/radar/polar"
 _NAVTECH = "/navtech/polar"
+_DRIVER = ("/radar_data/b_scan_image", "/radar_data/b_scan_image_data")  # images by Navtech's ROS 2 driver, of two ages
+_GIVE_RADAR = (
+    f"give a bag with {IMAGE_TYPE} or CompressedImage on /Navtech/Polar, /radar/polar or {_DRIVER[0]}, "
+    f"or with {B_SCAN_TYPE} or RadarFftDataMessage"
+)
+_B_SCAN_RANK = 4  # behind the images that users of these names mean
 
 
 class Layout(Enum):
@@ -67,13 +77,16 @@ class Layout(Enum):
         return self in (Layout.OXFORD_ROWS, Layout.B_SCAN)
 
 
-def choose_topic(path: Path, reader: AnyReader, named: str | None = None) -> tuple[str, Layout, list[str]]:
+def choose_topic(
+    path: Path, reader: AnyReader, named: str | None = None, encoder: int | None = None
+) -> tuple[str, Layout, list[str]]:
     """Chooses the radar's topic; returns it with the layout of its messages and a note on the choice.
 
     Args:
         path: of the bag.
         reader: of the bag.
         named: the topic that the user names, if any.
+        encoder: encoder ticks of a turn, if they are known.
 
     Raises:
         DataError: no topic holds polar scans, or several could, or the named one has no images.
@@ -81,36 +94,47 @@ def choose_topic(path: Path, reader: AnyReader, named: str | None = None) -> tup
     filled = [connection for connection in reader.connections if connection.msgcount]
     images = [connection for connection in filled if connection.msgtype in (IMAGE_TYPE, COMPRESSED_TYPE)]
     b_scans = [connection for connection in filled if connection.msgtype == B_SCAN_TYPE]
+    b_scans += [connection for connection in filled if connection.msgtype.endswith(FFT_NAMES)]
     if named is not None:
         meant = require_topic(path, named, (*images, *b_scans), "polar scans", "images")
-        return named, _find_layout(path, reader, meant), [f"radar from {named}, as asked"]
+        return named, _find_layout(path, reader, meant, encoder), [f"radar from {named}, as asked"]
     ranked = [(rank, c) for c in images if (rank := _rank_topic(c.topic)) is not None]
-    usual = [c for _, c in sorted(ranked, key=lambda entry: entry[0])] + b_scans
+    ranked += [(_B_SCAN_RANK + c.msgtype.endswith(FFT_NAMES), c) for c in b_scans]
+    usual = [c for _, c in sorted(ranked, key=lambda entry: entry[0])]
     if usual:
-        chosen, note = usual[0], f"radar from {usual[0].topic}"
-    else:
-        alike = {c.topic: c for c in images if _looks_like_radar(_read_first(reader, c))}
-        if len(alike) != 1:
+        chosen = usual[0]
+        others = sorted({c.topic for c in usual if not _is_twin(c.topic, chosen.topic)})
+        first = min((rank for rank, _ in ranked), default=0)
+        if len(alike_ranked := sorted({c.topic for rank, c in ranked if rank == first})) > 1:
             raise DataError(
-                path,
-                f"has {'several topics that could be' if alike else 'no'} radar (topics: {list_topics(reader)})",
-                Remedy.NAME_TOPIC
-                if alike
-                else f"give a bag with {IMAGE_TYPE} or CompressedImage on /Navtech/Polar or /radar/polar, or {B_SCAN_TYPE}",
+                path, f"has several topics that could be radar ({', '.join(alike_ranked[:12])})", Remedy.NAME_TOPIC
             )
+        notes = [f"radar from {chosen.topic}"]
+        notes += [f"{', '.join(others[:12])} could be the radar, too: {Remedy.NAME_TOPIC} if it is"] if others else []
+    else:
+        first_messages = {c.topic: (c, _read_first(reader, c)) for c in images}
+        alike = {topic: c for topic, (c, message) in first_messages.items() if _looks_like_radar(message)}
+        if len(alike) > 1:
+            raise DataError(path, f"has several topics that could be radar (topics: {', '.join(alike)})", Remedy.NAME_TOPIC)
+        if not alike:
+            deep = [f"{topic} {said}" for topic, (_, m) in first_messages.items() if (said := _find_other_depth(m))]
+            problem = f"has no radar (topics: {list_topics(reader)})" + "".join(
+                f"; the first on {text}" for text in deep[:4]
+            )
+            raise DataError(path, problem, CONVERT_IMAGES if deep else _GIVE_RADAR)
         chosen = next(iter(alike.values()))
-        note = f"radar from {chosen.topic}, the only topic with images shaped like a radar's"
-    return chosen.topic, _find_layout(path, reader, chosen), [note]
+        notes = [f"radar from {chosen.topic}, the only topic with images shaped like a radar's"]
+    return chosen.topic, _find_layout(path, reader, chosen, encoder), notes
 
 
-def _find_layout(path: Path, reader: AnyReader, connection: Connection) -> Layout:
+def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder: int | None) -> Layout:
     """Finds the layout of a radar's messages from the first that is a polar scan."""
     first: DataError | None = None
     for _, logged, raw in itertools.islice(reader.messages([connection]), _FIRST_TRIED):
         try:
             with name_message(path, connection.topic, logged):
                 message = deserialise(reader, connection, raw)
-                return _interpret_layout(connection.topic, connection.msgtype, message)
+                return _interpret_layout(connection.topic, connection.msgtype, message, encoder)
         except DataError as error:
             first = first or error
     raise first or DataError(path, f"holds no message on {connection.topic}", "name another bag")
@@ -123,9 +147,16 @@ def _read_first(reader: AnyReader, connection: Connection) -> Any:
 
 
 def _rank_topic(topic: str) -> int | None:
-    """Ranks how usual a topic of images is for a radar, 0 first; None where only its images could show that it is one."""
-    known = (_NAVTECH, _MULRAN_PLAYER, f"{_NAVTECH}/compressed", f"{_MULRAN_PLAYER}/compressed")
-    return next((rank for rank, name in enumerate(known) if topic.lower().endswith(name)), None)
+    """Ranks how usual a topic of images is for a radar, 0 first; None where only its images could show that it is one.
+
+    Messages that carry the times and angles of their azimuths come before the driver's images, which do not.
+    """
+    known = [name + suffix for suffix in ("", "/compressed") for name in (_NAVTECH, _MULRAN_PLAYER)]
+    drivers = [name + suffix for suffix in ("", "/compressed") for name in _DRIVER]
+    ranks = {name: rank for rank, name in enumerate(known)} | {
+        name: rank for rank, name in enumerate(drivers, _B_SCAN_RANK + 2)
+    }
+    return next((rank for name, rank in ranks.items() if topic.lower().endswith(name)), None)
 
 
 def read_pixels(image: Any) -> NDArray[np.uint8]:
@@ -137,29 +168,33 @@ def read_pixels(image: Any) -> NDArray[np.uint8]:
     if image.__msgtype__ == COMPRESSED_TYPE:
         return decode_grey(io.BytesIO(np.asarray(image.data, dtype=np.uint8).tobytes()), _COMPRESSIONS)
     if image.encoding not in _GREY:
-        raise ValueError(f"is an image in {image.encoding!r}, not mono8")
+        raise NotGreyError(f"is an image in {image.encoding!r}, not mono8")
     height, width, step = int(image.height), int(image.width), int(image.step)
     data = np.asarray(image.data, dtype=np.uint8)
+    check_size(height, width)
     if height < 1 or width < 1 or step < width or data.size != height * step:
         raise ValueError(f"holds {data.size} bytes for {height} rows of {width} pixels")
     return data.reshape(height, step)[:, :width]
 
 
-def _interpret_layout(topic: str, message_type: str, message: Any) -> Layout:
+def _interpret_layout(topic: str, message_type: str, message: Any, encoder: int | None) -> Layout:
     """Finds the layout of a topic's messages from its first one.
 
     Raises:
         ValueError: its image cannot be used.
     """
-    if message_type == B_SCAN_TYPE:
+    if message_type == B_SCAN_TYPE or message_type.endswith(FFT_NAMES):
         return Layout.B_SCAN
     image = read_pixels(message)
-    if has_metadata(image):
+    if has_times(image):
+        read_metadata(image, turn=encoder or TURN_TICKS)  # says what is wrong with its angles
+        return Layout.OXFORD_ROWS
+    if has_metadata(image, encoder or TURN_TICKS):
         return Layout.OXFORD_ROWS
     name = topic.lower().removesuffix("/compressed")
     if name.endswith(_MULRAN_PLAYER):
         return Layout.COLUMNS
-    if name.endswith(_NAVTECH):
+    if name.endswith((_NAVTECH, *_DRIVER)):
         return Layout.ROWS
     return Layout.ROWS if image.shape[1] >= image.shape[0] else Layout.COLUMNS
 
@@ -171,9 +206,30 @@ def read_frame(message: Any) -> str:
 
 
 def usual_stamp(topic: str, layout: Layout) -> Stamp:
-    """Returns which instant of a turn the only stamp of a topic's messages usually is: MulRan's player sends its ends."""
-    player = topic.lower().removesuffix("/compressed").endswith(_MULRAN_PLAYER)
-    return "end" if player and layout is Layout.COLUMNS else "start"
+    """Returns which instant of a turn the only stamp of a topic's messages usually is.
+
+    MulRan's player and Navtech's driver send a turn when it is complete.
+    """
+    name = topic.lower().removesuffix("/compressed")
+    is_late = name.endswith(_DRIVER) or (name.endswith(_MULRAN_PLAYER) and layout is Layout.COLUMNS)
+    return "end" if is_late else "start"
+
+
+def _is_twin(topic: str, other: str) -> bool:
+    """Returns whether two topics hold the same images, one of them compressed, or are the same."""
+    return topic.removesuffix("/compressed") == other.removesuffix("/compressed")
+
+
+def _find_other_depth(message: Any) -> str:
+    """Returns what is wrong with a grey image that is not of 8 bits; "" of any other, such as one in colour."""
+    try:
+        read_pixels(message)
+    except NotGreyError as error:
+        if getattr(message, "encoding", "") in _DEEP or "(mode I" in str(error):
+            return str(error)
+    except ValueError:
+        pass
+    return ""
 
 
 def _looks_like_radar(message: Any) -> bool:
@@ -182,7 +238,7 @@ def _looks_like_radar(message: Any) -> bool:
         image = read_pixels(message)
     except ValueError:
         return False
-    return has_metadata(image) or (min(image.shape) >= _FEWEST_PIXELS and max(image.shape) >= _LONG_SIDE * min(image.shape))
+    return has_times(image) or (min(image.shape) >= _FEWEST_PIXELS and max(image.shape) >= _LONG_SIDE * min(image.shape))
 
 
 def read_power(layout: Layout, message: Any) -> NDArray[np.uint8]:
@@ -200,20 +256,32 @@ def read_power(layout: Layout, message: Any) -> NDArray[np.uint8]:
     return image.T if layout is Layout.COLUMNS else image
 
 
-def read_azimuths(layout: Layout, message: Any) -> Azimuths:
+def read_azimuths(layout: Layout, message: Any, encoder: int | None = None) -> Azimuths:
     """Reads the azimuths of a message that carries their times and angles.
+
+    Args:
+        layout: of the message.
+        message: the message.
+        encoder: encoder ticks of a turn, as the bag or the user states them, or None.
 
     Raises:
         ValueError: its image cannot be used, or times and angles make no turn.
     """
     if layout is Layout.OXFORD_ROWS:
-        return read_metadata(read_pixels(message))
+        return read_metadata(read_pixels(message), turn=encoder or TURN_TICKS)
     ticks = np.asarray(message.encoder_values, dtype=np.uint16)
     stamps_us = (np.asarray(message.timestamps, dtype=np.uint64) // np.uint64(1000)).astype(np.int64)
     if not len(ticks) == len(stamps_us) == len(read_power(layout, message)):
         raise ValueError(f"holds {len(ticks)} encoder values and {len(stamps_us)} times for another number of azimuths")
-    turn = next((turn for turn in _ENCODER_TURNS if ticks.max(initial=0) <= turn), _ENCODER_TURNS[-1])
-    return repair_azimuths(stamps_us, ticks, np.ones(len(ticks), dtype=np.bool_), turn)
+    return repair_azimuths(stamps_us, ticks, np.ones(len(ticks), dtype=np.bool_), encoder or find_turn(layout, message))
+
+
+def find_turn(layout: Layout, message: Any) -> int:
+    """Finds the encoder ticks that are taken as a turn where nobody states them: the fewest that hold a message's values."""
+    if layout is not Layout.B_SCAN:
+        return TURN_TICKS
+    largest = np.asarray(message.encoder_values, dtype=np.uint16).max(initial=0)
+    return next((turn for turn in _ENCODER_TURNS if largest <= turn), _ENCODER_TURNS[-1])
 
 
 def make_image(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -> Any:

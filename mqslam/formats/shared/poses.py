@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
+
+_FARTHEST = 1e9  # no coordinate of any frame on the Earth is larger [m]
 
 
 def yaw_of_quaternion(qx: float, qy: float, qz: float, qw: float) -> float:
@@ -37,6 +40,11 @@ def read_yaw(path: Path, place: str, quaternion: Sequence[float]) -> float:
     return yaw
 
 
+def mark_places(numbers: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
+    """Marks the rows (N,) of numbers (N, D) [m or rad] that can be places or poses: others would overflow in computing."""
+    return np.asarray((np.abs(numbers) <= _FARTHEST).all(axis=-1))  # false of NaN
+
+
 def make_trajectory(path: Path, stamps_us: NDArray[np.int64], poses: se2.Array) -> Trajectory:
     """Makes a trajectory of a file's stamps and poses, once they are found usable.
 
@@ -53,8 +61,10 @@ def make_trajectory(path: Path, stamps_us: NDArray[np.int64], poses: se2.Array) 
     if np.any(np.diff(stamps_us) <= 0):
         row = int(np.argmax(np.diff(stamps_us) <= 0)) + 2
         raise DataError(path, f"stamps do not increase at pose {row}", "sort the file by time and drop duplicates")
-    finite = np.isfinite(poses).all(axis=1)
-    if not finite.all():
-        row = int(np.argmin(finite)) + 1
-        raise DataError(path, f"pose {row} is not made of finite numbers", "repair or remove its line")
+    for sound, problem in (
+        (np.isfinite(poses).all(axis=1), "is not made of finite numbers"),
+        (mark_places(poses), "lies farther away than any vehicle drives"),
+    ):
+        if not sound.all():
+            raise DataError(path, f"pose {int(np.argmin(sound)) + 1} {problem}", "repair or remove its line")
     return Trajectory(stamps_us, poses)

@@ -13,8 +13,16 @@ from numpy.typing import NDArray
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
-from mqslam.formats.shared.azimuth_rows import FLAG_BYTE, METADATA_BYTES, Azimuths, read_metadata, stamps_in_us
+from mqslam.errors import DataError, untrusted
+from mqslam.formats.shared.azimuth_rows import (
+    FLAG_BYTE,
+    METADATA_BYTES,
+    TURN_TICKS,
+    Azimuths,
+    check_encoder,
+    read_metadata,
+    stamps_in_us,
+)
 from mqslam.formats.shared.images import read_first, read_grey
 from mqslam.formats.shared.turns import find_usual_turns, place_turns
 
@@ -42,12 +50,14 @@ class RowFolder:
         flag: meaning of byte 10 of the rows.
         fewest_rows: an image with fewer azimuths than this share of the usual number is damaged.
         usual: number of azimuths of the first image; 0 where it is not known yet.
+        encoder: encoder ticks of a turn.
     """
 
     path: Path
     flag: Flag
     fewest_rows: float
     usual: int = 0
+    encoder: int = TURN_TICKS
 
     def read(self, name: int) -> tuple[Azimuths, NDArray[np.uint8]]:
         """Reads the azimuths of an image and their power (A, B); of both directions of a chirp those that go up.
@@ -75,7 +85,7 @@ class RowFolder:
         image = self.path / f"{name}.png"
         pixels = read_grey(image)
         try:
-            azimuths = read_metadata(pixels, flags_validity=self.flag is Flag.VALIDITY)
+            azimuths = read_metadata(pixels, flags_validity=self.flag is Flag.VALIDITY, turn=self.encoder)
             down: Rows | None = None
             if self.flag is Flag.CHIRP:
                 up = pixels[:, FLAG_BYTE] == 255
@@ -106,6 +116,7 @@ class RowImageRecording(Recording):
     folder: RowFolder
     names: NDArray[np.int64]
 
+    @untrusted.reads_recording
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Reads the polar scans start <= k < stop, one after the other."""
         for name in self.names[start:stop].tolist():
@@ -159,7 +170,7 @@ class RowImages:
         )
 
 
-def index_rows(path: Path, names: NDArray[np.int64], settings: ReadingConfig) -> RowImages:
+def index_rows(path: Path, names: NDArray[np.int64], settings: ReadingConfig, encoder: int | None = None) -> RowImages:
     """Indexes images by their names: the first and the last that can be read are read, however many there are.
 
     An image is named after an instant of its turn: in Oxford the first azimuth, in Boreas the middle, in MulRan the end.
@@ -169,16 +180,17 @@ def index_rows(path: Path, names: NDArray[np.int64], settings: ReadingConfig) ->
         path: the folder of the images.
         names: (N,) of the images, increasing.
         settings: how recordings are understood.
+        encoder: encoder ticks of a turn, as the user states them; None takes those of Navtech's radars.
 
     Raises:
-        DataError: there are no images, or half of them cannot be used.
+        DataError: there are no images, or half of them cannot be used, or their encoder has other ticks.
     """
     if not len(names):
         raise DataError(path, "holds no polar scans", "it should hold images named <t>.png, t in microseconds")
 
     def read_with_flag(name: int) -> tuple[RowFolder, tuple[str, ...], Azimuths]:
         flag, notes = _interpret_flag(read_grey(path / f"{name}.png"), settings)
-        folder = RowFolder(path, flag, settings.fewest_rows)
+        folder = RowFolder(path, flag, settings.fewest_rows, encoder=encoder or TURN_TICKS)
         return folder, notes, folder.read(name)[0]
 
     (folder, notes, first), skipped, faults = read_first(names.tolist(), read_with_flag, "first")
@@ -188,6 +200,8 @@ def index_rows(path: Path, names: NDArray[np.int64], settings: ReadingConfig) ->
     names = names[: len(names) - skipped]
     named_us = stamps_in_us(names)
     known = {0: first, len(names) - 1: last}
+    if encoder is None:
+        faults = [*faults, *check_encoder(path, named_us, [azimuths.measure_turn(settings) for azimuths in (first, last)])]
 
     def measure(k: int) -> float | None:
         try:

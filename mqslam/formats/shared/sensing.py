@@ -43,12 +43,14 @@ class Sensing:
         clockwise: whether the radar turns clockwise, seen from above.
         stamp: whether the only stamp of a polar scan is its start or its end.
         topics: of a bag.
+        encoder_size: ticks of the encoder in a turn, where azimuths carry encoder values.
     """
 
     range_resolution: float | None = None
     clockwise: bool | None = None
     stamp: Stamp | None = None
     topics: Topics = USUAL_TOPICS
+    encoder_size: int | None = None
 
     def choose_resolution(self, usual_m: float, whose: str) -> tuple[float, list[str]]:
         """Returns the length of a range bin [m], with a note where it is the usual one of a layout.
@@ -62,9 +64,8 @@ class Sensing:
         return usual_m, [note_resolution(usual_m, f", as {whose} has it")]
 
     def note_unused(self) -> list[str]:
-        """Notes which of these have no effect, in a recording whose azimuths carry angles and stamps of their own."""
-        given = [name for name in ("clockwise", "stamp") if getattr(self, name) is not None]
-        return [f"azimuths carry angles and stamps of their own: sensor.{name} has no effect" for name in given]
+        """Notes that an instant of stamping has no effect, in a recording whose azimuths carry stamps of their own."""
+        return [] if self.stamp is None else ["azimuths carry stamps of their own: sensor.stamp has no effect"]
 
 
 def note_resolution(metres: float, why: str = "") -> str:

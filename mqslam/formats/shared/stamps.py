@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 
+_TOO_LARGE = "holds stamps too large for any clock"
+_MOST_DIGITS = 40  # before the point; a larger number would overflow
 UNITS = {"s": Decimal(10**6), "ms": Decimal(1000), "us": Decimal(1), "ns": Decimal("0.001")}
 LATEST_US = 2**62
 """Stamps beyond this [us] are beyond any clock: they are damaged, and would overflow."""
@@ -21,9 +23,10 @@ FRAME_DIGITS = 6
 """Least number of digits of the number of a frame, in a list of when frames arrived and in the name of its file."""
 _FRAME = re.compile(r"\s*Frame:\s*(\d{1,18})\s+Time:\s*(\d+)(?:\.(\d+))?\s*")
 _NANOSECONDS = 9  # digits of a fraction of a second
+_SECONDS = r"(s|secs?|seconds|ms|msecs?|milliseconds|us|usecs?|microseconds|ns|nsecs?|nanosecs?|nanoseconds)"
 _TIME_NAME = re.compile(
-    r"(?:t|times?|time_?stamps?|stamps?|gps_?time)"
-    r"(?:[ _]*[\[(]?(s|sec|seconds|ms|us|usec|ns|nsec)[\])]?)?"
+    r"(?:header[._/])?(?:t|times?|time_?stamps?|stamps?|gps_?time)"
+    rf"(?:[ _./]*[\[(]?{_SECONDS}[\])]?)?|(?:secs?|seconds|nsecs?|nanosecs?|nanoseconds)"
 )
 
 
@@ -35,16 +38,16 @@ def time_unit(name: str) -> str | None:
     match = _TIME_NAME.fullmatch(name.strip().lower())
     if match is None:
         return None
-    unit = match[1] or ""
-    return unit if unit in UNITS else {"sec": "s", "seconds": "s", "usec": "us", "nsec": "ns"}.get(unit, "")
+    unit = match[1] or (match[0] if match[0].startswith(("sec", "n")) else "")
+    return {"s": "s", "m": "ms", "u": "us", "n": "ns"}.get("us" if unit == "microseconds" else unit[:1], "")
 
 
 def guess_unit(largest: float) -> str:
-    """Guesses the unit of stamps from their largest magnitude: ns above 1e17, us above 1e14, else s.
+    """Guesses the unit of stamps from their largest magnitude: ns above 1e17, us above 1e14, ms above 1e11, else s.
 
-    Stamps since 1970 lie at 1e9 s, 1e15 us, 1e18 ns; stamps since a recording's start are seconds.
+    Stamps since 1970 lie at 1e9 s, 1e12 ms, 1e15 us, 1e18 ns; stamps since a recording's start are seconds.
     """
-    return "ns" if largest > 1e17 else "us" if largest > 1e14 else "s"
+    return next((unit for unit, least in (("ns", 1e17), ("us", 1e14), ("ms", 1e11)) if largest > least), "s")
 
 
 def guess_stated_unit(first: int, last: int, start_us: int, end_us: int) -> str:
@@ -83,9 +86,11 @@ def parse_stamps(words: Sequence[str], unit: str = "") -> NDArray[np.int64]:
         raise ValueError("holds stamps that are no numbers") from None
     if not all(value.is_finite() for value in values):
         raise ValueError("holds stamps that are not finite")
+    if any(value.adjusted() > _MOST_DIGITS for value in values):
+        raise ValueError(_TOO_LARGE)
     scale = UNITS[unit or guess_unit(float(max(map(abs, values), default=Decimal(0))))]
     if any(abs(value) * scale > LATEST_US for value in values):
-        raise ValueError("holds stamps too large for any clock")
+        raise ValueError(_TOO_LARGE)
     return np.array([int((value * scale).to_integral_value()) for value in values], dtype=np.int64)
 
 
@@ -98,7 +103,7 @@ def convert_stamps(values: NDArray[Any], unit: str = "") -> tuple[NDArray[np.int
     largest = float(np.abs(values.astype(np.float64)).max(initial=0.0))
     unit = unit or guess_unit(largest)
     if largest * float(UNITS[unit]) > LATEST_US:
-        raise ValueError("holds stamps too large for any clock")
+        raise ValueError(_TOO_LARGE)
     if unit == "ns" and np.issubdtype(values.dtype, np.integer):
         return (values // 1000).astype(np.int64), unit
     if unit == "us" and np.issubdtype(values.dtype, np.integer):
@@ -139,7 +144,7 @@ def read_listing(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         DataError: it cannot be read, or a line is of another form.
     """
     try:
-        lines = [line for line in listing.read_text(encoding="utf-8").splitlines() if line.strip()]
+        lines = [line for line in untrusted.read_text(listing).splitlines() if line.strip()]
     except (OSError, ValueError) as error:
         raise DataError(listing, "is not a readable text file", "it holds the stamps of the files") from error
     matches = [_FRAME.fullmatch(line) for line in lines]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.shared import bags
 from mqslam.formats.trajectories.pose_bags import read_bag
 from mqslam.formats.trajectories.pose_matrices import read_array, read_kitti, read_stamped_matrices, write_kitti
@@ -44,6 +44,7 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
     return read_with_notes(path, times, topic, frame)[0]
 
 
+@untrusted.reads_file
 def read_with_notes(
     path: Path, times: Path | None = None, topic: str | None = None, frame: str | None = None
 ) -> tuple[Trajectory, list[str]]:
@@ -62,6 +63,8 @@ def _read_file(path: Path, times: Path | None) -> Trajectory:
         path, times = find_result(path, times)
     if path.suffix == ".npy":
         return read_array(path, times)
+    if packed := bags.explain_packed(path):
+        raise packed
     rows = read_rows(path)
     first = next((row for row in rows if not row.startswith("#")), "")
     if not first:

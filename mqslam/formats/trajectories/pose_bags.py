@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 _POSE_TYPES = (bags.ODOMETRY_TYPE, bags.POSE_TYPE, bags.POSE_WITH_COVARIANCE_TYPE, bags.PATH_TYPE)
 _TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 _STATIC = "tf_static"
+_AT_ONCE_US = 10_000  # nothing drives in so short a time: whoever wrote the bag did so afterwards
 
 
 def read_bag(path: Path, topic: str | None, frame: str | None) -> tuple[Trajectory, list[str]]:
@@ -58,16 +59,23 @@ def _is_static(connection: Connection) -> bool:
 def _read_poses(path: Path, reader: AnyReader, topic: str) -> tuple[Trajectory, list[str]]:
     """Reads the poses on a topic, and says how many of them are left out."""
     poses: list[bags.PoseRow] = []
-    for connection, _, raw in reader.messages([c for c in reader.connections if c.topic == topic]):
+    clock = bags.Clock()
+    for connection, logged, raw in reader.messages([c for c in reader.connections if c.topic == topic]):
         message: Any = reader.deserialize(raw, connection.msgtype)
         if connection.msgtype == bags.PATH_TYPE:
-            poses = [bags.pose_of(bags.POSE_TYPE, pose) for pose in message.poses]
+            poses = [bags.pose_of(bags.POSE_TYPE, pose, bags.stamp_of(pose)) for pose in message.poses]
         else:
-            poses.append(bags.pose_of(connection.msgtype, message))
+            poses.append(bags.pose_of(connection.msgtype, message, clock.stamp(topic, message, logged)))
     trajectory = bags.trajectory_of(poses)
-    if trajectory is None:
-        raise DataError(path, f"holds no two poses at different times on {topic}", "name another topic")
-    return trajectory, bags.note_left_out(poses, topic)
+    if trajectory is None and len(poses) > 1 and not any(pose[0] for pose in poses):
+        raise DataError(path, f"holds a path without stamps on {topic}", "name a topic whose poses have stamps")
+    at_once = (
+        trajectory is not None and bool(clock.unstamped) and trajectory.stamps_us[-1] - trajectory.stamps_us[0] < _AT_ONCE_US
+    )
+    if trajectory is None or at_once:
+        why = ": their headers have no stamps, and all were recorded at once" if at_once else ""
+        raise DataError(path, f"holds no two poses at different times on {topic}{why}", "name another topic")
+    return trajectory, clock.notes + bags.note_left_out(poses, topic)
 
 
 def _read_transforms(
@@ -75,9 +83,9 @@ def _read_transforms(
 ) -> tuple[Trajectory, list[str]]:
     """Reads the pose of a frame from the transforms on some topics, and says how many of them are left out."""
     transforms = Transforms()
-    for connection, _, raw in reader.messages(connections):
+    for connection, logged, raw in reader.messages(connections):
         message: Any = reader.deserialize(raw, connection.msgtype)
-        transforms.add(message)
+        transforms.add(message, connection.topic, logged)
     try:
         return transforms.trace(transforms.choose(frame)), transforms.notes
     except ValueError as error:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
 from mqslam.formats.shared.poses import make_trajectory
 from mqslam.formats.trajectories.pose_rows import parse_numbers, parse_times, read_rows
@@ -62,7 +62,7 @@ def read_array(path: Path, times: Path | None) -> Trajectory:
     """
     times = _require_times(path, times)
     try:
-        matrices = np.load(path, mmap_mode="r", allow_pickle=False)  # maps no more than the file has
+        matrices = np.load(untrusted.check_file(path), mmap_mode="r", allow_pickle=False)  # maps no more than the file has
     except FileNotFoundError as error:
         raise DataError(path, "does not exist", "check the path") from error
     except Exception as error:  # the header is parsed as a Python literal

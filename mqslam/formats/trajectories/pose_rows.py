@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.errors import DataError, find_near
+from mqslam.errors import DataError, find_near, untrusted
 from mqslam.formats.shared.stamps import parse_stamps
 
 KNOWN = "give TUM, KITTI with a file of times, a CSV whose header names t, x, y and yaw or qx, qy, qz, qw, or a bag"
@@ -21,7 +21,7 @@ def read_rows(path: Path) -> list[str]:
         DataError: the file does not exist or is no text.
     """
     try:
-        return [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+        return [line.strip() for line in untrusted.read_text(path, "utf-8-sig").splitlines() if line.strip()]
     except FileNotFoundError as error:
         beside = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
         near = find_near(path.name, beside)

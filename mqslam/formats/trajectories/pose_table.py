@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
 
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
+from mqslam.formats.shared.columns import METRES, RADIANS, find_column, find_stamps, join_stamps
 from mqslam.formats.shared.poses import make_trajectory, read_yaw
-from mqslam.formats.shared.stamps import time_unit
-from mqslam.formats.trajectories.pose_rows import KNOWN, parse_numbers, parse_times
+from mqslam.formats.trajectories.pose_rows import KNOWN, parse_numbers
 
 _YAWS = ("yaw", "theta", "heading")
 _QUATERNION = ("qx", "qy", "qz", "qw")
@@ -30,17 +29,22 @@ def read_table(path: Path, rows: list[str]) -> Trajectory:
     """
     header = 0 if "," in rows[0] else next(row for row, text in enumerate(rows) if not text.startswith("#"))
     named = [name.strip(" \"'") for name in rows[header].lstrip("# ").split(",")]
-    names = [re.split(r"[\s\[(]", name.lower())[0] for name in named]
-    units = [time_unit(name) for name in named]
-    stamp = next((column for column, unit in enumerate(units) if unit is not None), None)
-    turn = next(([name] for name in _YAWS if name in names), list(_QUATERNION))
-    missing = ["t"] if stamp is None else []
-    missing += [name for name in ("x", "y", *turn) if name not in names]
-    if stamp is None or missing:
+    names, stamps_at = [name.lower() for name in named], find_stamps(named)
+    yaw = next((name for name in _YAWS if find_column(path, names, name, RADIANS) is not None), None)
+    wanted = [("x", METRES), ("y", METRES), *([(yaw, RADIANS)] if yaw else [(name, {}) for name in _QUATERNION])]
+    found = [find_column(path, names, name, units) for name, units in wanted]
+    missing = [] if stamps_at else ["t"]
+    missing += [name for (name, _), column in zip(wanted, found, strict=True) if column is None]
+    if missing:
         raise DataError(path, f"has no column {', '.join(missing)} (columns: {', '.join(named[:20])})", KNOWN)
+    columns, factors = zip(*(column for column in found if column is not None), strict=True)
     words = [row.split(",") for row in rows[header + 1 :] if not row.startswith("#")]
-    table = parse_numbers(path, words, [stamp, *(names.index(name) for name in ("x", "y", *turn))])
-    stamps = parse_times(path, [row[stamp].strip() for row in words], units[stamp] or "")
+    times = [column for column, _ in stamps_at]
+    table = parse_numbers(path, words, [*times, *columns])[:, len(times) - 1 :] * np.array([1.0, *factors])
+    try:
+        stamps = join_stamps([[row[column].strip() for row in words] for column in times], [unit for _, unit in stamps_at])
+    except ValueError as error:
+        raise DataError(path, str(error), "give stamps in s, us or ns") from error
     rows_of_numbers = enumerate(table.tolist(), 1)
     yaws = [row[3] if len(row) == 4 else read_yaw(path, f"pose {k}", row[3:]) for k, row in rows_of_numbers]
     return make_trajectory(path, stamps, np.column_stack([table[:, 1:3], np.array(yaws, dtype=np.float64)]))

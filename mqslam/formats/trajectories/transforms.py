@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
-from mqslam.formats.shared.bags import describe_left_out, name_frame, stamp_of
+from mqslam.formats.shared.bags import Clock, describe_left_out, name_frame
 
 _BODIES = ("base_link", "base_footprint")
 _LISTED = 12
@@ -42,13 +42,21 @@ class Transforms:
     Args:
         links: them.
         left_out: number of those that hold a quaternion of zeros, or a number that is not finite.
+        clock: reads their stamps.
     """
 
     links: dict[str, _Link] = field(default_factory=dict)
     left_out: int = 0
+    clock: Clock = field(default_factory=Clock)
 
-    def add(self, message: Any) -> None:
-        """Adds the transforms of a `tf2_msgs/TFMessage`; those that are no motion are left out, and counted."""
+    def add(self, message: Any, topic: str, logged_ns: int) -> None:
+        """Adds the transforms of a `tf2_msgs/TFMessage`; those that are no motion are left out, and counted.
+
+        Args:
+            message: with the transforms.
+            topic: that it is on.
+            logged_ns: when it was recorded [ns], which is the time of transforms without stamps.
+        """
         for stamped in message.transforms:
             move, turn = stamped.transform.translation, stamped.transform.rotation
             row = (move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w)
@@ -59,12 +67,15 @@ class Transforms:
             link = self.links.setdefault(name_frame(stamped.child_frame_id), _Link([parent]))
             if parent not in link.parents:
                 link.parents.append(parent)
-            link.rows[stamp_of(stamped)] = row
+            link.rows[self.clock.stamp(topic, stamped, logged_ns)] = row
 
     @property
     def notes(self) -> list[str]:
-        """What to tell of the transforms that were left out: one line, or none."""
-        return describe_left_out(self.left_out, count_of(self.left_out, "transform"))
+        """What to tell of transforms without stamps, and of those that were left out: a line for each, or none."""
+        unstamped = Clock(
+            self.clock.read, {name: n for name, n in self.clock.unstamped.items() if not name.endswith("static")}
+        )
+        return unstamped.notes + describe_left_out(self.left_out, count_of(self.left_out, "transform"))
 
     def choose(self, frame: str | None) -> str:
         """Chooses the frame whose path is wanted.

@@ -74,7 +74,7 @@ class LocalMap:
         if not self._keyframes:
             return True
         nearest = min(self._keyframes, key=lambda keyframe: abs(keyframe.t0 - t0))
-        moved = se2.between(nearest.pose, pose)
+        moved = se2.wrapped_between(nearest.pose, pose)
         young = min(
             1.0, len(self._keyframes) / self._settings.grown_keyframes
         )  # a young map is thin: it takes keyframes sooner

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.comparison.judgement import Judged, Place
 from mqslam.config import MapConfig
+from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 
 
@@ -57,5 +58,5 @@ def _are_moving(track: Trajectory, spans: NDArray[np.float64], start_us: int, se
     begins, ends = np.clip(stamps, track.stamps_us[0], track.stamps_us[-1]).T
     before, after = track.at(begins), track.at(ends)
     moved = np.hypot(*(after - before)[:, :2].T) >= settings.travel_m
-    turned = np.abs(after[:, 2] - before[:, 2]) >= settings.travel_rad
+    turned = np.abs(se2.wrap(after[:, 2] - before[:, 2])) >= settings.travel_rad
     return np.asarray(moved | turned)

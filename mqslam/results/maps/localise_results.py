@@ -17,7 +17,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.evaluation import list_errors
 from mqslam.execution.files import write_json, write_text
-from mqslam.execution.memory import find_peak_mb
+from mqslam.execution.guards.memory import find_peak_mb
 from mqslam.formats.covariances import StampedCovariances, write_covariances
 from mqslam.formats.maps.geojson import write_geojson
 from mqslam.formats.tum import write_tum

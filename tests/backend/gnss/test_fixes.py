@@ -136,6 +136,8 @@ def test_mirrored_fixes_are_not_used() -> None:
     mirrored = replace(fixes, latitudes=2.0 * np.median(fixes.latitudes) - fixes.latitudes)
     use = judged(join_fixes(mirrored, START_US, measured(800), np.zeros(2), SETTINGS))
     assert use.edges is None and "not used" in use.statements[0]
+    assert use.is_mirrored and "they fit the mirror image of the trajectory" in use.statements[0]
+    assert not joined(Receiver()).is_mirrored
 
 
 def test_an_antenna_beside_the_radar_is_carried_to_it() -> None:

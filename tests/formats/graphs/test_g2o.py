@@ -89,6 +89,7 @@ def test_the_vertices_of_fix_are_held_or_else_the_first_one(tmp_path: Path) -> N
         ("VERTEX_XY 9 1 2", "line 7 is VERTEX_XY, which is not understood in a graph of VERTEX_SE2; give a graph of"),
         ("VERTEX_SE3:QUAT 9 0 0 0 0 0 0 0", "line 2 is VERTEX_SE2, which is not understood in a graph of VERTEX_SE3:QUAT"),
         ("VERTEX_SE2 5 1 1 1", "line 7 repeats the vertex 5; give every vertex once"),
+        ("VERTEX_SE2 9 1e300 0 0", "line 7 is not VERTEX_SE2 with 1 vertices and 3 numbers; give"),
         ("VERTEX_SE2 9 nan 0 0", "line 7 is not VERTEX_SE2 with 1 vertices and 3 numbers; give"),
         ("VERTEX_SE2 -1 0 0 0", "line 7 is not VERTEX_SE2"),
         ("EDGE_SE2 5 6 1 0 0.1 10 1 0.5 20 0.2", "line 7 is not EDGE_SE2 with 2 vertices and 9 numbers; give"),

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mqslam.config import ReadingConfig
 from mqslam.core import se2
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
@@ -280,3 +281,36 @@ def test_real_logs_make_a_sharp_map_under_their_poses_and_none_under_the_odometr
     apart = np.hypot(*se2.between(one, other)[:, :2].T)
     assert apart.max() == pytest.approx(drift, abs=0.01)
     assert spread(trajectory, recording.scans) < 0.04 < spread(raw, recording.scans)
+
+
+HOKUYO = np.linspace(1.0, 4.0, 682)
+
+
+def test_scans_of_other_lidars_are_refused_until_their_field_of_view_is_stated(tmp_path: Path) -> None:
+    path = log(tmp_path, two_scans(*HOKUYO))
+    with pytest.raises(DataError, match=r"scans of 682 readings, and does not say what angle they sweep; .*lidar_fov_deg"):
+        read_lidar(path)
+    recording = read_lidar(path, ReadingConfig(lidar_fov_deg=240.0))
+    angles = recording.scans[0].returns.azimuths
+    np.testing.assert_allclose(np.degrees(angles[[0, -1]]), [-120.0, 120.0])
+    assert "the readings of a scan sweep 240 degrees, as reading.lidar_fov_deg states it" in recording.notes
+
+
+@pytest.mark.parametrize("name", ["laser_front_laser_fov", "laser_laser1_fov"])
+def test_the_field_of_view_among_the_parameters_counts(tmp_path: Path, name: str) -> None:
+    recording = read_lidar(log(tmp_path, f"PARAM {name} 240.0 1 host 1\n", two_scans(*HOKUYO)))
+    np.testing.assert_allclose(np.degrees(recording.scans[1].returns.azimuths[[0, -1]]), [-120.0, 120.0])
+    assert f"the readings of a scan sweep 240 degrees, as {name} states it" in recording.notes
+
+
+def test_a_lidar_that_looks_all_around_sees_no_direction_twice(tmp_path: Path) -> None:
+    recording = read_lidar(log(tmp_path, two_scans(*HOKUYO[:360])), ReadingConfig(lidar_fov_deg=360.0))
+    np.testing.assert_allclose(np.degrees(recording.scans[0].returns.azimuths), np.arange(-180.0, 180.0), atol=1e-9)
+
+
+def test_a_robotlaser_line_without_a_resolution_has_its_field_of_view(tmp_path: Path) -> None:
+    lines = [robotlaser(t, [*np.arange(1.0, 10.0)], [], (t, 0, 0)).replace(" 4.0 0.5 ", " 4.0 0 ") for t in (1.0, 2.0)]
+    azimuths = read_lidar(log(tmp_path, *lines)).scans[0].returns.azimuths
+    np.testing.assert_allclose(azimuths, np.linspace(-2.0, 2.0, 9))
+    with pytest.raises(DataError, match="line 2 is no whole ROBOTLASER1 message"):
+        read_lidar(log(tmp_path, *(line.replace(" 4.0 0 ", " 0 0 ") for line in lines)))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields, replace
+import math
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ from support.keyframe_maps import two_recordings
 from mqslam.core.keyframes import KeyframeMap, PlaceTable
 from mqslam.errors import DataError, OutputError
 from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes, write_keyframes
+
+MAPPED = asdict(two_recordings().keyframes.recordings[0])
 
 
 @pytest.fixture
@@ -94,6 +97,10 @@ def change_index(folder: Path, **changed: Any) -> None:
         ({"points": "many"}, "is damaged"),
         ({"recordings": []}, "is damaged"),
         ({"recordings": [{"path": "a"}]}, "is damaged"),
+        ({"recordings": [MAPPED | {"path": None}]}, "is damaged"),
+        ({"recordings": [MAPPED | {"start_us": "1"}]}, "is damaged"),
+        ({"recordings": [MAPPED | {"doppler_beta": math.nan}]}, "is damaged"),
+        ({"recordings": [MAPPED | {"end_us": 10**30}]}, "is damaged"),
         ({"georeference": {"latitude": "north", "longitude": 0.0, "pose": [0, 0, 0]}}, "is damaged"),
         ({"georeference": {"latitude": 49.0, "longitude": 8.4, "pose": [0, "east", 0]}}, "is damaged"),
         ({"described_with": None}, "is damaged"),
@@ -133,13 +140,34 @@ def test_a_damaged_array_is_named(folder: Path, name: str, damage: str) -> None:
 
 @pytest.mark.parametrize(
     ("column", "value"),
-    [("recording", 2), ("recording", -1), ("first_point", -1), ("end_point", 13), ("first_point", 12), ("pose", np.nan)],
+    [
+        ("recording", 2),
+        ("recording", -1),
+        ("first_point", -1),
+        ("end_point", 13),
+        ("first_point", 12),
+        ("pose", np.nan),
+        ("pose", 1e30),
+        ("covariance", np.inf),
+        ("travelled_m", np.nan),
+    ],
 )
 def test_keyframes_that_do_not_fit_the_rest_are_refused(folder: Path, column: str, value: float) -> None:
     rows = np.load(folder / "keyframes.npy")
     rows[column][1] = value
     np.save(folder / "keyframes.npy", rows)
     with pytest.raises(DataError, match="does not fit the rest of the map"):
+        read_keyframes(folder)
+
+
+@pytest.mark.parametrize(("name", "column"), [("points.npy", "range"), ("points.npy", "x"), ("descriptors.npy", "")])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e30])
+def test_numbers_that_no_map_holds_are_refused(folder: Path, name: str, column: str, value: float) -> None:
+    array = np.load(folder / name)
+    with np.errstate(over="ignore"):  # the number is infinite in a descriptor
+        (array[column] if column else array).flat[-1] = value
+    np.save(folder / name, array)
+    with pytest.raises(DataError, match=f"{name}: holds numbers that are not finite"):
         read_keyframes(folder)
 
 

@@ -127,6 +127,16 @@ def test_losses_are_spread_evenly_where_an_image_beside_is_missing() -> None:
     assert np.flatnonzero(~measured).tolist() == [AZIMUTHS // 2]
 
 
+def test_a_turn_that_lost_very_many_azimuths_is_not_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search takes memory and time by the square of the number of lost azimuths."""
+    monkeypatch.setattr("mqslam.formats.recordings.lost_columns.place_losses", None)
+    images = [np.random.default_rng(turn).integers(0, 255, (2 * AZIMUTHS, AZIMUTHS), np.uint8) for turn in range(3)]
+    kept = AZIMUTHS * 3 // 5
+    images[1] = np.column_stack([images[1][:, :kept], images[0][:, kept:]])
+    _, measured = restorer_of(images).restore(1)
+    assert np.count_nonzero(~measured) == AZIMUTHS - kept
+
+
 def test_the_result_does_not_depend_on_where_reading_begins() -> None:
     recorded = record(drive_past(9, 2.0), {1: [30], 2: [100], 3: [60], 4: [11, 12], 5: [150]})
     whole = restorer_of(recorded)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError
 from mqslam.formats.recordings import open_recording, read_odometry
+from mqslam.formats.recordings.oxford import write_ground_truth
 from mqslam.formats.shared.azimuth_rows import read_metadata
 from mqslam.formats.tum import write_tum
 
@@ -148,6 +150,15 @@ def test_ground_truth_is_turned_to_rep_103_and_cut_to_the_recording(oxford: Path
     np.testing.assert_array_equal(truth.stamps_us[[0, -1]], [START_US - TURN_US // 2, START_US + 13 * TURN_US // 2])
     np.testing.assert_allclose(truth.poses[1], [2.0, -0.1, -0.05])
     np.testing.assert_allclose(truth.poses[2], se2.compose(truth.poses[1], [2.0, -0.1, -0.05]))
+
+
+def test_ground_truth_whose_heading_passes_180_deg_is_written_as_small_turns(oxford: Path, tmp_path: Path) -> None:
+    recording = open_recording(oxford)
+    poses = np.column_stack([np.zeros((len(recording), 2)), se2.wrap(3.0 + 0.1 * np.arange(len(recording)))])
+    (tmp_path / "out").mkdir()
+    write_ground_truth(tmp_path / "out", replace(recording, ground_truth=Trajectory(recording.stamps_us, poses)))
+    rows = np.loadtxt(tmp_path / "out" / "gt" / "radar_odometry.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(rows[:, 7], -0.1, atol=1e-6)
 
 
 def test_ground_truth_with_a_break_keeps_its_longest_stretch(oxford: Path) -> None:

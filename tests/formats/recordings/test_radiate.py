@@ -10,6 +10,7 @@ from PIL import Image
 from support.conversions import spinning
 from support.layouts import assert_alike, left_turn, write_radiate
 from support.recordings import assert_same
+from support.sensors import write_radiate_messages
 
 from mqslam.errors import DataError
 from mqslam.formats.recordings import open_recording
@@ -46,6 +47,22 @@ def test_the_folder_and_its_image_folder_open_the_same_recording(radiate: Path, 
     assert_same(whole, open_recording(radiate / "Navtech_Polar"))
     monkeypatch.chdir(radiate / "Navtech_Polar")
     assert_same(whole, open_recording(Path()))
+
+
+@pytest.mark.parametrize("place", ["", "Navtech_Polar"])
+@pytest.mark.parametrize("name", ["Navtech_Polar.txt", "GPS_IMU_Twist.txt"])
+def test_a_link_out_of_the_recording_is_refused_whichever_folder_is_named(
+    radiate: Path, tmp_path: Path, place: str, name: str
+) -> None:
+    write_radiate_messages(radiate)
+    (radiate / name).rename(tmp_path / "elsewhere")
+    (radiate / name).symlink_to(tmp_path / "elsewhere")
+    if name == "Navtech_Polar.txt":
+        with pytest.raises(DataError, match=r"Navtech_Polar\.txt: is a link out of the recording"):
+            open_recording(radiate / place)
+    else:
+        (fault,) = open_recording(radiate / place).faults
+        assert "GPS_IMU_Twist.txt is a link out of the recording" in fault
 
 
 def test_frames_without_an_image_are_skipped_and_noted(radiate: Path) -> None:

@@ -184,3 +184,12 @@ def test_damaged_transforms_cost_the_mount_only(tmp_path: Path) -> None:
     )
     recording = write(tmp_path / "endless.mcap", "mcap", endless)
     assert recording.mount is None and len(recording.faults) == 1
+
+
+def test_fixes_whose_status_is_not_set_are_taken_if_they_have_a_place(tmp_path: Path) -> None:
+    recording = write(tmp_path / "a.mcap", "mcap", ("/fix", FIX, fixes(status=-2)))
+    assert recording.fixes is not None and len(recording.fixes.stamps_us) == 5
+    assert "5 messages on /fix whose status is not set (-2): those with a place are taken as fixes" in recording.notes
+    assert not any("without a fix" in note for note in recording.notes)
+    nowhere = write(tmp_path / "b.mcap", "mcap", ("/fix", FIX, fixes(status=-2, latitude=float("nan"))))
+    assert nowhere.fixes is None and not nowhere.faults

@@ -48,7 +48,9 @@ def test_a_radar_that_turns_the_other_way_sees_the_mirror_image(tmp_path: Path, 
     assert any("azimuths as counter-clockwise" in note for note in mirrored.notes)
 
 
-def test_azimuths_with_stamps_of_their_own_leave_the_settings_idle_and_say_so(oxford: Path, tmp_path: Path) -> None:
+def test_azimuths_with_angles_and_stamps_of_their_own_are_mirrored_as_told_and_leave_the_instant_idle(
+    oxford: Path, tmp_path: Path
+) -> None:
     native = tmp_path / "drive.npz"
     write_native(native, open_recording(oxford))
     bag = write_bag(open_recording(oxford), tmp_path / "drive.bag", "ros1")
@@ -57,10 +59,15 @@ def test_azimuths_with_stamps_of_their_own_leave_the_settings_idle_and_say_so(ox
     for folder in folders:
         plain, told = open_recording(folder), open_recording(folder, clockwise=False, stamp="end")
         np.testing.assert_array_equal(plain.stamps_us, told.stamps_us)
-        np.testing.assert_array_equal(plain[0].azimuths, told[0].azimuths)
-        said = [note for note in told.notes if note.startswith("azimuths carry angles and stamps of their own: sensor.")]
-        assert [note.split("sensor.")[1] for note in said] == ["clockwise has no effect", "stamp has no effect"]
-        assert not [note for note in plain.notes if "no effect" in note]
+        for one, other in zip(plain.polar_scans(), told.polar_scans(), strict=True):
+            np.testing.assert_array_equal(one.azimuths, -other.azimuths)
+            np.testing.assert_array_equal(one.power, other.power)
+        said = [note for note in told.notes if "sensor." in note and note not in plain.notes]
+        assert sorted(note.split("sensor.")[1] for note in said) == [
+            "clockwise), the other way than its azimuths say: what it sees is mirrored",
+            "stamp has no effect",
+        ]
+        assert open_recording(folder, clockwise=True).notes == plain.notes
 
 
 def test_settings_reach_the_reader_and_info_shows_what_was_assumed(tmp_path: Path) -> None:

@@ -54,12 +54,23 @@ def measure_stretch(points: NDArray[np.float64], fixes: NDArray[np.float64]) -> 
     if not far.any():
         return None
     stretch = float(np.median(given[far] / own[far]))
-    as_it_is, stretched = (_measure_residual(scale * points, fixes) for scale in (1.0, stretch))
+    as_it_is, stretched = (measure_residual(scale * points, fixes) for scale in (1.0, stretch))
     return stretch if stretched < 0.5 * as_it_is else None
 
 
-def _measure_residual(points: NDArray[np.float64], fixes: NDArray[np.float64]) -> float:
-    """Returns the median distance [m] between fixes and a trajectory that is laid on them."""
+def is_mirrored(points: NDArray[np.float64], fixes: NDArray[np.float64]) -> bool:
+    """Returns whether the mirror image of a trajectory fits fixes far better than it does itself.
+
+    Args:
+        points: (N, 2) m, where the trajectory has the antenna, as for `align`.
+        fixes: (N, 2) m, likewise.
+    """
+    as_it_is, mirrored = (measure_residual(points * [1.0, side], fixes) for side in (1.0, -1.0))
+    return mirrored < 0.5 * as_it_is
+
+
+def measure_residual(points: NDArray[np.float64], fixes: NDArray[np.float64]) -> float:
+    """Measures the median distance [m] between fixes (N, 2) and a trajectory's points (N, 2) that are laid on them."""
     return float(np.median(np.hypot(*(fixes - se2.transform(align(points, fixes), points)).T)))
 
 

@@ -11,9 +11,10 @@ import numpy as np
 from gtsam.symbol_shorthand import E, X
 from numpy.typing import NDArray
 
-from mqslam.backend.sensors.gnss.alignment import align, measure_stretch
+from mqslam.backend.sensors.gnss.alignment import align, is_mirrored, measure_stretch
 from mqslam.backend.sensors.gnss.antenna import Antenna, estimate_antenna
 from mqslam.backend.sensors.gnss.fix_clock import find_fix_delay
+from mqslam.backend.sensors.gnss.fix_mistakes import find_mistake
 from mqslam.backend.sensors.gnss.fix_noise import FixNoise, measure_fix_noise
 from mqslam.config import GnssConfig
 from mqslam.core import se2
@@ -25,6 +26,7 @@ from mqslam.core.wording import describe_delay, left_or_right
 from mqslam.errors import Remedy
 from mqslam.factors.gnss_position import gnss_position, plane_walk
 
+MIRRORED: Final = "the radar is: set sensor.clockwise: false if it is mounted upside down"
 _ROUNDS: Final = 3  # of antenna and noise, which settle in fewer
 _FIXES_OF_KNOT: Final = 5  # so many fixes and more outvote a jump among them
 _LEAST_WALK_M: Final = 1e-4  # numerical: a plane that does not wander at all would tie its poses without error
@@ -92,6 +94,8 @@ class FixUse:
         edges: the fixes; None where they are not used.
         antenna: where the antenna sits in the radar's frame, as the fixes say; None where it is known, or they are not used.
         stretch: how many times as far apart the fixes lie as the trajectory has them; None where its scale fits them.
+        is_mirrored: whether they fit the mirror image of the trajectory far better, so that they turn the other way.
+        mistake: the usual mistake with which they would fit far better, in words; "" where there is none.
     """
 
     source: str
@@ -99,9 +103,13 @@ class FixUse:
     edges: FixEdges | None = None
     antenna: Antenna | None = None
     stretch: float | None = None
+    is_mirrored: bool = False
+    mistake: str = ""
 
     @classmethod
-    def refuse(cls, source: str, why: str, stretch: float | None = None) -> FixUse:
+    def refuse(
+        cls, source: str, why: str, stretch: float | None = None, *, is_mirrored: bool = False, mistake: str = ""
+    ) -> FixUse:
         """Returns that fixes are not used, and why."""
         scaled = ""
         if stretch is not None:
@@ -109,7 +117,13 @@ class FixUse:
                 f"; they lie {stretch:.3g} times as far apart as the trajectory has them, so that not they but the length "
                 f"of a range bin may be wrong: {Remedy.GIVE_RANGE_RESOLUTION}"
             )
-        return cls(source, (f"the GNSS fixes ({source}) are not used: {why}{scaled}",), stretch=stretch)
+        if is_mirrored:
+            swapped = "as where latitude and longitude are in each other's place"
+            scaled = f"; they fit the mirror image of the trajectory: they are mirrored, {swapped}, or {MIRRORED}"
+        if mistake:
+            scaled = f"; {mistake}"
+        statement = f"the GNSS fixes ({source}) are not used: {why}{scaled}"
+        return cls(source, (statement,), stretch=stretch, is_mirrored=is_mirrored, mistake=mistake)
 
     def judge_jumps(self, values: gtsam.Values, settings: GnssConfig) -> FixUse:
         """Returns the use with how many fixes are jumps in an optimised graph; too many of them contradict the radar."""
@@ -118,7 +132,7 @@ class FixUse:
         number, jumps = len(self.edges.scans), self.edges.count_rejected(values)
         if jumps > settings.most_jumps * number:
             why = f"{jumps} of {number} contradict the radar's motion, wherever the map lies"
-            return FixUse.refuse(self.source, why, self.stretch)
+            return FixUse.refuse(self.source, why, self.stretch, is_mirrored=self.is_mirrored, mistake=self.mistake)
         said = f"the GNSS fixes ({self.source}) are used, {number} of them"
         rejected = "1 is a jump and hardly counts" if jumps == 1 else f"{jumps} are jumps and hardly count"
         counted = f"{said}, of which {rejected}" if jumps else said
@@ -144,14 +158,19 @@ def join_fixes(
     """
 
     def refuse(why: str, stretch: float | None = None) -> FixUse:
-        return FixUse.refuse(fixes.source, why, stretch)
+        return FixUse.refuse(fixes.source, why, stretch, is_mirrored=mirrored, mistake=mistake)
 
+    mirrored, mistake = False, ""
     if not motions or not len(fixes):
         return refuse("there is no motion that they could be held against" if not motions else "there are none")
     chain, starts = se2.chain(m.pose for m in motions), np.array([*(m.t0 for m in motions), motions[-1].t1])
     times: NDArray[np.float64] = np.asarray((fixes.stamps_us - start_us) * 1e-6)
     plane = TangentPlane.at_middle(fixes)
     positions = plane.project(fixes.latitudes, fixes.longitudes)
+    mistake = find_mistake(fixes, times, starts, chain, settings)
+    there = (starts[0] <= times) & (times <= starts[-1])
+    if not mistake and np.count_nonzero(there) >= settings.fewest:
+        mirrored = is_mirrored(se2.interpolate(starts, chain, times[there])[:, :2], positions[there])
     delay_s = find_fix_delay(times, positions, starts, chain, settings.longest_delay_s)
     times = times - delay_s
     inside = (starts[0] <= times) & (times <= starts[-1])
@@ -201,7 +220,7 @@ def join_fixes(
             f"they show that the antenna sits {abs(x):.2f} m {'ahead of' if x >= 0.0 else 'behind'} the radar and "
             f"{abs(y):.2f} m to its {left_or_right(y)} (± {found.sigmas[0]:.2g} m and ± {found.sigmas[1]:.2g} m)"
         )
-    return FixUse(fixes.source, tuple(told), edges, found, stretch)
+    return FixUse(fixes.source, tuple(told), edges, found, stretch, mirrored, mistake)
 
 
 def _lay(

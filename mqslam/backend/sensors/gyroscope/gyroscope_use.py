@@ -140,7 +140,9 @@ def _describe_corrections(rotation: Rotation, settings: GyroscopeConfig) -> list
     if rotation.axis != "z":
         sentences.append(f"the gyroscope's {rotation.axis} axis is taken as the radar's vertical, since its turns fit there")
     if rotation.sign < 0.0:
-        sentences.append("the gyroscope turns the other way than the radar: it is taken to be mounted upside down")
+        sentences.append(
+            "the gyroscope turns the other way than the radar: it is taken to be mounted upside down, unless the radar is"
+        )
     if abs(rotation.delay_s) > max(settings.told_sigmas * rotation.delay_sigma_s, settings.delay_tolerance_s):
         sentences.append(f"the gyroscope's clock is {describe_delay(rotation.delay_s)}, which is put right")
     off = rotation.scale - 1.0

@@ -18,6 +18,7 @@ from mqslam.backend.sensors.odometry.odometry_calibration import (
     make_design,
     make_prior_information,
 )
+from mqslam.backend.sensors.odometry.odometry_fault import OdometryFault, find_odometry_fault
 from mqslam.backend.sensors.odometry.odometry_noise import measure_disagreement, measure_noise
 from mqslam.config import GraphConfig, OdometryConfig
 from mqslam.core import frontend as frontends
@@ -33,17 +34,23 @@ _ROUNDS: Final = 10  # rounds of fit and noise, which settle in fewer
 _LEAST_VARIANCE: Final = 1e-10  # numerical: keeps covariances of motions that agree exactly from being singular
 
 
-def read_odometry_motions(scans: Scans, context: Context, frontend: str) -> list[Measurement]:
-    """Returns odometry's own motions between successive scans, or none where the front end is the odometry itself.
+def hold_odometry(
+    scans: Scans, context: Context, frontend: str, measured: Sequence[Measurement]
+) -> tuple[list[Measurement], OdometryFault | None]:
+    """Returns odometry's own motions between successive scans, or none and why where they contradict the front end's.
+
+    Where the front end is the odometry itself there are none, either.
 
     Args:
         scans: scans of the recording.
         context: holds the odometry, if there is one.
         frontend: name of the front end.
+        measured: motions of the front end.
     """
     if context.odometry is None or frontend == ODOMETRY:
-        return []
-    return list(frontends.create(ODOMETRY, context).measure(scans))
+        return [], None
+    fault = find_odometry_fault(context.odometry, context.start_us, measured, context.config.odometry)
+    return ([], fault) if fault else (list(frontends.create(ODOMETRY, context).measure(scans)), None)
 
 
 def reckon(scans: Scans, motions: Sequence[Measurement]) -> Trajectory:

@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 
+from mqslam.errors.shown import show
+
 _log = logging.getLogger(__name__)
 _LONGEST = 800  # characters of a message; what it quotes from a damaged file may be of any length
 
@@ -48,6 +50,7 @@ class Remedy(StrEnum):
     RECORD_LIVE_VIEW = "record the live view into a file and open it elsewhere"
     REPLACE_UNFINISHED_OUTPUT = "choose another output, or replace the unfinished run instead of resuming it"
     RESUME = "resume the run to continue it"
+    WAIT_OR_CHOOSE_OUTPUT = "wait until that has ended, or choose another output"
 
 
 class MqslamError(Exception):
@@ -122,11 +125,52 @@ class ViewerError(MqslamError):
     """Nothing to show a map with: no display, or a viewer that is not installed."""
 
 
+class Interrupted(BaseException):
+    """The interrupt that a signal has asked for; its notes say how to go on.
+
+    Args:
+        number: number of the signal.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__("interrupted")
+        self.number = number
+
+    def __str__(self) -> str:
+        return "; ".join(["interrupted", *getattr(self, "__notes__", [])])
+
+
 def describe_error(error: Exception) -> str:
     """Returns an error in one line: the message of one of mqslam's, or the type and first line of any other."""
     if isinstance(error, MqslamError):
         return str(error)
     return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}".rstrip(": ")
+
+
+def find_interrupt(error: BaseException) -> BaseException | None:
+    """Returns the interrupt that has led to an exception: itself, or one that compiled code has turned into an error.
+
+    Args:
+        error: the exception.
+
+    Returns:
+        An `Interrupted` or a KeyboardInterrupt; None where there is none.
+    """
+    passed: list[BaseException] = []
+    following: BaseException | None = error
+    while following is not None and not any(following is one for one in passed):
+        if isinstance(following, Interrupted | KeyboardInterrupt):
+            return following
+        passed.append(following)
+        following = following.__cause__ or following.__context__
+    return None
+
+
+def raise_interrupt(error: Exception) -> None:
+    """Raises the interrupt that has led to an error, if there is one, so that whoever handles errors does not swallow it."""
+    interrupt = find_interrupt(error)
+    if interrupt is not None:
+        raise interrupt
 
 
 def find_near(name: str, known: Collection[str]) -> str | None:
@@ -142,17 +186,18 @@ def suggest(name: str, known: Collection[str]) -> str:
 
 def _shorten(message: str) -> str:
     """Returns a message in one line of bounded length."""
-    line = " ".join(message.split("\n"))
+    line = show(" ".join(message.split("\n")))
     return line if len(line) <= _LONGEST else f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
 
 
 @contextmanager
-def tolerate(what: str, warnings: list[str]) -> Iterator[None]:
+def tolerate(what: str, warnings: list[str], crashes: dict[str, str] | None = None) -> Iterator[None]:
     """Turns an error of the block into a warning, because the other results are worth more than what the block makes.
 
     Args:
         what: names what the block makes, for the warning.
         warnings: the list that the warning is added to.
+        crashes: takes the error in words by the name of what the block makes; None takes none.
 
     Raises:
         OutputError: nothing can be written any more, for example because the disk is full.
@@ -163,5 +208,8 @@ def tolerate(what: str, warnings: list[str]) -> Iterator[None]:
     except (OutputError, ClusterError):
         raise
     except Exception as error:  # a figure, a library or a check of the map may fail in any way
+        raise_interrupt(error)
         _log.info("%s could not be made", what, exc_info=error)
         warnings.append(f"{what} could not be made ({describe_error(error)}); the other results are whole")
+        if crashes is not None:
+            crashes[what] = describe_error(error)

@@ -1,0 +1,64 @@
+"""Work on hostile files in a process of its own, which may crash, with bounded memory and time."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import Final, NoReturn
+
+from mqslam.execution.guards.memory import bound_memory
+
+_PATIENCE_S: Final = 600.0  # time of such a process
+_REFUSED: Final = 3  # its exit code when it says on stderr what is wrong
+_ONE_THREAD: Final = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+
+
+class ProcessFailed(Exception):
+    """A process that did not come to its end; its text is what is wrong, as far as it could say so."""
+
+
+def call_apart(function: Callable[[list[str]], bytes], words: list[str], content: bytes = b"", *, most_bytes: int) -> bytes:
+    """Returns what a function of a module returns in a process of its own.
+
+    The folder that the user works in is no place to import from there: it may hold anything.
+
+    Args:
+        function: takes words, may read stdin, and may print nothing.
+        words: for the function.
+        content: of stdin.
+        most_bytes: memory that the process may have.
+
+    Raises:
+        ProcessFailed: the process died, took too long, or raised an error.
+    """
+    code = f"from {__name__} import answer; from {function.__module__} import {function.__name__} as f; answer(f)"
+    command = [sys.executable, "-P", "-c", code, str(most_bytes), *words]
+    try:
+        done = subprocess.run(
+            command, input=content, capture_output=True, timeout=_PATIENCE_S, env=os.environ | _ONE_THREAD, check=False
+        )
+    except subprocess.TimeoutExpired as error:
+        raise ProcessFailed("it takes too long") from error
+    except OSError as error:
+        raise ProcessFailed(error.strerror or str(error)) from error
+    if done.returncode == _REFUSED:
+        raise ProcessFailed(done.stderr.decode("utf-8", "replace").strip())
+    if done.returncode != 0:
+        raise ProcessFailed("the library that reads it crashed")
+    return done.stdout
+
+
+def answer(function: Callable[[list[str]], bytes]) -> NoReturn:
+    """Calls a function for `call_apart`, in that process."""
+    bound_memory(int(sys.argv[1]))
+    try:
+        content = function(sys.argv[2:])
+    except BaseException as error:  # libraries in Rust raise panics, which are no Exception
+        lines = str(error).splitlines() or [type(error).__name__]
+        os.write(2, lines[0][:200].encode("utf-8", "replace"))
+        os._exit(_REFUSED)
+    sys.stdout.buffer.write(content)
+    sys.stdout.flush()
+    os._exit(0)  # what a damaged file has made of a library need not end well

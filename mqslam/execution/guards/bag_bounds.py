@@ -1,0 +1,155 @@
+"""Bounds for what a ROS bag may unpack and define: rosbags itself takes as much memory as a bag asks it to.
+
+They are put in the place of the functions by which rosbags unpacks data, opens databases, and parses profiles and
+the definitions of messages.
+"""
+
+from __future__ import annotations
+
+import importlib
+import io
+import re
+from collections.abc import Callable, Mapping
+from functools import cache, partial
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+from mqslam.errors.untrusted import bound_unpacked
+
+_LONGEST_QUALITIES = 4000  # characters: a profile takes 300
+_LONGEST_DEFINITION = 1_000_000  # characters
+_LONGEST_ARRAY = 1000  # strings or messages in an array of fixed length, for each of which rosbags writes code
+_LARGE_CONSTANT = re.compile(r"<<|\bconst\b[^;]*=[^;]*\*")  # a few of these make numbers that fill the memory
+
+
+class _Unpacker(Protocol):
+    """What bz2, lz4 and zstd have in common."""
+
+    @property
+    def eof(self) -> bool:
+        """Whether the end of the packed data is reached."""
+
+    @property
+    def unused_data(self) -> bytes | None:
+        """What follows behind that end."""
+
+    def decompress(self, data: bytes, max_length: int) -> bytes:
+        """Unpacks data to at most so many bytes."""
+
+
+@cache
+def bound_rosbags() -> None:
+    """Puts the bounds in place, once."""
+    names = "rosbag1.reader", "rosbag2.reader", "rosbag2.storage_mcap", "rosbag2.storage_sqlite3", "highlevel.anyreader"
+    first, second, mcap, sqlite, reading = (cast(Any, importlib.import_module(f"rosbags.{name}")) for name in names)
+    lz4, zstd = _unpack_with("lz4.frame", "LZ4FrameDecompressor"), _BoundedZstd(second.zstd)
+    first.decompressors.update(bz2=_unpack_with("bz2", "BZ2Decompressor"), lz4=lz4)
+    mcap.lz4_decompress, mcap.zstd, second.zstd = lz4, zstd, zstd
+    second.parse_qos = mcap.parse_qos = sqlite.parse_qos = partial(_parse_qualities, second.parse_qos)
+    sqlite.apsw.connection_hooks.append(partial(_bound_database, sqlite.apsw))
+    reading.get_types_from_msg = _bound_definitions(reading.get_types_from_msg)
+    reading.get_types_from_idl = _bound_definitions(reading.get_types_from_idl)
+
+
+def _unpack_with(module: str, name: str) -> Callable[[bytes], bytes]:
+    """Returns a function that unpacks by the class of a name, up to a bound."""
+    return partial(_unpack, getattr(importlib.import_module(module), name))
+
+
+class _BoundedZstd:
+    """The part of the zstd module by which rosbags unpacks chunks, messages and whole files."""
+
+    def __init__(self, zstd: Any) -> None:
+        self._zstd = zstd
+
+    def decompress(self, packed: bytes) -> bytes:
+        """Unpacks a chunk or a message."""
+        return _unpack(self._zstd.ZstdDecompressor, packed)
+
+    def open(self, file: Any, mode: str) -> Any:
+        """Opens a packed file to be read."""
+        size = file.seek(0, io.SEEK_END)
+        file.seek(0)
+        return _BoundedFile(self._zstd.open(file, mode), bound_unpacked(size))
+
+
+class _BoundedFile:
+    """A file that is unpacked while it is read, up to a bound."""
+
+    def __init__(self, file: Any, most_bytes: int) -> None:
+        self._file, self._left, self._most = file, most_bytes, most_bytes
+
+    def __enter__(self) -> _BoundedFile:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._file.close()
+
+    def read(self, size: int = -1) -> bytes:
+        """Reads what comes next, up to a number of bytes."""
+        content: bytes = self._file.read(min(size, self._left + 1) if size >= 0 else self._left + 1)
+        self._left -= len(content)
+        if self._left < 0:
+            raise _refuse(self._most)
+        return content
+
+
+def _unpack(make: Callable[[], _Unpacker], packed: bytes) -> bytes:
+    """Unpacks one or several streams, one behind the other.
+
+    Raises:
+        ValueError: they unpack to more than is allowed, or end too early.
+    """
+    most, parts, left = bound_unpacked(len(packed)), [], packed
+    while left:
+        unpacker = make()
+        parts.append(unpacker.decompress(left, max_length=most + 1))
+        most -= len(parts[-1])
+        if most < 0:
+            raise _refuse(bound_unpacked(len(packed)))
+        if not unpacker.eof:
+            raise ValueError("packed data that ends too early")
+        left = unpacker.unused_data or b""
+    return b"".join(parts) if len(parts) != 1 else parts[0]
+
+
+def _refuse(most_bytes: int) -> ValueError:
+    """Returns the error of data that would fill the memory."""
+    return ValueError(f"packed data that unpacks to more than {most_bytes / 1e6:.0f} MB; write it in smaller chunks")
+
+
+def _parse_qualities(parse: Callable[[Any], list[Any]], profiles: Any) -> list[Any]:
+    """Returns the quality of service, or none where its YAML is damaged, or long or repetitive, which takes much memory."""
+    is_short = isinstance(profiles, str) and len(profiles) <= _LONGEST_QUALITIES and not set("&*") & set(profiles)
+    try:
+        return parse(profiles) if is_short else []
+    except Exception:  # whatever is wrong with them: nothing is read by them
+        return []
+
+
+def _bound_database(apsw: Any, database: Any) -> None:
+    """Keeps a database from making rows that are not in its file: by views, or by columns that are computed."""
+    database.config(apsw.SQLITE_DBCONFIG_ENABLE_VIEW, 0)
+    database.limit(apsw.SQLITE_LIMIT_LENGTH, bound_unpacked(0) + Path(database.filename).stat().st_size)
+
+
+def _bound_definitions(parse: Callable[..., Mapping[str, Any]]) -> Callable[..., Mapping[str, Any]]:
+    """Returns a parser of message definitions that refuses those which rosbags cannot digest."""
+    from rosbags.interfaces import Nodetype
+
+    def parse_bounded(text: str, *name: str) -> Mapping[str, Any]:
+        if len(text) > _LONGEST_DEFINITION:
+            raise ValueError(f"the definition of a message has {len(text)} characters")
+        if _LARGE_CONSTANT.search("".join(text.split('"')[::2])):
+            raise ValueError("the definition of a message computes its constants")
+        types = parse(text, *name)
+        for message, (_, fields) in types.items():
+            for field, (kind, what) in fields:
+                if kind == Nodetype.ARRAY and what[1] > _LONGEST_ARRAY and not _is_number(what[0]):
+                    raise ValueError(f"{message} defines {field} as {what[1]} messages or texts")
+        return types
+
+    def _is_number(node: tuple[Any, Any]) -> bool:
+        return bool(node[0] == Nodetype.BASE and node[1][0] not in ("string", "wstring"))
+
+    return parse_bounded

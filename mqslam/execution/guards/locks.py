@@ -1,0 +1,128 @@
+"""The lock of an output: a file beside it that names the process which writes it, so that no other process does, too."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import socket
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from mqslam.errors import OutputError, Remedy
+
+_TITLE = "mqslam, process"  # how a lock begins; a file of that name that begins otherwise is somebody else's
+_LONGEST = 10_000  # characters of a lock that are read
+_HELD = (errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES)  # any other failure is a file system without locks
+_TRIES = 5  # the owner may remove the file between our opening and our locking it
+
+
+class Lock:
+    """The lock of an output, which this process holds.
+
+    Args:
+        path: its file.
+        handle: of the file, which is open and locked.
+        found: what an owner that was killed has left in it.
+    """
+
+    def __init__(self, path: Path, handle: int, found: bytes) -> None:
+        self._path, self._handle, self._found = path, handle, found
+        self.notes = tuple(os.fsdecode(found).splitlines()[1:])
+        self._write(os.fsencode("\n".join((f"{_TITLE} {os.getpid()} on {socket.gethostname()}", *self.notes))) + b"\n")
+
+    def note(self, *lines: str) -> None:
+        """Adds lines, for the next owner if this process is killed."""
+        os.write(self._handle, os.fsencode("".join(f"{line}\n" for line in lines)))
+
+    def remove(self) -> None:
+        """Removes the file."""
+        with contextlib.suppress(OSError):
+            self._path.unlink()
+
+    def restore(self) -> None:
+        """Leaves the file as it was found, or removes it if there was none."""
+        if not self._found:
+            self.remove()
+            return
+        with contextlib.suppress(OSError):
+            self._write(self._found)
+
+    def _write(self, content: bytes) -> None:
+        """Replaces the content of the file."""
+        os.ftruncate(self._handle, 0)
+        os.lseek(self._handle, 0, os.SEEK_SET)
+        os.write(self._handle, content)
+
+
+@contextmanager
+def lock_output(out: Path) -> Iterator[Lock]:
+    """Yields the lock of an output, whose file is removed with the end of the block.
+
+    The system frees the lock of a process that is killed. Its file stays, with what the process has noted in it, until a
+    block ends without an error.
+
+    Args:
+        out: the file or folder that is written; folders above it are made, and removed again if they stay empty.
+
+    Raises:
+        OutputError: another process or thread holds the lock, or the file cannot be made.
+    """
+    path = out.parent / f".{out.name}.lock"
+    made = [folder for folder in (out.parent, *out.parent.parents) if not folder.exists()]
+    try:
+        with contextlib.ExitStack() as opened:
+            try:
+                out.parent.mkdir(parents=True, exist_ok=True)
+                lock = _take(path, out, opened)
+            except OSError as error:
+                remedy = Remedy.FREE_SPACE if error.errno == errno.ENOSPC else Remedy.CHOOSE_OUTPUT
+                raise OutputError(f"{out}: cannot be made ({error.strerror})", remedy) from error
+            try:
+                yield lock
+            except BaseException:
+                lock.restore()
+                raise
+            lock.remove()
+    finally:
+        for folder in made:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+
+
+def _take(path: Path, out: Path, opened: contextlib.ExitStack) -> Lock:
+    """Opens and locks the file of a lock."""
+    for _ in range(_TRIES):
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+        try:
+            locked = _try_to_lock(handle)
+            found = os.read(handle, _LONGEST)
+            owner = os.fsdecode(found.split(b"\n")[0])
+            if owner and not owner.startswith(_TITLE):
+                raise OutputError(f"{path}: is in the way, since it is no lock of mqslam", Remedy.CHOOSE_OUTPUT)
+            if not locked:
+                by = owner.removeprefix("mqslam, ") or "another process"
+                raise OutputError(f"{out}: is being written by {by}", Remedy.WAIT_OR_CHOOSE_OUTPUT)
+            if path.exists() and os.path.samestat(os.fstat(handle), path.stat()):
+                opened.callback(os.close, handle)
+                return Lock(path, handle, found)
+        except BaseException:
+            os.close(handle)
+            raise
+        os.close(handle)
+    raise OutputError(f"{out}: is being written by other processes", Remedy.WAIT_OR_CHOOSE_OUTPUT)
+
+
+def _try_to_lock(handle: int) -> bool:
+    """Locks a file; returns False if it is locked. Where the system or the file system has no locks, nothing is locked."""
+    if sys.platform == "win32":
+        return True
+    import fcntl
+
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        return error.errno not in _HELD
+    return True

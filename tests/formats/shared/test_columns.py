@@ -1,0 +1,130 @@
+"""Units in the names of columns are converted or refused, and seconds and nanoseconds are joined."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.recordings import START_US
+from support.sensors import write_lines
+
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import DataError
+from mqslam.formats.clouds import read_cloud
+from mqslam.formats.odometry_files import read_odometry
+from mqslam.formats.sensors import read_fixes, read_gyroscope
+from mqslam.formats.trajectories import read_trajectory
+
+YAW = 0.5
+STAMPS = START_US + 250_000 * np.arange(4)
+
+
+def read(path: Path, header: str, cells: str) -> Trajectory:
+    """Returns the trajectory of a table with the same cells in every row, {t} or {s} and {n} for the stamp."""
+    rows = [cells.format(t=t, s=t // 10**6, n=t % 10**6 * 1000, l=t * 1000) for t in STAMPS.tolist()]
+    return read_trajectory(write_lines(path / "poses.csv", header, *rows))
+
+
+@pytest.mark.parametrize(
+    ("header", "scale"),
+    [
+        ("t,x,y,yaw [deg]", 180.0 / np.pi),
+        ("t,x,y,heading(deg)", 180.0 / np.pi),
+        ("t,x,y,Theta (degrees)", 180.0 / np.pi),
+        ("t,x,y,yaw_deg", 180.0 / np.pi),
+        ("t,x,y,yaw [rad]", 1.0),
+        ("t,x,y,yaw_rad", 1.0),
+    ],
+)
+def test_a_unit_of_the_yaw_is_converted(tmp_path: Path, header: str, scale: float) -> None:
+    track = read(tmp_path, header, f"{{t}},1,2,{scale * YAW:.12f}")
+    np.testing.assert_allclose(track.poses, [[1.0, 2.0, YAW]] * 4)
+
+
+@pytest.mark.parametrize(
+    ("header", "scale"),
+    [
+        ("t,x [mm],y [mm],yaw", 1e3),
+        ("t,x_mm,y_mm,yaw", 1e3),
+        ("t,x (km),y (km),yaw", 1e-3),
+        ("t,x [m],y position [m],yaw", 1),
+    ],
+)
+def test_units_of_places_are_converted(tmp_path: Path, header: str, scale: float) -> None:
+    track = read(tmp_path, header, f"{{t}},{scale},{2 * scale},{YAW}")
+    np.testing.assert_allclose(track.poses, [[1.0, 2.0, YAW]] * 4)
+
+
+def test_a_unit_that_cannot_be_converted_is_refused_by_the_columns_name(tmp_path: Path) -> None:
+    for header, column in (("t,x,y,yaw [gon]", "yaw [gon]"), ("t,x [furlong],y,yaw", "x [furlong]")):
+        with pytest.raises(DataError) as error:
+            read(tmp_path, header, "{t},1,2,0")
+        assert f"column {column} states a unit" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("header", "cells"),
+    [
+        ("timestamp_sec,timestamp_nsec,x,y,yaw", "{s},{n},1,2,0.5"),
+        ("stamp_sec,stamp_nsec,x,y,yaw", "{s},{n},1,2,0.5"),
+        ("header.stamp.sec,header.stamp.nanosec,x,y,yaw", "{s},{n},1,2,0.5"),
+        ("sec,nanosec,x,y,yaw", "{s},{n},1,2,0.5"),
+        ("x,y,yaw,nsecs,secs", "1,2,0.5,{n},{s}"),
+        ("time_s,time_ns,x,y,yaw", "{s},{l},1,2,0.5"),
+    ],
+)
+def test_seconds_and_nanoseconds_are_joined(tmp_path: Path, header: str, cells: str) -> None:
+    track = read(tmp_path, header, cells)
+    np.testing.assert_array_equal(track.stamps_us, STAMPS)
+    np.testing.assert_allclose(track.poses, [[1.0, 2.0, YAW]] * 4)
+
+
+def test_nanoseconds_that_are_no_whole_numbers_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="nanoseconds that are no whole numbers"):
+        read(tmp_path, "sec,nsec,x,y,yaw", "{s},0.5,1,2,0.5")
+
+
+def test_clouds_join_seconds_and_nanoseconds(tmp_path: Path) -> None:
+    xy = np.arange(4.0)
+    whole, parts = (STAMPS // 10**6).astype(np.int32), (STAMPS % 10**6 * 1000).astype(np.int32)
+    np.savez(tmp_path / "cloud.npz", x=xy, y=xy, timestamp_sec=whole, timestamp_nsec=parts)
+    cloud = read_cloud(tmp_path / "cloud.npz")
+    np.testing.assert_array_equal(cloud.stamps_us, STAMPS)
+    assert any("timestamp_sec and timestamp_nsec in ns" in note for note in cloud.notes)
+
+
+@pytest.mark.parametrize(
+    ("header", "row"),
+    [
+        ("t,v [km/h],omega [deg/s]", "{t},36,{degrees}"),
+        ("time [ns],v_mps,omega_rad_s", "{l},10,{radians}"),
+        ("sec,nsec,v,omega (dps)", "{s},{n},10,{degrees}"),
+        ("\ufefft,v,omega", "{t},10,{radians}"),
+    ],
+)
+def test_odometry_converts_what_its_header_states(tmp_path: Path, header: str, row: str) -> None:
+    told = {"degrees": f"{np.degrees(0.2):.12f}", "radians": "0.2"}
+    rows = [row.format(t=t, s=t // 10**6, n=t % 10**6 * 1000, l=t * 1000, **told) for t in STAMPS.tolist()]
+    track = read_odometry(write_lines(tmp_path / "odom.csv", header, *rows))
+    np.testing.assert_array_equal(track.stamps_us, STAMPS)
+    np.testing.assert_allclose(track.mean_twists(STAMPS[:1], STAMPS[1:2]), [[10.0, 0.0, 0.2]], atol=1e-9)
+
+
+def test_sensors_convert_what_their_headers_state(tmp_path: Path) -> None:
+    rows = [f"{t // 10**6},{t % 10**6 * 1000},1,2,{k}" for k, t in enumerate(STAMPS.tolist())]
+    header = "timestamp_sec,timestamp_nsec,wx [deg/s],wy [deg/s],wz [deg/s]"
+    gyroscope = read_gyroscope(write_lines(tmp_path / "imu.csv", header, *rows)).sensor
+    np.testing.assert_array_equal(gyroscope.stamps_us, STAMPS)
+    np.testing.assert_allclose(gyroscope.rates[3], np.radians([1.0, 2.0, 3.0]))
+    rows = [f"{t / 1e6},0.9,{0.1 + 1e-6 * k}" for k, t in enumerate(STAMPS.tolist())]
+    fixes = read_fixes(write_lines(tmp_path / "gnss.csv", "t [s],lat [rad],lon [rad]", *rows), START_US).sensor
+    np.testing.assert_array_equal(fixes.stamps_us, STAMPS)
+    np.testing.assert_allclose(fixes.latitudes, np.degrees(0.9))
+
+
+@pytest.mark.parametrize("per_us", [1, 1000])
+def test_a_tum_file_in_microseconds_or_nanoseconds_is_read(tmp_path: Path, per_us: int) -> None:
+    rows = [f"{t * per_us} 1 2 0 0 0 0 1" for t in STAMPS.tolist()]
+    track = read_trajectory(write_lines(tmp_path / "t.tum", "\ufeff" + rows[0], *rows[1:]))
+    np.testing.assert_array_equal(track.stamps_us, STAMPS)
