@@ -18,6 +18,7 @@ _ALWAYS_BYTES = 16_000_000  # whatever is packed may unpack to this size
 _MOST_EXPANSION = 20  # what is larger may unpack to this many times its size: measurements hardly pack
 YAML_BYTES = 300_000  # size of a text in YAML, whose parsing takes five hundred times as much memory, and seconds
 _LONGEST_LINE = 1_000_000  # bytes; no table, log or listing has longer ones
+_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}  # and the encodings
 _DAMAGED = "copy it anew, or leave it out"
 _KINDS = {
     stat.S_ISFIFO: "a pipe",
@@ -86,7 +87,7 @@ def stay_within(folder: Path) -> Iterator[None]:
 
 
 def open_text(path: Path, encoding: str = "utf-8", errors: str | None = None) -> TextIO:
-    """Opens a text file whose lines are of bounded length; a byte order mark is left out.
+    """Opens a text file whose lines are of bounded length; a byte order mark says how it is encoded, and is left out.
 
     Raises:
         DataError: it is no file, or has a line that is too long.
@@ -94,17 +95,17 @@ def open_text(path: Path, encoding: str = "utf-8", errors: str | None = None) ->
     """
     _check_lines(check_file(path))
     with path.open("rb") as file:
-        is_marked = file.read(len(codecs.BOM_UTF8)) == codecs.BOM_UTF8
-    return path.open(encoding="utf-8-sig" if is_marked else encoding, errors=errors)
+        marked = _read_mark(file.read(len(codecs.BOM_UTF8)))
+    return path.open(encoding=marked or encoding, errors=errors)
 
 
 def decode(content: bytes) -> str:
-    """Decodes a text in UTF-8, with or without a byte order mark.
+    """Decodes a text in UTF-8, or as its byte order mark says.
 
     Raises:
         UnicodeDecodeError: it is in another encoding.
     """
-    return content.decode("utf-8-sig")
+    return content.decode(_read_mark(content) or "utf-8")
 
 
 def read_text(path: Path, encoding: str = "utf-8") -> str:
@@ -178,6 +179,11 @@ def reads_recording(read: Callable[Concatenate[R, P], Iterator[T]]) -> Callable[
             yield from read(recording, *arguments, **named)
 
     return read_and_blame
+
+
+def _read_mark(content: bytes) -> str | None:
+    """Returns the encoding that a text's byte order mark states, or None."""
+    return next((encoding for mark, encoding in _MARKS.items() if content.startswith(mark)), None)
 
 
 def _check_lines(path: Path) -> None:

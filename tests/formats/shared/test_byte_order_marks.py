@@ -33,22 +33,26 @@ GRAPH = "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\nEDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\
         ("a.tum", POSES, lambda path: read_odometry(path).poses),
         ("a.csv", "t,v,omega\n0,1,0\n1000000,1,0\n", lambda path: read_odometry(path).poses),
         ("a.csv", "t,x,y,yaw\n0,1,0,0\n1000000,2,0,0\n", lambda path: read_trajectory(path).poses),
-        ("a.log", SCANS, lambda path: read_lidar(path).scans[0].returns.ranges),
         ("a.txt", "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n", read_transform),
         ("a.txt", "Frame: 000001 Time: 1574859771.744660272\n", lambda path: read_listing(path)[1]),
         ("a.g2o", GRAPH, lambda path: np.array(read_g2o(path).keys)),
     ],
 )
-def test_a_mark_changes_nothing(tmp_path: Path, name: str, text: str, read: Callable[[Path], Any]) -> None:
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_a_mark_changes_nothing(tmp_path: Path, encoding: str, name: str, text: str, read: Callable[[Path], Any]) -> None:
     plain, marked = tmp_path / f"plain_{name}", tmp_path / f"marked_{name}"
     plain.write_text(text)
-    marked.write_bytes(MARK + text.encode())
+    marked.write_bytes(text.encode(encoding))
     np.testing.assert_array_equal(read(marked), read(plain))
 
 
-def test_a_mark_in_a_packed_log_and_in_settings_changes_nothing(tmp_path: Path) -> None:
-    (tmp_path / "a.log.gz").write_bytes(gzip.compress(MARK + SCANS.encode()))
-    assert len(read_lidar(tmp_path / "a.log.gz").scans) == 2
+@pytest.mark.parametrize(("name", "pack"), [("a.log", bytes), ("a.log.gz", gzip.compress)])
+def test_a_mark_in_a_carmen_log_changes_nothing(tmp_path: Path, name: str, pack: Callable[[bytes], bytes]) -> None:
+    (tmp_path / name).write_bytes(pack(MARK + SCANS.encode()))
+    assert len(read_lidar(tmp_path / name).scans) == 2
+
+
+def test_a_mark_in_settings_changes_nothing() -> None:
     text = "sensor: {clockwise: false}\n"
     assert parse_yaml(Config, "a.yaml", MARK + text.encode()) == parse_yaml(Config, "a.yaml", text)
 
