@@ -22,7 +22,12 @@ class DetectorConfig(BaseModel):
         "(median minus 10th percentile). It applies where it is below `threshold`.",
     )
     strongest: int = Field(12, ge=1, description="Number of peaks that are kept per azimuth.")
-    most_returns: int = Field(1000, ge=1, description="Number of returns that are kept per scan, the strongest.")
+    most_returns: int = Field(
+        1000,
+        ge=1,
+        description="Number of returns that are kept per scan, the strongest. All that stand out of the noise by "
+        "`contrast` are kept, however many they are.",
+    )
     smoothing_m: float = Field(0.2, ge=0.0, description="Half width of the window that smooths power along range [m].")
     min_range_m: float = Field(2.5, ge=0.0, description="Nearer returns are of the vehicle itself and are dropped [m].")
     max_range_m: float = Field(

@@ -7,6 +7,9 @@ intensity-weighted centroid of the three, in range, azimuth and time (2-D non-ma
 Rejected: azimuths marked invalid, saturated azimuths (a whole row lifted), and rings (one range seen at many azimuths at
 once, far more often than the ranges beside it), which are the sensor's own and would pull the motion to zero.
 
+Where the threshold lies in the noise, as it does on real radars, many returns are speckle: only the strongest of a scan are
+kept then. Returns that stand out of the noise are objects, weak ones far away too, and are kept however many they are.
+
 What the world is made of is measured in metres; what the sensor's sampling does to it, in range bins.
 """
 
@@ -48,7 +51,8 @@ def detect_and_count(polar_scan: PolarScan, range_resolution: float, config: Det
     last = min(bins - 1, math.ceil(config.max_range_m / range_resolution))
     half = min(round(config.smoothing_m / range_resolution), max(0, (bins - 3) // 2))
     usable = polar_scan.valid & ~_find_saturated(power, config)
-    threshold = min(config.threshold, _threshold_above_noise(power[usable, first:last], half, config))
+    above_noise = _threshold_above_noise(power[usable, first:last], half, config)
+    threshold = min(config.threshold, above_noise)
 
     def find_peaks(begin: int, end: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         peaks: tuple[NDArray[np.float64], NDArray[np.float64]] = _find_peaks(
@@ -73,7 +77,8 @@ def detect_and_count(polar_scan: PolarScan, range_resolution: float, config: Det
     ranges *= range_resolution
     join_m = max(config.join_m, config.join_bins * range_resolution)
     rows = _join_peaks(ranges, values, polar_scan.azimuths, polar_scan.times, join_m)
-    rows = rows[np.argsort(-rows[:, 3], kind="stable")[: config.most_returns]]
+    kept = max(config.most_returns, np.count_nonzero(rows[:, 3] >= above_noise))
+    rows = rows[np.argsort(-rows[:, 3], kind="stable")[:kept]]
     rows = rows[np.argsort(rows[:, 2], kind="stable")]
     return Returns(*(np.ascontiguousarray(rows[:, column]) for column in range(4))), counts
 

@@ -135,6 +135,16 @@ def test_only_the_strongest_of_an_azimuth_are_kept() -> None:
     assert sorted(np.round(returns.ranges)) == [30.0, 35.0, 40.0]
 
 
+@pytest.mark.parametrize(("brightest_noise", "returns"), [(24, 20), (120, 5)])
+def test_of_returns_in_the_noise_only_the_strongest_are_kept_and_of_objects_all(brightest_noise: int, returns: int) -> None:
+    power = np.random.default_rng(2).integers(0, brightest_noise, (AZIMUTHS, BINS), dtype=np.uint8)
+    for k in range(20):
+        add(power, 2 + (k * 3) % (AZIMUTHS - 3), 10.0 + 2.0 * k, level=80.0 + 2.0 * k)
+    scan = detect_in(power, SETTINGS.model_copy(update={"most_returns": 5}))
+    assert len(scan.ranges) == returns
+    assert np.array_equal(np.sort(scan.intensities), np.sort(detect_in(power).intensities)[-returns:])
+
+
 def test_azimuths_marked_invalid_give_no_returns() -> None:
     power = quiet()
     add(power, 17, 20.0)
