@@ -1,4 +1,4 @@
-"""Odometry files: poses as TUM, or body twists as CSV that are chained into poses; and tables of numbers beside images."""
+"""Odometry files: poses as TUM or CSV, or body twists as CSV, chained into poses; and tables of numbers beside images."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
-from mqslam.formats.shared.columns import RATES, SPEEDS, find_column, find_stamps, join_stamps
+from mqslam.formats.shared.columns import METRES, RATES, SPEEDS, find_column, find_stamps, join_stamps, name_columns
 from mqslam.formats.shared.poses import make_trajectory
 from mqslam.formats.shared.stamps import parse_stamps
+from mqslam.formats.trajectories.pose_table import read_table
 from mqslam.formats.tum import read_tum
 
 _LEAST_SLIDE = 1e-9  # sideways speeds below this [m/s] are rounding errors
@@ -25,7 +26,7 @@ _Read = TypeVar("_Read")
 
 @untrusted.reads_file
 def read_odometry(path: Path) -> Trajectory:
-    """Reads an odometry file: TUM, or CSV with the header `t,v,omega` and optionally `vy`.
+    """Reads an odometry file: TUM, CSV with the header `t,v,omega` and optionally `vy`, or a CSV of poses.
 
     In the CSV t is in us, v and vy in m/s, omega in rad/s (REP 103). The twist of a row holds until the next row's
     stamp, so the poses lie on exact constant-twist arcs; the first pose is the origin.
@@ -134,8 +135,13 @@ def _read_twists(path: Path, header: str) -> Trajectory:
     found = {name: find_column(path, names, name, units) for name, units in _TWIST}
     missing = [] if stamps_at else ["t"]
     missing += [name for name in ("v", "omega") if found[name] is None]
+    if found["v"] is None and all(find_column(path, names, name, METRES) for name in ("x", "y")):
+        return read_table(path, _read_rows(path))
     if missing:
-        raise DataError(path, f"has no column {', '.join(missing)}", "give a CSV whose header is t,v,omega[,vy]")
+        columns = f"has no {name_columns(missing)} (columns: {', '.join(names[:20])})"
+        raise DataError(
+            path, columns, "give speeds as a CSV with the header t,v,omega or t,v,omega,vy, or poses as TUM or as t,x,y,yaw"
+        )
     columns, factors = zip(*(column for column in found.values() if column is not None), strict=True)
     rows = _read_rows(path)[1:]
     table = _read_table(path, rows, [*(column for column, _ in stamps_at), *columns])

@@ -233,7 +233,7 @@ def _log_text(summary: dict[str, Any], notes: Sequence[str]) -> str:
     lines = [f"note: {note}" for note in (*notes, *list_sensor_notes(summary))]
     lines += [f"warning: {warning}" for warning in summary["warnings"]]
     beta, sigma = summary["doppler_beta"], summary["doppler_sigma"]
-    lines.append(f"Doppler shift: {beta:.4f} ± {sigma:.4f} s of range per closing speed")
+    lines.append(f"Doppler shift: {beta:.4f} ± {sigma:.4f} m of range per m/s of closing speed")
     lines += [*list_stages(summary), *list_verdict(summary)]
     return format_log(f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})", lines)
 

@@ -127,7 +127,10 @@ def read_first(names: Sequence[int], read: Callable[[int], _Read], place: str) -
         except DataError as error:
             errors.append(error)
             if 2 * len(errors) > len(names) - 1:
-                first, several = errors[0], f", like {len(errors)} of the {len(names)} polar scans" if errors[1:] else ""
+                first, several = (
+                    errors[0],
+                    f", like at least {len(errors)} of the {len(names)} polar scans" if errors[1:] else "",
+                )
                 raise DataError(first.path, f"{first.problem}{several}", first.remedy) from None
     if not errors:
         return content, 0, []

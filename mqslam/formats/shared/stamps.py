@@ -143,10 +143,15 @@ def read_listing(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     Raises:
         DataError: it cannot be read, or a line is of another form.
     """
+    remedy = "it should hold a line 'Frame: 000001 Time: 1574859771.744660272' for each file"
     try:
         lines = [line for line in untrusted.read_text(listing).splitlines() if line.strip()]
+    except FileNotFoundError as error:
+        raise DataError(listing, "does not exist", remedy) from error
     except (OSError, ValueError) as error:
-        raise DataError(listing, "is not a readable text file", "it holds the stamps of the files") from error
+        raise DataError(listing, "is not a readable text file", remedy) from error
+    if not lines:
+        raise DataError(listing, "is empty", remedy)
     matches = [_FRAME.fullmatch(line) for line in lines]
     if None in matches:
         number = matches.index(None) + 1

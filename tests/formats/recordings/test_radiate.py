@@ -88,13 +88,13 @@ def test_a_broken_list_of_stamps_is_named(radiate: Path, line: str, problem: str
 
 def test_a_missing_list_of_stamps_is_named(radiate: Path) -> None:
     (radiate / "Navtech_Polar.txt").unlink()
-    with pytest.raises(DataError, match=r"Navtech_Polar\.txt: is not a readable text file"):
+    with pytest.raises(DataError, match=r"Navtech_Polar\.txt: does not exist; it should hold a line"):
         open_recording(radiate)
 
 
-def test_an_empty_list_leaves_no_polar_scans(radiate: Path) -> None:
+def test_an_empty_list_of_stamps_is_named(radiate: Path) -> None:
     (radiate / "Navtech_Polar.txt").write_text("")
-    with pytest.raises(DataError, match="Navtech_Polar: holds no polar scans"):
+    with pytest.raises(DataError, match=r"Navtech_Polar\.txt: is empty; it should hold a line"):
         open_recording(radiate)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -109,6 +110,22 @@ def test_odometry_converts_what_its_header_states(tmp_path: Path, header: str, r
     track = read_odometry(write_lines(tmp_path / "odom.csv", header, *rows))
     np.testing.assert_array_equal(track.stamps_us, STAMPS)
     np.testing.assert_allclose(track.mean_twists(STAMPS[:1], STAMPS[1:2]), [[10.0, 0.0, 0.2]], atol=1e-9)
+
+
+def test_a_table_of_poses_is_odometry_too(tmp_path: Path) -> None:
+    rows = [f"{t // 10**6},{t % 10**6 * 1000},{1e3 * k},{-2e3 * k},{0.5 * k}" for k, t in enumerate(STAMPS.tolist())]
+    track = read_odometry(write_lines(tmp_path / "odom.csv", "stamp_sec,stamp_nsec,x [mm],y [mm],yaw [deg]", *rows))
+    np.testing.assert_array_equal(track.stamps_us, STAMPS)
+    k = np.arange(len(STAMPS))
+    np.testing.assert_allclose(track.poses, np.column_stack([k, -2.0 * k, np.radians(0.5 * k)]), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("header", "problem"), [("t,a,b", "has no columns v, omega (columns: t, a, b)"), ("t,v,b", "has no column omega")]
+)
+def test_odometry_without_its_columns_is_refused_with_what_it_has(tmp_path: Path, header: str, problem: str) -> None:
+    with pytest.raises(DataError, match=re.escape(problem)):
+        read_odometry(write_lines(tmp_path / "odom.csv", header, "0,1,2", "1000000,1,2"))
 
 
 def test_sensors_convert_what_their_headers_state(tmp_path: Path) -> None:
