@@ -13,7 +13,7 @@ from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
-from mqslam.formats.shared.columns import METRES, RATES, SPEEDS, find_column, find_stamps, join_stamps, name_columns
+from mqslam.formats.shared.columns import METRES, RATES, SPEEDS, find_column, find_stamps, join_stamps
 from mqslam.formats.shared.poses import make_trajectory
 from mqslam.formats.shared.stamps import parse_stamps
 from mqslam.formats.trajectories.pose_table import read_table
@@ -138,9 +138,9 @@ def _read_twists(path: Path, header: str) -> Trajectory:
     if found["v"] is None and all(find_column(path, names, name, METRES) for name in ("x", "y")):
         return read_table(path, _read_rows(path))
     if missing:
-        columns = f"has no {name_columns(missing)} (columns: {', '.join(names[:20])})"
+        problem = f"has no column {', '.join(missing)} (columns: {', '.join(names[:20])})"
         raise DataError(
-            path, columns, "give speeds as a CSV with the header t,v,omega or t,v,omega,vy, or poses as TUM or as t,x,y,yaw"
+            path, problem, "give speeds as CSV with the header t,v,omega or t,v,omega,vy, or poses as TUM or t,x,y,yaw"
         )
     columns, factors = zip(*(column for column in found.values() if column is not None), strict=True)
     rows = _read_rows(path)[1:]

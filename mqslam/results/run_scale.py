@@ -16,15 +16,19 @@ from mqslam.errors import Remedy
 from mqslam.solution import Run
 
 _SPAN_US: Final = 1_000_000  # over which speeds are compared [us]: long against what single motions err by
+_UNITS: Final = {"km/h": 1.0 / 3.6, "miles per hour": 0.44704, "mm/s": 1e-3, "cm/s": 1e-2}  # [m/s]
+_SAME_UNIT: Final = 0.1  # by which a wheel's scale, or a range bin's, may be off besides
 
 
 def judge_scale(run: Run) -> list[Finding]:
     """Returns that odometry or fixes contradict the trajectory's scale; nothing where they do not, or there are too few."""
     reasons, ratio, fixes = [], measure_ratio(run), run.sensors.fixes
     if ratio is not None and _is_wrong(ratio, run.config.verdict):
+        fits = f"range bins {1.0 / ratio:.3g} times as long would fit: {Remedy.GIVE_RANGE_RESOLUTION}"
+        agreed = _shows_scale(fixes) and not (fixes and fixes.stretch and _is_wrong(fixes.stretch, run.config.verdict))
+        remedy = "mend odometry's speeds, since GNSS agrees with the radar" if agreed else f"or {fits}"
         reasons.append(
-            f"the trajectory is {ratio:.3g} times as fast as odometry: its scale is wrong, or range bins "
-            f"{1.0 / ratio:.3g} times as long would fit: {Remedy.GIVE_RANGE_RESOLUTION}"
+            f"the trajectory is {ratio:.3g} times as fast as odometry: odometry's scale is wrong{_guess_unit(ratio)}, {remedy}"
         )
     if fixes is not None and fixes.stretch is not None and _is_wrong(fixes.stretch, run.config.verdict):
         reasons.append(
@@ -37,6 +41,12 @@ def judge_scale(run: Run) -> list[Finding]:
 def _shows_scale(fixes: FixUse | None) -> bool:
     """Returns whether fixes show the scale: they are used, or contradict it."""
     return fixes is not None and (fixes.edges is not None or fixes.stretch is not None)
+
+
+def _guess_unit(ratio: float) -> str:
+    """Returns the unit that odometry's speeds seem to have, if the radar is that many times as fast."""
+    unit = next((unit for unit, size in _UNITS.items() if abs(ratio / size - 1.0) < _SAME_UNIT), None)
+    return f", as if its speeds were in {unit}" if unit else ""
 
 
 def _is_wrong(ratio: float, limits: VerdictConfig) -> bool:

@@ -176,6 +176,15 @@ def test_a_trajectory_of_another_scale_than_odometry_does_not_pass(step_m: float
     assert not said if is_right else f"{1.0 / step_m:.3g} times as fast" in said[0] and f"bins {step_m:.3g} times" in said[0]
 
 
+def test_odometry_in_another_unit_is_told_and_range_bins_are_not_blamed_where_gnss_agrees_with_the_radar() -> None:
+    (said,) = [reason for reason in judge_run(run(240, odometry=driven(240, 3.6)))[1] if "as fast as odometry" in reason]
+    assert "as if its speeds were in km/h, or range bins 3.6 times as long" in said
+    agreeing = SensorUse(fixes=FixUse("gnss.csv", (), None, None, 1.001))
+    found = run(240, odometry=driven(240, 3.6), sensors=agreeing)
+    (said,) = [reason for reason in judge_run(found)[1] if "as fast as odometry" in reason]
+    assert "in km/h, mend odometry's speeds, since GNSS agrees with the radar" in said and "range bins" not in said
+
+
 @pytest.mark.parametrize("stretch", [None, 0.8, 0.95, 1.05, 1.3])
 def test_fixes_that_lie_farther_apart_than_the_trajectory_has_them_do_not_pass(stretch: float | None) -> None:
     fixes = FixUse("gnss.csv", (), None, None, stretch)

@@ -21,6 +21,7 @@ class Fixes:
         source: the file or topic that they come from, for messages.
         made_truth: whether the recording's ground truth was made from this receiver: then the fixes, used for an estimate,
             would make the evaluation of that estimate meaningless.
+        own_clock: whether the receiver's clock is known not to be that of the radar.
     """
 
     stamps_us: NDArray[np.int64]
@@ -29,6 +30,7 @@ class Fixes:
     sigmas_m: NDArray[np.float64]
     source: str
     made_truth: bool = False
+    own_clock: bool = False
 
     def __len__(self) -> int:
         return len(self.stamps_us)

@@ -63,7 +63,7 @@ def make_radiate_fixes(root: Path, messages: SensorTable) -> Reading[Fixes]:
     Raises:
         DataError: no message can be used.
     """
-    return make_fixes(root / NAME, NAME, messages.with_columns(messages.columns[:, :3]))
+    return make_fixes(root / NAME, NAME, messages.with_columns(messages.columns[:, :3]), own_clock=True)
 
 
 def _read_message(file: Path) -> list[float]:

@@ -60,7 +60,9 @@ def make_gyroscope(path: Path, source: str, table: SensorTable, *notes: str, own
     return Reading(gyroscope, (*notes, *_note_unit(gyroscope)), faults)
 
 
-def make_fixes(path: Path, source: str, table: SensorTable, *notes: str, made_truth: bool = False) -> Reading[Fixes]:
+def make_fixes(
+    path: Path, source: str, table: SensorTable, *notes: str, made_truth: bool = False, own_clock: bool = False
+) -> Reading[Fixes]:
     """Makes fixes of the rows of a file or topic that can be used.
 
     Args:
@@ -70,6 +72,7 @@ def make_fixes(path: Path, source: str, table: SensorTable, *notes: str, made_tr
             where the receiver states none.
         notes: how the file was understood.
         made_truth: whether the recording's ground truth was made from this receiver.
+        own_clock: whether the receiver's clock is known not to be that of the radar.
 
     Raises:
         DataError: no row can be used.
@@ -85,7 +88,7 @@ def make_fixes(path: Path, source: str, table: SensorTable, *notes: str, made_tr
         hint = ": its latitudes seem to be longitudes, and the other way round" if swapped.any() else ""
         raise DataError(path, problem, f"give a log with fixes, in degrees{hint}")
     sigmas = np.where(np.isfinite(sigmas) & (sigmas > 0.0), sigmas, np.nan)
-    fixes = Fixes(table.stamps_us[kept], latitudes[kept], longitudes[kept], sigmas[kept], source, made_truth)
+    fixes = Fixes(table.stamps_us[kept], latitudes[kept], longitudes[kept], sigmas[kept], source, made_truth, own_clock)
     return Reading(fixes, notes, faults)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.errors import DataError, untrusted
-from mqslam.formats.shared.columns import find_column, find_stamps, name_columns
+from mqslam.formats.shared.columns import find_column, find_stamps
 from mqslam.formats.shared.stamps import LATEST_US, UNITS, guess_unit
 
 _LONGEST_LINE = 10_000  # characters of a table's first line: in a longer one the file is no table
@@ -68,7 +68,7 @@ class Header:
         missing = [name for name in names if name not in self.names]
         if missing:
             listed = ", ".join(self.names[:_LISTED])
-            raise DataError(self.path, f"has no {name_columns(missing)} (columns: {listed})", remedy)
+            raise DataError(self.path, f"has no column {', '.join(missing)} (columns: {listed})", remedy)
         return [self.names.index(name) for name in names]
 
 

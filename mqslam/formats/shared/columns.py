@@ -95,8 +95,3 @@ def join_stamps(words: Sequence[Sequence[str]], units: Sequence[str]) -> NDArray
     if not all(word.lstrip("-").isascii() and word.lstrip("-").isdigit() for word in whole):
         return parse_stamps(whole, "s")
     return parse_stamps([f"{second}.{int(part):09d}" for second, part in zip(whole, parts, strict=True)], "s")
-
-
-def name_columns(names: Sequence[str]) -> str:
-    """Returns names of columns for a sentence: `column x`, or `columns x, y`."""
-    return f"{'column' if len(names) == 1 else 'columns'} {', '.join(names)}"

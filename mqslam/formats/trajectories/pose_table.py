@@ -8,7 +8,7 @@ import numpy as np
 
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.formats.shared.columns import METRES, RADIANS, find_column, find_stamps, join_stamps, name_columns
+from mqslam.formats.shared.columns import METRES, RADIANS, find_column, find_stamps, join_stamps
 from mqslam.formats.shared.poses import make_trajectory, read_yaw
 from mqslam.formats.trajectories.pose_rows import KNOWN, parse_numbers
 
@@ -36,7 +36,7 @@ def read_table(path: Path, rows: list[str]) -> Trajectory:
     missing = [] if stamps_at else ["t"]
     missing += [name for (name, _), column in zip(wanted, found, strict=True) if column is None]
     if missing:
-        raise DataError(path, f"has no {name_columns(missing)} (columns: {', '.join(named[:20])})", KNOWN)
+        raise DataError(path, f"has no column {', '.join(missing)} (columns: {', '.join(named[:20])})", KNOWN)
     columns, factors = zip(*(column for column in found if column is not None), strict=True)
     words = [row.split(",") for row in rows[header + 1 :] if not row.startswith("#")]
     times = [column for column, _ in stamps_at]

@@ -223,3 +223,10 @@ def test_jumps_are_not_taken_for_wandering() -> None:
     for begin in range(20, 800, 40):
         residuals[begin : begin + 6] += 20.0
     assert measure_fix_noise(np.arange(800.0), residuals, np.full(800, np.nan), 60.0).walk_m < 0.2
+
+
+def test_fixes_of_another_clock_are_refused_where_the_drive_does_not_show_how_far_it_is_off() -> None:
+    fixes, motions = fixed(Receiver(), 800), measured(800)
+    assert join_fixes(fixes, START_US, motions, np.zeros(2), SETTINGS).edges is not None
+    use = join_fixes(replace(fixes, own_clock=True), START_US, motions, np.zeros(2), SETTINGS)
+    assert use.edges is None and "their clock is not that of the radar" in use.statements[0]

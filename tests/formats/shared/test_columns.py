@@ -121,7 +121,7 @@ def test_a_table_of_poses_is_odometry_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("header", "problem"), [("t,a,b", "has no columns v, omega (columns: t, a, b)"), ("t,v,b", "has no column omega")]
+    ("header", "problem"), [("t,a,b", "has no column v, omega (columns: t, a, b)"), ("t,v,b", "has no column omega")]
 )
 def test_odometry_without_its_columns_is_refused_with_what_it_has(tmp_path: Path, header: str, problem: str) -> None:
     with pytest.raises(DataError, match=re.escape(problem)):

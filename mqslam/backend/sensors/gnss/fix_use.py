@@ -172,6 +172,8 @@ def join_fixes(
     if not mistake and np.count_nonzero(there) >= settings.fewest:
         mirrored = is_mirrored(se2.interpolate(starts, chain, times[there])[:, :2], positions[there])
     delay_s = find_fix_delay(times, positions, starts, chain, settings.longest_delay_s)
+    if fixes.own_clock and not delay_s:
+        return refuse("their clock is not that of the radar, and the drive does not show by how much it is off")
     times = times - delay_s
     inside = (starts[0] <= times) & (times <= starts[-1])
     if np.count_nonzero(inside) < settings.fewest:
