@@ -46,4 +46,4 @@ def test_a_missing_list_of_their_stamps_costs_the_sensors_alone(radiate: Path) -
     recording = open_recording(radiate)
     assert len(recording) == 6 and recording.gyroscope is None and recording.fixes is None
     (fault,) = recording.faults
-    assert fault.endswith("GPS_IMU_Twist.txt is not a readable text file: left out")
+    assert fault.endswith("GPS_IMU_Twist.txt does not exist: left out")
