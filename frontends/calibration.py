@@ -16,6 +16,12 @@ from mqslam.config import CalibrationConfig
 from mqslam.core import se2
 from mqslam.core.statistics.gross import cut_gross
 
+# Number of motions that it takes to outweigh the covariances that the front end states itself. These were off by a factor
+# of three and more, so that they are worth a few motions only.
+_TRUSTED = 5.0
+# Squared differences over this many times the median one are cut down to it: a wrong match says nothing of the right ones.
+_GROSS = 100.0
+
 
 class Twice(NamedTuple):
     """A motion that was measured twice, each time against another map.
@@ -42,6 +48,6 @@ def learn_scale(motions: Iterable[Twice], settings: CalibrationConfig) -> NDArra
     squares = np.asarray(np.fromiter(telling, np.dtype((np.float64, 3))), dtype=np.float64)
     if not len(squares):
         return np.ones(3)
-    squares = cut_gross(squares, settings.gross)
+    squares = cut_gross(squares, _GROSS)
     count = np.isfinite(squares).sum(axis=0)
-    return np.asarray((settings.trusted + np.nansum(squares, axis=0)) / (settings.trusted + count))
+    return np.asarray((_TRUSTED + np.nansum(squares, axis=0)) / (_TRUSTED + count))

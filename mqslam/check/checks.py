@@ -59,7 +59,7 @@ def check_recording(
     followed = follow(recording, stretches, check, tracker, estimator, beam)
     findings = (
         check_stamps(recording, stretches, check, reading),
-        check_azimuths(stretches, check),
+        check_azimuths(stretches),
         check_order(followed, check),
         check_mirror(recording, followed, odometry, check),
         check_stamp(recording, followed, odometry, check),

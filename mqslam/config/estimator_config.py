@@ -61,12 +61,6 @@ class EstimatorConfig(BaseModel):
     )
     sigma_range_m: float = Field(0.15, gt=0.0, description="Standard deviation of a return along the ray [m].")
     sigma_azimuth: float = Field(0.008, gt=0.0, description="Standard deviation of a return across the ray [rad].")
-    stabiliser: float = Field(
-        0.15,
-        ge=0.0,
-        description="Share of Gauss-Newton's curvature that is added to the curvature that knows of re-selected "
-        "neighbours, so that steps are safe.",
-    )
     correlation: float = Field(
         5.0,
         ge=1.0,
@@ -104,21 +98,6 @@ class EstimatorConfig(BaseModel):
         description="Squared distance between two motions of a window, in units of their covariances, beyond which they are "
         "different motions.",
     )
-    basins: int = expert(
-        3, ge=1, description="Number of basins of a window's exhaustive search that are refined, the best ones first."
-    )
-    difference_step: float = expert(
-        4.0,
-        gt=0.0,
-        description="Step of the differences that give the curvature of a window's score, in units of the step that ends "
-        "the search.",
-    )
-    unknown_speed: float = expert(
-        20.0, gt=0.0, description="Standard deviation of a window's speed in a direction that psi does not observe [m/s]."
-    )
-    unknown_yaw_rate: float = expert(
-        1.0, gt=0.0, description="Standard deviation of a window's yaw rate where psi does not observe it [rad/s]."
-    )
 
     search_pixel: float = expert(
         0.3,
@@ -130,15 +109,6 @@ class EstimatorConfig(BaseModel):
         2.0,
         gt=0.0,
         description="Poses that are nearer to each other than this many pixels of the global search count as one.",
-    )
-    search_blur: float = expert(
-        1.4, ge=0.0, description="Standard deviation of the images' blur, in pixels of the global search."
-    )
-    search_extent: float = expert(
-        110.0,
-        gt=0.0,
-        description="Points farther from the query's origin than this many pixels take no part in the search, "
-        "because they would need finer steps of yaw.",
     )
     search_peaks: int = expert(3, ge=1, description="Most poses that the global search hands on to the minimiser.")
 

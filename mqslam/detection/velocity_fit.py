@@ -23,6 +23,14 @@ from mqslam.core.recording import PolarScan
 from mqslam.core.sensors.velocity import Outcome
 from mqslam.detection.chirp_correlation import ChirpCorrelation, correlate_chirps
 
+# Step between the velocities that are tried at first [m/s]. At 0.05 s it shifts echoes by 0.15 m, which is less than their
+# width.
+_STEP_MPS = 1.5
+# The shift of an azimuth is sought within this of what the best velocity so far says [m/s]. Traffic outside it does not
+# disturb.
+_WINDOW_MPS = 2.5
+
+
 Array = NDArray[np.float64]
 
 _ROUNDS = 2  # times that shifts are read around the velocity so far: the second time they no longer change
@@ -86,7 +94,7 @@ def measure_velocity(polar_scan: PolarScan, range_resolution: float, middle: flo
 def read_shifts(correlation: ChirpCorrelation, expected: Array, config: ChirpConfig) -> Shifts:
     """Reads the radial speed of every azimuth off the highest peak of its correlation near an expected speed (K,) [m/s]."""
     per_cell = correlation.cell / (2.0 * config.doppler_beta)
-    half = max(2, math.ceil(config.window_mps / per_cell))
+    half = max(2, math.ceil(_WINDOW_MPS / per_cell))
     reach, rows = correlation.reach, np.arange(len(expected))
     middle = np.clip(np.round(expected / per_cell).astype(np.int64) + reach, half, 2 * reach - half)
     inside = np.take_along_axis(correlation.values, middle[:, None] + np.arange(-half, half + 1), axis=1)
@@ -102,10 +110,10 @@ def read_shifts(correlation: ChirpCorrelation, expected: Array, config: ChirpCon
 def _search(correlation: ChirpCorrelation, config: ChirpConfig) -> Array | None:
     """Searches the velocity (2,) [m/s] at which the correlations add up best; None where it hardly differs from others."""
     per_cell = correlation.cell / (2.0 * config.doppler_beta)
-    line = np.arange(-config.fastest_mps, config.fastest_mps + config.step_mps, config.step_mps)
+    line = np.arange(-config.fastest_mps, config.fastest_mps + _STEP_MPS, _STEP_MPS)
     tried = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
     tried = tried[np.hypot(*tried.T) <= config.fastest_mps]
-    smooth = gaussian_filter1d(correlation.values, max(0.5 * config.step_mps / per_cell, 0.5), axis=1)
+    smooth = gaussian_filter1d(correlation.values, max(0.5 * _STEP_MPS / per_cell, 0.5), axis=1)
     sums = np.zeros(len(tried))
     for azimuth, row in zip(correlation.azimuths.tolist(), smooth, strict=True):
         shift = (tried[:, 0] * math.cos(azimuth) + tried[:, 1] * math.sin(azimuth)) / per_cell

@@ -21,6 +21,10 @@ from mqslam.psi.observability import find_weak_directions, spread_along
 from mqslam.psi.place import Beam, PointSet
 from mqslam.psi.scoring.references import References, make_references
 
+# Yaw [rad] beyond which a scan is not believed in the same way.
+_ASIDE_RAD = 0.03
+
+
 _FIRST_STEP: Final = 2  # step of the annealing to begin with: a prediction is nearer than the first widths
 
 _LEAST: Final = np.diag(TOLERANCES**2)
@@ -149,7 +153,7 @@ def is_away(moved: se2.Array, prediction: Prediction, settings: LocalisationConf
     """
     sigmas = np.sqrt(np.diag(prediction.covariance))
     allowed_m = settings.aside_m + settings.sigmas * float(np.hypot(sigmas[0], sigmas[1]))
-    allowed_rad = settings.aside_rad + settings.sigmas * float(sigmas[2])
+    allowed_rad = _ASIDE_RAD + settings.sigmas * float(sigmas[2])
     return bool(np.hypot(moved[0], moved[1]) > allowed_m or abs(moved[2]) > allowed_rad)
 
 

@@ -21,6 +21,11 @@ from mqslam.psi.scoring.estimator import Evaluation, Kernel, Scale, evaluate
 from mqslam.psi.scoring.neighbours import NeighbourCache, find_candidates, sort_into_cells
 from mqslam.psi.scoring.references import References, evaluate_against, find_reach
 
+# Share of Gauss-Newton's curvature that is added to the curvature that knows of re-selected neighbours, so that steps are
+# safe.
+STABILISER = 0.15
+
+
 _LARGEST_PART = 0.9  # of a step that the next one is taken to be [1]: it keeps the extrapolation finite
 _FLATTEST = 1e-9  # least curvature that a step is divided by [1/tolerance^2], which keeps the step finite
 
@@ -163,7 +168,7 @@ def minimise(
         scale = annealed_scale(config, step)
         here = rendered.evaluate(state, scale)
         around, beside = Expansion(here.gradient, here.information, here.curvature), state - prior.mean
-        move, length = choose_move(around, beside, prior.information, config.stabiliser, config.correlation, tolerances)
+        move, length = choose_move(around, beside, prior.information, STABILISER, config.correlation, tolerances)
         if scale == last:
             settled = length < search.settled
             converged = settled or bool(np.all(np.abs(move) < tolerances))

@@ -55,7 +55,7 @@ def pooled(
     poses[:, 2] += mount
     poses = se2.compose(poses, se2.inverse(np.array(base)))
     track = Trajectory(truth.stamps_us + round(1e6 * late), se2.compose(poses, extrinsics))
-    sweeps = place_sweeps(scans, track, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))[0]
+    sweeps = place_sweeps(scans, track, beam_of(CONFIG.estimator, 0.0))[0]
     known = np.ones(len(sweeps), bool)
     spans = lay_spans(sweeps, known, CONFIG.audit, CONFIG.estimator, LocalEngine(2), ignore_progress)
     found = pool(spans, measure_twists(sweeps, CONFIG.audit.step_scans), CONFIG.audit)
@@ -231,7 +231,7 @@ def test_spans_have_their_path_between_them() -> None:
 def test_a_lidar_that_does_not_see_far_shows_no_scale(tmp_path: Path) -> None:
     config = load_config(LIDAR_CONFIG)
     source = make_lidar_source(read_lidar(write_laser_bag(tmp_path / "boxes.bag", solid=True), config.reading))
-    sweeps, _ = place_source(source, drive_truth(), config.audit, beam_of(config.estimator, 0.0))
+    sweeps, _ = place_source(source, drive_truth(), beam_of(config.estimator, 0.0))
     known = np.ones(len(sweeps), bool)
     spans = lay_spans(sweeps, known, config.audit, config.estimator, LocalEngine(2), ignore_progress)
     found = pool(spans, measure_twists(sweeps, config.audit.step_scans), config.audit)

@@ -31,7 +31,7 @@ BEAM = beam_of(CONFIG.estimator, 0.0)
 
 def findings(recording: Recording) -> tuple[Finding, Finding]:
     stretches = read_stretches(recording, None, CONFIG.check, DetectorConfig(), lambda done, total: None)
-    return check_stamps(recording, stretches, CONFIG.check, CONFIG.reading), check_azimuths(stretches, CONFIG.check)
+    return check_stamps(recording, stretches, CONFIG.check, CONFIG.reading), check_azimuths(stretches)
 
 
 class Holed(SimulatedRecording):

@@ -22,6 +22,10 @@ from mqslam.auditing.spans.lever import Lever, estimate_lever, find_turns
 from mqslam.auditing.spans.robust import HUBER, judge_by_jackknife, measure_spread, split_into_blocks
 from mqslam.config import AuditConfig, GraphConfig
 
+# Fewest such pairs that show a bias, or how far off such a pair usually is.
+SPAN_FEWEST = 15
+
+
 _FEWEST: Final = 10  # a spread of fewer places may be small by chance
 _COMMON_YAW: Final = (
     GraphConfig().common_drift_rad / 10.0
@@ -57,7 +61,7 @@ def pool(spans: Sequence[Laid], twists: NDArray[np.float64], settings: AuditConf
         twists: (S, 3) of the sensor at every sweep, as the trajectory has them [m/s, m/s, rad/s].
         settings: of the audit.
     """
-    if len(spans) < max(settings.span_fewest, _FEWEST):
+    if len(spans) < max(SPAN_FEWEST, _FEWEST):
         return None
     offsets = np.array([span.offset for span in spans])
     turns = find_turns(spans, settings)

@@ -12,6 +12,9 @@ from mqslam.config import EstimatorConfig, TrackerConfig
 from mqslam.psi.minimiser import annealed_scale, final_scale
 from mqslam.psi.place import PointSet
 
+# Share of those scans whose predictions erred by less than what is expected of the next.
+_FORESIGHT_SHARE = 0.9
+
 
 class Foresight:
     """Errors of the predictions of the last scans.
@@ -47,7 +50,7 @@ class Foresight:
         step = settings.first_step
         if self.is_young:
             return step
-        least = settings.foresight_margin * float(np.quantile(self._errors, settings.foresight_share))
+        least = settings.foresight_margin * float(np.quantile(self._errors, _FORESIGHT_SHARE))
         while annealed_scale(matching, step) != final_scale(matching) and annealed_scale(matching, step + 1).beta_s >= least:
             step += 1
         return step

@@ -115,7 +115,7 @@ class Tracker:
 
     def loses(self, scan: Scan) -> bool:
         """Returns whether so much time has passed since the last match that a prediction may miss the scan's place."""
-        if self._last.is_before(scan, self.settings):
+        if self._last.is_before(scan):
             return False
         spread = np.linalg.eigvalsh(self._last.predict(scan, self.settings).covariance[:2, :2])[-1]
         return bool(spread > self._setup.estimator.search_pixel_m**2)
@@ -221,7 +221,7 @@ class Tracker:
         belief = update_belief(minimum.state, evaluation, predicted.information, setup, weak)
         placed = self._matcher.place(scan, belief.mean)
         covariance = measure_covariance(evaluation, placed, predicted, self._map, setup)[POSE, POSE]
-        self._usual = self._usual.after(minimum, self.settings)
+        self._usual = self._usual.after(minimum)
         observed = () if len(weak) else (belief.mean.twist,)
         twists = (*self._last.twists, *observed)[-self.settings.held_scans :]
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, belief, blind=blind, twists=twists)
@@ -242,8 +242,8 @@ class Tracker:
 
     def _is_out_of_place(self, minimum: Minimum) -> bool:
         """Returns whether a match is so much poorer than usual that it is probably none."""
-        return not overlaps(minimum, self.settings) or self._is_poor(measure_overlap(minimum))
+        return not overlaps(minimum) or self._is_poor(measure_overlap(minimum))
 
     def _is_poor(self, share: float) -> bool:
         """Returns whether a matched share is much poorer than the usual one."""
-        return self._usual.is_poor(share, self.settings)
+        return self._usual.is_poor(share)

@@ -25,6 +25,14 @@ from mqslam.config import GraphConfig, OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 
+# Standard deviation of the radar's place on the vehicle along each axis, where it is stated [m]. The point that wheels
+# move without slip lies between the rear wheels, and a tape measure finds it no better.
+SIGMA_MOUNT_M = 0.05
+# Standard deviation of the yaw at which the radar is mounted, where it is stated [rad]: MulRan's calibration differs from
+# straight ahead by as much.
+SIGMA_MOUNT_RAD = 0.01
+
+
 AT_ORIGIN: Final = np.zeros(3)
 """The mount of a radar of which nobody says where it sits: odometry is then taken as its own motion."""
 _COMMON: Final = 5  # parameters with one value for the whole run; the bias follows them
@@ -143,8 +151,8 @@ def make_prior_information(
         settings: of the graph.
         mounted: whether it is known how the radar is mounted.
     """
-    place_m = stated.sigma_mount_m if mounted else MOUNT_M
-    turned = stated.sigma_mount_rad if mounted else stated.sigma_travel
+    place_m = SIGMA_MOUNT_M if mounted else MOUNT_M
+    turned = SIGMA_MOUNT_RAD if mounted else stated.sigma_travel
     sigmas = [stated.sigma_travel, DELAY_S, place_m, place_m, turned, stated.sigma_yaw_rate]
     information = np.zeros((_COMMON + len(design.knots_s) + 1,) * 2)
     first = np.arange(_COMMON + 1)
