@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import logging
+import re
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -18,7 +19,7 @@ _ALWAYS_BYTES = 16_000_000  # whatever is packed may unpack to this size
 _MOST_EXPANSION = 20  # what is larger may unpack to this many times its size: measurements hardly pack
 YAML_BYTES = 300_000  # size of a text in YAML, whose parsing takes five hundred times as much memory, and seconds
 _LONGEST_LINE = 1_000_000  # bytes; no table, log or listing has longer ones
-_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}  # and the encodings
+_UTF_16 = re.compile(rb"\xff\xfe[\x01-\x7f]\0|\xfe\xff\0[\x01-\x7f]")  # the mark, and a first character that is ASCII
 _DAMAGED = "copy it anew, or leave it out"
 _KINDS = {
     stat.S_ISFIFO: "a pipe",
@@ -95,7 +96,7 @@ def open_text(path: Path, encoding: str = "utf-8", errors: str | None = None) ->
     """
     _check_lines(check_file(path))
     with path.open("rb") as file:
-        marked = _read_mark(file.read(len(codecs.BOM_UTF8)))
+        marked = _read_mark(file.read(4))
     return path.open(encoding=marked or encoding, errors=errors)
 
 
@@ -183,7 +184,9 @@ def reads_recording(read: Callable[Concatenate[R, P], Iterator[T]]) -> Callable[
 
 def _read_mark(content: bytes) -> str | None:
     """Returns the encoding that a text's byte order mark states, or None."""
-    return next((encoding for mark, encoding in _MARKS.items() if content.startswith(mark)), None)
+    if content.startswith(codecs.BOM_UTF8):
+        return "utf-8-sig"
+    return "utf-16" if _UTF_16.match(content) else None
 
 
 def _check_lines(path: Path) -> None:
