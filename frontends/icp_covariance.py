@@ -15,7 +15,6 @@ _SURFACE_POINTS = 10
 # Least variance of a surface's points across it, as a share of that along it.
 _FLATTEST = 0.01
 
-
 _LEAST_M = 1e-3  # a length that nobody measures, so that no matrix is singular: least residual and least lever arm [m]
 
 

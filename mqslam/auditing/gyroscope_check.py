@@ -20,7 +20,6 @@ from mqslam.core.trajectory import Trajectory
 # Error of the scale that data sheets of cheap gyroscopes allow: an audit blames nothing on a smaller one.
 _LIKELY_SCALE = 0.03
 
-
 _SPARSE: Final = 0.7  # poses per scan, below which a trajectory is interpolated between poses: one and a half turns apart
 _LEAST_VARIANCE: Final = 1e-12  # numerical: a trajectory that agrees exactly [rad^2]
 

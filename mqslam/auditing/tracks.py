@@ -33,7 +33,6 @@ _JUMP_QUANTILE = 0.9
 # recording's.
 _UNCOVERED_WARN = 0.5
 
-
 _LISTED: Final = 3  # stretches or jumps that a sentence names one by one, so that it stays readable
 _MOST: Final = 0.5  # by definition: most scans are more than half of them
 _CLOSE_TURNS: Final = 0.5  # by definition: the pose that is nearest to a scan is its own within half a turn

@@ -28,7 +28,6 @@ _DRIFT_TRUSTED = 2.0
 # direction misplaced says nothing of the others.
 _DRIFT_GROSS = 20.0
 
-
 _PER_M = 100.0  # path [m] that the settings of common drift are for
 
 

@@ -34,7 +34,6 @@ _SHIFT_ERROR = 0.25
 # Smallest shift of stamps that is suspicious [turns].
 _SHIFT_OK = 0.5
 
-
 _LEAST_SLOPE = 1e-9  # numerical [rad/s^2]: keeps the error of a shift finite where the yaw rate does not change
 _LEAST_RATIO = 0.1  # below this ratio of speeds the two have little in common, and no length of a range bin would fit
 

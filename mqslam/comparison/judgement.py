@@ -32,7 +32,6 @@ _PLACES_APART = 2
 # A difference in yaw counts as much as the distance by which it moves a point this far away [m].
 _LEVER_M = 20.0
 
-
 # what the report shows, none of which changes a number
 _STATIONS: Final = 60  # places along the way that can be looked at
 _MAP_POINTS: Final = 60_000  # points of a row's map that are kept to be looked at

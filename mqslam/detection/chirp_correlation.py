@@ -22,7 +22,6 @@ from mqslam.core.recording import PolarScan
 # targets, keeps its range whatever the speed is.
 _BACKGROUND_M = 0.5
 
-
 _SPREAD = (10.0, 50.0)  # the percentiles between which the spread of the noise lies: the definition of chirps.contrast
 _NEAR = 1.5  # azimuths farther apart than this many usual steps are no neighbours: one between them is missing
 _EVERY = 4  # step between the cells from which an azimuth's noise is taken, which saves time

@@ -38,7 +38,6 @@ _SATURATION_BINS = 4
 # Step between the azimuths from which the spread of the noise is taken; a larger step saves time.
 _NOISE_AZIMUTHS = 8
 
-
 _SPREAD = (10.0, 50.0)  # the percentiles between which the spread of the noise lies: the definition of detector.contrast
 
 

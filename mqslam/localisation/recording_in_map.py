@@ -33,7 +33,6 @@ from mqslam.psi.place import Beam
 # Least share of the scans along a row of recognised places that must lie on the map for it to count.
 _CONFIRMED = 0.7
 
-
 _OTHER_MAP: Final = "give the map of a recording that has passed the same streets"
 _LONGER: Final = "give a longer recording, or more of it"
 

@@ -24,7 +24,6 @@ from mqslam.psi.scoring.references import References, make_references
 # Yaw [rad] beyond which a scan is not believed in the same way.
 _ASIDE_RAD = 0.03
 
-
 _FIRST_STEP: Final = 2  # step of the annealing to begin with: a prediction is nearer than the first widths
 
 _LEAST: Final = np.diag(TOLERANCES**2)

@@ -25,7 +25,6 @@ _MISS_LOG_ODDS = -0.4
 # Largest absolute log odds of a cell of the evidence grid.
 _LOG_ODDS_LIMIT = 3.5
 
-
 _LEAST_M2: Final = 1e-6  # numerical [m^2]: added to variances, so that points on one spot have a finite entropy
 _LARGEST: Final = 2e7  # size limit [cells]: a window that is spread wider is torn far apart, and its grid says nothing
 

@@ -13,7 +13,6 @@ from mqslam.core.stored import make_stored, release
 # from the square root of that number on, so that the threshold follows the speed of the drive.
 _WELL_SEEN = 99.0
 
-
 MAX_SIDE = 20_000
 """Longest side of a grid [cells]: a limit on memory, which single returns far away would otherwise break."""
 _BLOCK = 200_000  # points that are looked at at a time, and cells that are filled: a matter of memory only

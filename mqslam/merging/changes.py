@@ -31,7 +31,6 @@ _NEAR_M = 1.0
 # Changed cells this near to each other [m] are one object.
 _OBJECT_M = 2.5
 
-
 _AROUND: Final = 4  # cells that one return may show: about as many as there can be within a cell's length
 
 

@@ -25,7 +25,6 @@ _SEARCH_BLUR = 1.4
 # steps of yaw.
 _SEARCH_EXTENT = 110.0
 
-
 _NEIGHBOURS: Final = 2  # a peak is the largest of the pixels within so many rows and columns: it defines a local maximum
 _BLUR_REACH: Final = 4.0  # standard deviations beyond which a blur is cut off: numerical
 _SUMS_PER_PIXEL: Final = 90  # pixels that are added up in the time in which Fourier transforms take one, as measured

@@ -26,7 +26,6 @@ _DOPPLER_GAIN = 0.003
 # A smaller Doppler shift counts as none [s]: it moves returns by a tenth of their own error.
 _DOPPLER_LEAST = 0.01
 
-
 _USUAL_S: Final = 0.045  # of Navtech's radars: carrier over the slope of the chirp is 0.03 to 0.06 s
 _USUAL_SIGMA_S: Final = 0.0075  # of these, so that the range is two of it to either side
 _FEWEST: Final = 3  # fewer stretches than this may well show such a shift by chance

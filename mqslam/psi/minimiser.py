@@ -25,7 +25,6 @@ from mqslam.psi.scoring.references import References, evaluate_against, find_rea
 # safe.
 STABILISER = 0.15
 
-
 _LARGEST_PART = 0.9  # of a step that the next one is taken to be [1]: it keeps the extrapolation finite
 _FLATTEST = 1e-9  # least curvature that a step is divided by [1/tolerance^2], which keeps the step finite
 

@@ -22,7 +22,6 @@ _UNSTEADY_SCANS = 40
 # With fewer such scans, the process noise stands in for part of what the motion model leaves out.
 _UNSTEADY_LEAST = 8
 
-
 _GAIN = 10.0  # variance of a third difference of poses over that of a first one, for poses that err independently: 20 / 2
 
 

@@ -34,7 +34,6 @@ _UNKNOWN_SPEED = 20.0
 # Standard deviation of a window's yaw rate where psi does not observe it [rad/s].
 _UNKNOWN_YAW_RATE = 1.0
 
-
 TOLERANCES = {0: 5e-3, 1: 5e-3, 2: 1e-4}
 """Step that ends the search, by twist component [m/s, m/s, rad/s]: a numerical tolerance, far below psi's own noise."""
 _LINE = 3  # every how many steps a search over a grid of twists has a line at first; with 4 it missed the best one at times

@@ -26,7 +26,6 @@ _LOST_FAIL = 0.2
 # A larger share than this of scans that do not observe every direction is worth a look.
 _DEGENERATE_WARN = 0.1
 
-
 _LISTED: Final = 5  # gaps that are named one by one, so that the warnings stay readable
 _SEEN_BY_CHIRPS: Final = "; the velocities by chirps carry the trajectory there"
 _NEAR_S: Final = 5.0  # stretches that are less than so long apart [s] are told in one line

@@ -25,7 +25,6 @@ from mqslam.config import AuditConfig, GraphConfig
 # Fewest such pairs that show a bias, or how far off such a pair usually is.
 SPAN_FEWEST = 15
 
-
 _FEWEST: Final = 10  # a spread of fewer places may be small by chance
 _COMMON_YAW: Final = (
     GraphConfig().common_drift_rad / 10.0

@@ -24,7 +24,6 @@ from mqslam.core.statistics.chances import compute_p_values, correct_for_places,
 # for.
 _SPAN_TORN_M = 0.15
 
-
 _EFFICIENCY: Final = 0.6  # by definition: of the trimmed mean square of successive differences (2/3 without trimming)
 
 

@@ -38,7 +38,6 @@ _DIFFERENCE_STEP = 0.06
 # Standard deviation of a window's ends, in units of estimator.beta_s, along a direction that the window does not observe.
 _UNOBSERVED = 100.0
 
-
 SWEEP: Final = 1.0  # by definition: times are counted in sweeps, so that one direction is seen again after 1
 _LEAST_LEVER_M: Final = 1.0  # numerical: keeps the step in yaw finite where all points lie at the sensor
 

@@ -30,7 +30,6 @@ _BEYOND_M = 1.0
 # An alignment may end this far in yaw [rad] outside the searched region and still counts.
 _BEYOND_RAD = 0.05
 
-
 TOLERANCES: Final = np.array([1e-3, 1e-3, 2e-5])
 """A step [m, m, rad] smaller than this ends the minimiser: a numerical tolerance."""
 

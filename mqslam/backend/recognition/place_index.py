@@ -16,7 +16,6 @@ from mqslam.core import se2
 # Distance [m] between the sideways shifts that are tried.
 _ASIDE_STEP_M = 3.0
 
-
 _COMPARED: Final = 4_000_000  # correlations of sectors that are in memory at a time: a matter of memory and speed only
 
 

@@ -24,7 +24,6 @@ _MOUNT_KNOWN_M = 0.5
 # The same of the yaw at which the radar is mounted [rad], for which driving straight suffices.
 _MOUNT_KNOWN_RAD = 0.02
 
-
 _BEYOND: Final = 3.0  # two statements that are farther apart than so many standard deviations disagree
 
 

@@ -41,7 +41,6 @@ _LIDAR_SAME_TRACK_M = 0.05
 # Headings beside the scans of a lidar log that stay within this [rad] of its odometry are the odometry's own.
 _LIDAR_SAME_TRACK_RAD = 0.02
 
-
 _ENDINGS = (".log", ".log.gz", ".clf", ".clf.gz")
 _ERROR_CODES_M = 81.82  # SICK lidars write what they could not measure as 81.83 m to 81.91 m
 _CLIP_TOLERANCE_M = 1e-6  # ranges are written with fewer digits

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 # driver that claims more is wrong.
 _LIDAR_LONGEST_SWEEP = 1.05
 
-
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
 _COMMANDS = ("goal", "initialpose", "initial_pose")
 

@@ -54,7 +54,6 @@ _BREAK_SPREADS = 7.0
 # Share of an unusual step that must last behind it for the step to be a break.
 _BREAK_LASTS = 0.6
 
-
 _IGNORED = 1e-4  # weight of a stamp that tells nothing; above zero, so that a whole stretch of them can be solved
 _ROUNDS = 8  # most rounds of looking for such stamps; it takes two or three
 _PROBES = 64  # polar scans whose variances stand for those of all

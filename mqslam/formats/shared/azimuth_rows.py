@@ -20,7 +20,6 @@ from mqslam.formats.shared.turns import measure_turn
 # the rate decides, since the azimuths are not those of exactly one turn.
 _SAME_TURN = 0.02
 
-
 METADATA_BYTES = 11
 FLAG_BYTE = 10
 TURN_TICKS = 5600

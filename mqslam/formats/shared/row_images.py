@@ -35,7 +35,6 @@ _VALIDITY_SHARE = 0.75
 # the rows; in fewer it says nothing about single azimuths.
 _CHIRP_SHARE = 0.25
 
-
 _MOST_STAMP_ERROR_US = 1_000_000  # a name that is a stamp further than this outside its turn is damaged
 
 _REMEDY = "copy it anew, or leave it out of the recording"

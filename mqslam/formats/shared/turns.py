@@ -41,7 +41,6 @@ _COMPARED_AZIMUTHS = 128
 # which a driver hands azimuths over.
 _COMPARED_APART = 0.25
 
-
 _COST_MISSING = 1.0  # cost of assuming that a polar scan is missing: the unit of the costs in the settings
 Measure = Callable[[int], float | None]
 

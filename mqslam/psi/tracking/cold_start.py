@@ -32,7 +32,6 @@ _REST_SLIP = 0.5
 # Spread of yaw rates around rest, in directions that psi does not observe at a start [rad/s].
 _REST_OMEGA = 0.1
 
-
 _MOST_TURN = 1.0  # turn per scan [rad] up to which the motion model is integrated exactly; faster ones are not tried
 
 

@@ -45,7 +45,6 @@ _STEADY_S = 0.75
 # steady_s, for slow radars.
 _STEADY_TURNS = 1.5
 
-
 _DEPENDENT = 1e-6  # singular values of unit vectors below this are rounding
 _HALF = 0.5**0.5  # half of a variance: a motion between two scans has the variances of both of their poses
 _WALKS = np.logspace(-3.0, 3.0, 13)  # variances of a walk's step over that of noise: from all noise to none

@@ -35,7 +35,6 @@ _SCALE_TOLERANCE = 0.01
 # Standard deviation of a velocity's bias when nothing is known of it [m/s]; Boreas-RT's is as large.
 _SIGMA_BIAS_MPS = 0.1
 
-
 SOURCE: Final = "chirps"
 _ROUNDS: Final = 3  # of fit and noise, which settle in fewer
 _WILD: Final = 9.0  # squared standard deviations beyond which a travel disagrees with psi's

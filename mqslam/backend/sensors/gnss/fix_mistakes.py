@@ -21,7 +21,6 @@ LARGEST_SHARE = 0.05
 # since they would say nothing of its heading.
 LEAST_SPREAD = 5.0
 
-
 _MOST_FIXES: Final = 400  # numerical: as many show whether they fit
 _BETTER: Final = 0.5  # what a mistake must leave at most of the differences, as a share, to be named
 SWAPPED: Final = "they fit if their latitude is the longitude and the other way round"

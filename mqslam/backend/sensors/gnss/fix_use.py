@@ -43,7 +43,6 @@ _LARGEST_WALK_M = 3.0
 # farther from the radar than this many standard deviations, else at the radar.
 _ANTENNA_APART = 3.0
 
-
 MIRRORED: Final = "the radar is: set sensor.clockwise: false if it is mounted upside down"
 _ROUNDS: Final = 3  # of antenna and noise, which settle in fewer
 _FIXES_OF_KNOT: Final = 5  # so many fixes and more outvote a jump among them

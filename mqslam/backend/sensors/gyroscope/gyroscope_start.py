@@ -19,7 +19,6 @@ _USUAL_DELAY_S = 0.3
 # delays some fit by chance.
 _FAR_CORRELATION = 0.8
 
-
 _AXES: Final = "xyz"
 _STEP_S: Final = 0.05  # between the delays that are tried [s]; the calibration refines the best one
 

@@ -33,7 +33,6 @@ SCALE_TOLERANCE = 0.01
 # would be off by half a degree.
 _LARGEST_SCALE_SIGMA = 0.005
 
-
 _WILD: Final = 3.0  # standard deviations beyond which a turn disagrees with psi's
 _LEAST_VARIANCE: Final = 1e-14  # numerical: keeps a turn that psi states to be without error from counting as one
 

@@ -27,7 +27,6 @@ _FIRST_WALK = 0.001
 # Standard deviation of the bias when nothing is known of it [rad/s].
 SIGMA_BIAS = 0.1
 
-
 _ROUNDS: Final = 3  # of fit and noise, which settle in fewer
 _NUDGE_S: Final = 0.02  # by which readings are moved to see how turns change with the delay [s]: numerical
 _LEAST: Final = 1e-12  # numerical: variance that keeps a fit without any noise from being singular

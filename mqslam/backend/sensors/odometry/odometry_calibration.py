@@ -32,7 +32,6 @@ SIGMA_MOUNT_M = 0.05
 # straight ahead by as much.
 SIGMA_MOUNT_RAD = 0.01
 
-
 AT_ORIGIN: Final = np.zeros(3)
 """The mount of a radar of which nobody says where it sits: odometry is then taken as its own motion."""
 _COMMON: Final = 5  # parameters with one value for the whole run; the bias follows them
