@@ -18,6 +18,11 @@ from mqslam.errors import EstimationError
 from mqslam.frontends.calibration import Twice, learn_scale
 from mqslam.frontends.scan_track import Matcher, ScanTrack, Step
 
+# Standard deviation of the forward speed where it is only predicted [m/s].
+_COAST_VX = 1.0
+# Number of scans from which a front end finds its first motion.
+_START_SCANS = 10
+
 # A scan with fewer correspondences than this does not match.
 FEWEST_MATCHED = 20
 # Fewest returns in all scans from which a front end finds its first motion.
@@ -59,7 +64,7 @@ def match_scans(
         EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
     """
     scans = list(scans)
-    head = _take_head(scans, settings)
+    head = _take_head(scans)
 
     def new_track(time: float, twist: se2.Array) -> ScanTrack:
         return ScanTrack(new_matcher(), time, twist, settings, context.doppler_beta)
@@ -75,8 +80,8 @@ def match_scans(
         for (m, unseen_s), b in zip(followed, backward, strict=True)
         if m.on_map and b is not None and not unseen_s.any()
     ]
-    scale = learn_scale(twice, context.config.calibration)
-    coasting = np.diag(np.array([settings.coast_vx, _COAST_VY, _COAST_OMEGA]) ** 2)
+    scale = learn_scale(twice)
+    coasting = np.diag(np.array([_COAST_VX, _COAST_VY, _COAST_OMEGA]) ** 2)
     for (motion, unseen_s), back in zip(followed, backward, strict=True):
         covariance = se2.scale_covariance(motion.covariance, scale) + coasting * (unseen_s**2).sum()
         apart = np.sqrt(2.0) * se2.subtract(back, motion.pose) if motion.on_map and back is not None else np.full(3, np.nan)
@@ -156,13 +161,13 @@ def _follow_backwards(scans: Sequence[Scan], track: ScanTrack) -> list[se2.Array
     return [se2.wrapped_between(a, b) if reached[k] and reached[k + 1] else None for k, (a, b) in enumerate(pairwise(poses))]
 
 
-def _take_head(scans: Sequence[Scan], settings: ScanMatchingConfig) -> Sequence[Scan]:
+def _take_head(scans: Sequence[Scan]) -> Sequence[Scan]:
     """Takes the first scans, from which the first motion is found.
 
     Raises:
         EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
     """
-    head = scans[: settings.start_scans]
+    head = scans[:_START_SCANS]
     if len(head) < 2:
         raise EstimationError(f"a recording of {len(head)} scans shows no motion; at least two are needed")
     returns = sum(len(scan.returns) for scan in head)

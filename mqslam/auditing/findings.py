@@ -23,6 +23,9 @@ from mqslam.core.statistics.chances import correct_for_places, find_smallest
 from mqslam.core.wording import count_of, is_or_are, left_or_right
 from mqslam.errors import Remedy
 
+# Distances or directions that are off by a larger share than this are worth a look [m/m].
+SCALE_WARN = 0.002
+
 # A map with a larger share of torn revisits than this is worth a look; a few may be places that only look alike.
 _REVISITS_WARN = 0.02
 # A larger share of torn revisits than this shows that the whole map drifts.
@@ -206,7 +209,7 @@ def _name_extrinsics(given: se2.Array, turned: float, lever: Lever | None) -> st
 
 def find_biases(pooled: Pooled, limits: VerdictConfig) -> list[int]:
     """Returns the axes (forward 0, left 1, yaw 2) along which all of a map asks for a correction that is worth a look."""
-    largest = (limits.scale_warn, limits.scale_warn, limits.turn_warn)
+    largest = (SCALE_WARN, SCALE_WARN, limits.turn_warn)
     found = (np.abs(pooled.bias) > largest) & (pooled.p_value < limits.share_of_false_alarms)
     return np.flatnonzero(found).tolist()
 

@@ -134,7 +134,7 @@ def audit(
     else:
         laid = lay_spans(sweeps, ~interpolated, settings, estimator, engine, progress)
         twists = measure_twists(sweeps, settings.step_scans)
-        pooled = pool(laid, twists, settings)
+        pooled = pool(laid, twists)
         spans = audit_spans(laid, _expect(laid, twists, pooled, limits), sweeps.times, limits)
         revisits = audit_revisits(sweeps, settings, estimator, limits, engine, progress, claims)
         revisits = doubt_interpolated(revisits, interpolated)

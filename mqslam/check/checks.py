@@ -60,7 +60,7 @@ def check_recording(
     findings = (
         check_stamps(recording, stretches, check, reading),
         check_azimuths(stretches),
-        check_order(followed, check),
+        check_order(followed),
         check_mirror(recording, followed, odometry, check),
         check_stamp(recording, followed, odometry, check),
         check_scale(recording, followed, odometry, check),

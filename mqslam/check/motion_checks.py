@@ -12,10 +12,15 @@ from numpy.typing import NDArray
 from scipy.stats import wilcoxon
 
 from mqslam.check.finding import Finding, Verdict
-from mqslam.check.following import Followed, Steps
+from mqslam.check.following import FEWEST_STEPS, Followed, Steps
 from mqslam.config import CheckConfig
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
+
+# Speed [m/s] above which the length of a range bin shows.
+LEAST_SPEED = 1.0
+# Share of the variance of the radar's yaw rate that odometry must explain to tell a shift of stamps.
+_EXPLAINED = 0.9
 
 # psi's preference for one order of the azimuths counts if it would come about by chance with a smaller probability than
 # this.
@@ -38,17 +43,16 @@ _LEAST_SLOPE = 1e-9  # numerical [rad/s^2]: keeps the error of a shift finite wh
 _LEAST_RATIO = 0.1  # below this ratio of speeds the two have little in common, and no length of a range bin would fit
 
 
-def check_order(followed: Followed, settings: CheckConfig) -> Finding:
+def check_order(followed: Followed) -> Finding:
     """Checks whether psi prefers the azimuths of the polar scans in the order they are stored in.
 
     Args:
         followed: stretches of the recording as psi follows them.
-        settings: of the check.
     """
     name = "order of azimuths"
     usable = (followed.psi > 0.0) & (followed.psi_backward > 0.0)  # NaN where no motion was found
     gain = np.log(followed.psi_backward[usable] / followed.psi[usable])
-    if len(gain) < settings.fewest_steps:
+    if len(gain) < FEWEST_STEPS:
         return Finding(name, Verdict.UNTOLD, followed.shortage)
     middle = float(np.median(gain))
     chance = float(wilcoxon(gain).pvalue) if gain.any() else 1.0  # a test by ranks, since turns gain many times as much
@@ -75,7 +79,7 @@ def check_mirror(recording: Recording, followed: Followed, odometry: Trajectory 
         settings: of the check.
     """
     name = "direction of rotation"
-    if odometry is None or len(followed.steps) < settings.fewest_steps:
+    if odometry is None or len(followed.steps) < FEWEST_STEPS:
         reason = "psi is the same for a recording and its mirror image"
         return Finding(name, Verdict.UNTOLD, _explain_untold(followed, odometry, reason))
     measured, _, given = _yaw_rates(recording, followed.steps, odometry, settings)
@@ -104,7 +108,7 @@ def check_stamp(recording: Recording, followed: Followed, odometry: Trajectory |
         settings: of the check.
     """
     name = "stamp convention"
-    if odometry is None or len(followed.steps) < settings.fewest_steps:
+    if odometry is None or len(followed.steps) < FEWEST_STEPS:
         reason = "only a motion measured by another clock shows a shift"
         return Finding(name, Verdict.UNTOLD, _explain_untold(followed, odometry, reason))
     measured, shifts, given = _yaw_rates(recording, followed.steps, odometry, settings)
@@ -119,7 +123,7 @@ def check_stamp(recording: Recording, followed: Followed, odometry: Trajectory |
     explained = 1.0 - float(rms[best]) ** 2 / max(float(np.var(measured)), _YAW_RATE_FLOOR**2)
     numbers = {"shift_s": shift, "shift_error_s": error, "explained": explained}
     unsure = 3.0 * error > _SHIFT_ERROR * recording.revolution_s or best in (0, len(shifts) - 1)
-    if explained < settings.explained or unsure:
+    if explained < _EXPLAINED or unsure:
         return Finding(name, Verdict.UNTOLD, "odometry's yaw rate changes too little, or differs from the radar's", numbers)
     fits = f"odometry's yaw rate fits best {abs(shift):.2f} s {'later' if shift > 0.0 else 'earlier'}"
     if abs(shift) < _SHIFT_OK * recording.revolution_s:
@@ -140,14 +144,14 @@ def check_scale(recording: Recording, followed: Followed, odometry: Trajectory |
         settings: of the check.
     """
     name = "range resolution"
-    if odometry is None or len(followed.steps) < settings.fewest_steps:
+    if odometry is None or len(followed.steps) < FEWEST_STEPS:
         return Finding(
             name, Verdict.UNTOLD, _explain_untold(followed, odometry, "psi is the same for a map and a scaled copy of it")
         )
     measured, given = followed.steps.twists[:, 0], followed.steps.of(odometry)[:, 0]
-    fast = np.abs(given) > settings.least_speed
-    if np.count_nonzero(fast) < settings.fewest_steps:
-        return Finding(name, Verdict.UNTOLD, f"odometry is hardly ever faster than {settings.least_speed:g} m/s")
+    fast = np.abs(given) > LEAST_SPEED
+    if np.count_nonzero(fast) < FEWEST_STEPS:
+        return Finding(name, Verdict.UNTOLD, f"odometry is hardly ever faster than {LEAST_SPEED:g} m/s")
     ratio = float(np.sum(measured[fast] * given[fast]) / np.sum(given[fast] ** 2))
     numbers = {"speed_ratio": ratio, "range_resolution_m": recording.range_resolution}
     speeds = f"the radar's speed is {ratio:.3f} times odometry's"

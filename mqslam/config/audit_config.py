@@ -56,13 +56,6 @@ class AuditConfig(PassConfig):
         description="Share of the steps, those that match worst, whose sides are looked for farther apart as well.",
     )
     span_every_m: float = expert(15.0, gt=0.0, description="Path [m] from one such pair of scans to the next.")
-    span_least_m: float = expert(
-        15.0,
-        gt=0.0,
-        description="Such scans less than this apart [m] show no scale: laid on each other, they seem closer than they are "
-        "by a few centimetres, whatever the path between them.",
-    )
-    lever_turns: int = expert(3, ge=2, description="Fewest turns that show where on the vehicle the sensor sits.")
     scan_matched: float = expert(
         0.6,
         gt=0.0,
@@ -109,9 +102,6 @@ class VerdictConfig(BaseModel):
         lt=0.5,
         description="Probability with which the tests of steps, spans, pooled corrections, shaking and revisits against "
         "what the trajectory claims to know together call a good map bad.",
-    )
-    scale_warn: float = Field(
-        0.002, ge=0.0, description="Distances or directions that are off by a larger share than this are worth a look [m/m]."
     )
     turn_warn: float = Field(
         8.7e-6, ge=0.0, description="A yaw that drifts by more than this is worth a look [rad/m]: 0.05 degrees in 100 m."

@@ -20,12 +20,6 @@ class CheckConfig(BaseModel):
     )
     fewest_turns: int = expert(3, ge=1, description="Number of turns that it takes to tell whether turns are steady.")
 
-    fewest_steps: int = expert(
-        5,
-        ge=2,
-        description="Least number of motions between scans for a comparison with odometry, or of the two orders of "
-        "azimuths.",
-    )
     keyframe_m: float = expert(
         40.0,
         gt=0.0,
@@ -38,14 +32,7 @@ class CheckConfig(BaseModel):
         description="A direction of rotation is right if the mean squared yaw rate error of the other one is this "
         "many times as large.",
     )
-    explained: float = expert(
-        0.9,
-        gt=0.0,
-        lt=1.0,
-        description="Share of the variance of the radar's yaw rate that odometry must explain to tell a shift of stamps.",
-    )
     shifts: int = expert(61, ge=3, description="Number of shifts of stamps that are tried, from earliest to latest.")
-    least_speed: float = expert(1.0, gt=0.0, description="Speed [m/s] above which the length of a range bin shows.")
     wrong_scale: float = expert(
         0.05, gt=0.0, description="Relative difference between the radar's speed and odometry's that is suspicious."
     )

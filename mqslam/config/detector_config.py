@@ -49,10 +49,6 @@ class DetectorConfig(BaseModel):
         "and ring_contrast times as many as at the ranges around it.",
     )
 
-    fixed_scans: int = expert(
-        8, ge=2, description="Fewest scans that show which returns are the vehicle's own; with fewer, all are kept."
-    )
-
     @model_validator(mode="after")
     def _check_ranges(self) -> DetectorConfig:
         if self.max_range_m <= self.min_range_m:
@@ -102,12 +98,6 @@ class ChirpConfig(BaseModel):
         gt=0.0,
         description="The best velocity must fit the echoes better than the median of those tried by this many spreads of "
         "theirs (median absolute deviations as standard deviations). The best of thousands fits noise better by four.",
-    )
-    outlier_spreads: float = expert(
-        3.0,
-        gt=0.0,
-        description="Residual at which an azimuth's shift counts a quarter (Geman-McClure), in units of the residuals' "
-        "spread in the scan. Traffic and chance peaks are beyond it.",
     )
     acceleration: float = expert(
         3.0,

@@ -30,7 +30,6 @@ class EstimatorConfig(BaseModel):
         description="Offset at which a point's weight has fallen to a quarter, at the start of annealing "
         "[standard deviations].",
     )
-    shrink: float = Field(0.6, gt=0.0, lt=1.0, description="Factor by which the widths shrink from step to step.")
     steps: int = Field(12, ge=1, description="Largest number of Newton steps.")
     beta_t: float = Field(0.06, gt=0.0, description="Width of the fade of pairs that are less than one turn apart [s].")
     xi: float = Field(0.02, gt=0.0, lt=1.0, description="Least kappa of a selected neighbour.")
@@ -38,13 +37,6 @@ class EstimatorConfig(BaseModel):
         0.15,
         ge=0.0,
         description="Standard deviation by which the returns of one object scatter between views, in any direction [m].",
-    )
-    aspect_rad: float = Field(
-        0.05,
-        gt=0.0,
-        description="Difference of viewing directions [rad] at which the likeness of two views of an object has fallen to "
-        "1/e. On real radar, the returns of two views scatter by 0.15 m along the ray if the directions differ by less than "
-        "1 degree, and by 0.22 m if they differ by more than 12 degrees.",
     )
     apart_share: float = Field(
         0.3,
@@ -79,13 +71,6 @@ class EstimatorConfig(BaseModel):
         lt=1.0,
         description="A direction in which less than this share of Gauss-Newton's curvature remains at the widest scale "
         "counts as not observed: 0.22 and more remain in streets, 0.12 and less along a bare corridor.",
-    )
-    distinct_sigmas: float = expert(
-        2.0,
-        gt=0.0,
-        description="A direction that seems not observed counts as observed if every shift of the scan along it raises psi "
-        "by more than this many standard deviations of the rise. Along a bare corridor there is always a shift that raises "
-        "it by less than 1.5, in streets full of traffic there is none below 2.2.",
     )
     rival: float = expert(
         1.25,

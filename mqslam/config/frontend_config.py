@@ -15,11 +15,6 @@ class CalibrationConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    moved_m: float = expert(
-        0.1,
-        ge=0.0,
-        description="Shorter motions tell nothing [m]: while the vehicle stands, both measurements see the same again.",
-    )
     shared: float = expert(
         0.2,
         ge=0.0,
@@ -39,10 +34,6 @@ class ScanMatchingConfig(BaseModel):
     )
     max_range_m: float = Field(100.0, gt=0.0, description="Farther returns are dropped [m].")
 
-    start_scans: int = expert(10, ge=2, description="Number of scans from which a front end finds its first motion.")
-    coast_vx: float = expert(
-        1.0, gt=0.0, description="Standard deviation of the forward speed where it is only predicted [m/s]."
-    )
     longest_coast_s: float = expert(
         60.0,
         gt=0.0,

@@ -39,12 +39,6 @@ class GraphConfig(BaseModel):
         description="Longest span [s] over which odometry is compared with psi to find its noise, and the time between "
         "two values of its yaw rate's bias.",
     )
-    odometry_bias_walk: float = Field(
-        0.001,
-        gt=0.0,
-        description="Standard deviation [rad/s] by which the bias of odometry's yaw rate may change in a second; it grows "
-        "with the root of time.",
-    )
     odometry_fewest: int = expert(
         20,
         ge=2,

@@ -61,12 +61,6 @@ class LocalisationConfig(BaseModel):
     reach_m: float = Field(
         15.0, gt=0.0, description="A scan is compared with the map's keyframes within this distance of it [m]."
     )
-    renew_m: float = expert(
-        2.5,
-        gt=0.0,
-        description="The keyframes around the vehicle are chosen anew once it has moved this far [m]. More of it is faster, "
-        "and lays scans on keyframes that are less well centred around them.",
-    )
     matched: float = Field(
         0.5,
         gt=0.0,
@@ -167,9 +161,6 @@ class MergeConfig(BaseModel):
         "it in so few looks by chance.",
     )
     reach_m: float = Field(60.0, gt=0.0, description="Cells farther from a keyframe than this [m] are not compared with it.")
-    margin_m: float = expert(
-        1.0, gt=0.0, description="A ray passes a cell if its first return lies at least this far [m] behind it."
-    )
     rays: int = expert(360, ge=36, description="Number of sectors around a keyframe of which the first return is kept.")
     aspects: int = expert(
         12,

@@ -102,9 +102,6 @@ class VelocityConfig(BaseModel):
         ge=3,
         description="With fewer motions than this that psi found itself, velocities are as good as they state themselves.",
     )
-    span_s: float = expert(
-        10.0, gt=0.0, description="Shortest stretch over which errors of the calibration are taken to be alike [s]."
-    )
     sigma_scale: float = expert(
         0.05,
         gt=0.0,

@@ -18,13 +18,9 @@ class TrackerConfig(BaseModel):
         description="A scan joins the map after this much travel [m]. A map of few keyframes takes scans sooner.",
     )
     keyframes: int = Field(60, ge=1, description="Number of scans that the map holds.")
-    sigma_vx: float = Field(
-        0.6, gt=0.0, description="Change of forward speed per 0.25 s that acceleration does not explain [m/s]."
-    )
     sigma_omega: float = Field(
         0.03, gt=0.0, description="Change of yaw rate per 0.25 s that yaw acceleration does not explain [rad/s]."
     )
-    sigma_ax: float = Field(4.0, gt=0.0, description="Change of forward acceleration per 0.25 s [m/s^2].")
     sigma_alpha: float = Field(0.2, gt=0.0, description="Change of yaw acceleration per 0.25 s [rad/s^2].")
     speed_min: float = Field(-5.0, description="Slowest speed that the cold start tries [m/s]; negative is backwards.")
     speed_max: float = Field(40.0, description="Fastest speed that the cold start tries [m/s].")
@@ -75,9 +71,6 @@ class TrackerConfig(BaseModel):
         description="First step of the annealing at which the match of a predicted scan begins. A prediction is nearer to "
         "the match than the start of a search is, and the widest scale pulls scans back to where the map is denser.",
     )
-    foresight_scans: int = expert(
-        40, ge=1, description="Number of past scans that show how well predictions foresee where returns lie."
-    )
     foresight_margin: float = expert(
         1.0,
         gt=0.0,
@@ -99,22 +92,7 @@ class TrackerConfig(BaseModel):
         "better ones are looked for ahead of it, behind it, and turned to either side.",
     )
     start_scans: int = expert(3, ge=2, description="Number of scans from which a track finds its first motion.")
-    longest_coast_s: float = expert(
-        60.0,
-        gt=0.0,
-        description="A longer gap is a pause or a jump of the clock [s]. No motion is extrapolated across it, because "
-        "that could mean kilometres.",
-    )
 
-    held_scans: int = expert(
-        32,
-        ge=1,
-        description="Number of matched scans whose smoothed motion is followed along directions that psi does not observe: "
-        "their mean where it is steady, the last one where it changes.",
-    )
-    young_scans: int = expert(
-        16, ge=2, description="Number of scans of a new track that are measured again together, once they make a map."
-    )
     patience: int = expert(
         8, ge=1, description="Number of lost scans in a row after which the map is given up and a new one is tried."
     )

@@ -11,8 +11,10 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import DetectorConfig
 from mqslam.core.scans import Returns
+
+# Fewest scans that show which returns are the vehicle's own; with fewer, all are kept.
+_FIXED_SCANS = 8
 
 # Length of the polar cells in which returns that repeat in the sensor's own frame are counted [m].
 _FIXED_RANGE_M = 0.5
@@ -25,26 +27,24 @@ _FIXED_SHARE = 0.7
 _FIXED_MOST = 0.2
 
 
-def drop_fixed(scans: Sequence[Returns], config: DetectorConfig) -> list[Returns]:
+def drop_fixed(scans: Sequence[Returns]) -> list[Returns]:
     """Drops the returns that repeat in the sensor's own frame.
 
     Args:
         scans: the returns of each scan.
-        config: settings.
 
     Returns:
         the returns of each scan that are left.
     """
-    fixed = find_fixed(scans, config)
+    fixed = find_fixed(scans)
     return list(scans) if fixed is None else [drop_cells(returns, fixed) for returns in scans]
 
 
-def find_fixed(scans: Iterable[Returns], config: DetectorConfig) -> NDArray[np.bool_] | None:
+def find_fixed(scans: Iterable[Returns]) -> NDArray[np.bool_] | None:
     """Finds the polar cells whose returns repeat in the sensor's own frame.
 
     Args:
         scans: the returns of each scan; one scan is held at a time.
-        config: settings.
 
     Returns:
         Whether each cell is one of them, for those up to the last that returned; None if nothing is to be dropped.
@@ -61,7 +61,7 @@ def find_fixed(scans: Iterable[Returns], config: DetectorConfig) -> NDArray[np.b
         returns_in[: len(here)] += here
     fixed = scans_in > _FIXED_SHARE * filled
     to_drop, total = int(returns_in[fixed].sum()), int(returns_in.sum())
-    if count < config.fixed_scans or to_drop == 0 or to_drop > _FIXED_MOST * total:
+    if count < _FIXED_SCANS or to_drop == 0 or to_drop > _FIXED_MOST * total:
         return None
     return fixed
 

@@ -159,7 +159,7 @@ def detect_all(
                 store.append(returns)
                 yield returns
 
-    fixed = find_fixed(take_in(), config)
+    fixed = find_fixed(take_in())
     if len(unread) > _MOST_UNREAD * total:
         first = next(iter(unread.values()))
         raise DataError(first.path, f"{first.problem}, like {len(unread)} of {total} polar scans", first.remedy)

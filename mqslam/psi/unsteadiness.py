@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mqslam.config import TrackerConfig
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.statistics.gross import MEDIAN_OF_CHI2
-from mqslam.psi.tracking.dynamics import SIGMA_VY
+from mqslam.psi.tracking.dynamics import SIGMA_AX, SIGMA_VY
 
 # Number of scans around one that show how far its motion is from what the motion model can follow.
 _UNSTEADY_SCANS = 40
@@ -40,7 +40,7 @@ def estimate_unsteadiness(
     """
     left_out = np.zeros((len(motions), 3))
     followed = [k for k, motion in enumerate(motions) if motion.status is not Status.LOST]
-    change = [0.5 * settings.sigma_ax * revolution_s, SIGMA_VY, 0.5 * settings.sigma_alpha * revolution_s]
+    change = [0.5 * SIGMA_AX * revolution_s, SIGMA_VY, 0.5 * settings.sigma_alpha * revolution_s]
     unknown = np.square(change) * revolution_s**2
     if len(followed) < 3:
         left_out[followed] = unknown

@@ -16,6 +16,7 @@ from mqslam.core.measurement import Measurement, Status
 from mqslam.core.recording import Recording
 from mqslam.detection.stage import warn_of_unread
 from mqslam.mapping.render import select_moving
+from mqslam.psi.tracking.dynamics import LONGEST_COAST_S
 from mqslam.results.run_scale import judge_scale
 from mqslam.solution import CHECK, Run
 
@@ -62,7 +63,7 @@ def _judge_direction(run: Run) -> list[Finding]:
 def list_warnings(run: Run, recording: Recording) -> list[str]:
     """Returns what happened during a run that its reader should know first."""
     warnings = [*recording.faults, *warn_of_unread(run.unread), *run.warnings]
-    warnings += _warn_of_gaps(recording.gaps(), run.config.tracker.longest_coast_s)
+    warnings += _warn_of_gaps(recording.gaps(), LONGEST_COAST_S)
     for status, what in ((Status.LOST, "lost track"), (Status.DEGENERATE, "did not observe every direction")):
         remark = _SEEN_BY_CHIRPS if status is Status.DEGENERATE and _has_velocities(run, status) else ""
         warnings += [f"{line}{remark}" for line in _warn_of_stretches(what, find_stretches(run.measurements, status))]

@@ -14,7 +14,7 @@ from mqslam.core.measurement import Status
 from mqslam.core.motion import CONSTANT_TWIST
 from mqslam.core.scans import Returns, Scan
 from mqslam.psi.gaussians import invert
-from mqslam.psi.tracking.dynamics import OMEGA_MAX, list_motion_noise
+from mqslam.psi.tracking.dynamics import OMEGA_MAX, SIGMA_AX, list_motion_noise
 from mqslam.psi.tracking.plausibility import measure_overlap, overlaps
 from mqslam.psi.tracking.setup import Setup
 from mqslam.psi.tracking.state import MODEL, MOTION, TOLERANCES
@@ -96,14 +96,14 @@ def find_first_motion(
 def _know_nothing(settings: TrackerConfig) -> FirstMotion:
     """Returns rest, with the uncertainty of any motion of a vehicle: scans that have nothing in common show no more."""
     fastest = max(settings.speed_max, -settings.speed_min)
-    spread = np.array([fastest, fastest, OMEGA_MAX, settings.sigma_ax, settings.start_alpha])
+    spread = np.array([fastest, fastest, OMEGA_MAX, SIGMA_AX, settings.start_alpha])
     return FirstMotion(np.zeros(MODEL.size), np.diag(spread**2), 0.0, observed=False)
 
 
 def _shrink_unobserved(estimate: WindowMotion, settings: TrackerConfig) -> se2.Array:
     """Shrinks the motion's parameters towards rest as far as their covariance leaves them open."""
     size = len(estimate.theta)
-    at_rest = np.array([_REST_SPEED, _REST_SLIP, _REST_OMEGA, settings.sigma_ax, settings.start_alpha])
+    at_rest = np.array([_REST_SPEED, _REST_SLIP, _REST_OMEGA, SIGMA_AX, settings.start_alpha])
     known = np.diag(at_rest[:size] ** 2)
     return np.asarray(known @ invert(known + estimate.covariance, TOLERANCES[MOTION][:size]) @ estimate.theta)
 

@@ -29,6 +29,14 @@ from mqslam.psi.tracking.state import (
     State,
 )
 
+# Change of forward speed per 0.25 s that acceleration does not explain [m/s].
+_SIGMA_VX = 0.6
+# Change of forward acceleration per 0.25 s [m/s^2].
+SIGMA_AX = 4.0
+# A longer gap is a pause or a jump of the clock [s]. No motion is extrapolated across it, because that could mean
+# kilometres.
+LONGEST_COAST_S = 60.0
+
 # Process noise of the start pose's position per 0.25 s [m].
 _SIGMA_POSITION_M = 0.01
 # Process noise of the start pose's yaw per 0.25 s [rad].
@@ -85,7 +93,7 @@ class Blindness:
 
     def after(self, dt: float, settings: TrackerConfig) -> Blindness:
         """Returns what is unknown a time dt [s] later."""
-        walk = np.square([settings.sigma_vx, settings.sigma_omega]) * (dt / _NOISE_PERIOD_S)
+        walk = np.square([_SIGMA_VX, settings.sigma_omega]) * (dt / _NOISE_PERIOD_S)
         speeds = np.minimum(np.sqrt(self.speeds**2 + walk), _bound_speeds(settings))
         travelled = self.travelled + speeds * dt
         return Blindness(speeds, travelled, np.sqrt(travelled**2 - self.travelled**2))
@@ -125,7 +133,7 @@ class LastMatch:
 
     def predict(self, scan: Scan, settings: TrackerConfig) -> Belief:
         """Predicts the state of a later scan."""
-        dt, longest, belief = scan.t0 - self.t0, settings.longest_coast_s, self.belief
+        dt, longest, belief = scan.t0 - self.t0, LONGEST_COAST_S, self.belief
         if self.is_before(scan):
             return predict(belief, dt, settings)
         if dt > longest:
@@ -213,7 +221,7 @@ def coast(belief: Belief, dt: float, turn_s: float, settings: TrackerConfig) -> 
     belief = _forget_acceleration(belief, np.zeros(2))
     for _ in range(steps):
         belief = _forget_acceleration(predict(belief, dt / steps, settings), np.zeros(2))
-    return _forget_acceleration(belief, np.square([settings.sigma_ax, settings.start_alpha]))
+    return _forget_acceleration(belief, np.square([SIGMA_AX, settings.start_alpha]))
 
 
 def correct_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.float64]) -> Belief:
@@ -263,7 +271,7 @@ def drop_directions(information: NDArray[np.float64], weak: NDArray[np.float64],
 
 def list_motion_noise(settings: TrackerConfig) -> NDArray[np.float64]:
     """Returns the standard deviations (5,) by which twist and accelerations change per scan."""
-    return np.array([settings.sigma_vx, SIGMA_VY, settings.sigma_omega, settings.sigma_ax, settings.sigma_alpha])
+    return np.array([_SIGMA_VX, SIGMA_VY, settings.sigma_omega, SIGMA_AX, settings.sigma_alpha])
 
 
 def _follow_directions(weak: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:

@@ -19,6 +19,11 @@ from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.setup import Setup
 from mqslam.psi.tracking.state import MODEL, POSE, TOLERANCES, Belief, State
 
+# A direction that seems not observed counts as observed if every shift of the scan along it raises psi by more than this
+# many standard deviations of the rise. Along a bare corridor there is always a shift that raises it by less than 1.5, in
+# streets full of traffic there is none below 2.2.
+_DISTINCT_SIGMAS = 2.0
+
 # Largest angle by which a scan is turned to find a better match beside a doubtful one [rad]. A vehicle that begins to turn
 # at 0.5 rad/s turns by about so much more within a scan than it did in the one before.
 _BESIDE_TURN = 0.08
@@ -147,7 +152,7 @@ class Matcher:
         """
         config = self.setup.matching
         by_object = sum_by_object(rise[:, None], placed.points, config.cluster_m)
-        return bool(by_object.sum() > config.distinct_sigmas * np.sqrt(np.sum(by_object**2)))
+        return bool(by_object.sum() > _DISTINCT_SIGMAS * np.sqrt(np.sum(by_object**2)))
 
     def _stands_out(self, scan: Scan, state: State, direction: NDArray[np.float64], into: LocalMap) -> bool:
         """Returns whether psi is lower at a match than at any shift of the scan along a direction (3,) of the start pose.

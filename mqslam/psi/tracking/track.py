@@ -17,6 +17,7 @@ from mqslam.core.measurement import Status
 from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError, FewReturnsError
 from mqslam.psi.tracking.dynamics import limit_step
+from mqslam.psi.tracking.foresight import YOUNG_SCANS
 from mqslam.psi.tracking.plausibility import is_usable
 from mqslam.psi.tracking.tracked import Tracked
 from mqslam.psi.tracking.tracker import Tracker
@@ -145,7 +146,7 @@ class _Track:
         self._lost, self._patience = [], self._settings.patience
         if self._young:
             self._young.append(k)
-            if len(self._young) == self._settings.young_scans:
+            if len(self._young) == YOUNG_SCANS:
                 self._measure_again()
 
     def _measure_again(self) -> None:

@@ -46,6 +46,10 @@ from mqslam.psi.tracking.state import ORIGIN, POSE, TWIST, Belief, State
 from mqslam.psi.tracking.tracked import Tracked, make_empty_evaluation
 from mqslam.psi.tracking.uncertainty import measure_covariance, update_belief
 
+# Number of matched scans whose smoothed motion is followed along directions that psi does not observe: their mean where it
+# is steady, the last one where it changes.
+_HELD_SCANS = 32
+
 
 class Tracker:
     """Follows a recording scan by scan.
@@ -163,7 +167,7 @@ class Tracker:
         scan, before, dt = scans[0], self._last.pose, scans[0].t0 - self._last.t0
         predicted = self._last.predict(scan, self.settings)
         after = find_motion_after(scans, predicted, self._setup, self._is_poor)
-        bridged = place_by_odometry(bridge_gap(predicted, dt, after, self._setup), before, twist, dt)
+        bridged = place_by_odometry(bridge_gap(predicted, dt, after), before, twist, dt)
         if not is_usable(scan, self.settings):
             return self._pass_over(scan, bridged)
         minimum, is_sure = find_again(scan, bridged, self._map, self._matcher, self._is_out_of_place)
@@ -223,7 +227,7 @@ class Tracker:
         covariance = measure_covariance(evaluation, placed, predicted, self._map, setup)[POSE, POSE]
         self._usual = self._usual.after(minimum)
         observed = () if len(weak) else (belief.mean.twist,)
-        twists = (*self._last.twists, *observed)[-self.settings.held_scans :]
+        twists = (*self._last.twists, *observed)[-_HELD_SCANS:]
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, belief, blind=blind, twists=twists)
         self._foresight.add(self._matcher.place(scan, predicted.mean), placed)
         self._map.offer(scan.t0, belief.pose, placed)

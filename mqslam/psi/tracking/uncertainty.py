@@ -10,7 +10,7 @@ from mqslam.psi.gaussians import fuse, invert_information
 from mqslam.psi.minimiser import STABILISER
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.estimator import Evaluation
-from mqslam.psi.tracking.dynamics import SIGMA_VY, drop_directions
+from mqslam.psi.tracking.dynamics import SIGMA_AX, SIGMA_VY, drop_directions
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.setup import Setup
 from mqslam.psi.tracking.state import ALPHA, AX, SIZE, TOLERANCES, VY, YAW, Belief, State
@@ -31,7 +31,7 @@ def measure_covariance(
     settings, correlation = setup.settings, setup.estimator.correlation
     known = np.zeros((SIZE, SIZE))  # a vehicle hardly slides: without this, vy would seem as free as vx
     known[VY, VY] = correlation / SIGMA_VY**2
-    known[AX, AX] = correlation / settings.sigma_ax**2
+    known[AX, AX] = correlation / SIGMA_AX**2
     known[ALPHA, ALPHA] = correlation / settings.sigma_alpha**2
     thin = 1.0 + 1.0 / max(len(into), 1)  # the map's points err like the scan's, but several keyframes average their errors
     measured = estimate_covariance(evaluation, placed.points, setup.estimator.cluster_m, known)

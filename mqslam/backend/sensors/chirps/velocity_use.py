@@ -23,6 +23,9 @@ from mqslam.core.measurement import Measurement, Status
 from mqslam.core.sensors.velocity import Velocities, make_twists
 from mqslam.core.statistics.gross import MEDIAN_OF_CHI2
 
+# Shortest stretch over which errors of the calibration are taken to be alike [s].
+_SPAN_S = 10.0
+
 # Velocities that are this many times too large or too small have another Doppler shift, and are not used. Smaller errors
 # of the scale are put right.
 _LARGEST_SCALE = 1.25
@@ -96,7 +99,7 @@ def join_velocities(velocities: Velocities, motions: Sequence[Measurement], sett
     bias = (float(found.parameters[1]), float(found.parameters[2]))
     if why is not None:
         return VelocityUse((f"the velocities by chirps are not used: {why}",), None, scale, sigma, bias)
-    span = max(1, round(settings.span_s / float(np.median(lasts))))
+    span = max(1, round(_SPAN_S / float(np.median(lasts))))
     common = spread_common(found.list_sigmas(design), known, span)
     edges = _make_edges(motions, poses + found.correct(design), factor * variances + common)
     statements = [f"the velocities by chirps are used, {len(edges)} of them"]
