@@ -148,7 +148,7 @@ def join(
         settings: of how the size of errors is learnt.
     """
     twice = (_compare(f, b, settings.shared) for f, b in _pair(forward, backward) if b is not None)
-    scale = learn_scale(twice, settings)
+    scale = learn_scale(twice)
 
     def scaled() -> Iterator[tuple[Measurement, Measurement | None]]:
         for f, b in _pair(forward, backward):

@@ -12,9 +12,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import CalibrationConfig
 from mqslam.core import se2
 from mqslam.core.statistics.gross import cut_gross
+
+# Shorter motions tell nothing [m]: while the vehicle stands, both measurements see the same again.
+_MOVED_M = 0.1
+
+# Number of motions that it takes to outweigh the covariances that the front end states itself. These were off by a factor
+# of three and more, so that they are worth a few motions only.
+_TRUSTED = 5.0
+# Squared differences over this many times the median one are cut down to it: a wrong match says nothing of the right ones.
+_GROSS = 100.0
 
 
 class Twice(NamedTuple):
@@ -31,17 +39,16 @@ class Twice(NamedTuple):
     variances: NDArray[np.float64]
 
 
-def learn_scale(motions: Iterable[Twice], settings: CalibrationConfig) -> NDArray[np.float64]:
+def learn_scale(motions: Iterable[Twice]) -> NDArray[np.float64]:
     """Returns by how much (3,) the variances of x, y and yaw are larger than those that a front end states.
 
     Args:
         motions: measured twice; with none that tells anything the answer is one.
-        settings: how much each of them tells.
     """
-    telling = (m.apart**2 / m.variances for m in motions if np.hypot(m.pose[0], m.pose[1]) >= settings.moved_m)
+    telling = (m.apart**2 / m.variances for m in motions if np.hypot(m.pose[0], m.pose[1]) >= _MOVED_M)
     squares = np.asarray(np.fromiter(telling, np.dtype((np.float64, 3))), dtype=np.float64)
     if not len(squares):
         return np.ones(3)
-    squares = cut_gross(squares, settings.gross)
+    squares = cut_gross(squares, _GROSS)
     count = np.isfinite(squares).sum(axis=0)
-    return np.asarray((settings.trusted + np.nansum(squares, axis=0)) / (settings.trusted + count))
+    return np.asarray((_TRUSTED + np.nansum(squares, axis=0)) / (_TRUSTED + count))

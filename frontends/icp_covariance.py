@@ -10,6 +10,11 @@ from mqslam.core import se2
 from mqslam.psi.scoring.nearest import find_nearest
 from mqslam.psi.scoring.neighbours import mark_near, sort_into_cells
 
+# Number of map points that show how the surface around the nearest one runs.
+_SURFACE_POINTS = 10
+# Least variance of a surface's points across it, as a share of that along it.
+_FLATTEST = 0.01
+
 _LEAST_M = 1e-3  # a length that nobody measures, so that no matrix is singular: least residual and least lever arm [m]
 
 
@@ -79,10 +84,10 @@ class Surface:
 
     def _count(self) -> int:
         """Returns how many of the nearest map points are asked for."""
-        return min(self._settings.surface_points, len(self._points))
+        return min(_SURFACE_POINTS, len(self._points))
 
     def _find_directions(self, neighbours: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         around = self._points[neighbours]
         around = around - around.mean(axis=1, keepdims=True)
         variances, axes = np.linalg.eigh(np.swapaxes(around, 1, 2) @ around)
-        return np.maximum(variances[:, 0] / np.maximum(variances[:, 1], 1e-12), self._settings.flattest), axes
+        return np.maximum(variances[:, 0] / np.maximum(variances[:, 1], 1e-12), _FLATTEST), axes

@@ -19,7 +19,7 @@ from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
 from mqslam.errors import ConfigError, untrusted
 from mqslam.frontends.icp_covariance import Surface
-from mqslam.frontends.scan_matching import match_scans
+from mqslam.frontends.scan_matching import FEWEST_MATCHED, match_scans
 from mqslam.frontends.scan_track import Match
 from mqslam.frontends.spatial import from_matrix, lift, to_matrix
 
@@ -79,7 +79,7 @@ class _KissIcpMatcher:
         reach = _REACH * kernel
         surface = None if kiss.local_map.empty() else Surface(kiss.local_map.point_cloud()[:, :2], settings)
         # with no more than a few correspondences its linear system is singular, and it aborts the process
-        if surface is None or surface.count_matched(scan, predicted, reach) < settings.fewest_matched:
+        if surface is None or surface.count_matched(scan, predicted, reach) < FEWEST_MATCHED:
             kiss.local_map.update(joining, to_matrix(predicted))
             return None
         # from here on these are the steps of its register_frame, which would deskew and thin the scan again
@@ -88,7 +88,7 @@ class _KissIcpMatcher:
         kiss.adaptive_threshold.update_model_deviation(np.linalg.inv(guess) @ placed)
         kiss.local_map.update(joining, placed)
         pose = from_matrix(placed)
-        if surface.count_matched(scan, pose, reach) < settings.fewest_matched:
+        if surface.count_matched(scan, pose, reach) < FEWEST_MATCHED:
             return None
         near = surface.count_matched(scan, pose, kiss.config.mapping.voxel_size) / len(scan)
         return Match(pose, partial(surface.compute_covariance, scan, pose, reach, kernel), near)

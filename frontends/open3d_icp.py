@@ -18,9 +18,16 @@ from mqslam.core.scans import Scan
 from mqslam.errors import ConfigError
 from mqslam.execution.extras import describe_missing
 from mqslam.frontends.icp_covariance import Surface
-from mqslam.frontends.scan_matching import match_scans
+from mqslam.frontends.scan_matching import FEWEST_MATCHED, match_scans
 from mqslam.frontends.scan_track import Match
 from mqslam.frontends.spatial import from_matrix, lift, to_matrix
+
+# A scan also joins the map after this much turning [rad].
+_KEYFRAME_RAD = 0.1
+# Reach of the first registration of a scan, in units of reach_m, which is that of the second.
+_FIRST_REACH = 3.0
+# Side of a scan's voxels, as a share of the map's.
+_SCAN_VOXEL = 0.5
 
 
 class Open3dIcpFrontEnd:
@@ -74,19 +81,19 @@ class _Open3dMatcher:
 
     def _register(self, placed: NDArray[np.float64], predicted: se2.Array) -> Match | None:
         """Places a scan in the map, at first with a wide reach; returns None where hardly anything matches."""
-        reach, first_reach = self._settings.reach_m, self._settings.first_reach * self._settings.reach_m
+        reach, first_reach = self._settings.reach_m, _FIRST_REACH * self._settings.reach_m
         if self._map is None:
             return None
         target, surface = self._map
-        source = self._cloud(placed, self._settings.scan_voxel * self._settings.voxel_size_m)
+        source = self._cloud(placed, _SCAN_VOXEL * self._settings.voxel_size_m)
         scan = np.asarray(source.points)[:, :2]
-        if surface.count_matched(scan, predicted, first_reach) < self._settings.fewest_matched:
+        if surface.count_matched(scan, predicted, first_reach) < FEWEST_MATCHED:
             return None
         pose = predicted
         for distance in (first_reach, reach):
             pose = from_matrix(self._run_icp(source, target, distance, pose))
         matched = surface.count_matched(scan, pose, reach)
-        if matched < self._settings.fewest_matched:
+        if matched < FEWEST_MATCHED:
             return None
         return Match(pose, partial(surface.compute_covariance, scan, pose, reach, reach**2), matched / len(scan))
 
@@ -108,7 +115,7 @@ class _Open3dMatcher:
         if self._last_keyframe is not None:
             moved = se2.between(self._last_keyframe, pose)
             near = np.hypot(moved[0], moved[1]) < self._settings.keyframe_m
-            if near and abs(se2.wrap(moved[2])) < self._settings.keyframe_rad:
+            if near and abs(se2.wrap(moved[2])) < _KEYFRAME_RAD:
                 return
         if not len(placed):
             return

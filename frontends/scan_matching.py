@@ -18,6 +18,27 @@ from mqslam.errors import EstimationError
 from mqslam.frontends.calibration import Twice, learn_scale
 from mqslam.frontends.scan_track import Matcher, ScanTrack, Step
 
+# Standard deviation of the forward speed where it is only predicted [m/s].
+_COAST_VX = 1.0
+# Number of scans from which a front end finds its first motion.
+_START_SCANS = 10
+
+# A scan with fewer correspondences than this does not match.
+FEWEST_MATCHED = 20
+# Fewest returns in all scans from which a front end finds its first motion.
+_START_RETURNS = 20
+# Travel per turn between the speeds that a start tries [m].
+_START_STEP_M = 2.0
+# A start at a slower speed is as good if it matches this share of the points that the best start matches.
+_START_AS_GOOD = 0.95
+# Standard deviation of the sideways speed where it is only predicted [m/s].
+_COAST_VY = 0.3
+# Standard deviation of the yaw rate where it is only predicted [rad/s].
+_COAST_OMEGA = 0.1
+# Missing time between two scans from which it counts as a gap, in turns of the radar.
+_GAP_TURNS = 0.5
+
+
 NewTrack = Callable[[float, se2.Array], ScanTrack]  # a track from a time [s] on, that begins with a twist (3,)
 
 
@@ -43,14 +64,14 @@ def match_scans(
         EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
     """
     scans = list(scans)
-    head = _take_head(scans, settings)
+    head = _take_head(scans)
 
     def new_track(time: float, twist: se2.Array) -> ScanTrack:
         return ScanTrack(new_matcher(), time, twist, settings, context.doppler_beta)
 
-    twist, start = _find_start(head, new_track, context, settings)
+    twist, start = _find_start(head, new_track, context)
     track, followed = new_track(head[0].t0, twist), []
-    for motion, unseen_s in _follow(scans, track, start, settings):
+    for motion, unseen_s in _follow(scans, track, start):
         followed.append((motion, unseen_s))
         context.preview(motion)
     backward = _measure_backwards(scans, [motion for motion, _ in followed], new_track, settings)
@@ -59,24 +80,21 @@ def match_scans(
         for (m, unseen_s), b in zip(followed, backward, strict=True)
         if m.on_map and b is not None and not unseen_s.any()
     ]
-    scale = learn_scale(twice, context.config.calibration)
-    coasting = np.diag(np.array([settings.coast_vx, settings.coast_vy, settings.coast_omega]) ** 2)
+    scale = learn_scale(twice)
+    coasting = np.diag(np.array([_COAST_VX, _COAST_VY, _COAST_OMEGA]) ** 2)
     for (motion, unseen_s), back in zip(followed, backward, strict=True):
         covariance = se2.scale_covariance(motion.covariance, scale) + coasting * (unseen_s**2).sum()
         apart = np.sqrt(2.0) * se2.subtract(back, motion.pose) if motion.on_map and back is not None else np.full(3, np.nan)
         yield replace(motion, covariance=covariance, apart=apart)
 
 
-def _follow(
-    scans: Sequence[Scan], track: ScanTrack, start: Step, settings: ScanMatchingConfig
-) -> Iterator[tuple[Measurement, NDArray[np.float64]]]:
+def _follow(scans: Sequence[Scan], track: ScanTrack, start: Step) -> Iterator[tuple[Measurement, NDArray[np.float64]]]:
     """Yields the motions between scans along a new track, each as sure as its match, and the times [s] that nothing matched.
 
     Args:
         scans: all of them.
         track: a new one.
         start: how the first scan fits.
-        settings: of the front end.
     """
     before, begin, coasted_s = scans[0], np.zeros(3), 0.0
     step = replace(start, time=track.follow(before).time, pose=track.last.pose)
@@ -84,7 +102,7 @@ def _follow(
         after = track.follow(scan)
         end = se2.interpolate([step.time, after.time], np.array([step.pose, after.pose]), [scan.t0])[0]
         motion = se2.wrapped_between(begin, end)
-        gap = scan.t0 - before.t1 > settings.gap_turns * (before.t1 - before.t0)  # only a match after the gap bridges it
+        gap = scan.t0 - before.t1 > _GAP_TURNS * (before.t1 - before.t0)  # only a match after the gap bridges it
         unseen_s = np.array([coasted_s, step.coasted_s, scan.t0 - before.t1])
         measurement = Measurement(
             before.t0,
@@ -143,24 +161,22 @@ def _follow_backwards(scans: Sequence[Scan], track: ScanTrack) -> list[se2.Array
     return [se2.wrapped_between(a, b) if reached[k] and reached[k + 1] else None for k, (a, b) in enumerate(pairwise(poses))]
 
 
-def _take_head(scans: Sequence[Scan], settings: ScanMatchingConfig) -> Sequence[Scan]:
+def _take_head(scans: Sequence[Scan]) -> Sequence[Scan]:
     """Takes the first scans, from which the first motion is found.
 
     Raises:
         EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
     """
-    head = scans[: settings.start_scans]
+    head = scans[:_START_SCANS]
     if len(head) < 2:
         raise EstimationError(f"a recording of {len(head)} scans shows no motion; at least two are needed")
     returns = sum(len(scan.returns) for scan in head)
-    if returns < settings.start_returns:
+    if returns < _START_RETURNS:
         raise EstimationError(f"there are only {returns} returns in the first {len(head)} scans; lower detector.threshold")
     return head
 
 
-def _find_start(
-    head: Sequence[Scan], new_track: NewTrack, context: Context, settings: ScanMatchingConfig
-) -> tuple[se2.Array, Step]:
+def _find_start(head: Sequence[Scan], new_track: NewTrack, context: Context) -> tuple[se2.Array, Step]:
     """Finds the twist (3,) over the first scan, and how that one fits those after it.
 
     Odometry says where to begin, if there is any. Else several speeds are tried: from rest a matcher catches up with three
@@ -168,11 +184,11 @@ def _find_start(
     """
     odometry = context.odometry_twist(head[0].t0, head[0].t1)
     fastest = max(context.config.tracker.speed_max, 0.0)
-    speeds = np.arange(0.0, fastest + 1e-9, settings.start_step_m / context.revolution_s)
+    speeds = np.arange(0.0, fastest + 1e-9, _START_STEP_M / context.revolution_s)
     begins = [np.array([speed, 0.0, 0.0]) for speed in speeds] if odometry is None else [odometry]
     starts = [_run_back_and_forth(head, new_track, begin) for begin in begins]
     best = max(matched for matched, _, _ in starts)
-    return next((twist, step) for matched, twist, step in starts if matched >= settings.start_as_good * best)
+    return next((twist, step) for matched, twist, step in starts if matched >= _START_AS_GOOD * best)
 
 
 def _run_back_and_forth(head: Sequence[Scan], new_track: NewTrack, begin: se2.Array) -> tuple[float, se2.Array, Step]:

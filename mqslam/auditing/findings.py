@@ -23,6 +23,18 @@ from mqslam.core.statistics.chances import correct_for_places, find_smallest
 from mqslam.core.wording import count_of, is_or_are, left_or_right
 from mqslam.errors import Remedy
 
+# Distances or directions that are off by a larger share than this are worth a look [m/m].
+SCALE_WARN = 0.002
+
+# A map with a larger share of torn revisits than this is worth a look; a few may be places that only look alike.
+_REVISITS_WARN = 0.02
+# A larger share of torn revisits than this shows that the whole map drifts.
+_REVISITS_FAIL = 0.1
+# A sensor that sits farther from where the trajectory has it than this is worth a look [m].
+_LEVER_WARN = 0.05
+# With a larger share than this of windows that do not overlap, a map is useless as a whole.
+_APART_FAIL = 0.5
+
 
 def judge_windows(windows: Sequence[WindowAudit], scans: int, size: int, settings: VerdictConfig) -> list[Finding]:
     """Returns what the windows of a map say about it, in a run as in an audit.
@@ -56,7 +68,7 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int, size: int, setting
         findings.append(Finding(VerdictStatus.WARN, reason))
     known = [w for w in windows if w.undecided is not Undecided.GAP]  # where the trajectory has poses of its own
     apart = Share(sum(w.bend.matched < settings.matched for w in known), len(known))
-    if apart.is_above(settings.apart_fail, settings):
+    if apart.is_above(_APART_FAIL, settings):
         matched = float(np.median([w.bend.matched for w in known]))
         findings.append(Finding(VerdictStatus.FAIL, f"only {matched:.0%} of the points are seen twice: nothing overlaps"))
     return findings
@@ -176,7 +188,7 @@ def find_lever(pooled: Pooled, limits: VerdictConfig) -> Lever | None:
     lever = pooled.lever
     if lever is None:
         return None
-    found = (np.abs(lever.arm) > limits.lever_warn) & (lever.p_value < limits.share_of_false_alarms)
+    found = (np.abs(lever.arm) > _LEVER_WARN) & (lever.p_value < limits.share_of_false_alarms)
     return lever if found.any() else None
 
 
@@ -197,7 +209,7 @@ def _name_extrinsics(given: se2.Array, turned: float, lever: Lever | None) -> st
 
 def find_biases(pooled: Pooled, limits: VerdictConfig) -> list[int]:
     """Returns the axes (forward 0, left 1, yaw 2) along which all of a map asks for a correction that is worth a look."""
-    largest = (limits.scale_warn, limits.scale_warn, limits.turn_warn)
+    largest = (SCALE_WARN, SCALE_WARN, limits.turn_warn)
     found = (np.abs(pooled.bias) > largest) & (pooled.p_value < limits.share_of_false_alarms)
     return np.flatnonzero(found).tolist()
 
@@ -295,7 +307,7 @@ def judge_revisits(revisits: Sequence[RevisitAudit], settings: VerdictConfig) ->
         if any(r.claimed is not None for r in off):
             reason += ", beyond what the trajectory claims to know"
         torn = Share(len(off), len(sure))
-        status = torn.judge(settings.revisits_warn, settings.revisits_fail, settings)
+        status = torn.judge(_REVISITS_WARN, _REVISITS_FAIL, settings)
         # one torn revisit alone may be of two places that look alike
         if status is not VerdictStatus.FAIL and any(a.torn and b.torn for a, b in itertools.pairwise(sure)):
             status = VerdictStatus.WARN
@@ -304,7 +316,7 @@ def judge_revisits(revisits: Sequence[RevisitAudit], settings: VerdictConfig) ->
     if excused:
         farthest = max(r.revisit.distance_m for r in excused)
         reason += f", and the passes of {len(excused)} lie up to {farthest:.2f} m apart, as the trajectory says they may"
-        if status is VerdictStatus.PASS and Share(len(excused), len(sure)).is_above(settings.revisits_warn, settings):
+        if status is VerdictStatus.PASS and Share(len(excused), len(sure)).is_above(_REVISITS_WARN, settings):
             status = VerdictStatus.WARN
     return Finding(status, reason, p_value=p_value)
 

@@ -9,12 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.backend.sensors.gyroscope.gyroscope_start import Turns, find_start
-from mqslam.backend.sensors.gyroscope.rotation import Rotation, calibrate
+from mqslam.backend.sensors.gyroscope.gyroscope_use import DELAY_TOLERANCE_S, SCALE_TOLERANCE, TOLD_SIGMAS
+from mqslam.backend.sensors.gyroscope.rotation import LONGEST_DELAY_S, Rotation, calibrate
 from mqslam.config import GyroscopeConfig
 from mqslam.core.scans import Scans
 from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.statistics.gross import SIGMAS_PER_DEVIATION
 from mqslam.core.trajectory import Trajectory
+
+# Error of the scale that data sheets of cheap gyroscopes allow: an audit blames nothing on a smaller one.
+_LIKELY_SCALE = 0.03
 
 _SPARSE: Final = 0.7  # poses per scan, below which a trajectory is interpolated between poses: one and a half turns apart
 _LEAST_VARIANCE: Final = 1e-12  # numerical: a trajectory that agrees exactly [rad^2]
@@ -59,16 +63,16 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory, 
     yaws = np.diff(np.unwrap(trajectory.at(inside)[:, 2]))
     variances = np.full(len(yaws), np.median(np.abs(yaws)) ** 2 + _LEAST_VARIANCE)
     turns = Turns(times[:-1], times[1:], yaws, variances, np.ones(len(yaws), dtype=np.bool_), 0.0)
-    start = find_start(gyroscope, scans.start_us, turns, settings.longest_delay_s)
-    if start is None or not start.is_convincing(settings):
+    start = find_start(gyroscope, scans.start_us, turns, LONGEST_DELAY_S)
+    if start is None or not start.is_convincing():
         what = "the trajectory turns too little, or otherwise than the gyroscope"
         return GyroscopeCheck(source, f"whether the gyroscope ({source}) agrees cannot be told: {what}", None)
     found = calibrate(gyroscope, start, turns, settings)
     spread = SIGMAS_PER_DEVIATION * float(np.nanmedian(np.abs(found.residuals))) if found.residuals.size else np.nan
     turns = turns._replace(variances=np.full(len(yaws), spread**2 + _LEAST_VARIANCE))
     found = calibrate(gyroscope, start, turns, settings)
-    faults = _list_faults(found.rotation, settings, own_clock=gyroscope.own_clock)
-    remark = _describe_scale(found.rotation, settings)
+    faults = _list_faults(found.rotation, own_clock=gyroscope.own_clock)
+    remark = _describe_scale(found.rotation)
     agreed = (
         f"agrees with the trajectory step by step, within {np.rad2deg(spread):.2g} deg; "
         f"{_describe_bias(found.rotation)}{remark}"
@@ -87,15 +91,15 @@ def _pick_stamps(scans_us: NDArray[np.int64], poses_us: NDArray[np.int64]) -> ND
     return poses if len(poses) < _SPARSE * len(scans) else scans
 
 
-def _list_faults(rotation: Rotation, settings: GyroscopeConfig, *, own_clock: bool) -> list[str]:
+def _list_faults(rotation: Rotation, *, own_clock: bool) -> list[str]:
     """Returns in which ways a gyroscope and a trajectory cannot both be right; which of them is wrong it does not say."""
     faults = []
     if rotation.sign < 0.0:
         faults.append("it turns the other way; either it is mounted upside down, or the trajectory is mirrored")
     off, late_s = rotation.scale - 1.0, -rotation.delay_s
-    if abs(off) > settings.likely_scale + settings.told_sigmas * rotation.scale_sigma:
+    if abs(off) > _LIKELY_SCALE + TOLD_SIGMAS * rotation.scale_sigma:
         faults.append(_compare_turns(off))
-    if not own_clock and abs(late_s) > max(settings.told_sigmas * rotation.delay_sigma_s, settings.delay_tolerance_s):
+    if not own_clock and abs(late_s) > max(TOLD_SIGMAS * rotation.delay_sigma_s, DELAY_TOLERANCE_S):
         faults.append(
             f"the trajectory's stamps are {abs(late_s):.2f} s {'later' if late_s > 0.0 else 'earlier'} than its own"
         )
@@ -108,10 +112,10 @@ def _describe_bias(rotation: Rotation) -> str:
     return f"it does not show a steady drift of yaw, since a constant {rate:.2g} deg/s is taken as its bias"
 
 
-def _describe_scale(rotation: Rotation, settings: GyroscopeConfig) -> str:
+def _describe_scale(rotation: Rotation) -> str:
     """Returns what to add where a trajectory turns farther or less far than a gyroscope, as that one's scale may explain."""
     off = rotation.scale - 1.0
-    if abs(off) <= max(settings.told_sigmas * rotation.scale_sigma, settings.scale_tolerance):
+    if abs(off) <= max(TOLD_SIGMAS * rotation.scale_sigma, SCALE_TOLERANCE):
         return ""
     return f"; {_compare_turns(off)}, which the scale of a gyroscope may explain"
 

@@ -53,6 +53,10 @@ from mqslam.execution.progress import Progress
 from mqslam.execution.runner import Runner
 from mqslam.psi.place import Beam
 
+# Number of windows, evenly spread, that a run judges of its own map; an audit judges all.
+_SAMPLED_WINDOWS = 100
+
+
 Optimum: TypeAlias = tuple[PoseGraph, gtsam.Values]
 
 
@@ -130,8 +134,8 @@ def audit(
     else:
         laid = lay_spans(sweeps, ~interpolated, settings, estimator, engine, progress)
         twists = measure_twists(sweeps, settings.step_scans)
-        pooled = pool(laid, twists, settings)
-        spans = audit_spans(laid, _expect(laid, twists, pooled, limits), sweeps.times, settings, limits)
+        pooled = pool(laid, twists)
+        spans = audit_spans(laid, _expect(laid, twists, pooled, limits), sweeps.times, limits)
         revisits = audit_revisits(sweeps, settings, estimator, limits, engine, progress, claims)
         revisits = doubt_interpolated(revisits, interpolated)
         tests |= {
@@ -162,10 +166,10 @@ def audit_trajectory(
     Raises:
         EstimationError: there are no returns.
     """
-    sweeps, inside = place_sweeps(scans, trajectory, config.audit, beam)
+    sweeps, inside = place_sweeps(scans, trajectory, beam)
     claims = None if optimum is None else GraphClaims(*optimum, inside, sweeps.poses)
     sections = config.audit, config.estimator, config.verdict
-    return audit(sweeps, *sections, runner.engine, runner.progress, config.audit.sampled_windows, claims)
+    return audit(sweeps, *sections, runner.engine, runner.progress, _SAMPLED_WINDOWS, claims)
 
 
 def _expect(
@@ -181,7 +185,7 @@ def _judge_trajectory(sweeps: Sweeps, settings: AuditConfig, limits: VerdictConf
     """Returns what is wrong with the trajectory itself, and where it is too sparse to be judged."""
     if sweeps.track is None:
         return []
-    own = judge_track(sweeps.track, sweeps.times, sweeps.revolution_s, settings, limits)
+    own = judge_track(sweeps.track, sweeps.times, sweeps.revolution_s, settings)
     return [*own, *judge_part(sweeps.track, limits), *judge_doubt(sweeps.doubt_m, settings)]
 
 

@@ -16,6 +16,12 @@ from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.scoring.references import make_references
 
+# Largest error of a trajectory's speed [m/s] that is looked for between two successive scans: more than any vehicle
+# drives, so that a trajectory that stands still is found, too.
+SPEED_ERROR_MPS = 50.0
+# Two successive scans of which one has fewer points than this say nothing about the speed.
+_SPEED_FEWEST = 40
+
 
 @dataclass(frozen=True, slots=True)
 class Laid:
@@ -60,7 +66,7 @@ def ask_of_scans(settings: AuditConfig) -> AuditConfig:
 
 def ask_of_single_scans(settings: AuditConfig) -> AuditConfig:
     """Returns settings that ask of a single scan as much as it can match, and fewer points than of several."""
-    return ask_of_scans(settings).model_copy(update={"fewest": settings.speed_fewest})
+    return ask_of_scans(settings).model_copy(update={"fewest": _SPEED_FEWEST})
 
 
 def measure_span(sweeps: Sweeps, begin: int) -> float:
@@ -73,7 +79,7 @@ def measure_span(sweeps: Sweeps, begin: int) -> float:
 
 def compute_far_reach(span_s: float, settings: AuditConfig) -> tuple[float, float]:
     """Returns how far [m], [rad] a wide search goes: as far as any plausible error of the speed leads in a time [s]."""
-    return min(settings.speed_error_mps * span_s, settings.gate_m), settings.search_rad
+    return min(SPEED_ERROR_MPS * span_s, settings.gate_m), settings.search_rad
 
 
 def fits_far_better(laid: Laid, settings: AuditConfig) -> bool:

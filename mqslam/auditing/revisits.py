@@ -15,6 +15,7 @@ from mqslam.auditing.windows.windows import torn_threshold
 from mqslam.backend.claims import Claims
 from mqslam.backend.loops.agreement import Offsets, compare_neighbours, find_agreeing
 from mqslam.backend.loops.align import TOLERANCES
+from mqslam.backend.loops.layout import LATER_SHARE
 from mqslam.backend.loops.passes import find_passes
 from mqslam.backend.loops.submap import pick_around
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
@@ -22,6 +23,15 @@ from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.statistics.chances import MEDIAN_EFFICIENCY, compute_p_values, correct_for_places, find_usual_scale
 from mqslam.execution.progress import Progress
+
+# Where the trajectory says how sure it is, two passes are torn if that and the measurement do not explain their offset,
+# unless it moves the points by less than this [m]. torn_m and torn_rad do not count then.
+_CLAIMED_M = 0.1
+# A revisit is sure if the next best pose also scores worse by this many standard deviations of the difference of the two
+# scores, so that one of several places that look alike is not best by chance.
+_RIVAL_SIGMAS = 3.0
+# Fewest pairs of neighbouring revisits that show how far off a revisit usually is.
+_REVISIT_FEWEST = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +185,7 @@ def judge_laid(
             continue
         torn = is_torn(revisit, settings)  # by the constants, where too few revisits give p-values
         if np.isfinite(p_value):
-            torn = p_value < chance and one.size_m > settings.claimed_m  # by what the trajectory claims to know
+            torn = p_value < chance and one.size_m > _CLAIMED_M  # by what the trajectory claims to know
         alone = is_torn(replace(revisit, inflation=float(measured.inflations[k])), settings)
         audited.append(RevisitAudit(revisit, torn, p_value, claimed[k], excused=alone and not torn))
     return audited
@@ -194,7 +204,7 @@ def _measure_offsets(laid: Sequence[Laid], sweeps: Sweeps, settings: AuditConfig
     )
     known = curvature.take(np.array([one.observed for one in laid]))
     squares = compare_neighbours(known, 2.0 * settings.submap_m, settings.least_path_m)
-    if len(squares) < settings.revisit_fewest:
+    if len(squares) < _REVISIT_FEWEST:
         return curvature, 0.0
     scaled = se2.scale_covariance(curvature.covariances, find_usual_scale(squares))
     return replace(curvature, covariances=scaled), MEDIAN_EFFICIENCY * len(known.offsets)
@@ -229,9 +239,7 @@ def _lay_pair(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], pair: tuple[i
     sweeps, settings, estimator = shared
     earlier, later = pair
     reach = compute_reach(float(sweeps.travelled[later] - sweeps.travelled[earlier]), settings)
-    return lay(
-        sweeps, pair, pick_passes(sweeps, earlier, later, settings), reach, settings, estimator, settings.rival_sigmas
-    )
+    return lay(sweeps, pair, pick_passes(sweeps, earlier, later, settings), reach, settings, estimator, _RIVAL_SIGMAS)
 
 
 def is_torn(revisit: Revisit, settings: AuditConfig) -> bool:
@@ -245,6 +253,6 @@ def pick_passes(sweeps: Sweeps, earlier: int, later: int, settings: AuditConfig)
     """Returns the sweeps of the earlier pass, and of the smaller part of the later one that is laid on it."""
     first, second = (
         pick_around(sweeps.travelled, k, reach_m, settings.submap_spacing_m).tolist()
-        for k, reach_m in ((earlier, settings.submap_m), (later, settings.later_share * settings.submap_m))
+        for k, reach_m in ((earlier, settings.submap_m), (later, LATER_SHARE * settings.submap_m))
     )
     return first, second

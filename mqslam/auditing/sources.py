@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.tracks import Track
-from mqslam.config import AuditConfig
 from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core import se2
 from mqslam.core.scans import Scans
@@ -23,6 +22,11 @@ from mqslam.core.sensors.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, Remedy
 from mqslam.psi.place import Beam
+
+# A cloud with at least this many points per stamp is taken to have one stamp per scan.
+_FEW_STAMPS = 20
+# Duration [s] that a sweep of a cloud is taken to have if every point has its own stamp.
+_CLOUD_SWEEP_S = 0.1
 
 LIDAR_CONFIG: Final = "lidar"
 """Name of the shipped settings for everything that no radar recorded."""
@@ -74,13 +78,12 @@ def make_lidar_source(lidar: LidarRecording) -> Source:
     )
 
 
-def place_source(source: Source, trajectory: Trajectory, settings: AuditConfig, beam: Beam) -> tuple[Sweeps, list[str]]:
+def place_source(source: Source, trajectory: Trajectory, beam: Beam) -> tuple[Sweeps, list[str]]:
     """Places a recording under a trajectory.
 
     Args:
         source: the recording.
         trajectory: poses of the sensor.
-        settings: of the audit.
         beam: the sensor's errors.
 
     Returns:
@@ -89,7 +92,7 @@ def place_source(source: Source, trajectory: Trajectory, settings: AuditConfig, 
     Raises:
         EstimationError: they share no time.
     """
-    sweeps, inside = place_sweeps(source.scans, trajectory, settings, beam)
+    sweeps, inside = place_sweeps(source.scans, trajectory, beam)
     missing = len(source.scans) - len(inside)
     return sweeps, [f"the trajectory does not cover {missing} of {len(source.scans)} scans"] if missing else []
 
@@ -97,7 +100,6 @@ def place_source(source: Source, trajectory: Trajectory, settings: AuditConfig, 
 def divide_cloud(
     cloud: TimedCloud,
     trajectory: Trajectory | None,
-    settings: AuditConfig,
     beam: Beam,
     reading: ReadingConfig = USUAL_READING,
 ) -> Sweeps:
@@ -106,7 +108,6 @@ def divide_cloud(
     Args:
         cloud: points with the times they were measured at.
         trajectory: the poses of the sensor that the cloud was made with, or None.
-        settings: of the audit.
         beam: the sensor's errors.
         reading: how files are understood.
 
@@ -116,11 +117,11 @@ def divide_cloud(
     stamps, of_stamp = np.unique(cloud.stamps_us, return_inverse=True)
     if len(stamps) < 2:
         raise DataError(cloud.path, "was measured all at once", "give a cloud with the time of every scan or point")
-    if len(stamps) * settings.few_stamps <= len(cloud):
+    if len(stamps) * _FEW_STAMPS <= len(cloud):
         numbers, turns = of_stamp, of_stamp.astype(np.float64)
         revolution_s = float(np.median(np.diff(stamps))) * 1e-6
     else:
-        revolution_s = cloud.scan_us * 1e-6 if cloud.scan_us else settings.cloud_sweep_s
+        revolution_s = cloud.scan_us * 1e-6 if cloud.scan_us else _CLOUD_SWEEP_S
         turns = (cloud.stamps_us - stamps[0]) * (1e-6 / revolution_s)
         numbers = np.floor(turns).astype(np.int64)
     present, first = np.unique(numbers, return_index=True)

@@ -16,7 +16,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.laying import Laid, ask_of_single_scans, compute_far_reach, fits_far_better, lay, measure_span
+from mqslam.auditing.laying import (
+    SPEED_ERROR_MPS,
+    Laid,
+    ask_of_single_scans,
+    compute_far_reach,
+    fits_far_better,
+    lay,
+    measure_span,
+)
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.tracks import Track, find_gaps
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus
@@ -75,7 +83,7 @@ def find_capture_range(revolution_s: float, settings: AuditConfig, estimator: Es
         estimator: settings of the score.
     """
     reach_m = estimator.s_start
-    return CaptureRange(reach_m, reach_m / (settings.window * revolution_s), settings.speed_error_mps)
+    return CaptureRange(reach_m, reach_m / (settings.window * revolution_s), SPEED_ERROR_MPS)
 
 
 def _find_capture(shared: _Shared) -> CaptureRange:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.tracks import Track, measure_doubt
-from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.scans import Scans
 from mqslam.core.stored import release
@@ -18,6 +17,9 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError, Remedy
 from mqslam.mapping.render import place_scans
 from mqslam.psi.place import Beam, PointSet, rotate_covariances
+
+# A scan may begin before or end after the trajectory by this many turns and still counts as covered.
+_COVERAGE_SLACK = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,13 +75,12 @@ class Sweeps:
         return PointSet(points, np.empty((len(picked), 2, 0)), covariances, turns)
 
 
-def place_sweeps(scans: Scans, trajectory: Trajectory, settings: AuditConfig, beam: Beam) -> tuple[Sweeps, list[int]]:
+def place_sweeps(scans: Scans, trajectory: Trajectory, beam: Beam) -> tuple[Sweeps, list[int]]:
     """Places the returns of a recording under a trajectory.
 
     Args:
         scans: of a radar or a lidar.
         trajectory: poses of the sensor.
-        settings: of the audit.
         beam: the sensor's errors.
 
     Returns:
@@ -88,7 +89,7 @@ def place_sweeps(scans: Scans, trajectory: Trajectory, settings: AuditConfig, be
     Raises:
         EstimationError: recording and trajectory share no two scans, or hold no returns where they do.
     """
-    inside = require_covered(scans, trajectory, settings)
+    inside = require_covered(scans, trajectory)
     kept = scans.take(inside)
     counts = kept.counts
     if not counts.any():
@@ -119,18 +120,17 @@ def place_sweeps(scans: Scans, trajectory: Trajectory, settings: AuditConfig, be
     return sweeps, inside
 
 
-def require_covered(scans: Scans, trajectory: Trajectory, settings: AuditConfig) -> list[int]:
+def require_covered(scans: Scans, trajectory: Trajectory) -> list[int]:
     """Returns the indices of the scans that a trajectory covers, of which there must be two.
 
     Args:
         scans: of a recording.
         trajectory: poses of the sensor.
-        settings: of the audit.
 
     Raises:
         EstimationError: there are fewer.
     """
-    inside = find_covered(scans, trajectory, settings)
+    inside = find_covered(scans, trajectory)
     if len(inside) == 1:
         raise EstimationError(
             "the trajectory covers one scan only, which shows nothing of it; give a recording of at least two scans and a "
@@ -146,9 +146,9 @@ def require_covered(scans: Scans, trajectory: Trajectory, settings: AuditConfig)
     return inside
 
 
-def find_covered(scans: Scans, trajectory: Trajectory, settings: AuditConfig) -> list[int]:
+def find_covered(scans: Scans, trajectory: Trajectory) -> list[int]:
     """Returns the indices of the scans that a trajectory covers, give or take the slack that the settings allow."""
-    slack_us = round(1e6 * settings.coverage_slack * scans.revolution_s)
+    slack_us = round(1e6 * _COVERAGE_SLACK * scans.revolution_s)
     spans = _stamp_spans(scans).tolist()
     return [k for k, (t0, t1) in enumerate(spans) if trajectory.covers(t0, t1, slack_us)]
 

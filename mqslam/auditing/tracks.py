@@ -18,6 +18,21 @@ from mqslam.core import se2
 from mqslam.core.wording import count_of
 from mqslam.errors import Remedy
 
+# A single step of a trajectory is a jump only if it takes a larger acceleration than this [m/s^2]: tyres give a vehicle
+# about as much as gravity.
+_JUMP_MPS2 = 9.81
+# A single step of a trajectory is a jump in yaw only if it takes a larger angular acceleration than this [rad/s^2], which
+# is beyond what a robot that turns on the spot reaches.
+_JUMP_RADPS2 = 10.0
+# A jump differs from the steps around it by this many times what the largest difference of the other steps is, so that
+# noise of the poses is no jump.
+_JUMP_FACTOR = 3.0
+# Jumps are looked for among steps above this quantile of the differences from the steps around them.
+_JUMP_QUANTILE = 0.9
+# A trajectory that covers no pose of a larger share of scans than this is worth a look: its stamps may not be the
+# recording's.
+_UNCOVERED_WARN = 0.5
+
 _LISTED: Final = 3  # stretches or jumps that a sentence names one by one, so that it stays readable
 _MOST: Final = 0.5  # by definition: most scans are more than half of them
 _CLOSE_TURNS: Final = 0.5  # by definition: the pose that is nearest to a scan is its own within half a turn
@@ -64,9 +79,7 @@ class Jump:
     angle_rad: float
 
 
-def judge_track(
-    track: Track, times: NDArray[np.float64], revolution_s: float, settings: AuditConfig, limits: VerdictConfig
-) -> list[Finding]:
+def judge_track(track: Track, times: NDArray[np.float64], revolution_s: float, settings: AuditConfig) -> list[Finding]:
     """Returns what is wrong with a trajectory itself; nothing where nothing is.
 
     Args:
@@ -74,9 +87,8 @@ def judge_track(
         times: (S,) starts of the scans that it covers [s] since the recording's start.
         revolution_s: usual duration of a scan [s].
         settings: of the audit.
-        limits: settings of the verdict.
     """
-    findings = _judge_cover(track, settings, limits)
+    findings = _judge_cover(track, settings)
     span_s = settings.window * revolution_s
     inside = mark_interpolated(track, times, revolution_s, settings)
     if inside.any():
@@ -196,21 +208,21 @@ def find_jumps(track: Track, longest_s: float, settings: AuditConfig) -> list[Ju
     times, durations = times[:-1][usable], durations[usable]
     off = twists[usable] - np.nanmedian(beside[:, usable], axis=0)
     distances, angles = np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])
-    jumping = (distances * durations > settings.torn_m) & (distances / durations > settings.jump_mps2)
-    jumping &= _stand_out(distances, settings)
-    turning = (angles * durations > settings.torn_rad) & (angles / durations > settings.jump_radps2)
-    jumping |= turning & _stand_out(angles, settings)
+    jumping = (distances * durations > settings.torn_m) & (distances / durations > _JUMP_MPS2)
+    jumping &= _stand_out(distances)
+    turning = (angles * durations > settings.torn_rad) & (angles / durations > _JUMP_RADPS2)
+    jumping |= turning & _stand_out(angles)
     return [
         Jump(float(t), float(t + lasts), float(distance * lasts), float(angle * lasts))
         for t, lasts, distance, angle in np.column_stack([times, durations, distances, angles])[jumping]
     ]
 
 
-def _stand_out(sizes: NDArray[np.float64], settings: AuditConfig) -> NDArray[np.bool_]:
+def _stand_out(sizes: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Returns which sizes (N,) stand out of the others: among the largest, a wide gap lies between them and the rest."""
     ordered = np.sort(sizes)
-    largest = ordered[int(settings.jump_quantile * (len(ordered) - 1)) :]
-    gaps = np.flatnonzero(largest[1:] > settings.jump_factor * largest[:-1])
+    largest = ordered[int(_JUMP_QUANTILE * (len(ordered) - 1)) :]
+    gaps = np.flatnonzero(largest[1:] > _JUMP_FACTOR * largest[:-1])
     return np.asarray(sizes >= largest[gaps[0] + 1]) if len(gaps) else np.zeros(len(sizes), dtype=np.bool_)
 
 
@@ -219,9 +231,9 @@ def _find_steps(track: Track, times: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, len(track.times) - 2)
 
 
-def _judge_cover(track: Track, settings: AuditConfig, limits: VerdictConfig) -> list[Finding]:
+def _judge_cover(track: Track, settings: AuditConfig) -> list[Finding]:
     """Returns what scans without a pose say: nothing where most have one, and that nothing is judged without a window."""
-    if track.uncovered <= limits.uncovered_warn * track.scans:
+    if track.uncovered <= _UNCOVERED_WARN * track.scans:
         return []
     begin, end = float(track.times[0]), float(track.times[-1])
     reason = (
@@ -239,7 +251,7 @@ def judge_part(track: Track, limits: VerdictConfig) -> list[Finding]:
         track: the trajectory.
         limits: settings of the verdict.
     """
-    if not limits.part_warn * track.scans < track.uncovered <= limits.uncovered_warn * track.scans:
+    if not limits.part_warn * track.scans < track.uncovered <= _UNCOVERED_WARN * track.scans:
         return []
     begin, end = float(track.times[0]), float(track.times[-1])
     reason = (

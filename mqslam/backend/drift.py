@@ -20,6 +20,14 @@ from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.statistics.gross import cut_gross
 
+# Number of submaps in a row over which both directions of time are compared, to learn how a map drifts.
+_DRIFT_SUBMAPS = 16
+# Number of such rows of submaps that it takes to outweigh the assumption that a map drifts by the errors of its scans.
+_DRIFT_TRUSTED = 2.0
+# Squared differences over such rows of submaps beyond this many times the median one are cut down to it: a scan that one
+# direction misplaced says nothing of the others.
+_DRIFT_GROSS = 20.0
+
 _PER_M = 100.0  # path [m] that the settings of common drift are for
 
 
@@ -33,7 +41,7 @@ def widen_ties(submaps: Submaps, measurements: Sequence[Measurement], settings: 
         measurements: the motions between successive scans.
         settings: of the graph.
     """
-    factors = learn_drift(submaps, measurements, settings)
+    factors = learn_drift(submaps, measurements)
     common = np.diag([settings.common_drift_m**2, settings.common_drift_m**2, settings.common_drift_rad**2])
     ties = []
     for tie in submaps.ties:
@@ -42,24 +50,23 @@ def widen_ties(submaps: Submaps, measurements: Sequence[Measurement], settings: 
     return replace(submaps, ties=ties)
 
 
-def learn_drift(submaps: Submaps, measurements: Sequence[Measurement], settings: GraphConfig) -> NDArray[np.float64]:
+def learn_drift(submaps: Submaps, measurements: Sequence[Measurement]) -> NDArray[np.float64]:
     """Returns factors (3,) on the variances of ties between submaps, in x, y and yaw: the likeliest ones.
 
     Args:
         submaps: of the drive, tied by the errors of their first scans.
         measurements: the motions between successive scans.
-        settings: of the graph.
     """
-    by_ties, by_ends, seen = _sum_spans(submaps, measurements, settings.drift_submaps)
+    by_ties, by_ends, seen = _sum_spans(submaps, measurements, _DRIFT_SUBMAPS)
     if len(seen) == 0:
         return np.ones(3)
-    seen = cut_gross(seen, settings.drift_gross)
+    seen = cut_gross(seen, _DRIFT_GROSS)
 
     def cost(logs: NDArray[np.float64]) -> float:
         """Returns minus the logarithm of how likely factors are, by their logarithms (3,)."""
         variances = by_ends + by_ties @ np.exp(logs)
-        rows = np.sum(np.log(variances) + seen / variances) / settings.drift_submaps  # as many of them cover each submap
-        return float(rows + settings.drift_trusted * np.sum(logs + np.exp(-logs)))
+        rows = np.sum(np.log(variances) + seen / variances) / _DRIFT_SUBMAPS  # as many of them cover each submap
+        return float(rows + _DRIFT_TRUSTED * np.sum(logs + np.exp(-logs)))
 
     return np.asarray(np.exp(minimize(cost, np.zeros(3), method="L-BFGS-B").x))
 

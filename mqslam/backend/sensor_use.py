@@ -158,7 +158,7 @@ def join_sensors(
         placing = join_fixes(sensors.fixes, start_us, problem.measurements, antenna, settings.gnss)
         if placing.edges is not None:
             _, optimum = replace(problem, fixes=placing.edges).optimise([])
-            placing = placing.judge_jumps(optimum.values, settings.gnss)
+            placing = placing.judge_jumps(optimum.values)
         problem = replace(problem, fixes=placing.edges)
     if velocities is not None and problem.measurements:
         moving = join_velocities(velocities, problem.measurements, settings.velocity)

@@ -59,8 +59,8 @@ def check_recording(
     followed = follow(recording, stretches, check, tracker, estimator, beam)
     findings = (
         check_stamps(recording, stretches, check, reading),
-        check_azimuths(stretches, check),
-        check_order(followed, check),
+        check_azimuths(stretches),
+        check_order(followed),
         check_mirror(recording, followed, odometry, check),
         check_stamp(recording, followed, odometry, check),
         check_scale(recording, followed, odometry, check),

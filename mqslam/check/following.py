@@ -21,6 +21,9 @@ from mqslam.psi.place import Beam
 from mqslam.psi.tracking.tracked import Tracked
 from mqslam.psi.tracking.tracker import Tracker
 
+# Least number of motions between scans for a comparison with odometry, or of the two orders of azimuths.
+FEWEST_STEPS = 5
+
 
 @dataclass(frozen=True, slots=True)
 class Steps:
@@ -108,7 +111,7 @@ def follow(
         steps,
         np.array(forward),
         np.array(backward),
-        _explain_shortage(stretches, tracker.start_scans - 1 + settings.fewest_steps),
+        _explain_shortage(stretches, tracker.start_scans - 1 + FEWEST_STEPS),
     )
 
 

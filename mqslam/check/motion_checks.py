@@ -12,33 +12,54 @@ from numpy.typing import NDArray
 from scipy.stats import wilcoxon
 
 from mqslam.check.finding import Finding, Verdict
-from mqslam.check.following import Followed, Steps
+from mqslam.check.following import FEWEST_STEPS, Followed, Steps
 from mqslam.config import CheckConfig
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
+
+# Speed [m/s] above which the length of a range bin shows.
+LEAST_SPEED = 1.0
+# Share of the variance of the radar's yaw rate that odometry must explain to tell a shift of stamps.
+_EXPLAINED = 0.9
+
+# psi's preference for one order of the azimuths counts if it would come about by chance with a smaller probability than
+# this.
+_ORDER_CHANCE = 5e-3
+# Least logarithm of the ratio of psi in the two orders that counts. Simulated drives too slow to tell the order show up to
+# 0.010.
+_ORDER_GAIN = 0.02
+# Yaw rate [rad/s], root mean square, below which left and right cannot be told apart.
+_LEAST_TURN = 0.03
+# Least standard deviation of a measured yaw rate [rad/s].
+_YAW_RATE_FLOOR = 0.004
+# Largest shift of stamps that is tried [turns].
+_LARGEST_SHIFT = 1.5
+# A shift of stamps is only judged if three standard deviations of it are at most this [turns].
+_SHIFT_ERROR = 0.25
+# Smallest shift of stamps that is suspicious [turns].
+_SHIFT_OK = 0.5
 
 _LEAST_SLOPE = 1e-9  # numerical [rad/s^2]: keeps the error of a shift finite where the yaw rate does not change
 _LEAST_RATIO = 0.1  # below this ratio of speeds the two have little in common, and no length of a range bin would fit
 
 
-def check_order(followed: Followed, settings: CheckConfig) -> Finding:
+def check_order(followed: Followed) -> Finding:
     """Checks whether psi prefers the azimuths of the polar scans in the order they are stored in.
 
     Args:
         followed: stretches of the recording as psi follows them.
-        settings: of the check.
     """
     name = "order of azimuths"
     usable = (followed.psi > 0.0) & (followed.psi_backward > 0.0)  # NaN where no motion was found
     gain = np.log(followed.psi_backward[usable] / followed.psi[usable])
-    if len(gain) < settings.fewest_steps:
+    if len(gain) < FEWEST_STEPS:
         return Finding(name, Verdict.UNTOLD, followed.shortage)
     middle = float(np.median(gain))
     chance = float(wilcoxon(gain).pvalue) if gain.any() else 1.0  # a test by ranks, since turns gain many times as much
     psi, backward = float(followed.psi[usable].mean()), float(followed.psi_backward[usable].mean())
     numbers = {"psi": psi, "psi_backward": backward, "log_ratio": middle, "chance": chance}
     both = f"psi per point is {psi:.3f} as recorded and {backward:.3f} with every turn taken backward"
-    if abs(middle) < settings.order_gain or chance > settings.order_chance:
+    if abs(middle) < _ORDER_GAIN or chance > _ORDER_CHANCE:
         return Finding(
             name, Verdict.UNTOLD, f"{both}, which is about the same; a faster drive or one with turns would tell", numbers
         )
@@ -58,15 +79,15 @@ def check_mirror(recording: Recording, followed: Followed, odometry: Trajectory 
         settings: of the check.
     """
     name = "direction of rotation"
-    if odometry is None or len(followed.steps) < settings.fewest_steps:
+    if odometry is None or len(followed.steps) < FEWEST_STEPS:
         reason = "psi is the same for a recording and its mirror image"
         return Finding(name, Verdict.UNTOLD, _explain_untold(followed, odometry, reason))
     measured, _, given = _yaw_rates(recording, followed.steps, odometry, settings)
     same, opposite = (float(np.min(np.mean((measured - sign * given) ** 2, axis=1))) for sign in (1.0, -1.0))
     numbers = {"rms_as_assumed_rad_s": same**0.5, "rms_mirrored_rad_s": opposite**0.5}
     turning = float(np.sqrt(np.mean(followed.steps.of(odometry)[:, 2] ** 2)))
-    ratio = opposite / max(same, settings.yaw_rate_floor**2)
-    if turning < settings.least_turn or 1.0 / settings.mirrored < ratio < settings.mirrored:
+    ratio = opposite / max(same, _YAW_RATE_FLOOR**2)
+    if turning < _LEAST_TURN or 1.0 / settings.mirrored < ratio < settings.mirrored:
         return Finding(
             name, Verdict.UNTOLD, f"odometry turns by {turning:.3f} rad/s, too little to tell or unlike the radar", numbers
         )
@@ -87,7 +108,7 @@ def check_stamp(recording: Recording, followed: Followed, odometry: Trajectory |
         settings: of the check.
     """
     name = "stamp convention"
-    if odometry is None or len(followed.steps) < settings.fewest_steps:
+    if odometry is None or len(followed.steps) < FEWEST_STEPS:
         reason = "only a motion measured by another clock shows a shift"
         return Finding(name, Verdict.UNTOLD, _explain_untold(followed, odometry, reason))
     measured, shifts, given = _yaw_rates(recording, followed.steps, odometry, settings)
@@ -98,15 +119,15 @@ def check_stamp(recording: Recording, followed: Followed, odometry: Trajectory |
     best = int(np.argmin(rms))
     slope = float(np.std(np.gradient(given, shifts * 1e-6, axis=0)[best]))  # yaw rate per shift [rad/s^2]
     shift = shifts[best] * 1e-6
-    error = max(float(rms[best]), settings.yaw_rate_floor) / max(slope, _LEAST_SLOPE) / np.sqrt(len(measured))
-    explained = 1.0 - float(rms[best]) ** 2 / max(float(np.var(measured)), settings.yaw_rate_floor**2)
+    error = max(float(rms[best]), _YAW_RATE_FLOOR) / max(slope, _LEAST_SLOPE) / np.sqrt(len(measured))
+    explained = 1.0 - float(rms[best]) ** 2 / max(float(np.var(measured)), _YAW_RATE_FLOOR**2)
     numbers = {"shift_s": shift, "shift_error_s": error, "explained": explained}
-    unsure = 3.0 * error > settings.shift_error * recording.revolution_s or best in (0, len(shifts) - 1)
-    if explained < settings.explained or unsure:
+    unsure = 3.0 * error > _SHIFT_ERROR * recording.revolution_s or best in (0, len(shifts) - 1)
+    if explained < _EXPLAINED or unsure:
         return Finding(name, Verdict.UNTOLD, "odometry's yaw rate changes too little, or differs from the radar's", numbers)
     fits = f"odometry's yaw rate fits best {abs(shift):.2f} s {'later' if shift > 0.0 else 'earlier'}"
-    if abs(shift) < settings.shift_ok * recording.revolution_s:
-        allowed = f"within {settings.shift_ok:g} of a turn of {recording.revolution_s:.2f} s"
+    if abs(shift) < _SHIFT_OK * recording.revolution_s:
+        allowed = f"within {_SHIFT_OK:g} of a turn of {recording.revolution_s:.2f} s"
         return Finding(name, Verdict.OK, f"{fits}, {allowed}", numbers)
     meant = "the start of the turn, not the end" if shift > 0.0 else "the end of the turn, not the start"
     remedy = f"stamps seem to mean {meant} (sensor.stamp), or the clocks differ"
@@ -123,14 +144,14 @@ def check_scale(recording: Recording, followed: Followed, odometry: Trajectory |
         settings: of the check.
     """
     name = "range resolution"
-    if odometry is None or len(followed.steps) < settings.fewest_steps:
+    if odometry is None or len(followed.steps) < FEWEST_STEPS:
         return Finding(
             name, Verdict.UNTOLD, _explain_untold(followed, odometry, "psi is the same for a map and a scaled copy of it")
         )
     measured, given = followed.steps.twists[:, 0], followed.steps.of(odometry)[:, 0]
-    fast = np.abs(given) > settings.least_speed
-    if np.count_nonzero(fast) < settings.fewest_steps:
-        return Finding(name, Verdict.UNTOLD, f"odometry is hardly ever faster than {settings.least_speed:g} m/s")
+    fast = np.abs(given) > LEAST_SPEED
+    if np.count_nonzero(fast) < FEWEST_STEPS:
+        return Finding(name, Verdict.UNTOLD, f"odometry is hardly ever faster than {LEAST_SPEED:g} m/s")
     ratio = float(np.sum(measured[fast] * given[fast]) / np.sum(given[fast] ** 2))
     numbers = {"speed_ratio": ratio, "range_resolution_m": recording.range_resolution}
     speeds = f"the radar's speed is {ratio:.3f} times odometry's"
@@ -152,6 +173,6 @@ def _yaw_rates(
     recording: Recording, steps: Steps, odometry: Trajectory, settings: CheckConfig
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
     """Returns yaw rates (S,) of the radar, the shifts (K,) [us] that are tried, and odometry's yaw rates (K, S) at them."""
-    turns = np.linspace(-settings.largest_shift, settings.largest_shift, settings.shifts)
+    turns = np.linspace(-_LARGEST_SHIFT, _LARGEST_SHIFT, settings.shifts)
     shifts = np.round(turns * recording.revolution_s * 1e6).astype(np.int64)
     return steps.twists[:, 2], shifts, np.array([steps.of(odometry, shift)[:, 2] for shift in shifts.tolist()])

@@ -170,7 +170,7 @@ def measure_statistics(
             azimuths += int(polar_scan.valid.sum())
             returns.append(detect(polar_scan, recording.range_resolution, detector))
             progress(sum(map(len, stretches)) + len(returns), total)
-        stretches.append(make_scans(recording, drop_fixed(returns, detector), begin))
+        stretches.append(make_scans(recording, drop_fixed(returns), begin))
     ranges = np.concatenate([scan.returns.ranges for scans in stretches for scan in scans])
     pairs = _Pairs()
     for scans in stretches:

@@ -90,7 +90,7 @@ def read_stretches(
                 turns[k] = _describe_turn(recording, k, polar_scan, before)
                 before = polar_scan
             progress(len(returns), total)
-    kept = dict(zip(returns, drop_fixed(list(returns.values()), detector), strict=True))
+    kept = dict(zip(returns, drop_fixed(list(returns.values())), strict=True))
     return [
         Stretch(
             make_scans(recording, [kept[k] for k in range(*span)], span[0]),

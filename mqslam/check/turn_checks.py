@@ -13,6 +13,17 @@ from mqslam.core.recording import Recording
 from mqslam.core.wording import count_of
 from mqslam.formats.shared.turns import find_usual_turns
 
+# Share of a turn by which the durations of nine tenths of all turns may differ.
+_UNSTEADY = 0.1
+# Azimuth times that span less than this share of a turn do not say when each azimuth was measured.
+_SPAN_SHARE = 0.8
+# Share of a turn by which a polar scan may run on into the next one.
+_LATE_SHARE = 0.05
+# A step between azimuths of more than this many usual steps is a hole, and a turn may be incomplete by as much.
+_HOLE_STEPS = 3.0
+# Largest share of azimuths marked as not measured.
+_UNMEASURED_SHARE = 0.05
+
 
 def check_stamps(
     recording: Recording, stretches: Sequence[Stretch], settings: CheckConfig, reading: ReadingConfig
@@ -38,13 +49,11 @@ def check_stamps(
         f"followed by a gap, {missing:.2f} s in all": len(gaps),
         "begun too soon after the one before": close,
         "equal to the one before, byte by byte": sum(turn.repeated for turn in turns),
-        "running on into the next": sum(turn.late_s > settings.late_share * turn.turn_s for turn in turns),
-        "with azimuth times that span less than the turn": sum(
-            turn.span_s < settings.span_share * turn.turn_s for turn in turns
-        ),
+        "running on into the next": sum(turn.late_s > _LATE_SHARE * turn.turn_s for turn in turns),
+        "with azimuth times that span less than the turn": sum(turn.span_s < _SPAN_SHARE * turn.turn_s for turn in turns),
     }
     faults = [f"polar scans {text}: {count}" for text, count in counted.items() if count]
-    if unsteady > settings.unsteady:
+    if unsteady > _UNSTEADY:
         faults.append(f"the duration of a turn varies by {unsteady:.0%}")
     unread = [error for stretch in stretches for error in stretch.unread]
     faults += recording.faults
@@ -58,12 +67,11 @@ def check_stamps(
     return Finding("stamps", Verdict.OK, f"{count_of(len(recording), 'turn')} of {turn_s:.4f} s, {steady}, no gaps", numbers)
 
 
-def check_azimuths(stretches: Sequence[Stretch], settings: CheckConfig) -> Finding:
+def check_azimuths(stretches: Sequence[Stretch]) -> Finding:
     """Checks whether every polar scan is a whole turn of azimuths that were measured.
 
     Args:
         stretches: those parts of the recording that were read.
-        settings: of the check.
     """
     turns = [turn for stretch in stretches for turn in stretch.turns]
     if not turns:
@@ -74,11 +82,11 @@ def check_azimuths(stretches: Sequence[Stretch], settings: CheckConfig) -> Findi
     off = max(abs(turn.turned - 2.0 * np.pi) for turn in turns)
     widest = max(turn.widest for turn in turns)
     faults = []
-    if share > settings.unmeasured_share:
+    if share > _UNMEASURED_SHARE:
         faults.append(f"{share:.0%} of the azimuths were not measured")
-    if widest > settings.hole_steps * step:
+    if widest > _HOLE_STEPS * step:
         faults.append(f"holes of up to {np.rad2deg(widest):.1f} deg between azimuths")
-    if off > settings.hole_steps * step:
+    if off > _HOLE_STEPS * step:
         faults.append(f"polar scans are up to {np.rad2deg(off):.1f} deg off a whole turn")
     numbers = {"fewest": counts[0], "most": counts[-1], "unmeasured": share, "off_turn_rad": off}
     if faults:

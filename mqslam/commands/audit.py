@@ -269,7 +269,7 @@ def _pick_carried(path: Path, tracks: dict[str, Trajectory], name: str) -> Traje
 
 def _divide(cloud: TimedCloud, trajectory: Trajectory | None, settings: Config) -> Sweeps:
     """Returns the sweeps of a cloud."""
-    return divide_cloud(cloud, trajectory, settings.audit, beam_of(settings.estimator, 0.0), settings.reading)
+    return divide_cloud(cloud, trajectory, beam_of(settings.estimator, 0.0), settings.reading)
 
 
 def _divide_moved(cloud: TimedCloud, given: Trajectory | None, settings: Config, mended: Trajectory) -> Sweeps:
@@ -284,9 +284,7 @@ def _place_alone(source: Source, settings: Config, track: Trajectory) -> Sweeps:
 
 def _render_sweeps(source: Source, track: Trajectory, settings: Config) -> tuple[Sweeps, list[str]]:
     """Returns the sweeps of a recording under a trajectory, and what a user should know about them."""
-    sweeps, notes = place_source(
-        source, track, settings.audit, beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
-    )
+    sweeps, notes = place_source(source, track, beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0))
     return sweeps, [*source.notes, *notes]
 
 
@@ -328,7 +326,7 @@ def detect_radar(
     carried = {"odometry": odometry, "ground_truth": recording.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}
     track = given or _pick_carried(recording.path, tracks, name)
-    require_covered(make_scans(recording), track, settings.audit)  # a mistake is raised before the recording is read
+    require_covered(make_scans(recording), track)  # a mistake is raised before the recording is read
     scans, detected = detect_all(recording, settings.detector, Runner(work.engine, work.progress))
     notes = (*recording.notes, *recording.faults, *warn_of_unread(detected.unread))
     source = Source(recording.path, recording.format, scans, tracks, notes, recording.gyroscope)

@@ -27,6 +27,11 @@ from mqslam.execution.progress import Progress
 from mqslam.mapping.render import render
 from mqslam.psi.place import Beam
 
+# Least number of windows between two such places.
+_PLACES_APART = 2
+# A difference in yaw counts as much as the distance by which it moves a point this far away [m].
+_LEVER_M = 20.0
+
 # what the report shows, none of which changes a number
 _STATIONS: Final = 60  # places along the way that can be looked at
 _MAP_POINTS: Final = 60_000  # points of a row's map that are kept to be looked at
@@ -98,7 +103,7 @@ def take_common_scans(rows: Sequence[Row], scans: Scans, settings: AuditConfig) 
         EstimationError: they are fewer than a window.
     """
     fewest = settings.window
-    by_row = {row.name: find_covered(scans, row.trajectory, settings) for row in rows if row.trajectory is not None}
+    by_row = {row.name: find_covered(scans, row.trajectory) for row in rows if row.trajectory is not None}
     inside = set(range(len(scans))).intersection(*by_row.values())
     if len(scans) < fewest:
         too_few = f"{count_of(len(scans), 'scan')} {is_or_are(len(scans))} too few to compare on"
@@ -133,10 +138,10 @@ def find_places(scans: Scans, tracks: Sequence[Trajectory], size: int, settings:
     for i, a in enumerate(through):
         for b in through[i + 1 :]:
             off = a - b
-            apart = np.maximum(apart, np.hypot(np.hypot(off[:, 0], off[:, 1]), settings.lever_m * se2.wrap(off[:, 2])))
+            apart = np.maximum(apart, np.hypot(np.hypot(off[:, 0], off[:, 1]), _LEVER_M * se2.wrap(off[:, 2])))
     chosen: list[int] = []
     for k in np.argsort(-apart, kind="stable").tolist():
-        if all(abs(k - other) > settings.places_apart for other in chosen):
+        if all(abs(k - other) > _PLACES_APART for other in chosen):
             chosen.append(k)
         if len(chosen) == settings.places:
             break
@@ -212,7 +217,7 @@ def judge(
         progress: called as the audit goes on.
     """
     assert row.trajectory is not None and row.odometry is not None
-    sweeps, _ = place_sweeps(scans, row.trajectory, settings.audit, beam)
+    sweeps, _ = place_sweeps(scans, row.trajectory, beam)
     rendered = render(scans, sweeps.poses, settings.map, settings.estimator, beam, engine)
     return Judged(
         row=row,

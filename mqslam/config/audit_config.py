@@ -43,12 +43,6 @@ class AuditConfig(PassConfig):
     torn_rad: float = Field(
         0.02, gt=0.0, description="Two passes are torn, too, if one is turned against the other by more than this [rad]."
     )
-    claimed_m: float = Field(
-        0.1,
-        ge=0.0,
-        description="Where the trajectory says how sure it is, two passes are torn if that and the measurement do not "
-        "explain their offset, unless it moves the points by less than this [m]. torn_m and torn_rad do not count then.",
-    )
     # an audited trajectory, which anyone may have made, may drift more than our own does before loops are closed
     spacing_m: SpacingM = 10.0
     drift: float = Field(0.02, ge=0.0, description="Drift of the trajectory to reckon with, per length of path [m/m].")
@@ -61,71 +55,7 @@ class AuditConfig(PassConfig):
         le=1.0,
         description="Share of the steps, those that match worst, whose sides are looked for farther apart as well.",
     )
-    rival_sigmas: float = expert(
-        3.0,
-        ge=0.0,
-        description="A revisit is sure if the next best pose also scores worse by this many standard deviations of the "
-        "difference of the two scores, so that one of several places that look alike is not best by chance.",
-    )
-    revisit_fewest: int = expert(
-        10, ge=2, description="Fewest pairs of neighbouring revisits that show how far off a revisit usually is."
-    )
     span_every_m: float = expert(15.0, gt=0.0, description="Path [m] from one such pair of scans to the next.")
-    span_least_m: float = expert(
-        15.0,
-        gt=0.0,
-        description="Such scans less than this apart [m] show no scale: laid on each other, they seem closer than they are "
-        "by a few centimetres, whatever the path between them.",
-    )
-    span_fewest: int = expert(
-        15, ge=1, description="Fewest such pairs that show a bias, or how far off such a pair usually is."
-    )
-    span_torn_m: float = Field(
-        0.15,
-        ge=0.0,
-        description="A span is not torn if the scans at its ends are off each other by less than this [m], besides what all "
-        "of the map asks for.",
-    )
-    lever_turn_rad: float = expert(
-        0.3, gt=0.0, description="A span that turns by more than this [rad] shows where on the vehicle the sensor sits."
-    )
-    lever_turns: int = expert(3, ge=2, description="Fewest turns that show where on the vehicle the sensor sits.")
-    sampled_windows: int = expert(
-        100, ge=1, description="Number of windows, evenly spread, that a run judges of its own map; an audit judges all."
-    )
-    coverage_slack: float = expert(
-        1.5,
-        ge=0.0,
-        description="A scan may begin before or end after the trajectory by this many turns and still counts as covered.",
-    )
-    few_stamps: int = expert(
-        20, ge=1, description="A cloud with at least this many points per stamp is taken to have one stamp per scan."
-    )
-    cloud_sweep_s: float = expert(
-        0.1, gt=0.0, description="Duration [s] that a sweep of a cloud is taken to have if every point has its own stamp."
-    )
-    narrow_start: float = expert(
-        0.4,
-        gt=0.0,
-        le=1.0,
-        description="The first search for a window's best map begins with this share of the annealing's widths, which finds "
-        "all but large corrections.",
-    )
-    narrow_reach: float = expert(
-        0.5,
-        gt=0.0,
-        description="A correction above this share of the first search's widest neighbourhood is searched for again "
-        "with the annealing's full widths.",
-    )
-    speed_error_mps: float = expert(
-        50.0,
-        gt=0.0,
-        description="Largest error of a trajectory's speed [m/s] that is looked for between two successive scans: more than "
-        "any vehicle drives, so that a trajectory that stands still is found, too.",
-    )
-    speed_fewest: int = expert(
-        40, ge=1, description="Two successive scans of which one has fewer points than this say nothing about the speed."
-    )
     scan_matched: float = expert(
         0.6,
         gt=0.0,
@@ -133,63 +63,12 @@ class AuditConfig(PassConfig):
         description="Scans beside each other must match at least this share of what two passes must (audit.matched): single "
         "scans, each with noise of its own, share fewer points than maps of many scans do.",
     )
-    jump_mps2: float = expert(
-        9.81,
-        gt=0.0,
-        description="A single step of a trajectory is a jump only if it takes a larger acceleration than this [m/s^2]: "
-        "tyres give a vehicle about as much as gravity.",
-    )
-    jump_radps2: float = expert(
-        10.0,
-        gt=0.0,
-        description="A single step of a trajectory is a jump in yaw only if it takes a larger angular acceleration than "
-        "this [rad/s^2], which is beyond what a robot that turns on the spot reaches.",
-    )
-    jump_factor: float = expert(
-        3.0,
-        gt=1.0,
-        description="A jump differs from the steps around it by this many times what the largest difference of the other "
-        "steps is, so that noise of the poses is no jump.",
-    )
-    jump_quantile: float = expert(
-        0.9,
-        gt=0.5,
-        lt=1.0,
-        description="Jumps are looked for among steps above this quantile of the differences from the steps around them.",
-    )
-    least_overlap_kept: float = expert(
-        0.8,
-        gt=0.0,
-        le=1.0,
-        description="A best map that matches fewer points than this share of what the given map matches is searched for "
-        "again with the annealing's full widths.",
-    )
     step: float = expert(
         2e-3,
         gt=0.0,
         description="Movement of a window's ends, in units of estimator.beta_s, below which the search for its best map "
         "ends; no direction is taken to be known better than that.",
     )
-    difference_step: float = expert(
-        0.06,
-        gt=0.0,
-        description="Movement of a window's ends, in units of estimator.beta_s, over which the differences are taken that "
-        "give the curvature of psi.",
-    )
-    unobserved: float = expert(
-        100.0,
-        gt=0.0,
-        description="Standard deviation of a window's ends, in units of estimator.beta_s, along a direction that the window "
-        "does not observe.",
-    )
-    fewest_neighbours: int = expert(
-        5, ge=3, description="A neighbourhood of fewer points than this has no shape and does not count in the entropies."
-    )
-    hit_log_odds: float = expert(0.85, gt=0.0, description="Log odds that a return adds to its cell of the evidence grid.")
-    miss_log_odds: float = expert(
-        -0.4, lt=0.0, description="Log odds that a beam adds to each cell of the evidence grid that it passes through."
-    )
-    log_odds_limit: float = expert(3.5, gt=0.0, description="Largest absolute log odds of a cell of the evidence grid.")
 
 
 class VerdictConfig(BaseModel):
@@ -217,16 +96,6 @@ class VerdictConfig(BaseModel):
     windows_fail: float = Field(
         0.2, ge=0.0, lt=1.0, description="A map with a larger share of torn windows than this is useless."
     )
-    revisits_warn: float = Field(
-        0.02,
-        ge=0.0,
-        lt=1.0,
-        description="A map with a larger share of torn revisits than this is worth a look; a few may be places that only "
-        "look alike.",
-    )
-    revisits_fail: float = Field(
-        0.1, ge=0.0, lt=1.0, description="A larger share of torn revisits than this shows that the whole map drifts."
-    )
     false_alarms: float = Field(
         0.01,
         gt=0.0,
@@ -234,32 +103,11 @@ class VerdictConfig(BaseModel):
         description="Probability with which the tests of steps, spans, pooled corrections, shaking and revisits against "
         "what the trajectory claims to know together call a good map bad.",
     )
-    scale_warn: float = Field(
-        0.002, ge=0.0, description="Distances or directions that are off by a larger share than this are worth a look [m/m]."
-    )
     turn_warn: float = Field(
         8.7e-6, ge=0.0, description="A yaw that drifts by more than this is worth a look [rad/m]: 0.05 degrees in 100 m."
     )
-    lever_warn: float = Field(
-        0.05,
-        ge=0.0,
-        description="A sensor that sits farther from where the trajectory has it than this is worth a look [m].",
-    )
     delay_warn: float = Field(
         0.01, ge=0.0, description="A trajectory whose stamps are late or early by more than this is worth a look [s]."
-    )
-    lost_fail: float = Field(
-        0.2,
-        ge=0.0,
-        lt=1.0,
-        description="With a larger share of lost scans than this the trajectory is mostly prediction. Any lost scan is "
-        "worth a look.",
-    )
-    degenerate_warn: float = Field(
-        0.1,
-        ge=0.0,
-        lt=1.0,
-        description="A larger share than this of scans that do not observe every direction is worth a look.",
     )
     matched: float = Field(
         0.15,
@@ -274,19 +122,6 @@ class VerdictConfig(BaseModel):
         le=1.0,
         description="A trajectory without a pose for a larger share of scans than this covers only a part of the recording, "
         "which is worth a look: nothing is known of the rest. The first poses of a SLAM may be missing.",
-    )
-    uncovered_warn: float = Field(
-        0.5,
-        ge=0.0,
-        le=1.0,
-        description="A trajectory that covers no pose of a larger share of scans than this is worth a look: its stamps may "
-        "not be the recording's.",
-    )
-    apart_fail: float = expert(
-        0.5,
-        ge=0.0,
-        lt=1.0,
-        description="With a larger share than this of windows that do not overlap, a map is useless as a whole.",
     )
     worse: float = Field(
         1.1,
@@ -327,9 +162,3 @@ class CompareConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     places: int = expert(6, ge=1, description="Number of places shown at which the trajectories differ most.")
-    places_apart: int = expert(2, ge=0, description="Least number of windows between two such places.")
-    lever_m: float = expert(
-        20.0,
-        gt=0.0,
-        description="A difference in yaw counts as much as the distance by which it moves a point this far away [m].",
-    )

@@ -49,59 +49,6 @@ class DetectorConfig(BaseModel):
         "and ring_contrast times as many as at the ranges around it.",
     )
 
-    join_bins: float = expert(
-        1.5,
-        ge=0.0,
-        description="Least value of join_m in range bins. A peak's range is known to half a bin on either side, so "
-        "neighbours of one target differ by up to a bin.",
-    )
-    ring_contrast: float = expert(
-        2.0, ge=1.0, description="Factor by which more azimuths peak in a ring than at the ranges around it."
-    )
-    ring_cells: int = expert(
-        9,
-        ge=3,
-        description="Number of range cells around a ring from which the usual share of peaking azimuths is taken, as "
-        "their median.",
-    )
-    saturation_bins: int = expert(
-        4,
-        ge=1,
-        description="Step between the range bins from which an azimuth's median power is taken; a larger step saves time.",
-    )
-    noise_azimuths: int = expert(
-        8,
-        ge=1,
-        description="Step between the azimuths from which the spread of the noise is taken; a larger step saves time.",
-    )
-
-    fixed_range_m: float = expert(
-        0.5,
-        gt=0.0,
-        description="Length of the polar cells in which returns that repeat in the sensor's own frame are counted [m].",
-    )
-    fixed_sectors: int = expert(
-        180,
-        ge=1,
-        description="Number of cells around a turn in which returns that repeat in the sensor's own frame are counted.",
-    )
-    fixed_share: float = expert(
-        0.7, gt=0.0, lt=1.0, description="A cell that returns in more than this share of all scans is part of the vehicle."
-    )
-    fixed_scans: int = expert(
-        8, ge=2, description="Fewest scans that show which returns are the vehicle's own; with fewer, all are kept."
-    )
-    fixed_most: float = expert(
-        0.2,
-        gt=0.0,
-        le=1.0,
-        description="If more than this share of all returns repeats, the sensor stood still and they are returns of "
-        "the world: none are dropped.",
-    )
-    most_unread: float = expert(
-        0.5, gt=0.0, le=1.0, description="A recording of which more than this share cannot be read is refused."
-    )
-
     @model_validator(mode="after")
     def _check_ranges(self) -> DetectorConfig:
         if self.max_range_m <= self.min_range_m:
@@ -139,12 +86,6 @@ class ChirpConfig(BaseModel):
         gt=0.0,
         description="Standard deviation of the Gaussian that smooths power along range [m]: half the width of an echo.",
     )
-    background_m: float = expert(
-        0.5,
-        gt=0.0,
-        description="Standard deviation of the Gaussian whose average is taken off the power [m]. What is wider, such as "
-        "haze behind strong targets, keeps its range whatever the speed is.",
-    )
     contrast: float = expert(
         2.0,
         ge=0.0,
@@ -152,29 +93,11 @@ class ChirpConfig(BaseModel):
         "(median minus 10th percentile).",
     )
     fastest_mps: float = expert(45.0, gt=0.0, description="Largest speed that is searched [m/s]: 160 km/h.")
-    step_mps: float = expert(
-        1.5,
-        gt=0.0,
-        description="Step between the velocities that are tried at first [m/s]. At 0.05 s it shifts echoes by 0.15 m, which "
-        "is less than their width.",
-    )
     clear: float = expert(
         8.0,
         gt=0.0,
         description="The best velocity must fit the echoes better than the median of those tried by this many spreads of "
         "theirs (median absolute deviations as standard deviations). The best of thousands fits noise better by four.",
-    )
-    window_mps: float = expert(
-        2.5,
-        gt=0.0,
-        description="The shift of an azimuth is sought within this of what the best velocity so far says [m/s]. Traffic "
-        "outside it does not disturb.",
-    )
-    outlier_spreads: float = expert(
-        3.0,
-        gt=0.0,
-        description="Residual at which an azimuth's shift counts a quarter (Geman-McClure), in units of the residuals' "
-        "spread in the scan. Traffic and chance peaks are beyond it.",
     )
     acceleration: float = expert(
         3.0,

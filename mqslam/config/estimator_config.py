@@ -30,7 +30,6 @@ class EstimatorConfig(BaseModel):
         description="Offset at which a point's weight has fallen to a quarter, at the start of annealing "
         "[standard deviations].",
     )
-    shrink: float = Field(0.6, gt=0.0, lt=1.0, description="Factor by which the widths shrink from step to step.")
     steps: int = Field(12, ge=1, description="Largest number of Newton steps.")
     beta_t: float = Field(0.06, gt=0.0, description="Width of the fade of pairs that are less than one turn apart [s].")
     xi: float = Field(0.02, gt=0.0, lt=1.0, description="Least kappa of a selected neighbour.")
@@ -38,13 +37,6 @@ class EstimatorConfig(BaseModel):
         0.15,
         ge=0.0,
         description="Standard deviation by which the returns of one object scatter between views, in any direction [m].",
-    )
-    aspect_rad: float = Field(
-        0.05,
-        gt=0.0,
-        description="Difference of viewing directions [rad] at which the likeness of two views of an object has fallen to "
-        "1/e. On real radar, the returns of two views scatter by 0.15 m along the ray if the directions differ by less than "
-        "1 degree, and by 0.22 m if they differ by more than 12 degrees.",
     )
     apart_share: float = Field(
         0.3,
@@ -61,12 +53,6 @@ class EstimatorConfig(BaseModel):
     )
     sigma_range_m: float = Field(0.15, gt=0.0, description="Standard deviation of a return along the ray [m].")
     sigma_azimuth: float = Field(0.008, gt=0.0, description="Standard deviation of a return across the ray [rad].")
-    stabiliser: float = Field(
-        0.15,
-        ge=0.0,
-        description="Share of Gauss-Newton's curvature that is added to the curvature that knows of re-selected "
-        "neighbours, so that steps are safe.",
-    )
     correlation: float = Field(
         5.0,
         ge=1.0,
@@ -86,13 +72,6 @@ class EstimatorConfig(BaseModel):
         description="A direction in which less than this share of Gauss-Newton's curvature remains at the widest scale "
         "counts as not observed: 0.22 and more remain in streets, 0.12 and less along a bare corridor.",
     )
-    distinct_sigmas: float = expert(
-        2.0,
-        gt=0.0,
-        description="A direction that seems not observed counts as observed if every shift of the scan along it raises psi "
-        "by more than this many standard deviations of the rise. Along a bare corridor there is always a shift that raises "
-        "it by less than 1.5, in streets full of traffic there is none below 2.2.",
-    )
     rival: float = expert(
         1.25,
         ge=1.0,
@@ -103,21 +82,6 @@ class EstimatorConfig(BaseModel):
         gt=0.0,
         description="Squared distance between two motions of a window, in units of their covariances, beyond which they are "
         "different motions.",
-    )
-    basins: int = expert(
-        3, ge=1, description="Number of basins of a window's exhaustive search that are refined, the best ones first."
-    )
-    difference_step: float = expert(
-        4.0,
-        gt=0.0,
-        description="Step of the differences that give the curvature of a window's score, in units of the step that ends "
-        "the search.",
-    )
-    unknown_speed: float = expert(
-        20.0, gt=0.0, description="Standard deviation of a window's speed in a direction that psi does not observe [m/s]."
-    )
-    unknown_yaw_rate: float = expert(
-        1.0, gt=0.0, description="Standard deviation of a window's yaw rate where psi does not observe it [rad/s]."
     )
 
     search_pixel: float = expert(
@@ -130,15 +94,6 @@ class EstimatorConfig(BaseModel):
         2.0,
         gt=0.0,
         description="Poses that are nearer to each other than this many pixels of the global search count as one.",
-    )
-    search_blur: float = expert(
-        1.4, ge=0.0, description="Standard deviation of the images' blur, in pixels of the global search."
-    )
-    search_extent: float = expert(
-        110.0,
-        gt=0.0,
-        description="Points farther from the query's origin than this many pixels take no part in the search, "
-        "because they would need finer steps of yaw.",
     )
     search_peaks: int = expert(3, ge=1, description="Most poses that the global search hands on to the minimiser.")
 

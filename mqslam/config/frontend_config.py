@@ -15,23 +15,6 @@ class CalibrationConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    moved_m: float = expert(
-        0.1,
-        ge=0.0,
-        description="Shorter motions tell nothing [m]: while the vehicle stands, both measurements see the same again.",
-    )
-    trusted: float = expert(
-        5.0,
-        gt=0.0,
-        description="Number of motions that it takes to outweigh the covariances that the front end states itself. These "
-        "were off by a factor of three and more, so that they are worth a few motions only.",
-    )
-    gross: float = expert(
-        100.0,
-        gt=1.0,
-        description="Squared differences over this many times the median one are cut down to it: a wrong match says nothing "
-        "of the right ones.",
-    )
     shared: float = expert(
         0.2,
         ge=0.0,
@@ -51,37 +34,6 @@ class ScanMatchingConfig(BaseModel):
     )
     max_range_m: float = Field(100.0, gt=0.0, description="Farther returns are dropped [m].")
 
-    fewest_matched: int = expert(20, ge=1, description="A scan with fewer correspondences than this does not match.")
-    surface_points: int = expert(
-        10, ge=2, description="Number of map points that show how the surface around the nearest one runs."
-    )
-    flattest: float = expert(
-        0.01,
-        gt=0.0,
-        lt=1.0,
-        description="Least variance of a surface's points across it, as a share of that along it.",
-    )
-    start_scans: int = expert(10, ge=2, description="Number of scans from which a front end finds its first motion.")
-    start_returns: int = expert(
-        20, ge=1, description="Fewest returns in all scans from which a front end finds its first motion."
-    )
-    start_step_m: float = expert(2.0, gt=0.0, description="Travel per turn between the speeds that a start tries [m].")
-    start_as_good: float = expert(
-        0.95,
-        gt=0.0,
-        le=1.0,
-        description="A start at a slower speed is as good if it matches this share of the points that the best start "
-        "matches.",
-    )
-    coast_vx: float = expert(
-        1.0, gt=0.0, description="Standard deviation of the forward speed where it is only predicted [m/s]."
-    )
-    coast_vy: float = expert(
-        0.3, gt=0.0, description="Standard deviation of the sideways speed where it is only predicted [m/s]."
-    )
-    coast_omega: float = expert(
-        0.1, gt=0.0, description="Standard deviation of the yaw rate where it is only predicted [rad/s]."
-    )
     longest_coast_s: float = expert(
         60.0,
         gt=0.0,
@@ -99,9 +51,6 @@ class ScanMatchingConfig(BaseModel):
     )
     backward_warm_up: int = expert(
         20, ge=0, description="Number of scans by which such a stretch begins earlier, while its map is still thin."
-    )
-    gap_turns: float = expert(
-        0.5, gt=0.0, description="Missing time between two scans from which it counts as a gap, in turns of the radar."
     )
 
 
@@ -126,13 +75,6 @@ class Open3dIcpConfig(ScanMatchingConfig):
     reach_m: float = Field(1.0, gt=0.0, description="Longest distance between corresponding points [m].")
     keyframes: int = Field(20, ge=1, description="Number of scans that the map holds.")
     keyframe_m: float = Field(2.0, ge=0.0, description="A scan joins the map after this much travel [m].")
-    keyframe_rad: float = Field(0.1, ge=0.0, description="A scan also joins the map after this much turning [rad].")
-    first_reach: float = expert(
-        3.0,
-        ge=1.0,
-        description="Reach of the first registration of a scan, in units of reach_m, which is that of the second.",
-    )
-    scan_voxel: float = expert(0.5, gt=0.0, description="Side of a scan's voxels, as a share of the map's.")
     iterations: int = expert(30, ge=1, description="Most iterations of one registration.")
     loss: float = expert(
         1.0, gt=0.0, description="Squared residual at which generalized ICP gives a pair a quarter of the weight [m^2]."
@@ -151,18 +93,6 @@ class OdometryConfig(BaseModel):
     )
     sigma_rest_m: float = Field(0.01, gt=0.0, description="Standard deviation of the position over a scan at rest [m].")
     sigma_yaw_rate: float = Field(0.02, gt=0.0, description="Standard deviation of the yaw rate [rad/s].")
-    sigma_mount_m: float = Field(
-        0.05,
-        gt=0.0,
-        description="Standard deviation of the radar's place on the vehicle along each axis, where it is stated [m]. The "
-        "point that wheels move without slip lies between the rear wheels, and a tape measure finds it no better.",
-    )
-    sigma_mount_rad: float = Field(
-        0.01,
-        gt=0.0,
-        description="Standard deviation of the yaw at which the radar is mounted, where it is stated [rad]: MulRan's "
-        "calibration differs from straight ahead by as much.",
-    )
     mount_common_m: float = expert(
         0.03,
         ge=0.0,
@@ -171,15 +101,4 @@ class OdometryConfig(BaseModel):
     )
     mount_common_rad: float = expert(
         0.0005, ge=0.0, description="The same of the yaw [rad]: 0.0001 to 0.0005 was found in these streets."
-    )
-    mount_known_m: float = expert(
-        0.5,
-        gt=0.0,
-        description="The radar's place on the vehicle is stated as an estimate if its standard deviation along each axis is "
-        "smaller than this [m]; without turns it is not.",
-    )
-    mount_known_rad: float = expert(
-        0.02,
-        gt=0.0,
-        description="The same of the yaw at which the radar is mounted [rad], for which driving straight suffices.",
     )

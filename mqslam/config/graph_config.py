@@ -18,23 +18,6 @@ class GraphConfig(BaseModel):
         description="Path [m] along which scans are taken to be matched to the same map. After it the map has taken a "
         "keyframe more, and is off by as much as a scan may be.",
     )
-    drift_submaps: int = expert(
-        16,
-        ge=1,
-        description="Number of submaps in a row over which both directions of time are compared, to learn how a map drifts.",
-    )
-    drift_trusted: float = expert(
-        2.0,
-        gt=0.0,
-        description="Number of such rows of submaps that it takes to outweigh the assumption that a map drifts by the "
-        "errors of its scans.",
-    )
-    drift_gross: float = expert(
-        20.0,
-        gt=1.0,
-        description="Squared differences over such rows of submaps beyond this many times the median one are cut down to "
-        "it: a scan that one direction misplaced says nothing of the others.",
-    )
     common_drift_m: float = expert(
         0.05,
         ge=0.0,
@@ -55,12 +38,6 @@ class GraphConfig(BaseModel):
         gt=0.0,
         description="Longest span [s] over which odometry is compared with psi to find its noise, and the time between "
         "two values of its yaw rate's bias.",
-    )
-    odometry_bias_walk: float = Field(
-        0.001,
-        gt=0.0,
-        description="Standard deviation [rad/s] by which the bias of odometry's yaw rate may change in a second; it grows "
-        "with the root of time.",
     )
     odometry_fewest: int = expert(
         20,

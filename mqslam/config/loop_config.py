@@ -41,24 +41,6 @@ class PassConfig(BaseModel):
     rival: float = Field(
         1.1, ge=1.0, description="The next best pose must score worse than the best one by at least this factor."
     )
-    later_share: float = expert(
-        0.5,
-        gt=0.0,
-        le=1.0,
-        description="The later pass's submap is this share of the earlier one's length, so that it lies within it.",
-    )
-    tried_factor: float = expert(
-        20.0,
-        ge=1.0,
-        description="Once a pair of passes is compared, no pair is compared whose earlier scan lies within "
-        "least_path_m of this pair's, and whose later scan lies within that path divided by this.",
-    )
-    beyond_m: float = expert(
-        1.0, ge=0.0, description="An alignment may end this far [m] outside the searched region and still counts."
-    )
-    beyond_rad: float = expert(
-        0.05, ge=0.0, description="An alignment may end this far in yaw [rad] outside the searched region and still counts."
-    )
 
 
 class LoopConfig(PassConfig):

@@ -22,16 +22,6 @@ class MapConfig(BaseModel):
     keyframe_m: float = Field(
         2.5, gt=0.0, description="Path [m] between the scans that the result keeps, in which a recording is localised later."
     )
-    well_seen: float = expert(
-        99.0,
-        ge=0.0,
-        le=100.0,
-        description="Percentile of the numbers of returns per cell that stands for a well-seen cell of the nav2 map. A cell "
-        "counts as occupied from the square root of that number on, so that the threshold follows the speed of the drive.",
-    )
-    stop_s: float = expert(
-        10.0, gt=0.0, description="Shortest stop that a warning names [s]; shorter ones are usual in traffic."
-    )
 
 
 class RecognitionConfig(BaseModel):
@@ -52,7 +42,6 @@ class RecognitionConfig(BaseModel):
         description="A place is also recognised from this far to either side [m], as from another lane. Without that, half "
         "of the places that are passed in the opposite direction are not found.",
     )
-    aside_step_m: float = expert(3.0, gt=0.0, description="Distance [m] between the sideways shifts that are tried.")
     guesses: int = Field(3, ge=1, description="Number of places, the likeliest first, that psi compares with a submap.")
     search_m: float = Field(10.0, gt=0.0, description="psi searches this far [m] around such a guess.")
     search_rad: float = Field(0.1, gt=0.0, description="psi searches so far in yaw [rad] around such a guess.")
@@ -61,18 +50,6 @@ class RecognitionConfig(BaseModel):
         ge=2,
         description="Number of successive matches that must agree for a place to count as recognised: where streets look "
         "alike, single places do, too.",
-    )
-    gap_m: float = expert(25.0, gt=0.0, description="Longest path [m] between successive matches of a row.")
-    agree_m: float = Field(
-        0.5, gt=0.0, description="Distance [m] by which two matches may disagree, besides what their path adds."
-    )
-    agree_rad: float = Field(
-        0.03, gt=0.0, description="Yaw [rad] by which two matches may disagree, besides what their path adds."
-    )
-    agree_share: float = Field(
-        0.1,
-        ge=0.0,
-        description="Share of the path between two matches by which they may disagree besides, as odometry errs.",
     )
 
 
@@ -83,12 +60,6 @@ class LocalisationConfig(BaseModel):
 
     reach_m: float = Field(
         15.0, gt=0.0, description="A scan is compared with the map's keyframes within this distance of it [m]."
-    )
-    renew_m: float = expert(
-        2.5,
-        gt=0.0,
-        description="The keyframes around the vehicle are chosen anew once it has moved this far [m]. More of it is faster, "
-        "and lays scans on keyframes that are less well centred around them.",
     )
     matched: float = Field(
         0.5,
@@ -103,21 +74,8 @@ class LocalisationConfig(BaseModel):
         description="A scan that psi moves farther than this [m] from its prediction is not believed; what the prediction "
         "may have drifted is added to it.",
     )
-    aside_rad: float = Field(0.03, gt=0.0, description="Yaw [rad] beyond which a scan is not believed in the same way.")
     sigmas: float = expert(
         3.0, gt=0.0, description="Standard deviations of the prediction that are added to `aside_m` and `aside_rad`."
-    )
-    give_up_m: float = Field(
-        30.0,
-        gt=0.0,
-        description="Path [m] without a scan that lies on the map, after which scans are no longer followed from there. "
-        "The recording is then looked up again beyond it.",
-    )
-    confirmed: float = expert(
-        0.7,
-        gt=0.0,
-        le=1.0,
-        description="Least share of the scans along a row of recognised places that must lie on the map for it to count.",
     )
     block: int = expert(
         6, ge=2, description="Number of submaps that are looked up at a time, until a row of them is recognised."
@@ -179,11 +137,6 @@ class MergeConfig(BaseModel):
         "to each other [m], half of near_m: far from all links they may lie apart by more than a parked car.",
     )
     cell_m: float = Field(1.0, gt=0.0, description="Side of the cells in which returns are compared for changes [m].")
-    near_m: float = Field(
-        1.0,
-        gt=0.0,
-        description="A return within this distance [m] of a cell shows it.",
-    )
     also: float = Field(
         0.3,
         ge=0.0,
@@ -208,9 +161,6 @@ class MergeConfig(BaseModel):
         "it in so few looks by chance.",
     )
     reach_m: float = Field(60.0, gt=0.0, description="Cells farther from a keyframe than this [m] are not compared with it.")
-    margin_m: float = expert(
-        1.0, gt=0.0, description="A ray passes a cell if its first return lies at least this far [m] behind it."
-    )
     rays: int = expert(360, ge=36, description="Number of sectors around a keyframe of which the first return is kept.")
     aspects: int = expert(
         12,
@@ -218,5 +168,4 @@ class MergeConfig(BaseModel):
         description="Number of directions from which a cell is seen that are told apart: a surface that one recording sees "
         "from one side need not show from the other.",
     )
-    object_m: float = expert(2.5, gt=0.0, description="Changed cells this near to each other [m] are one object.")
     cells: int = expert(2, ge=1, description="An object has at least so many changed cells.")

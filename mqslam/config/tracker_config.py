@@ -17,34 +17,18 @@ class TrackerConfig(BaseModel):
         gt=0.0,
         description="A scan joins the map after this much travel [m]. A map of few keyframes takes scans sooner.",
     )
-    keyframe_rad: float = Field(0.1, gt=0.0, description="A scan also joins the map after this much turning [rad].")
     keyframes: int = Field(60, ge=1, description="Number of scans that the map holds.")
-    sigma_position_m: float = Field(0.01, gt=0.0, description="Process noise of the start pose's position per 0.25 s [m].")
-    sigma_yaw: float = Field(0.0003, gt=0.0, description="Process noise of the start pose's yaw per 0.25 s [rad].")
-    sigma_vx: float = Field(
-        0.6, gt=0.0, description="Change of forward speed per 0.25 s that acceleration does not explain [m/s]."
-    )
-    sigma_vy: float = Field(0.15, gt=0.0, description="Change of sideways speed per 0.25 s [m/s].")
     sigma_omega: float = Field(
         0.03, gt=0.0, description="Change of yaw rate per 0.25 s that yaw acceleration does not explain [rad/s]."
     )
-    sigma_ax: float = Field(4.0, gt=0.0, description="Change of forward acceleration per 0.25 s [m/s^2].")
     sigma_alpha: float = Field(0.2, gt=0.0, description="Change of yaw acceleration per 0.25 s [rad/s^2].")
-    persistence: float = Field(0.9, ge=0.0, le=1.0, description="Share of an acceleration that is left after 0.25 s.")
     speed_min: float = Field(-5.0, description="Slowest speed that the cold start tries [m/s]; negative is backwards.")
     speed_max: float = Field(40.0, description="Fastest speed that the cold start tries [m/s].")
-    omega_max: float = Field(1.0, gt=0.0, description="Fastest yaw rate that the cold start tries, to either side [rad/s].")
     sigma_scale: float = Field(
         0.01,
         ge=0.0,
         description="Standard deviation of a distance travelled across a gap, as a share of that distance. Published "
         "lengths of one radar's range bins differ by 1.4 %, and a Doppler shift that is ignored costs as much.",
-    )
-    lost_share: float = Field(
-        0.5,
-        gt=0.0,
-        lt=1.0,
-        description="The track may be lost where a scan's matched share is below this part of the usual one.",
     )
 
     stamp_sigma_s: float | None = Field(
@@ -87,15 +71,6 @@ class TrackerConfig(BaseModel):
         description="First step of the annealing at which the match of a predicted scan begins. A prediction is nearer to "
         "the match than the start of a search is, and the widest scale pulls scans back to where the map is denser.",
     )
-    foresight_scans: int = expert(
-        40, ge=1, description="Number of past scans that show how well predictions foresee where returns lie."
-    )
-    foresight_share: float = expert(
-        0.9,
-        gt=0.0,
-        le=1.0,
-        description="Share of those scans whose predictions erred by less than what is expected of the next.",
-    )
     foresight_margin: float = expert(
         1.0,
         gt=0.0,
@@ -110,104 +85,14 @@ class TrackerConfig(BaseModel):
         description="Least sector that the directions of a scan's returns span [rad]. A single direction shows one "
         "pattern of ranges and no motion across it.",
     )
-    least_matched: int = expert(
-        16,
-        ge=1,
-        description="Fewest matched returns of a match. Fewer coordinates than these fit the eight numbers by chance.",
-    )
-    least_share: float = expert(
-        0.15, ge=0.0, lt=1.0, description="Least share of matched returns of a match. Below it scan and map do not overlap."
-    )
-    usual_memory: float = expert(
-        0.95,
-        ge=0.0,
-        lt=1.0,
-        description="Share of the usual matched share and psi that is kept from scan to scan when it is updated.",
-    )
     doubtful_psi: float = expert(
         1.15,
         ge=0.0,
         description="A match whose psi per return is this many times the usual one or more may be at a wrong minimum: "
         "better ones are looked for ahead of it, behind it, and turned to either side.",
     )
-    beside_turn: float = expert(
-        0.08,
-        gt=0.0,
-        description="Largest angle by which a scan is turned to find a better match beside a doubtful one [rad]. A vehicle "
-        "that begins to turn at 0.5 rad/s turns by about so much more within a scan than it did in the one before.",
-    )
-    beside_turns: int = expert(4, ge=1, description="Number of angles that are tried to either side of a doubtful match.")
     start_scans: int = expert(3, ge=2, description="Number of scans from which a track finds its first motion.")
-    start_speeds: float = expert(
-        13.0,
-        gt=0.0,
-        description="The cold start tries speeds in steps of the annealing's widest reach per turn, divided by this, "
-        "so that the minimiser surely finds the minimum from the nearest of them.",
-    )
-    start_yaw_step: float = expert(
-        0.025, gt=0.0, description="Turn per scan between the yaw rates that a start tries [rad]."
-    )
-    rest_speed: float = expert(
-        5.0,
-        gt=0.0,
-        description="Spread of forward speeds around rest, in directions that psi does not observe at a start [m/s].",
-    )
-    rest_slip: float = expert(
-        0.5,
-        gt=0.0,
-        description="Spread of sideways speeds around rest, in directions that psi does not observe at a start [m/s].",
-    )
-    rest_omega: float = expert(
-        0.1,
-        gt=0.0,
-        description="Spread of yaw rates around rest, in directions that psi does not observe at a start [rad/s].",
-    )
-    steady_s: float = expert(
-        0.75, gt=0.0, description="Longest time between two scans over which an acceleration is taken to last [s]."
-    )
-    steady_turns: float = expert(
-        1.5,
-        gt=0.0,
-        description="Longest time between two scans over which an acceleration is taken to last, in turns. It serves "
-        "where that is longer than steady_s, for slow radars.",
-    )
-    longest_coast_s: float = expert(
-        60.0,
-        gt=0.0,
-        description="A longer gap is a pause or a jump of the clock [s]. No motion is extrapolated across it, because "
-        "that could mean kilometres.",
-    )
-    search_sigmas: float = expert(
-        2.0,
-        gt=0.0,
-        description="Half width of the search for a scan around its prediction, in the prediction's standard deviations.",
-    )
-    search_least_m: float = expert(
-        3.0, gt=0.0, description="Least half width of the search for a scan [m], however sure the prediction claims to be."
-    )
-    search_least_rad: float = expert(
-        0.05,
-        gt=0.0,
-        description="Least half width of the search for a scan in yaw [rad], however sure the prediction claims to be.",
-    )
-    search_most_m: float = expert(30.0, gt=0.0, description="Largest half width of the search for a scan [m].")
-    search_most_rad: float = expert(0.8, gt=0.0, description="Largest half width of the search for a scan in yaw [rad].")
 
-    grown_keyframes: int = expert(
-        8, ge=1, description="A map with fewer keyframes than this takes new ones at shorter distances, because it is thin."
-    )
-    held_scans: int = expert(
-        32,
-        ge=1,
-        description="Number of matched scans whose smoothed motion is followed along directions that psi does not observe: "
-        "their mean where it is steady, the last one where it changes.",
-    )
-    young_scans: int = expert(
-        16, ge=2, description="Number of scans of a new track that are measured again together, once they make a map."
-    )
-    young_least: int = expert(
-        6, ge=2, description="Fewest scans that are measured again: fewer make no map better than the first one."
-    )
     patience: int = expert(
         8, ge=1, description="Number of lost scans in a row after which the map is given up and a new one is tried."
     )
@@ -230,17 +115,6 @@ class TrackerConfig(BaseModel):
         ge=0,
         description="Number of the last of these scans over which the motions pass from the track of one segment to that of "
         "the next.",
-    )
-
-    unsteady_scans: int = expert(
-        40,
-        ge=1,
-        description="Number of scans around one that show how far its motion is from what the motion model can follow.",
-    )
-    unsteady_least: int = expert(
-        8,
-        ge=1,
-        description="With fewer such scans, the process noise stands in for part of what the motion model leaves out.",
     )
 
     @model_validator(mode="after")

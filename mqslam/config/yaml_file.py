@@ -8,9 +8,11 @@ from typing import Any, TypeVar, get_args
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from mqslam.config.gone import is_gone
 from mqslam.errors import ConfigError, suggest, untrusted
 
 M = TypeVar("M", bound=BaseModel)
+_NAMED = 5  # so many gone settings are named in an error
 
 
 def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
@@ -45,11 +47,24 @@ def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
 def _explain(error: ValidationError, model: type[BaseModel]) -> str:
     """Returns the first fault of a settings tree in one line, with the nearest known name for an unknown one."""
     faults = error.errors()
+    gone = [
+        f["loc"] for f in faults if f["type"] == "extra_forbidden" and len(f["loc"]) == 2 and is_gone(*map(str, f["loc"]))
+    ]
+    if gone:
+        return _explain_gone([".".join(map(str, loc)) for loc in gone])
     fault = next((f for f in faults if f["type"] == "extra_forbidden"), faults[0])  # an unknown name explains a missing one
     where = ".".join(str(part) for part in fault["loc"])
     if fault["type"] != "extra_forbidden":
         return f"{where}: {fault['msg'].removeprefix('Value error, ')}"  # pydantic's prefix of what our own checks raise
     return f"unknown setting {where}; {suggest(str(fault['loc'][-1]), _list_settings(model, fault['loc'][:-1]))}"
+
+
+def _explain_gone(names: list[str]) -> str:
+    """Returns why settings of a former version are refused."""
+    others = f" and {len(names) - _NAMED} others" if len(names) > _NAMED else ""
+    are, they = ("is", "it") if len(names) == 1 else ("are", "them")
+    listed = ", ".join(names[:_NAMED])
+    return f"{listed}{others} {are} no setting any more, but fixed: nobody had a reason to change {they}; leave {they} out"
 
 
 def _list_settings(model: type[BaseModel], parents: tuple[int | str, ...]) -> list[str]:

@@ -11,30 +11,40 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import DetectorConfig
 from mqslam.core.scans import Returns
 
+# Fewest scans that show which returns are the vehicle's own; with fewer, all are kept.
+_FIXED_SCANS = 8
 
-def drop_fixed(scans: Sequence[Returns], config: DetectorConfig) -> list[Returns]:
+# Length of the polar cells in which returns that repeat in the sensor's own frame are counted [m].
+_FIXED_RANGE_M = 0.5
+# Number of cells around a turn in which returns that repeat in the sensor's own frame are counted.
+_FIXED_SECTORS = 180
+# A cell that returns in more than this share of all scans is part of the vehicle.
+_FIXED_SHARE = 0.7
+# If more than this share of all returns repeats, the sensor stood still and they are returns of the world: none are
+# dropped.
+_FIXED_MOST = 0.2
+
+
+def drop_fixed(scans: Sequence[Returns]) -> list[Returns]:
     """Drops the returns that repeat in the sensor's own frame.
 
     Args:
         scans: the returns of each scan.
-        config: settings.
 
     Returns:
         the returns of each scan that are left.
     """
-    fixed = find_fixed(scans, config)
-    return list(scans) if fixed is None else [drop_cells(returns, fixed, config) for returns in scans]
+    fixed = find_fixed(scans)
+    return list(scans) if fixed is None else [drop_cells(returns, fixed) for returns in scans]
 
 
-def find_fixed(scans: Iterable[Returns], config: DetectorConfig) -> NDArray[np.bool_] | None:
+def find_fixed(scans: Iterable[Returns]) -> NDArray[np.bool_] | None:
     """Finds the polar cells whose returns repeat in the sensor's own frame.
 
     Args:
         scans: the returns of each scan; one scan is held at a time.
-        config: settings.
 
     Returns:
         Whether each cell is one of them, for those up to the last that returned; None if nothing is to be dropped.
@@ -42,28 +52,28 @@ def find_fixed(scans: Iterable[Returns], config: DetectorConfig) -> NDArray[np.b
     scans_in, returns_in = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)  # of each cell
     count, filled = 0, 0
     for returns in scans:
-        cells = _find_cells(returns, config)
+        cells = _find_cells(returns)
         count, filled = count + 1, filled + (len(cells) > 0)
         here = np.bincount(cells)
         if len(here) > len(scans_in):
             scans_in, returns_in = (np.pad(sums, (0, len(here) - len(scans_in))) for sums in (scans_in, returns_in))
         scans_in[: len(here)] += here > 0
         returns_in[: len(here)] += here
-    fixed = scans_in > config.fixed_share * filled
+    fixed = scans_in > _FIXED_SHARE * filled
     to_drop, total = int(returns_in[fixed].sum()), int(returns_in.sum())
-    if count < config.fixed_scans or to_drop == 0 or to_drop > config.fixed_most * total:
+    if count < _FIXED_SCANS or to_drop == 0 or to_drop > _FIXED_MOST * total:
         return None
     return fixed
 
 
-def drop_cells(returns: Returns, fixed: NDArray[np.bool_], config: DetectorConfig) -> Returns:
+def drop_cells(returns: Returns, fixed: NDArray[np.bool_]) -> Returns:
     """Returns those returns of a scan that are in no fixed cell, as `find_fixed` has found them."""
-    return returns.take(~fixed[_find_cells(returns, config)])
+    return returns.take(~fixed[_find_cells(returns)])
 
 
-def _find_cells(returns: Returns, config: DetectorConfig) -> NDArray[np.int64]:
+def _find_cells(returns: Returns) -> NDArray[np.int64]:
     """Returns the polar cell (N,) of each return."""
-    around = config.fixed_sectors
+    around = _FIXED_SECTORS
     column = np.floor((returns.azimuths % (2.0 * np.pi)) / (2.0 * np.pi / around)).astype(np.int64)
-    ring = np.floor(returns.ranges / config.fixed_range_m).astype(np.int64)
+    ring = np.floor(returns.ranges / _FIXED_RANGE_M).astype(np.int64)
     return np.asarray(ring * around + np.minimum(column, around - 1), dtype=np.int64)

@@ -18,6 +18,10 @@ from scipy.ndimage import gaussian_filter1d
 from mqslam.config import ChirpConfig
 from mqslam.core.recording import PolarScan
 
+# Standard deviation of the Gaussian whose average is taken off the power [m]. What is wider, such as haze behind strong
+# targets, keeps its range whatever the speed is.
+_BACKGROUND_M = 0.5
+
 _SPREAD = (10.0, 50.0)  # the percentiles between which the spread of the noise lies: the definition of chirps.contrast
 _NEAR = 1.5  # azimuths farther apart than this many usual steps are no neighbours: one between them is missing
 _EVERY = 4  # step between the cells from which an azimuth's noise is taken, which saves time
@@ -100,7 +104,7 @@ def find_echoes(power: NDArray[np.uint8], range_resolution: float, cells: int, c
     low, median = np.percentile(smooth[:, first::_EVERY], _SPREAD, axis=1)[..., None]
     echoes = np.maximum(smooth - (median + config.contrast * (median - low)).astype(np.float32), np.float32(0.0))
     echoes[:, :first] = 0.0
-    echoes -= gaussian_filter1d(echoes, config.background_m / length, axis=1)
+    echoes -= gaussian_filter1d(echoes, _BACKGROUND_M / length, axis=1)
     echoes[:, :first] = 0.0
     return np.asarray(echoes, dtype=np.float32)
 

@@ -26,6 +26,18 @@ from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan
 from mqslam.core.scans import PeakCounts, Returns
 
+# Least value of join_m in range bins. A peak's range is known to half a bin on either side, so neighbours of one target
+# differ by up to a bin.
+_JOIN_BINS = 1.5
+# Factor by which more azimuths peak in a ring than at the ranges around it.
+_RING_CONTRAST = 2.0
+# Number of range cells around a ring from which the usual share of peaking azimuths is taken, as their median.
+_RING_CELLS = 9
+# Step between the range bins from which an azimuth's median power is taken; a larger step saves time.
+_SATURATION_BINS = 4
+# Step between the azimuths from which the spread of the noise is taken; a larger step saves time.
+_NOISE_AZIMUTHS = 8
+
 _SPREAD = (10.0, 50.0)  # the percentiles between which the spread of the noise lies: the definition of detector.contrast
 
 
@@ -75,7 +87,7 @@ def detect_and_count(polar_scan: PolarScan, range_resolution: float, config: Det
         peaks_out_of_range=out_of_range,
     )
     ranges *= range_resolution
-    join_m = max(config.join_m, config.join_bins * range_resolution)
+    join_m = max(config.join_m, _JOIN_BINS * range_resolution)
     rows = _join_peaks(ranges, values, polar_scan.azimuths, polar_scan.times, join_m)
     kept = max(config.most_returns, np.count_nonzero(rows[:, 3] >= above_noise))
     rows = rows[np.argsort(-rows[:, 3], kind="stable")[:kept]]
@@ -85,7 +97,7 @@ def detect_and_count(polar_scan: PolarScan, range_resolution: float, config: Det
 
 def _find_saturated(power: NDArray[np.uint8], config: DetectorConfig) -> NDArray[np.bool_]:
     """Returns which azimuths (A,) have their whole row of power lifted above the rest of the polar scan."""
-    floor = np.median(power[:, :: config.saturation_bins], axis=1)
+    floor = np.median(power[:, ::_SATURATION_BINS], axis=1)
     return np.asarray(floor > np.median(floor) + config.saturation)
 
 
@@ -93,7 +105,7 @@ def _threshold_above_noise(power: NDArray[np.uint8], half: int, config: Detector
     """Returns the smoothed power that stands out of the noise, whose spread is taken below its median: targets lie above."""
     if power.size == 0:
         return 0.0
-    smooth = uniform_filter1d(power[:: config.noise_azimuths].astype(np.float32), 2 * half + 1, axis=1)
+    smooth = uniform_filter1d(power[::_NOISE_AZIMUTHS].astype(np.float32), 2 * half + 1, axis=1)
     low, middle = np.percentile(smooth[:, :: 2 * half + 1], _SPREAD)
     return float(middle + config.contrast * (middle - low))
 
@@ -183,8 +195,8 @@ def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width:
     peaking[cells[is_peak], azimuth[is_peak]] = True
     peaking[cells[is_peak] + 1, azimuth[is_peak]] = True  # half of a ring may lie in the next cell
     shares = peaking.mean(axis=1)
-    around = median_filter(shares, config.ring_cells, mode="nearest")
-    ring = (shares > config.ring_share) & (shares > config.ring_contrast * around)
+    around = median_filter(shares, _RING_CELLS, mode="nearest")
+    ring = (shares > config.ring_share) & (shares > _RING_CONTRAST * around)
     values[is_peak & (ring[cells] | ring[cells + 1])] = 0.0
 
 

@@ -22,6 +22,10 @@ from mqslam.errors import DataError
 from mqslam.execution.kept import describe_kept_stretch
 from mqslam.execution.runner import Runner
 
+# A recording of which more than this share cannot be read is refused.
+_MOST_UNREAD = 0.5
+
+
 _log = logging.getLogger(__name__)
 
 
@@ -155,13 +159,13 @@ def detect_all(
                 store.append(returns)
                 yield returns
 
-    fixed = find_fixed(take_in(), config)
-    if len(unread) > config.most_unread * total:
+    fixed = find_fixed(take_in())
+    if len(unread) > _MOST_UNREAD * total:
         first = next(iter(unread.values()))
         raise DataError(first.path, f"{first.problem}, like {len(unread)} of {total} polar scans", first.remedy)
     scans = store.close(np.column_stack([recording.start_times, recording.end_times]))
     if fixed is not None:
-        scans = _drop_cells(scans, fixed, config)
+        scans = _drop_cells(scans, fixed)
     _log.info("%d returns in %d polar scans, %d of them unread", len(scans.table), total, len(unread))
     velocities = _join(stretches)
     detected = Detected([], unread, read_s, detect_s, counts, velocities)
@@ -178,11 +182,11 @@ def _join(stretches: list[Velocities]) -> Velocities | None:
     return velocities
 
 
-def _drop_cells(scans: StoredScans, fixed: NDArray[np.bool_], config: DetectorConfig) -> StoredScans:
+def _drop_cells(scans: StoredScans, fixed: NDArray[np.bool_]) -> StoredScans:
     """Returns scans without the returns in fixed cells."""
     store = ScanStore()
     for scan in scans:
-        store.append(drop_cells(scan.returns, fixed, config))
+        store.append(drop_cells(scan.returns, fixed))
     return store.close(scans.spans)
 
 

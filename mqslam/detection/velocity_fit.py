@@ -23,6 +23,18 @@ from mqslam.core.recording import PolarScan
 from mqslam.core.sensors.velocity import Outcome
 from mqslam.detection.chirp_correlation import ChirpCorrelation, correlate_chirps
 
+# Residual at which an azimuth's shift counts a quarter (Geman-McClure), in units of the residuals' spread in the scan.
+# Traffic and chance peaks are beyond it.
+_OUTLIER_SPREADS = 3.0
+
+# Step between the velocities that are tried at first [m/s]. At 0.05 s it shifts echoes by 0.15 m, which is less than their
+# width.
+_STEP_MPS = 1.5
+# The shift of an azimuth is sought within this of what the best velocity so far says [m/s]. Traffic outside it does not
+# disturb.
+_WINDOW_MPS = 2.5
+
+
 Array = NDArray[np.float64]
 
 _ROUNDS = 2  # times that shifts are read around the velocity so far: the second time they no longer change
@@ -86,7 +98,7 @@ def measure_velocity(polar_scan: PolarScan, range_resolution: float, middle: flo
 def read_shifts(correlation: ChirpCorrelation, expected: Array, config: ChirpConfig) -> Shifts:
     """Reads the radial speed of every azimuth off the highest peak of its correlation near an expected speed (K,) [m/s]."""
     per_cell = correlation.cell / (2.0 * config.doppler_beta)
-    half = max(2, math.ceil(config.window_mps / per_cell))
+    half = max(2, math.ceil(_WINDOW_MPS / per_cell))
     reach, rows = correlation.reach, np.arange(len(expected))
     middle = np.clip(np.round(expected / per_cell).astype(np.int64) + reach, half, 2 * reach - half)
     inside = np.take_along_axis(correlation.values, middle[:, None] + np.arange(-half, half + 1), axis=1)
@@ -102,10 +114,10 @@ def read_shifts(correlation: ChirpCorrelation, expected: Array, config: ChirpCon
 def _search(correlation: ChirpCorrelation, config: ChirpConfig) -> Array | None:
     """Searches the velocity (2,) [m/s] at which the correlations add up best; None where it hardly differs from others."""
     per_cell = correlation.cell / (2.0 * config.doppler_beta)
-    line = np.arange(-config.fastest_mps, config.fastest_mps + config.step_mps, config.step_mps)
+    line = np.arange(-config.fastest_mps, config.fastest_mps + _STEP_MPS, _STEP_MPS)
     tried = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
     tried = tried[np.hypot(*tried.T) <= config.fastest_mps]
-    smooth = gaussian_filter1d(correlation.values, max(0.5 * config.step_mps / per_cell, 0.5), axis=1)
+    smooth = gaussian_filter1d(correlation.values, max(0.5 * _STEP_MPS / per_cell, 0.5), axis=1)
     sums = np.zeros(len(tried))
     for azimuth, row in zip(correlation.azimuths.tolist(), smooth, strict=True):
         shift = (tried[:, 0] * math.cos(azimuth) + tried[:, 1] * math.sin(azimuth)) / per_cell
@@ -128,14 +140,14 @@ def _fit(correlation: ChirpCorrelation, first: Array, middle: float, config: Chi
         shifts = read_shifts(correlation, jacobian @ state, config)
         if np.count_nonzero(shifts.weights) < config.fewest_azimuths * len(rays):
             return Velocity.none(Outcome.DARK)
-        state, width = _fit_robustly(jacobian, shifts, state, prior, config)
+        state, width = _fit_robustly(jacobian, shifts, state, prior)
     covariance = _leave_out_sectors(jacobian, shifts, state, width, prior, config)
     if covariance is None:
         return Velocity.none(Outcome.ONE_SIDED)
     return Velocity(state[:2], covariance[:2, :2], Outcome.MEASURED)
 
 
-def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array, config: ChirpConfig) -> tuple[Array, float]:
+def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array) -> tuple[Array, float]:
     """Fits a state (4,) to shifts by Geman-McClure's loss, whose width follows from the residuals.
 
     Args:
@@ -143,7 +155,6 @@ def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array, c
         shifts: of the azimuths.
         state: (4,) to begin with.
         prior: (4, 4) information of the prior, whose mean is zero.
-        config: settings.
 
     Returns:
         The state, and the width of the loss [m/s].
@@ -151,8 +162,8 @@ def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array, c
     width = 0.0
     for _ in range(_STEPS):
         residuals = shifts.speeds - jacobian @ state
-        width = config.outlier_spreads * _measure_spread(residuals, shifts.weights)
-        certain = _normalise(shifts.weights, width / config.outlier_spreads)
+        width = _OUTLIER_SPREADS * _measure_spread(residuals, shifts.weights)
+        certain = _normalise(shifts.weights, width / _OUTLIER_SPREADS)
         weights = certain / (1.0 + (residuals / width) ** 2) ** 2
         before, information = state, (jacobian * weights[:, None]).T @ jacobian + prior
         state = np.asarray(np.linalg.lstsq(information, jacobian.T @ (weights * shifts.speeds), rcond=None)[0], np.float64)
@@ -177,7 +188,7 @@ def _leave_out_sectors(
         config: settings.
     """
     residuals = shifts.speeds - jacobian @ state
-    certain, square = _normalise(shifts.weights, width / config.outlier_spreads), (residuals / width) ** 2
+    certain, square = _normalise(shifts.weights, width / _OUTLIER_SPREADS), (residuals / width) ** 2
     scores = jacobian * (certain * residuals / (1.0 + square) ** 2)[:, None]
     curvatures = certain * (1.0 - 3.0 * square) / (1.0 + square) ** 3
     hessian = (jacobian * curvatures[:, None]).T @ jacobian + prior

@@ -30,6 +30,9 @@ from mqslam.localisation.scan_by_scan import Setting, Table, follow
 from mqslam.localisation.surety import measure_scale
 from mqslam.psi.place import Beam
 
+# Least share of the scans along a row of recognised places that must lie on the map for it to count.
+_CONFIRMED = 0.7
+
 _OTHER_MAP: Final = "give the map of a recording that has passed the same streets"
 _LONGER: Final = "give a longer recording, or more of it"
 
@@ -105,7 +108,7 @@ def _seed(setting: Setting, table: Table, start: ColdStart, row: Sequence[PlaceM
     table.put(middle.query, lying)
     for way, limit in ((1, last), (-1, first)):
         follow(setting, table, middle.query, way, limit)
-    if table.on_map[first : last + 1].mean() >= setting.settings.confirmed:
+    if table.on_map[first : last + 1].mean() >= _CONFIRMED:
         return True
     table.forget(slice(first, last + 1))
     return False

@@ -21,6 +21,13 @@ from mqslam.psi.observability import find_weak_directions, spread_along
 from mqslam.psi.place import Beam, PointSet
 from mqslam.psi.scoring.references import References, make_references
 
+# The keyframes around the vehicle are chosen anew once it has moved this far [m]. More of it is faster, and lays scans on
+# keyframes that are less well centred around them.
+_RENEW_M = 2.5
+
+# Yaw [rad] beyond which a scan is not believed in the same way.
+_ASIDE_RAD = 0.03
+
 _FIRST_STEP: Final = 2  # step of the annealing to begin with: a prediction is nearer than the first widths
 
 _LEAST: Final = np.diag(TOLERANCES**2)
@@ -86,7 +93,7 @@ class MapAround:
         Returns:
             None where the map has no keyframe within reach.
         """
-        if np.hypot(*(pose - self._frame)[:2]) > self._settings.renew_m:
+        if np.hypot(*(pose - self._frame)[:2]) > _RENEW_M:
             self._frame = np.array([pose[0], pose[1], 0.0])
             near = np.sort(self._tree.query_ball_point(pose[:2], self._settings.reach_m + search_m)).astype(np.int64)
             self._references = None
@@ -149,7 +156,7 @@ def is_away(moved: se2.Array, prediction: Prediction, settings: LocalisationConf
     """
     sigmas = np.sqrt(np.diag(prediction.covariance))
     allowed_m = settings.aside_m + settings.sigmas * float(np.hypot(sigmas[0], sigmas[1]))
-    allowed_rad = settings.aside_rad + settings.sigmas * float(sigmas[2])
+    allowed_rad = _ASIDE_RAD + settings.sigmas * float(sigmas[2])
     return bool(np.hypot(moved[0], moved[1]) > allowed_m or abs(moved[2]) > allowed_rad)
 
 

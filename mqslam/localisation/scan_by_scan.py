@@ -17,6 +17,10 @@ from mqslam.localisation.localised import ON_MAP, PlaceStatus
 from mqslam.localisation.registering import MapAround, Prediction, Registered, is_away, register
 from mqslam.psi.place import Beam, PointSet
 
+# Path [m] without a scan that lies on the map, after which scans are no longer followed from there. The recording is then
+# looked up again beyond it.
+_GIVE_UP_M = 30.0
+
 
 @dataclass(frozen=True, slots=True)
 class Setting:
@@ -125,6 +129,6 @@ def follow(setting: Setting, table: Table, start: int, way: int, limit: int) -> 
             for number, one in lost:
                 table.put(number, one)
             last, lost = k, []
-        elif abs(travelled[k] - travelled[last]) > setting.settings.give_up_m:
+        elif abs(travelled[k] - travelled[last]) > _GIVE_UP_M:
             break
     return False

@@ -16,6 +16,15 @@ from scipy.spatial import cKDTree
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 
+# A neighbourhood of fewer points than this has no shape and does not count in the entropies.
+_FEWEST_NEIGHBOURS = 5
+# Log odds that a return adds to its cell of the evidence grid.
+_HIT_LOG_ODDS = 0.85
+# Log odds that a beam adds to each cell of the evidence grid that it passes through.
+_MISS_LOG_ODDS = -0.4
+# Largest absolute log odds of a cell of the evidence grid.
+_LOG_ODDS_LIMIT = 3.5
+
 _LEAST_M2: Final = 1e-6  # numerical [m^2]: added to variances, so that points on one spot have a finite entropy
 _LARGEST: Final = 2e7  # size limit [cells]: a window that is spread wider is torn far apart, and its grid says nothing
 
@@ -70,10 +79,10 @@ def compute_measures(
     """
     pairs = cKDTree(points).query_pairs(settings.radius_m, output_type="ndarray")
     of_one_sweep = pairs[sweeps[pairs[:, 0]] == sweeps[pairs[:, 1]]]
-    joint, least = _measure_shapes(points, pairs, settings.fewest_neighbours)
-    separate, _ = _measure_shapes(points, of_one_sweep, settings.fewest_neighbours)
+    joint, least = _measure_shapes(points, pairs, _FEWEST_NEIGHBOURS)
+    separate, _ = _measure_shapes(points, of_one_sweep, _FEWEST_NEIGHBOURS)
     both = np.isfinite(joint) & np.isfinite(separate)
-    model = EvidenceModel(settings.hit_log_odds, settings.miss_log_odds, settings.log_odds_limit)
+    model = EvidenceModel(_HIT_LOG_ODDS, _MISS_LOG_ODDS, _LOG_ODDS_LIMIT)
     return Measures(
         map_entropy=_mean(joint),
         plane_variance=_mean(least),

@@ -9,6 +9,10 @@ from mqslam.config import MapConfig
 from mqslam.core.point_map import OccupancyGrid
 from mqslam.core.stored import make_stored, release
 
+# Percentile of the numbers of returns per cell that stands for a well-seen cell of the nav2 map. A cell counts as occupied
+# from the square root of that number on, so that the threshold follows the speed of the drive.
+_WELL_SEEN = 99.0
+
 MAX_SIDE = 20_000
 """Longest side of a grid [cells]: a limit on memory, which single returns far away would otherwise break."""
 _BLOCK = 200_000  # points that are looked at at a time, and cells that are filled: a matter of memory only
@@ -46,7 +50,7 @@ def make_occupancy_grid(points: NDArray[np.float64], settings: MapConfig) -> Occ
         cells, counts = (np.insert(a, where[~is_known], b[~is_known]) for a, b in ((cells, here), (counts, seen)))
         release(points)
     occupied = make_stored((int(rows * columns),), np.bool_)
-    filled = cells[counts >= np.sqrt(np.percentile(counts, settings.well_seen))]
+    filled = cells[counts >= np.sqrt(np.percentile(counts, _WELL_SEEN))]
     for begin in range(0, len(filled), _BLOCK):
         occupied[filled[begin : begin + _BLOCK]] = True
         release(occupied)

@@ -26,6 +26,11 @@ from mqslam.core.stored import release
 from mqslam.merging.looks import Views, count_looks, make_views
 from mqslam.merging.rendering import place_points
 
+# A return within this distance [m] of a cell shows it.
+_NEAR_M = 1.0
+# Changed cells this near to each other [m] are one object.
+_OBJECT_M = 2.5
+
 _AROUND: Final = 4  # cells that one return may show: about as many as there can be within a cell's length
 
 
@@ -114,8 +119,8 @@ def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int], settings: Merge
     """Yields what a recording shows and another contradicts."""
     if not len(one.cells) or not len(other.points):
         return
-    shown = _find_shown(one, one.cells, settings.near_m)
-    also = np.bincount(_find_shown(other, one.cells, settings.near_m)[:, 0], minlength=len(one.cells))
+    shown = _find_shown(one, one.cells, _NEAR_M)
+    also = np.bincount(_find_shown(other, one.cells, _NEAR_M)[:, 0], minlength=len(one.cells))
     hits = np.bincount(shown[:, 0], minlength=len(one.cells))
     rare = np.flatnonzero(also <= settings.also * hits)  # most cells are seen by both; the others are looked at in full
     number = np.full(len(hits), -1)
@@ -129,7 +134,7 @@ def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int], settings: Merge
     share = (hits + 1.0) / (hits + misses + 2.0)  # Laplace's rule: one look of each kind is added
     chance = binom.cdf(also, also + looks, share)
     changed = np.flatnonzero((looks >= settings.looks) & (chance <= settings.chance / len(one.cells)))
-    for members in _group(cells[changed], settings.object_m):
+    for members in _group(cells[changed], _OBJECT_M):
         if len(members) < settings.cells:
             continue
         own = changed[members]

@@ -13,6 +13,7 @@ from mqslam.backend.loops.align import score_at_pose
 from mqslam.backend.loops.candidates import find_candidates
 from mqslam.backend.loops.chain import Chain
 from mqslam.backend.loops.consistency import keep_consistent
+from mqslam.backend.loops.layout import LATER_SHARE
 from mqslam.backend.loops.search import compare_passes, confirm_by_map
 from mqslam.backend.loops.submap import MappedDrive, Passes, render_submap
 from mqslam.backend.problem import GraphProblem
@@ -124,7 +125,7 @@ def _score(shared: tuple[list[Passes], LoopConfig, EstimatorConfig, Beam], link:
     drives, loops, estimator, beam = shared
     last = drives[-1]  # submaps are rendered once, so that only the pose between them differs
     references = make_references(render_submap(last, link.earlier, loops.submap_m, loops.spacing_m, beam))
-    query = render_submap(last, link.later, loops.later_share * loops.submap_m, loops.spacing_m, beam)
+    query = render_submap(last, link.later, LATER_SHARE * loops.submap_m, loops.spacing_m, beam)
     return [
         score_at_pose(references, query, se2.between(drive.poses[link.earlier], drive.poses[link.later]), estimator)
         for drive in drives

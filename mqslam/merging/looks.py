@@ -12,6 +12,9 @@ from mqslam.config import MergeConfig
 from mqslam.core import se2
 from mqslam.core.keyframes import Keyframes
 
+# A ray passes a cell if its first return lies at least this far [m] behind it.
+_MARGIN_M = 1.0
+
 
 @dataclass(frozen=True, slots=True)
 class Views:
@@ -69,7 +72,7 @@ def count_looks(
         views: of the keyframes.
         settings: of the merge.
     """
-    sizes = settings.reach_m, settings.margin_m, settings.cell_m
+    sizes = settings.reach_m, _MARGIN_M, settings.cell_m
     return np.asarray(_count(cells, farthest, views.poses, views.firsts, views.origins, sizes))
 
 

@@ -19,6 +19,12 @@ from scipy.fft import fft, ifft, irfft, next_fast_len, rfft, rfft2
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 
+# Standard deviation of the images' blur, in pixels of the global search.
+_SEARCH_BLUR = 1.4
+# Points farther from the query's origin than this many pixels take no part in the search, because they would need finer
+# steps of yaw.
+_SEARCH_EXTENT = 110.0
+
 _NEIGHBOURS: Final = 2  # a peak is the largest of the pixels within so many rows and columns: it defines a local maximum
 _BLUR_REACH: Final = 4.0  # standard deviations beyond which a blur is cut off: numerical
 _SUMS_PER_PIXEL: Final = 90  # pixels that are added up in the time in which Fourier transforms take one, as measured
@@ -47,7 +53,7 @@ def find_correlation_peaks(
     """
     pixel_m = config.search_pixel_m
     x, y = np.abs(query.T)
-    query = query[np.maximum(x, y) < config.search_extent * pixel_m]
+    query = query[np.maximum(x, y) < _SEARCH_EXTENT * pixel_m]
     if len(reference) == 0 or len(query) == 0:
         return []
     extent = float(np.abs(query).max()) + 1.5 * pixel_m
@@ -57,7 +63,7 @@ def find_correlation_peaks(
     side = next_fast_len(int(np.ceil(2.0 * (extent + reach_m) / pixel_m)) + 1, real=True)
     cells = int(np.ceil(reach_m / pixel_m))
     pixels = find_pixels(reference, lowest, side, pixel_m)
-    image = Image(draw_blurred(*pixels, compute_blur(config.search_blur)), cells)
+    image = Image(draw_blurred(*pixels, compute_blur(_SEARCH_BLUR)), cells)
     peaks: list[tuple[float, se2.Array]] = []
     for yaw in guess[2] + np.linspace(-count, count, 2 * count + 1) * step:
         rotated = se2.transform(np.array([guess[0], guess[1], yaw]), query)

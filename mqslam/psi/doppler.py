@@ -21,6 +21,11 @@ from mqslam.psi.place import beam_of
 from mqslam.psi.tracking.plausibility import is_usable
 from mqslam.psi.tracking.tracker import Tracker
 
+# Share of psi that a Doppler shift must save to be believed.
+_DOPPLER_GAIN = 0.003
+# A smaller Doppler shift counts as none [s]: it moves returns by a tenth of their own error.
+_DOPPLER_LEAST = 0.01
+
 _USUAL_S: Final = 0.045  # of Navtech's radars: carrier over the slope of the chirp is 0.03 to 0.06 s
 _USUAL_SIGMA_S: Final = 0.0075  # of these, so that the range is two of it to either side
 _FEWEST: Final = 3  # fewer stretches than this may well show such a shift by chance
@@ -77,8 +82,8 @@ def measure_doppler(
 
     beta = _find_vertex(grid, compare(psi))
     each = [_find_vertex(grid, of_stretch) for of_stretch in (psi / without).T]
-    is_crisper = compare(measure_all([beta]))[0] <= 1.0 - sensor.doppler_gain
-    if abs(beta) < sensor.doppler_least or not (is_crisper or _is_usual(each, beta)):
+    is_crisper = compare(measure_all([beta]))[0] <= 1.0 - _DOPPLER_GAIN
+    if abs(beta) < _DOPPLER_LEAST or not (is_crisper or _is_usual(each, beta)):
         return Doppler(0.0)
     return _hold(beta, _estimate_sigma(each, sensor))
 

@@ -21,13 +21,24 @@ from mqslam.psi.scoring.estimator import Evaluation, Kernel, Scale, evaluate
 from mqslam.psi.scoring.neighbours import NeighbourCache, find_candidates, sort_into_cells
 from mqslam.psi.scoring.references import References, evaluate_against, find_reach
 
+# Factor by which the widths shrink from step to step.
+_SHRINK = 0.6
+# Difference of viewing directions [rad] at which the likeness of two views of an object has fallen to 1/e. On real radar,
+# the returns of two views scatter by 0.15 m along the ray if the directions differ by less than 1 degree, and by 0.22 m if
+# they differ by more than 12 degrees.
+_ASPECT_RAD = 0.05
+
+# Share of Gauss-Newton's curvature that is added to the curvature that knows of re-selected neighbours, so that steps are
+# safe.
+STABILISER = 0.15
+
 _LARGEST_PART = 0.9  # of a step that the next one is taken to be [1]: it keeps the extrapolation finite
 _FLATTEST = 1e-9  # least curvature that a step is divided by [1/tolerance^2], which keeps the step finite
 
 
 def annealed_scale(config: EstimatorConfig, step: int) -> Scale:
     """Returns the widths of the score at one step of the annealing."""
-    f = config.shrink**step
+    f = _SHRINK**step
     return Scale(
         max(config.s, config.s_start * f), max(config.beta_s, config.beta_s_start * f), max(config.c, config.c_start * f)
     )
@@ -105,7 +116,7 @@ def kernel_of(config: EstimatorConfig, revolution_s: float) -> Kernel:
         config.beta_t,
         config.xi,
         config.blur_m,
-        config.aspect_rad,
+        _ASPECT_RAD,
         config.apart_share,
         config.apart_blur * config.blur_m,
     )
@@ -163,7 +174,7 @@ def minimise(
         scale = annealed_scale(config, step)
         here = rendered.evaluate(state, scale)
         around, beside = Expansion(here.gradient, here.information, here.curvature), state - prior.mean
-        move, length = choose_move(around, beside, prior.information, config.stabiliser, config.correlation, tolerances)
+        move, length = choose_move(around, beside, prior.information, STABILISER, config.correlation, tolerances)
         if scale == last:
             settled = length < search.settled
             converged = settled or bool(np.all(np.abs(move) < tolerances))

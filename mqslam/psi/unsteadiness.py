@@ -15,6 +15,12 @@ from numpy.typing import NDArray
 from mqslam.config import TrackerConfig
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.statistics.gross import MEDIAN_OF_CHI2
+from mqslam.psi.tracking.dynamics import SIGMA_AX, SIGMA_VY
+
+# Number of scans around one that show how far its motion is from what the motion model can follow.
+_UNSTEADY_SCANS = 40
+# With fewer such scans, the process noise stands in for part of what the motion model leaves out.
+_UNSTEADY_LEAST = 8
 
 _GAIN = 10.0  # variance of a third difference of poses over that of a first one, for poses that err independently: 20 / 2
 
@@ -34,7 +40,7 @@ def estimate_unsteadiness(
     """
     left_out = np.zeros((len(motions), 3))
     followed = [k for k, motion in enumerate(motions) if motion.status is not Status.LOST]
-    change = [0.5 * settings.sigma_ax * revolution_s, settings.sigma_vy, 0.5 * settings.sigma_alpha * revolution_s]
+    change = [0.5 * SIGMA_AX * revolution_s, SIGMA_VY, 0.5 * settings.sigma_alpha * revolution_s]
     unknown = np.square(change) * revolution_s**2
     if len(followed) < 3:
         left_out[followed] = unknown
@@ -44,10 +50,10 @@ def estimate_unsteadiness(
     squares = np.diff(poses, n=2, axis=0) ** 2 / _GAIN
     diagonals = (np.diag(motions[k].covariance) for k in followed)
     expected = np.asarray(np.fromiter(diagonals, row), dtype=np.float64)
-    half = settings.unsteady_scans // 2
+    half = _UNSTEADY_SCANS // 2
     for n, k in enumerate(followed):
         jumps = squares[max(n - half - 1, 0) : n + half]  # a jump compares three motions, of which this one is the second
-        known = min(1.0, len(jumps) / settings.unsteady_least)
+        known = min(1.0, len(jumps) / _UNSTEADY_LEAST)
         near = expected[max(n - half, 0) : n + half + 1]
         beyond = np.median(jumps, axis=0) / MEDIAN_OF_CHI2 - np.median(near, axis=0)
         left_out[k] = (1.0 - known) * unknown + known * np.maximum(beyond, 0.0)

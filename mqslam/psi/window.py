@@ -25,6 +25,15 @@ from mqslam.psi.observability import find_weak_directions, spread_along
 from mqslam.psi.place import Beam, PointSet, place
 from mqslam.psi.scoring.estimator import Evaluation
 
+# Number of basins of a window's exhaustive search that are refined, the best ones first.
+_BASINS = 3
+# Step of the differences that give the curvature of a window's score, in units of the step that ends the search.
+_DIFFERENCE_STEP = 4.0
+# Standard deviation of a window's speed in a direction that psi does not observe [m/s].
+_UNKNOWN_SPEED = 20.0
+# Standard deviation of a window's yaw rate where psi does not observe it [rad/s].
+_UNKNOWN_YAW_RATE = 1.0
+
 TOLERANCES = {0: 5e-3, 1: 5e-3, 2: 1e-4}
 """Step that ends the search, by twist component [m/s, m/s, rad/s]: a numerical tolerance, far below psi's own noise."""
 _LINE = 3  # every how many steps a search over a grid of twists has a line at first; with 4 it missed the best one at times
@@ -80,7 +89,7 @@ def estimate_window(
     def gradient(theta: NDArray[np.float64]) -> NDArray[np.float64]:
         return score_itself(render(theta), final_scale(config), revolution_s, config).gradient
 
-    steps = config.difference_step * tolerances
+    steps = _DIFFERENCE_STEP * tolerances
     covariance = estimate_covariance_by_differences(
         minimum.evaluation, points.points, config.cluster_m, gradient, minimum.state, steps
     )
@@ -88,7 +97,7 @@ def estimate_window(
     wide = score_itself(points, annealed_scale(config, 0), revolution_s, config)
     weak = find_weak_directions(wide, model.size, config.observed_share)
     if len(weak):
-        unknown = [config.unknown_yaw_rate if c == OMEGA else config.unknown_speed for c in model.components]
+        unknown = [_UNKNOWN_YAW_RATE if c == OMEGA else _UNKNOWN_SPEED for c in model.components]
         covariance = covariance + spread_along(weak, np.array(unknown))
     return WindowMotion(minimum.state, covariance, minimum, Status.DEGENERATE if len(weak) else Status.CONVERGED)
 
@@ -122,7 +131,7 @@ def find_window_motion(
     """
     two = returns.take(returns.times < t0 + 2.0 * revolution_s)
     scores = score_all_twists(two, t0, revolution_s, config, beam, speeds, yaw_rates)
-    starts = [np.array([speeds[i], 0.0, yaw_rates[k]]) for i, k in _find_basins(scores)[: config.basins]]
+    starts = [np.array([speeds[i], 0.0, yaw_rates[k]]) for i, k in _find_basins(scores)[:_BASINS]]
     motions = [estimate_window(returns, t0, revolution_s, config, beam, start, model) for start in starts]
     motions.sort(key=lambda motion: motion.minimum.evaluation.psi)
     best = motions[0]
@@ -183,7 +192,7 @@ def search_twist(
 
     crossings = np.argwhere(_mark_crossings(scores.shape))
     score_at(crossings)
-    best = crossings[np.argsort(scores[tuple(crossings.T)], kind="stable")[: config.basins]]
+    best = crossings[np.argsort(scores[tuple(crossings.T)], kind="stable")[:_BASINS]]
     score_at(np.argwhere(_mark_around(best, scores.shape) & ~np.isfinite(scores)))
     v, w = np.unravel_index(np.argmin(scores), scores.shape)
     return np.array([speeds[v], 0.0, yaw_rates[w]])

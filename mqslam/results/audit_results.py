@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from mqslam.auditing.findings import SCALE_WARN
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.rounds import Mended
 from mqslam.auditing.revisits import share_torn_revisits
@@ -124,7 +125,7 @@ def summarise_mended(mended: Mended, given: Mapping[str, Any], config: Config) -
     judged = mended.result
     own = summarise(judged.audit, judged.sweeps, config.audit, config.verdict, given["dataset"], given["trajectory"])
     return {
-        "sentence": describe_mended(mended, given, config.verdict),
+        "sentence": describe_mended(mended, given),
         "rounds": mended.rounds,
         "ties": mended.ties,
         "loops": mended.loops,
@@ -135,13 +136,12 @@ def summarise_mended(mended: Mended, given: Mapping[str, Any], config: Config) -
     }
 
 
-def describe_mended(mended: Mended, given: Mapping[str, Any], limits: VerdictConfig) -> str:
+def describe_mended(mended: Mended, given: Mapping[str, Any]) -> str:
     """Returns what mending has led to, as a sentence.
 
     Args:
         mended: the trajectory and its audit.
         given: content of audit.json on the trajectory as it was given.
-        limits: of the verdict, which say what change of the scale is worth a word.
     """
     before = given["verdict"]["status"]
     if not mended.rounds and before == VerdictStatus.NOT_JUDGED:
@@ -155,7 +155,7 @@ def describe_mended(mended: Mended, given: Mapping[str, Any], limits: VerdictCon
         )
     held = f"{count_of(mended.ties, 'motion')} and {count_of(mended.loops, 'revisit')} by psi hold the mended trajectory"
     longer = ""
-    if abs(mended.stretch - 1.0) > limits.scale_warn:
+    if abs(mended.stretch - 1.0) > SCALE_WARN:
         longer = f" and makes the path {mended.stretch:.3f} times as long"
     return f"{held}, which moves poses by up to {mended.moved_m:.2f} m{longer}: the verdict was {before} and is {after}."
 

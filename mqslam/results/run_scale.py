@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.verdict import Finding, VerdictStatus
 from mqslam.backend.sensors.gnss.fix_use import FixUse
+from mqslam.check.following import FEWEST_STEPS
+from mqslam.check.motion_checks import LEAST_SPEED
 from mqslam.config import VerdictConfig
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
@@ -67,12 +69,12 @@ def measure_ratio(run: Run) -> float | None:
     """Returns how many times as fast as odometry the trajectory is; None where the run has no odometry, or hardly moves."""
     if not run.odometry_factors:
         return None
-    settings, stamps = run.config.check, run.optimised.stamps_us
+    stamps = run.optimised.stamps_us
     ends = np.searchsorted(stamps, stamps + _SPAN_US)
     begins = np.flatnonzero(ends < len(stamps))
     speeds = [_find_speeds(track, begins, ends[begins]) for track in (run.optimised, run.odometry)]
-    fast = np.maximum(*speeds) > settings.least_speed
-    if np.count_nonzero(fast) < settings.fewest_steps:
+    fast = np.maximum(*speeds) > LEAST_SPEED
+    if np.count_nonzero(fast) < FEWEST_STEPS:
         return None
     own, given = (float(np.median(speed[fast])) for speed in speeds)
     return own / given if min(own, given) > 0.0 else None

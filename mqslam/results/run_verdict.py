@@ -16,8 +16,16 @@ from mqslam.core.measurement import Measurement, Status
 from mqslam.core.recording import Recording
 from mqslam.detection.stage import warn_of_unread
 from mqslam.mapping.render import select_moving
+from mqslam.psi.tracking.dynamics import LONGEST_COAST_S
 from mqslam.results.run_scale import judge_scale
 from mqslam.solution import CHECK, Run
+
+# Shortest stop that a warning names [s]; shorter ones are usual in traffic.
+_STOP_S = 10.0
+# With a larger share of lost scans than this the trajectory is mostly prediction. Any lost scan is worth a look.
+_LOST_FAIL = 0.2
+# A larger share than this of scans that do not observe every direction is worth a look.
+_DEGENERATE_WARN = 0.1
 
 _LISTED: Final = 5  # gaps that are named one by one, so that the warnings stay readable
 _SEEN_BY_CHIRPS: Final = "; the velocities by chirps carry the trajectory there"
@@ -55,7 +63,7 @@ def _judge_direction(run: Run) -> list[Finding]:
 def list_warnings(run: Run, recording: Recording) -> list[str]:
     """Returns what happened during a run that its reader should know first."""
     warnings = [*recording.faults, *warn_of_unread(run.unread), *run.warnings]
-    warnings += _warn_of_gaps(recording.gaps(), run.config.tracker.longest_coast_s)
+    warnings += _warn_of_gaps(recording.gaps(), LONGEST_COAST_S)
     for status, what in ((Status.LOST, "lost track"), (Status.DEGENERATE, "did not observe every direction")):
         remark = _SEEN_BY_CHIRPS if status is Status.DEGENERATE and _has_velocities(run, status) else ""
         warnings += [f"{line}{remark}" for line in _warn_of_stretches(what, find_stretches(run.measurements, status))]
@@ -74,7 +82,7 @@ def find_stops(run: Run, recording: Recording) -> list[tuple[float, float]]:
     settings = run.config.map
     moved = recording.start_times[select_moving(run.optimised.poses, settings)]
     ends = np.append(moved[1:], recording.duration_s)
-    return [(float(a), float(b)) for a, b in zip(moved, ends, strict=True) if b - a >= settings.stop_s]
+    return [(float(a), float(b)) for a, b in zip(moved, ends, strict=True) if b - a >= _STOP_S]
 
 
 def find_stretches(measurements: Sequence[Measurement], status: Status) -> list[tuple[float, float]]:
@@ -129,13 +137,13 @@ def _judge_track(run: Run) -> list[Finding]:
     lost, degenerate = _count_status(measurements, Status.LOST), _count_status(measurements, Status.DEGENERATE)
     findings = [Finding(VerdictStatus.PASS, "no scan lost track")]
     if lost.count:
-        grave = lost.is_above(settings.lost_fail, settings)
+        grave = lost.is_above(_LOST_FAIL, settings)
         reason = f"{lost.count} of {lost.total} scans lost track and follow the prediction"
         findings = [Finding(VerdictStatus.FAIL if grave else VerdictStatus.WARN, reason)]
     if run.unread:
         reason = f"{len(run.unread)} of {len(run.optimised)} polar scans could not be read"
         findings.append(Finding(VerdictStatus.WARN, reason))
-    if degenerate.is_above(settings.degenerate_warn, settings):
+    if degenerate.is_above(_DEGENERATE_WARN, settings):
         reason = f"{degenerate.count} of {degenerate.total} scans do not observe every direction of motion"
         findings.append(Finding(VerdictStatus.WARN, reason))
     return findings

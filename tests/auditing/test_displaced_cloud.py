@@ -26,7 +26,7 @@ def audit_cloud(folder: Path, displaced_m: float, *, tracked: bool) -> JudgedRes
     recording, scans = block_drive()
     truth = recording.ground_truth
     assert truth is not None
-    sweeps, inside = place_sweeps(scans, truth, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))
+    sweeps, inside = place_sweeps(scans, truth, beam_of(CONFIG.estimator, 0.0))
     points, times = sweeps.points.copy(), sweeps.turns * sweeps.revolution_s
     points[times > times[-1] / 2.0] += displaced_m * np.array([0.6, 0.8])
     ones = np.ones(len(points))

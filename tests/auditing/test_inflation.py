@@ -34,7 +34,7 @@ def bent(truth: Trajectory, twist: tuple[float, float, float]) -> Trajectory:
 @lru_cache
 def under(twist: tuple[float, float, float]) -> tuple[Sweeps, list[Bend]]:
     recording, scans = street_drive()
-    sweeps, _ = place_sweeps(scans, bent(recording.ground_truth, twist), CONFIG.audit, BEAM)
+    sweeps, _ = place_sweeps(scans, bent(recording.ground_truth, twist), BEAM)
     return sweeps, [
         fit_bend(sweeps, k, k + SIZE, CONFIG.audit, CONFIG.estimator) for k in range(0, len(sweeps) - SIZE + 1, SIZE)
     ]
@@ -74,7 +74,7 @@ def test_judging_does_not_depend_on_where_in_the_world_a_window_lies() -> None:
     recording, scans = street_drive()
     elsewhere = np.array([4000.0, -700.0, 2.5])
     moved = Trajectory(recording.ground_truth.stamps_us, se2.compose(elsewhere, recording.ground_truth.poses))
-    sweeps, _ = place_sweeps(scans, moved, CONFIG.audit, BEAM)
+    sweeps, _ = place_sweeps(scans, moved, BEAM)
     here, there = under(TRUE)[1][1], fit_bend(sweeps, SIZE, 2 * SIZE, CONFIG.audit, CONFIG.estimator)
     np.testing.assert_allclose(there.correction, here.correction, atol=2e-4)
     assert there.inflation == pytest.approx(here.inflation, rel=0.02)
@@ -104,9 +104,9 @@ def test_sweeps_outside_the_trajectory_are_left_out_and_none_is_an_error() -> No
     recording, scans = street_drive()
     truth = recording.ground_truth
     part = Trajectory(truth.stamps_us[10:30], truth.poses[10:30])
-    sweeps, inside = place_sweeps(scans, part, CONFIG.audit, BEAM)
+    sweeps, inside = place_sweeps(scans, part, BEAM)
     assert len(sweeps) == len(inside) < len(scans)
     assert 8 <= inside[0] <= 10 and 28 <= inside[-1] <= 31
     later = Trajectory(truth.stamps_us + 10**9, truth.poses)
     with pytest.raises(EstimationError, match="share no time: it may belong to another recording"):
-        place_sweeps(scans, later, CONFIG.audit, BEAM)
+        place_sweeps(scans, later, BEAM)

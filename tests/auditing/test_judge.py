@@ -33,7 +33,7 @@ def judged(shift_m: float, jobs: int = 1) -> Audit:
     along = np.linspace(0.0, 1.0, len(truth))
     poses = truth.poses.copy()
     poses[:, 1] += shift_m * np.clip(4.0 * along - 1.0, 0.0, 1.0)
-    sweeps, _ = place_sweeps(scans, Trajectory(truth.stamps_us, poses), CONFIG.audit, BEAM)
+    sweeps, _ = place_sweeps(scans, Trajectory(truth.stamps_us, poses), BEAM)
     return audit(sweeps, *SETTINGS, LocalEngine(jobs), ignore_progress)
 
 
@@ -54,7 +54,7 @@ def test_poses_of_every_fourth_scan_pass_and_still_show_a_jump(jump_m: float, st
     poses = truth.poses.copy()
     poses[len(poses) // 2 :, 0] += jump_m
     sparse = Trajectory(truth.stamps_us[::4], poses[::4])
-    sweeps, _ = place_sweeps(scans, sparse, CONFIG.audit, BEAM)
+    sweeps, _ = place_sweeps(scans, sparse, BEAM)
     judgement = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
     assert judgement.status == status, judgement.reasons
     assert any("too sparse for its turns" in finding.reason for finding in judgement.tests["trajectory"])
@@ -88,7 +88,7 @@ def test_a_trajectory_that_has_nothing_to_do_with_the_recording_fails(wrong: str
         "spinning": times * [0.0, 0.0, 0.5],
         "mirrored": truth.poses * [1.0, -1.0, -1.0],
     }[wrong]
-    sweeps, _ = place_sweeps(scans, Trajectory(truth.stamps_us, poses), CONFIG.audit, BEAM)
+    sweeps, _ = place_sweeps(scans, Trajectory(truth.stamps_us, poses), BEAM)
     judgement = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
     assert judgement.status == "fail", judgement.reasons
 
@@ -101,7 +101,7 @@ def test_the_verdict_does_not_depend_on_the_number_of_processes() -> None:
 
 def test_revisits_are_looked_for_where_the_path_comes_back_only() -> None:
     recording, scans = block_drive()
-    sweeps, _ = place_sweeps(scans, recording.ground_truth, CONFIG.audit, BEAM)
+    sweeps, _ = place_sweeps(scans, recording.ground_truth, BEAM)
     settings = CONFIG.audit
     pairs = find_revisit_pairs(sweeps, settings)
     assert pairs
@@ -153,4 +153,4 @@ def sparse(kinds: list[str], rng: np.random.Generator, speed: float) -> Sweeps:
         scans.append(Scan(0.25 * k, 0.25 * (k + 1), Returns(ranges, azimuths, times, np.full(len(points), 80.0))))
     numbers = np.arange(len(kinds))
     track = Trajectory(250_000 * numbers, np.column_stack([0.25 * speed * numbers, 0.0 * numbers, 0.0 * numbers]))
-    return place_sweeps(Scans(tuple(scans), 0, 0.25), track, CONFIG.audit, BEAM)[0]
+    return place_sweeps(Scans(tuple(scans), 0, 0.25), track, BEAM)[0]

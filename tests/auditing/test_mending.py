@@ -35,7 +35,7 @@ Distort = Callable[[se2.Array], se2.Array]
 
 
 def place(trajectory: Trajectory) -> Sweeps:
-    return place_sweeps(block_drive()[1], trajectory, CONFIG.audit, BEAM)[0]
+    return place_sweeps(block_drive()[1], trajectory, BEAM)[0]
 
 
 def judge(sweeps: Sweeps, jobs: int = 2) -> Audit:

@@ -55,10 +55,10 @@ def pooled(
     poses[:, 2] += mount
     poses = se2.compose(poses, se2.inverse(np.array(base)))
     track = Trajectory(truth.stamps_us + round(1e6 * late), se2.compose(poses, extrinsics))
-    sweeps = place_sweeps(scans, track, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))[0]
+    sweeps = place_sweeps(scans, track, beam_of(CONFIG.estimator, 0.0))[0]
     known = np.ones(len(sweeps), bool)
     spans = lay_spans(sweeps, known, CONFIG.audit, CONFIG.estimator, LocalEngine(2), ignore_progress)
-    found = pool(spans, measure_twists(sweeps, CONFIG.audit.step_scans), CONFIG.audit)
+    found = pool(spans, measure_twists(sweeps, CONFIG.audit.step_scans))
     assert found is not None
     return found
 
@@ -130,7 +130,7 @@ def test_a_mount_that_is_turned_and_beside_is_mended_at_once() -> None:
 
 def test_without_turns_nothing_is_said_of_where_the_sensor_sits() -> None:
     random = np.random.default_rng(1)
-    found = pool([span(off) for off in random.normal(0.0, [0.02, 0.02, 1e-3], (60, 3))], STEADY, CONFIG.audit)
+    found = pool([span(off) for off in random.normal(0.0, [0.02, 0.02, 1e-3], (60, 3))], STEADY)
     assert found is not None and found.lever is None
 
 
@@ -139,7 +139,7 @@ def test_a_lever_arm_is_found_as_rarely_as_promised_where_there_is_none() -> Non
     chances = []
     for _ in range(100):
         offsets = random.normal(0.0, [0.02, 0.02, 1e-3], (60, 3))
-        found = pool([span(off, turn=1.5 * (k % 12 in (3, 4))) for k, off in enumerate(offsets)], STEADY, CONFIG.audit)
+        found = pool([span(off, turn=1.5 * (k % 12 in (3, 4))) for k, off in enumerate(offsets)], STEADY)
         assert found is not None and found.lever is not None and found.lever.turns == 5
         chances.append(found.lever.p_value)
     assert np.mean(np.array(chances) < 0.05) < 0.08
@@ -174,7 +174,7 @@ def test_a_clock_that_is_off_is_found_as_rarely_as_promised_where_it_is_right() 
     for _ in range(100):
         twists = random.normal([8.0, 0.0, 0.0], [1.0, 0.1, 0.1], (16, 3))
         offsets = random.normal(0.0, [0.02, 0.02, 1e-3], (60, 3))
-        found = pool([replace(span(off), earlier=k % 16) for k, off in enumerate(offsets)], twists, CONFIG.audit)
+        found = pool([replace(span(off), earlier=k % 16) for k, off in enumerate(offsets)], twists)
         assert found is not None
         chances.append(found.delay.p_value)
     assert np.mean(np.array(chances) < 0.05) < 0.1
@@ -189,7 +189,7 @@ def test_places_that_are_torn_do_not_hide_what_the_others_ask_for() -> None:
     random = np.random.default_rng(1)
     spans = [span(np.array([-0.09, 0.0, 0.0]) + random.normal(0.0, [0.02, 0.02, 1e-3])) for _ in range(100)]
     spans[::9] = [span(np.array([2.0, -1.0, 0.1])) for _ in spans[::9]]
-    found = pool(spans, STEADY, CONFIG.audit)
+    found = pool(spans, STEADY)
     assert found is not None
     assert found.bias[0] == pytest.approx(-0.003, abs=0.0004)
     assert found.p_value[0] < 1e-4
@@ -198,7 +198,7 @@ def test_places_that_are_torn_do_not_hide_what_the_others_ask_for() -> None:
 @pytest.mark.parametrize("heading", [0.0, np.pi, 1.0])
 def test_forward_is_where_the_trajectory_goes(heading: float) -> None:
     along = np.array([np.cos(heading), np.sin(heading), 0.0])
-    found = pool([span(-0.3 * along, heading)] * 40, STEADY, CONFIG.audit)
+    found = pool([span(-0.3 * along, heading)] * 40, STEADY)
     assert found is not None
     np.testing.assert_allclose(found.bias, [-0.01, 0.0, 0.0], atol=1e-6)
 
@@ -207,14 +207,14 @@ def test_a_good_map_is_called_bad_as_rarely_as_promised() -> None:
     random = np.random.default_rng(1)
     chances = []
     for _ in range(200):
-        found = pool([span(off) for off in random.normal(0.0, [0.02, 0.02, 1e-3], (60, 3))], STEADY, CONFIG.audit)
+        found = pool([span(off) for off in random.normal(0.0, [0.02, 0.02, 1e-3], (60, 3))], STEADY)
         assert found is not None
         chances.append(found.p_value)
     assert np.mean(np.array(chances) < 0.05) < 0.08
 
 
 def test_a_short_drive_shows_nothing() -> None:
-    assert pool([span(np.zeros(3))] * 9, STEADY, CONFIG.audit) is None
+    assert pool([span(np.zeros(3))] * 9, STEADY) is None
     assert find_spans(np.linspace(0.0, 20.0, 40), CONFIG.audit) == []
     assert find_spans(np.zeros(2), CONFIG.audit) == []
     assert not judge_pooled(None, CONFIG.verdict).judged
@@ -231,10 +231,10 @@ def test_spans_have_their_path_between_them() -> None:
 def test_a_lidar_that_does_not_see_far_shows_no_scale(tmp_path: Path) -> None:
     config = load_config(LIDAR_CONFIG)
     source = make_lidar_source(read_lidar(write_laser_bag(tmp_path / "boxes.bag", solid=True), config.reading))
-    sweeps, _ = place_source(source, drive_truth(), config.audit, beam_of(config.estimator, 0.0))
+    sweeps, _ = place_source(source, drive_truth(), beam_of(config.estimator, 0.0))
     known = np.ones(len(sweeps), bool)
     spans = lay_spans(sweeps, known, config.audit, config.estimator, LocalEngine(2), ignore_progress)
-    found = pool(spans, measure_twists(sweeps, config.audit.step_scans), config.audit)
+    found = pool(spans, measure_twists(sweeps, config.audit.step_scans))
     assert found is None  # 30 m apart the lidar sees opposite faces, and the scale seems 3 % off; closer by is too close
     assert not judge_pooled(found, config.verdict).judged
 
@@ -245,7 +245,7 @@ def test_a_drift_of_the_yaw_that_psi_itself_may_have_is_no_evidence_on_a_short_d
     def p_value(count: int) -> float:
         random = np.random.default_rng(1)
         offsets = random.normal([0.0, 0.0, 30.0 * 2e-5], [0.02, 0.02, 1e-4], (count, 3))
-        found = pool([span(off) for off in offsets], STEADY, CONFIG.audit)
+        found = pool([span(off) for off in offsets], STEADY)
         assert found is not None
         return float(found.p_value[2])
 

@@ -52,7 +52,7 @@ def judged(shift_m: float, *, repeats: bool) -> list[RevisitAudit]:
     first, second = one_pass(1, repeats=repeats), one_pass(2, repeats=repeats)
     drive = joined(first, second, second.poses + np.array([shift_m, 0.0, 0.0]))
     track = Trajectory(np.round(1e6 * drive.times).astype(np.int64), drive.poses)
-    sweeps, _ = place_sweeps(Scans(tuple(drive.scans), 0, 0.25), track, CONFIG.audit, BEAM)
+    sweeps, _ = place_sweeps(Scans(tuple(drive.scans), 0, 0.25), track, BEAM)
     return audit_revisits(sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.verdict, HERE, ignore_progress)
 
 

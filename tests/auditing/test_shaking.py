@@ -39,9 +39,7 @@ def laid(shift_m: float, scans: int | None = None) -> Sweeps:
     recorded, truth = street()
     poses = truth.poses.copy()
     poses[::2, :2] += shift_m * np.column_stack([-np.sin(poses[::2, 2]), np.cos(poses[::2, 2])])
-    return place_sweeps(recorded[:scans], Trajectory(truth.stamps_us, poses), CONFIG.audit, beam_of(CONFIG.estimator, 0.0))[
-        0
-    ]
+    return place_sweeps(recorded[:scans], Trajectory(truth.stamps_us, poses), beam_of(CONFIG.estimator, 0.0))[0]
 
 
 def judged(sweeps: Sweeps) -> Finding:

@@ -61,7 +61,7 @@ def cloud(poses: np.ndarray) -> TimedCloud:
 def test_a_true_cloud_passes_and_a_bent_one_is_told(given: bool) -> None:
     track = Trajectory(TIMES_US, POSES) if given else None
     wrong = se2.compose(POSES, np.c_[0.02 * np.arange(24), np.zeros(24), 0.004 * np.arange(24)])
-    good, bad = (divide_cloud(cloud(poses), track, CONFIG.audit, BEAM) for poses in (POSES, wrong))
+    good, bad = (divide_cloud(cloud(poses), track, BEAM) for poses in (POSES, wrong))
     assert len(good) == 24 and good.revolution_s == pytest.approx(REVOLUTION_S)
     size = CONFIG.audit.window
     for begin in range(0, 24 - size + 1, size):
@@ -72,7 +72,7 @@ def test_a_true_cloud_passes_and_a_bent_one_is_told(given: bool) -> None:
 
 def test_without_its_trajectory_a_cloud_is_judged_by_its_crispness_only() -> None:
     def judge(poses: np.ndarray, track: Trajectory | None) -> Audit:
-        sweeps = divide_cloud(cloud(poses), track, CONFIG.audit, BEAM)
+        sweeps = divide_cloud(cloud(poses), track, BEAM)
         return audit(sweeps, *SETTINGS, LocalEngine(1), ignore_progress)
 
     crisp = judge(POSES, None)
@@ -88,7 +88,7 @@ def test_without_its_trajectory_a_cloud_is_judged_by_its_crispness_only() -> Non
 def test_a_cloud_whose_points_have_times_of_their_own_is_cut_into_sweeps() -> None:
     result = cloud(POSES)
     spread = np.concatenate([t + np.arange(720) * 100 for t in TIMES_US])
-    sweeps = divide_cloud(TimedCloud(result.path, result.points, spread, ()), None, CONFIG.audit, BEAM)
+    sweeps = divide_cloud(TimedCloud(result.path, result.points, spread, ()), None, BEAM)
     assert len(sweeps) == 24
     assert np.all(np.diff(sweeps.turns) >= 0.0) and np.ptp(sweeps.turns) == pytest.approx(23.7, abs=0.1)
 
@@ -96,9 +96,9 @@ def test_a_cloud_whose_points_have_times_of_their_own_is_cut_into_sweeps() -> No
 def test_a_cloud_without_a_course_of_time_is_refused() -> None:
     result = cloud(POSES)
     with pytest.raises(DataError, match="all at once"):
-        divide_cloud(TimedCloud(result.path, result.points, np.full(len(result), TIMES_US[0]), ()), None, CONFIG.audit, BEAM)
+        divide_cloud(TimedCloud(result.path, result.points, np.full(len(result), TIMES_US[0]), ()), None, BEAM)
     with pytest.raises(DataError, match="which the trajectory does not"):
-        divide_cloud(result, Trajectory(TIMES_US[:5] - 10**9, POSES[:5]), CONFIG.audit, BEAM)
+        divide_cloud(result, Trajectory(TIMES_US[:5] - 10**9, POSES[:5]), BEAM)
 
 
 def test_clouds_are_told_from_recordings(tmp_path: Path) -> None:
@@ -118,7 +118,7 @@ def test_a_real_corrected_log_passes_and_its_wheels_fail(name: str) -> None:
     source = make_lidar_source(carmen.read_lidar(log))
     result = {}
     for track in ("recording", "odometry"):
-        sweeps, _ = place_source(source, source.tracks[track], CONFIG.audit, BEAM)
+        sweeps, _ = place_source(source, source.tracks[track], BEAM)
         result[track] = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
     assert result["recording"].status == "pass", result["recording"].reasons
     assert result["odometry"].status == "fail"

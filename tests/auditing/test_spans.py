@@ -33,10 +33,10 @@ def judged(stretch: float, first_m: float = 0.0, last_m: float = 0.0) -> list[Sp
     travelled = np.cumsum(np.hypot(*steps[:, :2].T))
     steps[(first_m < travelled) & (travelled < last_m), :2] *= 1.0 + stretch
     track = Trajectory(truth.stamps_us, se2.chain(steps, truth.poses[0]))
-    sweeps = place_sweeps(scans, track, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))[0]
+    sweeps = place_sweeps(scans, track, beam_of(CONFIG.estimator, 0.0))[0]
     known = np.ones(len(sweeps), bool)
     spans = lay_spans(sweeps, known, CONFIG.audit, CONFIG.estimator, LocalEngine(2), ignore_progress)
-    return audit_spans(spans, np.zeros((len(spans), 3)), sweeps.times, CONFIG.audit, CONFIG.verdict)
+    return audit_spans(spans, np.zeros((len(spans), 3)), sweeps.times, CONFIG.verdict)
 
 
 def test_no_span_of_the_truth_is_torn() -> None:
@@ -59,7 +59,7 @@ def test_a_stretch_that_is_too_long_by_a_hundredth_is_found(stretch: float) -> N
 def test_scans_at_one_end_that_see_other_things_move_no_span() -> None:
     """The points of three scans are displaced, so that the span that ends there is off by as much if only they are asked."""
     recording, scans = block_drive()
-    sweeps = place_sweeps(scans, recording.ground_truth, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))[0]
+    sweeps = place_sweeps(scans, recording.ground_truth, beam_of(CONFIG.estimator, 0.0))[0]
     known = np.ones(len(sweeps), bool)
     middle = find_spans(sweeps.travelled, fit_to_reach(sweeps, CONFIG.audit))[6]
     points = sweeps.points.copy()
@@ -77,7 +77,7 @@ def test_a_heading_that_passes_180_deg_between_the_ends_of_a_span_is_no_whole_tu
     truth = recording.ground_truth
     poses = truth.poses.copy()
     poses[:, 2] = se2.wrap(poses[:, 2])
-    sweeps = place_sweeps(scans, Trajectory(truth.stamps_us, poses), CONFIG.audit, beam_of(CONFIG.estimator, 0.0))[0]
+    sweeps = place_sweeps(scans, Trajectory(truth.stamps_us, poses), beam_of(CONFIG.estimator, 0.0))[0]
     crossing = int(np.argmax(np.abs(np.diff(sweeps.poses[:, 2]))))
     pair = crossing - 1, crossing + 2
     laid = lay(sweeps, pair, pick_ends(pair, CONFIG.audit), (2.0, 0.1), CONFIG.audit, CONFIG.estimator)
@@ -94,7 +94,7 @@ def test_a_good_map_is_called_bad_as_rarely_as_promised() -> None:
     least = []
     for _ in range(200):
         offsets = random.normal(0.0, [0.03, 0.03, 0.03], (60, 3))
-        spans = audit_spans([laid(off) for off in offsets], np.zeros((60, 3)), np.zeros(2), CONFIG.audit, CONFIG.verdict)
+        spans = audit_spans([laid(off) for off in offsets], np.zeros((60, 3)), np.zeros(2), CONFIG.verdict)
         least.append(min(span.p_value for span in spans))
     assert np.mean(np.array(least) < 0.05) < 0.1
 
@@ -102,12 +102,12 @@ def test_a_good_map_is_called_bad_as_rarely_as_promised() -> None:
 def test_half_of_a_drive_that_is_off_does_not_pass_for_what_is_usual() -> None:
     random = np.random.default_rng(1)
     offsets = random.normal(0.0, 0.02, (40, 3)) * [1.0, 1.0, 0.05] + np.outer(np.arange(40) >= 20, [0.3, 0.0, 0.0])
-    spans = audit_spans([laid(off) for off in offsets], np.zeros((40, 3)), np.zeros(2), CONFIG.audit, CONFIG.verdict)
+    spans = audit_spans([laid(off) for off in offsets], np.zeros((40, 3)), np.zeros(2), CONFIG.verdict)
     torn = [span for span in spans if span.torn]
     assert len(torn) >= 18 and judge_spans(spans, CONFIG.verdict).status is VerdictStatus.FAIL
 
 
 def test_a_few_spans_show_nothing() -> None:
-    spans = audit_spans([laid(np.ones(3))] * 5, np.zeros((5, 3)), np.zeros(2), CONFIG.audit, CONFIG.verdict)
+    spans = audit_spans([laid(np.ones(3))] * 5, np.zeros((5, 3)), np.zeros(2), CONFIG.verdict)
     assert not judge_spans(spans, CONFIG.verdict).judged
-    assert audit_spans([], np.zeros((0, 3)), np.zeros(2), CONFIG.audit, CONFIG.verdict) == []
+    assert audit_spans([], np.zeros((0, 3)), np.zeros(2), CONFIG.verdict) == []

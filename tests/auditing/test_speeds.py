@@ -33,7 +33,7 @@ def judged(factor: float, poses: int | None = None, around_block: bool = False) 
     truth = recording.ground_truth
     kept = np.unique(np.linspace(0, len(truth) - 1, poses or len(truth)).astype(int))
     track = Trajectory(truth.stamps_us[kept], truth.poses[kept] * [factor, factor, 1.0])
-    sweeps, _ = place_sweeps(scans, track, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))
+    sweeps, _ = place_sweeps(scans, track, beam_of(CONFIG.estimator, 0.0))
     sections = CONFIG.audit, CONFIG.estimator, CONFIG.verdict
     return audit(sweeps, *sections, HERE, ignore_progress), sweeps
 
@@ -113,7 +113,7 @@ def test_a_wrong_speed_beside_a_gap_of_right_poses_is_still_contradicted() -> No
     poses[times >= 6.0, :2] += poses[times < 6.0, :2][-1] - truth.poses[times < 6.0, :2][-1]
     kept = (times < 6.0) | (times > 9.0)
     track = Trajectory(truth.stamps_us[kept], poses[kept])
-    sweeps, _ = place_sweeps(scans, track, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))
+    sweeps, _ = place_sweeps(scans, track, beam_of(CONFIG.estimator, 0.0))
     audited = audit(sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.verdict, HERE, ignore_progress)
     assert [f.status for f in audited.tests["speeds"]] == [VerdictStatus.FAIL]
     assert audited.status is VerdictStatus.FAIL
@@ -142,7 +142,7 @@ def test_scans_half_of_which_are_noise_still_tell_a_wrong_speed() -> None:
         both = np.hstack([[getattr(part, f.name) for f in fields(Returns)] for part in parts])  # the third are times
         noisy.append(replace(scan, returns=Returns(*both[:, np.argsort(both[2], kind="stable")])))
     track = Trajectory(truth.stamps_us, truth.poses * [0.1, 0.1, 1.0])
-    sweeps, _ = place_sweeps(replace(scans, scans=tuple(noisy)), track, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))
+    sweeps, _ = place_sweeps(replace(scans, scans=tuple(noisy)), track, beam_of(CONFIG.estimator, 0.0))
     checks = check_speeds(
         sweeps, range(2, 38, 6), np.ones(len(sweeps), bool), CONFIG.audit, CONFIG.estimator, HERE, ignore_progress
     )

@@ -33,7 +33,7 @@ def lay_street(jump: tuple[float, float, float], place: int = PLACE) -> Sweeps:
     back = se2.inverse(truth.at(scans.stamps_us[[place]])[0])
     for k in np.flatnonzero(after):
         poses[k] = se2.compose(moved, se2.compose(back, poses[k]))
-    return place_sweeps(scans, Trajectory(truth.stamps_us, poses), CONFIG.audit, beam_of(CONFIG.estimator, 0.0))[0]
+    return place_sweeps(scans, Trajectory(truth.stamps_us, poses), beam_of(CONFIG.estimator, 0.0))[0]
 
 
 @lru_cache

@@ -32,7 +32,7 @@ def track(keep: np.ndarray | None = None, noise_m: float = 0.0) -> Track:
 
 
 def judged(given: Track) -> list[Finding]:
-    return judge_track(given, TIMES, REVOLUTION_S, CONFIG.audit, CONFIG.verdict)
+    return judge_track(given, TIMES, REVOLUTION_S, CONFIG.audit)
 
 
 @pytest.mark.parametrize(("uncovered", "warns"), [(0, 0), (16, 0), (17, 1), (60, 1), (80, 1), (81, 0)])
@@ -42,7 +42,7 @@ def test_a_trajectory_of_a_part_of_the_scans_is_a_warning_of_its_own(uncovered: 
     assert [finding.status for finding in findings] == [VerdictStatus.WARN] * warns
     named = f"{160 - uncovered} of 160 scans from {TIMES[uncovered]:.1f} s to 39.8 s"
     assert all(named in finding.reason for finding in findings)
-    of_few_scans = judge_track(part, TIMES[uncovered:], REVOLUTION_S, CONFIG.audit, CONFIG.verdict)
+    of_few_scans = judge_track(part, TIMES[uncovered:], REVOLUTION_S, CONFIG.audit)
     assert len(of_few_scans) == (uncovered == 81)  # one of the two says it
 
 
@@ -119,16 +119,16 @@ def test_a_step_over_a_gap_is_no_jump() -> None:
 
 def test_a_trajectory_of_less_than_a_window_judges_nothing() -> None:
     few = Track(TIMES[:3], driven(TIMES)[:3], 160, 157)
-    (finding,) = judge_track(few, TIMES[:3], REVOLUTION_S, CONFIG.audit, CONFIG.verdict)
+    (finding,) = judge_track(few, TIMES[:3], REVOLUTION_S, CONFIG.audit)
     assert finding.status is VerdictStatus.NOT_JUDGED and "covers only 3 of 160 scans" in finding.reason
 
 
 def test_a_trajectory_of_few_scans_is_a_warning_about_its_stamps() -> None:
     few = Track(TIMES[:60], driven(TIMES)[:60], 160, 100)
-    (finding,) = judge_track(few, TIMES[:60], REVOLUTION_S, CONFIG.audit, CONFIG.verdict)
+    (finding,) = judge_track(few, TIMES[:60], REVOLUTION_S, CONFIG.audit)
     assert finding.status is VerdictStatus.WARN
     assert finding.reason.startswith("the trajectory covers only 60 of 160 scans, from 0.0 s to 14.8 s")
-    assert judge_track(Track(TIMES, driven(TIMES), 160, 60), TIMES, REVOLUTION_S, CONFIG.audit, CONFIG.verdict) == []
+    assert judge_track(Track(TIMES, driven(TIMES), 160, 60), TIMES, REVOLUTION_S, CONFIG.audit) == []
 
 
 @pytest.mark.parametrize("every", [2, 4, 6])

@@ -36,7 +36,7 @@ def drive(count: int, factors: tuple[float, float, float], bend: float = 0.02, s
 
 
 def learn(motions: list[Measurement], settings: GraphConfig = SETTINGS) -> np.ndarray:
-    return learn_drift(split_into_submaps(motions, settings), motions, settings)
+    return learn_drift(split_into_submaps(motions, settings), motions)
 
 
 @pytest.mark.parametrize("factors", [(1.0, 1.0, 1.0), (0.3, 0.3, 0.3), (5.0, 5.0, 5.0), (0.5, 1.0, 4.0)])

@@ -31,7 +31,7 @@ BEAM = beam_of(CONFIG.estimator, 0.0)
 
 def findings(recording: Recording) -> tuple[Finding, Finding]:
     stretches = read_stretches(recording, None, CONFIG.check, DetectorConfig(), lambda done, total: None)
-    return check_stamps(recording, stretches, CONFIG.check, CONFIG.reading), check_azimuths(stretches, CONFIG.check)
+    return check_stamps(recording, stretches, CONFIG.check, CONFIG.reading), check_azimuths(stretches)
 
 
 class Holed(SimulatedRecording):
@@ -164,7 +164,7 @@ def test_one_and_two_polar_scans_say_what_they_cannot_tell(tmp_path: Path, skip:
         stamps, azimuths = findings(recording)
         assert azimuths.verdict is Verdict.OK
         assert "too few to tell how steady turns are" in stamps.text or recording.gaps()
-        order = check_order(follow(recording, stretches, CONFIG.check, CONFIG.tracker, CONFIG.estimator, BEAM), CONFIG.check)
+        order = check_order(follow(recording, stretches, CONFIG.check, CONFIG.tracker, CONFIG.estimator, BEAM))
         longest = 1 if skip else min(polar_scans, 2)
         assert order.verdict is Verdict.UNTOLD
         assert order.text == f"it takes 7 polar scans without a gap to tell, and there are no more than {longest}"
@@ -173,7 +173,7 @@ def test_one_and_two_polar_scans_say_what_they_cannot_tell(tmp_path: Path, skip:
 def test_polar_scans_that_are_swept_alike_in_both_orders_cannot_tell_the_order() -> None:
     same = np.full(9, 1.5)
     none = np.zeros(0, dtype=np.int64)
-    finding = check_order(Followed(Steps(none, none, np.zeros((0, 3))), same, same, shortage=""), CONFIG.check)
+    finding = check_order(Followed(Steps(none, none, np.zeros((0, 3))), same, same, shortage=""))
     assert finding.verdict is Verdict.UNTOLD and all(np.isfinite(value) for value in finding.numbers.values())
 
 

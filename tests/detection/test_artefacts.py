@@ -6,6 +6,7 @@ import pytest
 from mqslam.config import DetectorConfig
 from mqslam.core.scans import Returns
 from mqslam.detection import artefacts
+from mqslam.detection.artefacts import _FIXED_SCANS
 
 CONFIG = DetectorConfig()
 TURN_S = 0.25
@@ -27,7 +28,7 @@ def drive(speed: float, count: int = 20, world: int = 60, mount: np.ndarray = MO
 
 
 def drop_fixed(scans: list[Returns]) -> list[Returns]:
-    return artefacts.drop_fixed(scans, CONFIG)
+    return artefacts.drop_fixed(scans)
 
 
 def of_mount(returns: Returns) -> int:
@@ -53,9 +54,9 @@ def test_everything_is_kept_at_rest_where_the_world_repeats_too(speed: float) ->
 
 
 def test_a_recording_too_short_to_tell_is_left_alone() -> None:
-    short = drive(8.0, count=CONFIG.fixed_scans - 1)
+    short = drive(8.0, count=_FIXED_SCANS - 1)
     assert [len(r) for r in drop_fixed(short)] == [len(r) for r in short]
-    assert sum(map(of_mount, drop_fixed(drive(8.0, count=CONFIG.fixed_scans)))) == 0
+    assert sum(map(of_mount, drop_fixed(drive(8.0, count=_FIXED_SCANS)))) == 0
 
 
 def test_azimuths_are_taken_around_the_turn() -> None:

@@ -15,6 +15,7 @@ from mqslam.core.recording import PolarScan
 from mqslam.core.sensors.velocity import Outcome
 from mqslam.detection.chirp_correlation import correlate_chirps
 from mqslam.detection.velocity_fit import (
+    _OUTLIER_SPREADS,
     Shifts,
     Velocity,
     _fit_robustly,
@@ -180,14 +181,14 @@ PRIOR = np.diag([0.0, 0.0, 1.0 / 9.0, 1.0 / 9.0])
 
 
 def geman_mcclure(state: NDArray[np.float64], jacobian: NDArray[np.float64], shifts: Shifts, width: float) -> float:
-    certain = shifts.weights * CONFIG.outlier_spreads**2 / width**2 / np.average(shifts.weights, weights=shifts.weights)
+    certain = shifts.weights * _OUTLIER_SPREADS**2 / width**2 / np.average(shifts.weights, weights=shifts.weights)
     square = ((shifts.speeds - jacobian @ state) / width) ** 2
     return float(0.5 * np.sum(certain * width**2 * square / (1.0 + square)) + 0.5 * state @ PRIOR @ state)
 
 
 def test_the_robust_fit_is_the_minimum_of_its_loss() -> None:
     jacobian, shifts = some_shifts()
-    state, width = _fit_robustly(jacobian, shifts, np.array([7.0, 0.0, 0.0, 0.0]), PRIOR, CONFIG)
+    state, width = _fit_robustly(jacobian, shifts, np.array([7.0, 0.0, 0.0, 0.0]), PRIOR)
     least = minimize(geman_mcclure, state + 0.02, args=(jacobian, shifts, width), method="BFGS", options={"gtol": 1e-8})
     np.testing.assert_allclose(state, least.x, atol=2e-4)
     np.testing.assert_allclose(state[:2], [8.0, 0.3], atol=0.1)
@@ -195,7 +196,7 @@ def test_the_robust_fit_is_the_minimum_of_its_loss() -> None:
 
 def test_the_covariance_is_that_of_fits_without_each_sector() -> None:
     jacobian, shifts = some_shifts()
-    state, width = _fit_robustly(jacobian, shifts, np.array([7.0, 0.0, 0.0, 0.0]), PRIOR, CONFIG)
+    state, width = _fit_robustly(jacobian, shifts, np.array([7.0, 0.0, 0.0, 0.0]), PRIOR)
     found = _leave_out_sectors(jacobian, shifts, state, width, PRIOR, CONFIG)
     assert found is not None
     usual = np.average(shifts.weights, weights=shifts.weights)

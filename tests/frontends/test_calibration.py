@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from mqslam.config import CalibrationConfig
 from mqslam.frontends.calibration import Twice, learn_scale
 
 STEP = np.array([2.0, 0.0, 0.01])
@@ -12,7 +11,7 @@ STATED = np.full(3, 1e-4)
 
 
 def learn(apart: np.ndarray) -> np.ndarray:
-    return learn_scale([Twice(STEP, off, STATED) for off in apart], CalibrationConfig())
+    return learn_scale([Twice(STEP, off, STATED) for off in apart])
 
 
 def test_the_scale_is_that_of_the_differences() -> None:
@@ -35,6 +34,5 @@ def test_with_few_measurements_the_front_ends_own_covariance_counts() -> None:
 def test_a_parked_vehicle_tells_nothing() -> None:
     driven = [Twice(STEP, off, STATED) for off in np.random.default_rng(1).normal(0.0, 0.02, (200, 3))]
     parked = [Twice(np.zeros(3), np.zeros(3), STATED)] * 1000
-    settings = CalibrationConfig()
-    np.testing.assert_array_equal(learn_scale([*parked, *driven], settings), learn_scale(driven, settings))
-    np.testing.assert_array_equal(learn_scale(parked, settings), 1.0)
+    np.testing.assert_array_equal(learn_scale([*parked, *driven]), learn_scale(driven))
+    np.testing.assert_array_equal(learn_scale(parked), 1.0)

@@ -91,7 +91,7 @@ def test_any_returns_are_rendered_and_audited_under_any_trajectory(data: st.Data
     track = Trajectory(stamps_of(scans), poses)
     try:
         pointmap = render(joined(scans), poses, CONFIG.map, CONFIG.estimator, BEAM)
-        sweeps, _ = place_sweeps(joined(scans), track, CONFIG.audit, BEAM)
+        sweeps, _ = place_sweeps(joined(scans), track, BEAM)
     except EstimationError as error:
         assert "returns in" in str(error)
         return

@@ -28,6 +28,7 @@ from mqslam.core.measurement import Status
 from mqslam.core.scans import Returns, Scan
 from mqslam.errors import EstimationError
 from mqslam.psi.place import beam_of
+from mqslam.psi.tracking.dynamics import LONGEST_COAST_S
 from mqslam.psi.window import find_window_motion
 from mqslam.solution import Solution
 
@@ -102,7 +103,7 @@ def test_the_covariances_of_psi_cover_its_errors(name: str) -> None:
         return
     way = at_rest if name in AT_REST else braking if "stop" in name else straight_on
     squares = normalised(solution, errors_of(solution, scans, way))
-    guessed = [m.status is Status.LOST and m.t1 - m.t0 > Config().tracker.longest_coast_s for m in solution.measurements]
+    guessed = [m.status is Status.LOST and m.t1 - m.t0 > LONGEST_COAST_S for m in solution.measurements]
     assert squares[~np.array(guessed)].max() < BEYOND_CHANCE
 
 
@@ -115,7 +116,7 @@ def test_a_recording_without_motion_in_it_is_refused(name: str) -> None:
 @pytest.mark.parametrize("frontend", ["psi", "kiss_icp", "open3d_icp"])
 def test_the_step_across_a_gap_of_a_minute_is_lost(frontend: str) -> None:
     _, solution = solved("a gap of a minute", frontend, 0.0)
-    assert [m.status for m in solution.measurements if m.t1 - m.t0 > Config().tracker.longest_coast_s] == [Status.LOST]
+    assert [m.status for m in solution.measurements if m.t1 - m.t0 > LONGEST_COAST_S] == [Status.LOST]
 
 
 @pytest.mark.parametrize("name", ["bare walls", "bare walls without noise"])

@@ -47,7 +47,7 @@ def poses_of(name: str, scans: Sequence[Scan]) -> se2.Array:
 
 
 def audited(scans: Sequence[Scan], poses: se2.Array) -> Audit:
-    sweeps, _ = place_sweeps(joined(scans), Trajectory(stamps_of(scans), poses), CONFIG.audit, BEAM)
+    sweeps, _ = place_sweeps(joined(scans), Trajectory(stamps_of(scans), poses), BEAM)
     return audit(sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.verdict, HERE, ignore_progress)
 
 
@@ -109,7 +109,7 @@ def test_a_sensor_at_rest_whose_first_scan_is_empty_has_a_map() -> None:
 def test_one_scan_alone_is_not_said_to_lie_outside_of_the_trajectory() -> None:
     scans = drive(1)
     with pytest.raises(EstimationError, match="covers one scan only"):
-        place_sweeps(joined(scans), Trajectory(np.array([-1_000_000, 1_000_000]), np.zeros((2, 3))), CONFIG.audit, BEAM)
+        place_sweeps(joined(scans), Trajectory(np.array([-1_000_000, 1_000_000]), np.zeros((2, 3))), BEAM)
 
 
 @pytest.mark.parametrize("off_m", [1e5, 1e9, 1e13])

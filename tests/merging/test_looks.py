@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from mqslam.config import MergeConfig
 from mqslam.core import se2
 from mqslam.merging.changes import find_farthest
-from mqslam.merging.looks import Views, count_looks
+from mqslam.merging.looks import _MARGIN_M, Views, count_looks
 
 SETTINGS = MergeConfig()
 CELL = np.array([[20.0, 0.0]])
@@ -38,7 +38,7 @@ def count_readably(cells: NDArray[np.float64], farthest: NDArray[np.float64], vi
             half = 0.5 * SETTINGS.cell_m / max(distance, SETTINGS.cell_m)
             width = int(np.ceil(half / (2 * np.pi) * SETTINGS.rays))
             seen = firsts[(sector + np.arange(-width, width + 1)) % SETTINGS.rays]
-            is_past = (seen >= distance + SETTINGS.margin_m).all() and np.isfinite(seen).any()
+            is_past = (seen >= distance + _MARGIN_M).all() and np.isfinite(seen).any()
             count += bool(away <= SETTINGS.reach_m and away <= shown[aspect] and is_past)
         looks.append(count)
     return looks

@@ -46,7 +46,7 @@ def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Be
     Returns:
         the motions between such scans, first those across steps and then those through spans.
     """
-    sweeps, inside = place_sweeps(scans, trajectory, config.audit, beam)
+    sweeps, inside = place_sweeps(scans, trajectory, beam)
     known = np.ones(len(sweeps), dtype=np.bool_)
     often = config.audit.model_copy(update={"span_every_m": config.audit.span_every_m / _DENSER})
 
@@ -55,7 +55,7 @@ def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Be
 
     steps = audit_steps(sweeps, known, config.audit, config.estimator, config.verdict, runner.engine, report)
     laid = lay_spans(sweeps, known, often, config.estimator, runner.engine, report)
-    spans = audit_spans(laid, np.zeros(3), sweeps.times, often, config.verdict)
+    spans = audit_spans(laid, np.zeros(3), sweeps.times, config.verdict)
     across = list(tie_steps(steps, sweeps, (), config.audit).items())
     through = tie_spans(spans, sweeps, (), often)
     before = (pick_sides(place, config.audit)[0] for place, _ in across)

@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 from mqslam.auditing.laying import Laid
 from mqslam.auditing.spans import effects
 from mqslam.auditing.spans.robust import fit_effects, judge_by_jackknife
-from mqslam.config import AuditConfig
+
+# Fewest turns that show where on the vehicle the sensor sits.
+_LEVER_TURNS = 3
+
+# A span that turns by more than this [rad] shows where on the vehicle the sensor sits.
+_LEVER_TURN_RAD = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,11 +40,11 @@ class Lever:
     turns: int
 
 
-def find_turns(spans: Sequence[Laid], settings: AuditConfig) -> list[NDArray[np.int64]]:
+def find_turns(spans: Sequence[Laid]) -> list[NDArray[np.int64]]:
     """Returns the spans of each turn by their indices; none where turns are too few to show where the sensor sits."""
-    turning = np.flatnonzero(np.abs([span.between[2] for span in spans]) > settings.lever_turn_rad)
+    turning = np.flatnonzero(np.abs([span.between[2] for span in spans]) > _LEVER_TURN_RAD)
     turns = np.split(turning, np.flatnonzero(np.diff(turning) > 2) + 1)  # spans of one turn share some of its path
-    return turns if len(turns) >= settings.lever_turns else []
+    return turns if len(turns) >= _LEVER_TURNS else []
 
 
 def estimate_lever(spans: Sequence[Laid], offsets: NDArray[np.float64], turns: Sequence[NDArray[np.int64]]) -> Lever | None:

@@ -25,6 +25,10 @@ from mqslam.core.stored import release
 from mqslam.execution.progress import Progress
 from mqslam.mapping.keyframing import pick_spaced
 
+# Such scans less than this apart [m] show no scale: laid on each other, they seem closer than they are by a few
+# centimetres, whatever the path between them.
+_SPAN_LEAST_M = 15.0
+
 _SWEEPS: Final = 500  # sweeps whose ranges are in memory at a time: a matter of memory only
 
 
@@ -47,7 +51,7 @@ def lay_spans(
         progress: called as spans are done.
     """
     settings = fit_to_reach(sweeps, settings)
-    if settings.span_m < settings.span_least_m:
+    if settings.span_m < _SPAN_LEAST_M:
         return []
     pairs = [(a, b) for a, b in find_spans(sweeps.travelled, settings) if known[[a, b]].all()]
 

@@ -20,7 +20,10 @@ from mqslam.auditing.spans import effects
 from mqslam.auditing.spans.delay import Delay, estimate_delay
 from mqslam.auditing.spans.lever import Lever, estimate_lever, find_turns
 from mqslam.auditing.spans.robust import HUBER, judge_by_jackknife, measure_spread, split_into_blocks
-from mqslam.config import AuditConfig, GraphConfig
+from mqslam.config import GraphConfig
+
+# Fewest such pairs that show a bias, or how far off such a pair usually is.
+SPAN_FEWEST = 15
 
 _FEWEST: Final = 10  # a spread of fewer places may be small by chance
 _COMMON_YAW: Final = (
@@ -49,18 +52,17 @@ class Pooled:
     lever: Lever | None = None
 
 
-def pool(spans: Sequence[Laid], twists: NDArray[np.float64], settings: AuditConfig) -> Pooled | None:
+def pool(spans: Sequence[Laid], twists: NDArray[np.float64]) -> Pooled | None:
     """Returns what spans ask for together, or None where they are too few.
 
     Args:
         spans: in the order of time.
         twists: (S, 3) of the sensor at every sweep, as the trajectory has them [m/s, m/s, rad/s].
-        settings: of the audit.
     """
-    if len(spans) < max(settings.span_fewest, _FEWEST):
+    if len(spans) < max(SPAN_FEWEST, _FEWEST):
         return None
     offsets = np.array([span.offset for span in spans])
-    turns = find_turns(spans, settings)
+    turns = find_turns(spans)
     delay = estimate_delay(spans, offsets, twists, with_lever=bool(turns))
     offsets = offsets - delay.seconds * effects.of_delay(spans, twists)
     path = np.array([span.path_m for span in spans])

@@ -14,10 +14,15 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.laying import Laid
 from mqslam.auditing.spans import effects
+from mqslam.auditing.spans.pooled import SPAN_FEWEST
 from mqslam.backend.loops.align import TOLERANCES
-from mqslam.config import AuditConfig, VerdictConfig
+from mqslam.config import VerdictConfig
 from mqslam.core import se2
 from mqslam.core.statistics.chances import compute_p_values, correct_for_places, find_trimmed_scale
+
+# A span is not torn if the scans at its ends are off each other by less than this [m], besides what all of the map asks
+# for.
+_SPAN_TORN_M = 0.15
 
 _EFFICIENCY: Final = 0.6  # by definition: of the trimmed mean square of successive differences (2/3 without trimming)
 
@@ -59,7 +64,6 @@ def audit_spans(
     spans: Sequence[Laid],
     expected: NDArray[np.float64],
     times: NDArray[np.float64],
-    settings: AuditConfig,
     limits: VerdictConfig,
 ) -> list[SpanAudit]:
     """Judges the spans of a map.
@@ -71,7 +75,6 @@ def audit_spans(
         spans: in the order of time.
         expected: (N, 3) offsets that all of the map asks for.
         times: (S,) of the sweeps [s].
-        settings: of the audit, which say from which offset on a span is torn.
         limits: of the verdict.
     """
     if not spans:
@@ -79,12 +82,12 @@ def audit_spans(
     offsets = np.array([span.offset for span in spans]) - expected
     covariances = np.array([span.covariance for span in spans]) + np.diag(TOLERANCES**2)
     p_values = np.full(len(spans), np.nan)
-    if len(spans) >= settings.span_fewest:
+    if len(spans) >= SPAN_FEWEST:
         variances = np.einsum("kii->ki", covariances)
         squares = np.diff(offsets, axis=0) ** 2 / (variances[1:] + variances[:-1])
         covariances = se2.scale_covariance(covariances, find_trimmed_scale(squares))
         p_values = _compute_p_values(spans, offsets, covariances)
-    tolerated = np.maximum(settings.span_torn_m, [span.doubt_m for span in spans])
+    tolerated = np.maximum(_SPAN_TORN_M, [span.doubt_m for span in spans])
     torn = (p_values < limits.share_of_false_alarms) & (np.hypot(*offsets[:, :2].T) > tolerated)
     return [
         SpanAudit(

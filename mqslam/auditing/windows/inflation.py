@@ -23,6 +23,21 @@ from mqslam.psi.observability import find_weak_directions, spread_along
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.estimator import Evaluation, Scale
 
+# The first search for a window's best map begins with this share of the annealing's widths, which finds all but large
+# corrections.
+_NARROW_START = 0.4
+# A correction above this share of the first search's widest neighbourhood is searched for again with the annealing's full
+# widths.
+_NARROW_REACH = 0.5
+# A best map that matches fewer points than this share of what the given map matches is searched for again with the
+# annealing's full widths.
+_LEAST_OVERLAP_KEPT = 0.8
+# Movement of a window's ends, in units of estimator.beta_s, over which the differences are taken that give the curvature
+# of psi.
+_DIFFERENCE_STEP = 0.06
+# Standard deviation of a window's ends, in units of estimator.beta_s, along a direction that the window does not observe.
+_UNOBSERVED = 100.0
+
 SWEEP: Final = 1.0  # by definition: times are counted in sweeps, so that one direction is seen again after 1
 _LEAST_LEVER_M: Final = 1.0  # numerical: keeps the step in yaw finite where all points lie at the sensor
 
@@ -103,9 +118,9 @@ class _Window:
             self.estimator.cluster_m,
             lambda twist: rendered.evaluate(twist, final).gradient,
             minimum.state,
-            settings.difference_step * units,
+            _DIFFERENCE_STEP * units,
         )
-        covariance = floor_variances(covariance, settings.step * units) + spread_along(weak, settings.unobserved * units)
+        covariance = floor_variances(covariance, settings.step * units) + spread_along(weak, _UNOBSERVED * units)
         moved = placed.points - self.render(np.zeros(3)).points
         return Bend(
             correction=minimum.state * self.count,
@@ -131,7 +146,7 @@ def fit_bend(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, config
         config: settings of the score; lengths of time are counted in sweeps.
     """
     estimator = count_in_sweeps(config, sweeps.revolution_s)
-    narrow = _narrow_annealing(estimator, settings.narrow_start)
+    narrow = _narrow_annealing(estimator, _NARROW_START)
     points, into = centre_window(sweeps, begin, end)
     count = end - begin
     lever_m = max(float(np.sqrt(np.mean(points.points**2) * 2.0)), _LEAST_LEVER_M)  # root mean square distance of points
@@ -146,8 +161,8 @@ def fit_bend(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, config
     best = fit(narrow)
     if best.psi_best > best.psi:  # the search was too wide, and led away from where the trajectory is better
         best = min(best, fit(_narrow_annealing(estimator, 0.0)), key=_psi_best)
-    overlap_lost = best.matched_best < settings.least_overlap_kept * best.matched
-    if overlap_lost or best.size_m > settings.narrow_reach * narrow.s_start:  # beyond the reach of the narrow search
+    overlap_lost = best.matched_best < _LEAST_OVERLAP_KEPT * best.matched
+    if overlap_lost or best.size_m > _NARROW_REACH * narrow.s_start:  # beyond the reach of the narrow search
         best = min(best, fit(estimator), key=_psi_best)
     return best
 

@@ -25,6 +25,11 @@ from mqslam.psi.scoring.estimator import Evaluation, Scale
 from mqslam.psi.scoring.neighbours import mark_near
 from mqslam.psi.scoring.references import References
 
+# An alignment may end this far [m] outside the searched region and still counts.
+_BEYOND_M = 1.0
+# An alignment may end this far in yaw [rad] outside the searched region and still counts.
+_BEYOND_RAD = 0.05
+
 TOLERANCES: Final = np.array([1e-3, 1e-3, 2e-5])
 """A step [m, m, rad] smaller than this ends the minimiser: a numerical tolerance."""
 
@@ -81,7 +86,7 @@ def align(
     for start in [guess, *others]:  # the trajectory's own pose is a hypothesis, too
         minimum = minimise_rigidly(start, query, references, config, TOLERANCES)
         off = se2.between(guess, minimum.state)
-        if np.hypot(off[0], off[1]) <= reach_m + settings.beyond_m and abs(off[2]) <= reach_rad + settings.beyond_rad:
+        if np.hypot(off[0], off[1]) <= reach_m + _BEYOND_M and abs(off[2]) <= reach_rad + _BEYOND_RAD:
             minima.append(minimum)
     if not minima:
         return Alignment(guess, np.eye(3), 0.0, np.inf, np.inf, observed=False)

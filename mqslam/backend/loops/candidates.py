@@ -14,6 +14,10 @@ from mqslam.backend.loops.layout import Layout, compute_layouts
 from mqslam.backend.loops.passes import find_passes
 from mqslam.config import LoopConfig
 
+# Once a pair of passes is compared, no pair is compared whose earlier scan lies within least_path_m of this pair's, and
+# whose later scan lies within that path divided by this.
+_TRIED_FACTOR = 20.0
+
 
 class Candidate(NamedTuple):
     """A pair of scans that may show one place.
@@ -119,4 +123,4 @@ class _Tried:
 
     def _place(self, pair: tuple[int, int]) -> tuple[float, float]:
         """Returns where on the path the two scans lie, the later one's place stretched."""
-        return float(self._travelled[pair[0]]), float(self._travelled[pair[1]]) * self._settings.tried_factor
+        return float(self._travelled[pair[0]]), float(self._travelled[pair[1]]) * _TRIED_FACTOR

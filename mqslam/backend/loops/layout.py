@@ -18,6 +18,9 @@ from mqslam.backend.loops.submap import pick_around
 from mqslam.config import PassConfig
 from mqslam.core import se2
 
+# The later pass's submap is this share of the earlier one's length, so that it lies within it.
+LATER_SHARE = 0.5
+
 
 class Layout(NamedTuple):
     """What the layout of the two submaps of a pair leaves unsure.
@@ -48,7 +51,7 @@ def compute_layouts(chain: Chain, pairs: Sequence[tuple[int, int]], settings: Pa
     """
     reach_m = settings.submap_m
     earlier = _compute_layouts(chain, [a for a, _ in pairs], reach_m, settings.spacing_m)
-    later = _compute_layouts(chain, [b for _, b in pairs], settings.later_share * reach_m, settings.spacing_m)
+    later = _compute_layouts(chain, [b for _, b in pairs], LATER_SHARE * reach_m, settings.spacing_m)
     return [Layout(earlier[a], later[b]) for a, b in pairs]
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.minimiser import (
+    STABILISER,
     Expansion,
     Minimum,
     annealed_scale,
@@ -67,7 +68,7 @@ def minimise_rigidly(
     scales = [annealed_scale(config, step) for step in range(first, first + config.steps)]
     kernel, last = kernel_of(config, ANY_TIME), final_scale(config)
     start, submap = np.asarray(start, dtype=np.float64), (points.points, points.covariances)
-    damping = config.stabiliser, config.correlation
+    damping = STABILISER, config.correlation
     state, converged, sums = _descend(start, submap, around, np.array(scales), last, kernel, damping, tolerances)
     placed = move_rigidly(points, state)
     evaluation = Evaluation(*weigh_offsets(placed.covariances, placed.jacobians, sums, _NO_PULLS, last))

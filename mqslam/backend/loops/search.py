@@ -10,6 +10,7 @@ import numpy as np
 from mqslam.backend.loops.align import align, score_at_pose
 from mqslam.backend.loops.candidates import Candidate
 from mqslam.backend.loops.consistency import as_relative, compute_chi_square, compute_limit
+from mqslam.backend.loops.layout import LATER_SHARE
 from mqslam.backend.loops.passes import does_match, is_unrivalled
 from mqslam.backend.loops.submap import Passes, render_submap
 from mqslam.config import EstimatorConfig, LoopConfig
@@ -123,5 +124,5 @@ def _render_submaps(drive: Passes, earlier: int, later: int, settings: LoopConfi
     reach_m, spacing_m = settings.submap_m, settings.spacing_m
     return (
         render_submap(drive, earlier, reach_m, spacing_m, beam),
-        render_submap(drive, later, settings.later_share * reach_m, spacing_m, beam),
+        render_submap(drive, later, LATER_SHARE * reach_m, spacing_m, beam),
     )

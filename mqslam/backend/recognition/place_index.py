@@ -13,6 +13,9 @@ from mqslam.backend.recognition.descriptor import describe
 from mqslam.config import RecognitionConfig
 from mqslam.core import se2
 
+# Distance [m] between the sideways shifts that are tried.
+_ASIDE_STEP_M = 3.0
+
 _COMPARED: Final = 4_000_000  # correlations of sectors that are in memory at a time: a matter of memory and speed only
 
 
@@ -70,8 +73,8 @@ class PlaceIndex:
     @property
     def _asides(self) -> NDArray[np.float64]:
         """Sideways shifts [m] at which a submap is looked up."""
-        steps = int(self._settings.aside_m / self._settings.aside_step_m)
-        return self._settings.aside_step_m * np.arange(-steps, steps + 1, dtype=np.float64)
+        steps = int(self._settings.aside_m / _ASIDE_STEP_M)
+        return _ASIDE_STEP_M * np.arange(-steps, steps + 1, dtype=np.float64)
 
     def _compare(
         self, queries: Sequence[NDArray[np.float64]]

@@ -16,6 +16,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mqslam.backend.loops.align import align
+from mqslam.backend.loops.layout import LATER_SHARE
 from mqslam.backend.loops.passes import does_match, is_unrivalled
 from mqslam.backend.loops.submap import Passes, render_submap
 from mqslam.backend.recognition.place_index import PlaceIndex
@@ -25,6 +26,15 @@ from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.psi.place import Beam
 from mqslam.psi.scoring.references import make_references
+
+# Longest path [m] between successive matches of a row.
+_GAP_M = 25.0
+# Distance [m] by which two matches may disagree, besides what their path adds.
+_AGREE_M = 0.5
+# Yaw [rad] by which two matches may disagree, besides what their path adds.
+_AGREE_RAD = 0.03
+# Share of the path between two matches by which they may disagree besides, as odometry errs.
+_AGREE_SHARE = 0.1
 
 
 class PlaceMatch(NamedTuple):
@@ -153,7 +163,7 @@ def _keep_supported(pairs: Sequence[_Pair], drive: Passes, ground: Passes, setti
     found = np.array([se2.compose(ground.poses[pair.place], pair.pose) for pair in pairs]).reshape(-1, 3)
     queries = np.array([pair.query for pair in pairs], dtype=np.int64)
     slack = settings.search_m, settings.search_rad
-    i, k = _find_agreeing(queries, found, drive, slack, settings)
+    i, k = _find_agreeing(queries, found, drive, slack)
     supported = np.zeros(len(pairs), dtype=bool)
     supported[i] = supported[k] = True
     return [pair for pair, keep in zip(pairs, supported, strict=True) if keep]
@@ -164,7 +174,6 @@ def _find_agreeing(
     found: se2.Array,
     drive: Passes,
     slack: tuple[float, float],
-    settings: RecognitionConfig,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Returns which of K queries, of two each, were found where the way between them leads from one to the other.
 
@@ -173,10 +182,9 @@ def _find_agreeing(
         found: (K, 3) where they were found, in the map's frame.
         drive: the scans.
         slack: by how much they may disagree [m], [rad], besides what the path between them adds.
-        settings: of the recognition.
     """
     along, poses = drive.travelled[queries], drive.poses[queries]
-    ends = np.searchsorted(along, along + settings.gap_m, side="right")
+    ends = np.searchsorted(along, along + _GAP_M, side="right")
     i = np.repeat(np.arange(len(queries)), ends - np.arange(len(queries)))
     k = np.concatenate([np.arange(n, end) for n, end in enumerate(ends)]) if len(queries) else i
     apart = queries[i] != queries[k]
@@ -184,7 +192,7 @@ def _find_agreeing(
     expected = se2.compose(found[i], se2.between(poses[i], poses[k]))
     off = se2.wrapped_between(expected, found[k])
     path = along[k] - along[i]
-    agree = np.hypot(off[:, 0], off[:, 1]) <= slack[0] + settings.agree_share * path
+    agree = np.hypot(off[:, 0], off[:, 1]) <= slack[0] + _AGREE_SHARE * path
     agree &= np.abs(off[:, 2]) <= slack[1]
     return i[agree], k[agree]
 
@@ -193,7 +201,7 @@ def _lay(shared: tuple[Passes, Passes, Means], pair: _Pair) -> PlaceMatch | None
     """Lays a submap on a place by psi; returns None where it does not match or is not sure."""
     (drive, ground, means), loops = shared, shared[2].loops
     reference = render_submap(ground, pair.place, loops.submap_m, loops.spacing_m, means.beam)
-    query = render_submap(drive, pair.query, loops.later_share * loops.submap_m, loops.spacing_m, means.beam)
+    query = render_submap(drive, pair.query, LATER_SHARE * loops.submap_m, loops.spacing_m, means.beam)
     if len(reference) < loops.fewest or len(query) < loops.fewest:
         return None
     reach = means.recognition.search_m, means.recognition.search_rad
@@ -231,7 +239,7 @@ def _find_rows(
         return []
     queries = np.array([match.query for match in matches], dtype=np.int64)
     found = np.array([se2.compose(ground.poses[match.place], match.pose) for match in matches])
-    i, k = _find_agreeing(queries, found, drive, (settings.agree_m, settings.agree_rad), settings)
+    i, k = _find_agreeing(queries, found, drive, (_AGREE_M, _AGREE_RAD))
     links = coo_array((np.ones(len(i), dtype=bool), (i, k)), shape=(len(matches), len(matches)))
     count, labels = connected_components(links, directed=False)
     rows = [[match for match, label in zip(matches, labels, strict=True) if label == n] for n in range(count)]

@@ -10,13 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.backend.sensors.odometry.mount_estimate import MountEstimate, estimate_mount
-from mqslam.backend.sensors.odometry.odometry_calibration import AT_ORIGIN
+from mqslam.backend.sensors.odometry.odometry_calibration import AT_ORIGIN, SIGMA_MOUNT_M, SIGMA_MOUNT_RAD
 from mqslam.config import GraphConfig, OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.sensors.mount import Mount
 from mqslam.core.wording import left_or_right
 from mqslam.errors import Remedy
+
+# The radar's place on the vehicle is stated as an estimate if its standard deviation along each axis is smaller than this
+# [m]; without turns it is not.
+_MOUNT_KNOWN_M = 0.5
+# The same of the yaw at which the radar is mounted [rad], for which driving straight suffices.
+_MOUNT_KNOWN_RAD = 0.02
 
 _BEYOND: Final = 3.0  # two statements that are farther apart than so many standard deviations disagree
 
@@ -57,10 +63,10 @@ def find_mount(
         settings: of the graph.
     """
     estimate = estimate_mount(odometry, measured, stated, settings, AT_ORIGIN if mount is None else mount.pose)
-    limits = np.array([stated.mount_known_m, stated.mount_known_m, stated.mount_known_rad])
+    limits = np.array([_MOUNT_KNOWN_M, _MOUNT_KNOWN_M, _MOUNT_KNOWN_RAD])
     if mount is not None:
         told = f"the radar sits {_describe_pose(mount.pose)} ({mount.source})"
-        contrary = None if estimate is None else _find_contrary(mount, estimate, stated, limits)
+        contrary = None if estimate is None else _find_contrary(mount, estimate, limits)
         source, unknown = "given" if mount.given else "recording", np.full(3, np.nan)
         return MountUse(mount.pose, unknown, source, (told,), None if contrary is None else f"{told}, but {contrary}")
     if estimate is None:
@@ -71,9 +77,9 @@ def find_mount(
     return MountUse(pose, sigmas, "estimated from odometry", (_tell_estimate(pose, sigmas),))
 
 
-def _find_contrary(mount: Mount, estimate: MountEstimate, stated: OdometryConfig, limits: NDArray[np.float64]) -> str | None:
+def _find_contrary(mount: Mount, estimate: MountEstimate, limits: NDArray[np.float64]) -> str | None:
     """Returns what odometry says against a stated mount, as far as it knows it; None where it agrees."""
-    own = np.array([stated.sigma_mount_m, stated.sigma_mount_m, stated.sigma_mount_rad])
+    own = np.array([SIGMA_MOUNT_M, SIGMA_MOUNT_M, SIGMA_MOUNT_RAD])
     known = estimate.sigmas < limits
     if not np.any(known & (np.abs(se2.subtract(estimate.pose, mount.pose)) > _BEYOND * np.hypot(own, estimate.sigmas))):
         return None

@@ -25,6 +25,22 @@ from mqslam.errors import DataError
 from mqslam.formats.lidars.carmen_lines import CarmenLog, OdometryLine, ScanLine, read_log
 from mqslam.formats.shared.stamps import mark_increasing, parse_stamps
 
+# A lidar log is clipped at its longest range if more than this share of its readings have that range.
+_LIDAR_CLIP_SHARE = 1e-3
+# Least number of readings at the longest range of a lidar log that is clipped there.
+_LIDAR_CLIP_COUNT = 10
+# No lidar log is clipped at a range below this [m].
+_LIDAR_CLIP_M = 3.0
+# Poses in a lidar log that differ by less than this [m] count as equal: it is written to centimetres.
+_LIDAR_SAME_M = 0.01
+# Headings in a lidar log that differ by less than this [rad] count as equal.
+_LIDAR_SAME_RAD = 0.01
+# Poses beside the scans of a lidar log that stay within this [m] of its odometry are the odometry's own, and no SLAM has
+# corrected them.
+_LIDAR_SAME_TRACK_M = 0.05
+# Headings beside the scans of a lidar log that stay within this [rad] of its odometry are the odometry's own.
+_LIDAR_SAME_TRACK_RAD = 0.02
+
 _ENDINGS = (".log", ".log.gz", ".clf", ".clf.gz")
 _ERROR_CODES_M = 81.82  # SICK lidars write what they could not measure as 81.83 m to 81.91 m
 _CLIP_TOLERANCE_M = 1e-6  # ranges are written with fewer digits
@@ -58,12 +74,12 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
     log = read_log(path)
     kind = max(log.scans, key=lambda name: len(log.scans[name]))
     stamps, scans, notes = _choose_scans(path, log, kind, settings)
-    returns, clipped = _drop_clipped(scans, (stamps - stamps[0]) * 1e-6, log.parameters, settings)
+    returns, clipped = _drop_clipped(scans, (stamps - stamps[0]) * 1e-6, log.parameters)
     if not any(len(scan) for scan in returns):
         raise DataError(path, "holds no range below the lidar's maximum", "give a log in which the lidar saw something")
     trajectory = Trajectory(stamps, np.array([scan.sensor for scan in scans]))
     robot = Trajectory(stamps, np.array([scan.robot for scan in scans]))
-    mount, rigid = _find_mount(trajectory.poses, robot.poses, log.parameters, settings)
+    mount, rigid = _find_mount(trajectory.poses, robot.poses, log.parameters)
     if log.odometry:
         robot_odometry, chaining = _chain_odometry(path, log.odometry, scans)
     else:
@@ -72,7 +88,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
     notes += [*clipped, *chaining]
     if np.any(mount != 0.0):
         notes.append(f"the lidar's pose on the robot is {mount[0]:.3g} m, {mount[1]:.3g} m, {mount[2]:.3g} rad")
-    if odometry is not None and _is_same_motion(trajectory, odometry, settings):
+    if odometry is not None and _is_same_motion(trajectory, odometry):
         notes.append("the poses beside the scans are the odometry's: no SLAM corrected them")
     return LidarRecording(path, "carmen", stamp_scans(stamps, returns), trajectory, odometry, tuple(notes))
 
@@ -137,11 +153,11 @@ def _parse_stamps(path: Path, words: list[str]) -> NDArray[np.int64]:
 
 
 def _drop_clipped(
-    scans: Sequence[ScanLine], times: NDArray[np.float64], parameters: dict[str, float], settings: ReadingConfig
+    scans: Sequence[ScanLine], times: NDArray[np.float64], parameters: dict[str, float]
 ) -> tuple[list[Returns], list[str]]:
     """Drops the readings of scans, at times (N,) [s], that are no returns; returns the others and a note."""
     below = np.concatenate([scan.ranges[scan.ranges < min(scan.maximum_m, _ERROR_CODES_M)] for scan in scans])
-    ceiling = _find_ceiling(below, sum(len(scan.ranges) for scan in scans), parameters, settings)
+    ceiling = _find_ceiling(below, sum(len(scan.ranges) for scan in scans), parameters)
     returns = []
     for scan, time in zip(scans, times.tolist(), strict=True):
         seen = (scan.ranges > 0.0) & (scan.ranges < min(scan.maximum_m, _ERROR_CODES_M, ceiling))
@@ -150,9 +166,7 @@ def _drop_clipped(
     return returns, [f"ranges of {ceiling:.4g} m and above are no returns"] if np.isfinite(ceiling) else []
 
 
-def _find_ceiling(
-    ranges: NDArray[np.float64], readings: int, parameters: dict[str, float], settings: ReadingConfig
-) -> float:
+def _find_ceiling(ranges: NDArray[np.float64], readings: int, parameters: dict[str, float]) -> float:
     """Finds the range [m] that a log clips at below the sensor's own maximum, or inf.
 
     It is the longest range where that is repeated too often to be a place, else the maximum the parameters name, in
@@ -160,17 +174,15 @@ def _find_ceiling(
     """
     longest = float(ranges.max(initial=0.0))
     clipped = int(np.count_nonzero(ranges >= longest - _CLIP_TOLERANCE_M))
-    often = clipped > max(settings.lidar_clip_count, settings.lidar_clip_share * readings)
-    if longest >= settings.lidar_clip_m and often:
+    often = clipped > max(_LIDAR_CLIP_COUNT, _LIDAR_CLIP_SHARE * readings)
+    if longest >= _LIDAR_CLIP_M and often:
         return longest - _CLIP_TOLERANCE_M
     named = parameters.get("robot_front_laser_max", 0.0)
     named = named if named <= _MOST_METRES else named / 100.0
     return named if _LEAST_MAXIMUM_M <= named < _ERROR_CODES_M and longest <= named else np.inf
 
 
-def _find_mount(
-    sensor: se2.Array, robot: se2.Array, parameters: dict[str, float], settings: ReadingConfig
-) -> tuple[se2.Array, bool]:
+def _find_mount(sensor: se2.Array, robot: se2.Array, parameters: dict[str, float]) -> tuple[se2.Array, bool]:
     """Finds the pose (3,) of the lidar on the robot, and whether the poses (N, 3) of both are rigidly connected.
 
     Where they are, apart from each other, they show it; else robot_frontlaser_offset says it, in metres or, above 2,
@@ -181,7 +193,7 @@ def _find_mount(
     apart = se2.wrapped_between(robot, sensor)
     shown = np.median(apart, axis=0)
     off = np.abs(apart - shown)
-    same_m, same_rad = settings.lidar_same_m, settings.lidar_same_rad
+    same_m, same_rad = _LIDAR_SAME_M, _LIDAR_SAME_RAD
     rigid = bool(off[:, :2].max() < same_m and off[:, 2].max() < same_rad)
     separate = bool(np.any(np.abs(shown) > [same_m, same_m, same_rad]))
     return (shown if rigid and separate else named), rigid
@@ -227,9 +239,9 @@ def _mark_consistent(stamps: NDArray[np.int64], lines: list[OdometryLine], scans
     return fits
 
 
-def _is_same_motion(a: Trajectory, b: Trajectory, settings: ReadingConfig) -> bool:
+def _is_same_motion(a: Trajectory, b: Trajectory) -> bool:
     """Returns whether two trajectories differ only in the frame they start in, by centimetres at the stamps of the first."""
     one, other = a.poses, b.at(a.stamps_us)
     apart = se2.wrapped_between(se2.between(one[0], one), se2.between(other[0], other))
-    limits = [settings.lidar_same_track_m, settings.lidar_same_track_m, settings.lidar_same_track_rad]
+    limits = [_LIDAR_SAME_TRACK_M, _LIDAR_SAME_TRACK_M, _LIDAR_SAME_TRACK_RAD]
     return bool(np.all(np.abs(apart) < limits))

@@ -25,6 +25,10 @@ from mqslam.formats.shared.stamps import mark_increasing
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
+# Times of a lidar's beams are used if the sweep they claim is shorter than this many usual steps from scan to scan; a
+# driver that claims more is wrong.
+_LIDAR_LONGEST_SWEEP = 1.05
+
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
 _COMMANDS = ("goal", "initialpose", "initial_pose")
 
@@ -85,7 +89,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
     upside_down = index.mounts.is_upside_down(index.sensor_frame, index.body_frame)
     if upside_down:
         notes.append(f"the lidar is mounted upside down, as {stated} states it: its angles are mirrored")
-    times, noted = _find_times(stamps, scans, settings)
+    times, noted = _find_times(stamps, scans)
     scans = [
         Returns(scan.ranges, -scan.azimuths if upside_down else scan.azimuths, time, scan.intensities)
         for scan, time in zip(scans, times, strict=True)
@@ -168,9 +172,7 @@ def _parse_scan(message: Any) -> Returns:
     )
 
 
-def _find_times(
-    stamps: NDArray[np.int64], scans: Sequence[Returns], settings: ReadingConfig
-) -> tuple[list[NDArray[np.float64]], list[str]]:
+def _find_times(stamps: NDArray[np.int64], scans: Sequence[Returns]) -> tuple[list[NDArray[np.float64]], list[str]]:
     """Finds times [s] since the first of the scans' stamps (N,) [us], with a note where beams have none of their own.
 
     A driver's time increment cannot be right where sweeps last longer than from one scan to the next; all beams then have
@@ -179,7 +181,7 @@ def _find_times(
     starts = ((stamps - stamps[0]) * 1e-6).tolist()
     times = np.concatenate([scan.times for scan in scans])
     sweep = float(times.max() if times.min() >= 0.0 else times.min())
-    if 0.0 < sweep < settings.lidar_longest_sweep * float(np.median(np.diff(starts))):
+    if 0.0 < sweep < _LIDAR_LONGEST_SWEEP * float(np.median(np.diff(starts))):
         return [start + scan.times for start, scan in zip(starts, scans, strict=True)], []
     note = "no time of their own" if sweep == 0.0 else f"impossible times (a sweep of {sweep:.3g} s)"
     return (

@@ -27,7 +27,32 @@ from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.core.statistics.gross import SIGMAS_PER_DEVIATION
 from mqslam.core.wording import count_of
 from mqslam.formats.shared.stamps import mark_increasing
-from mqslam.formats.shared.turns import find_usual_turns
+from mqslam.formats.shared.turns import LONGEST_STEP, TURNS_AROUND, USUAL_TURN_S, find_usual_turns
+
+# Jitter of arrival stamps below this [s] is left alone: at 30 m/s a vehicle drives 3 mm meanwhile.
+_LEAST_JITTER_S = 0.0001
+# Largest ratio that is tried between the variance of arrival jitter and the variance of changes of a turn's duration. With
+# this ratio stamps are averaged over about a hundred turns.
+_SMOOTHEST_RATIO = 1e8
+# Smallest ratio that is tried between the variance of arrival jitter and that of changes of a turn's duration; each
+# further ratio is ten times as large.
+_ROUGHEST_RATIO = 1e-4
+# Ratios whose costs (twice the negative log-likelihood) differ by less than this count as equally likely, and the smallest
+# is taken. Three polar scans cannot tell jitter from changes of the turn rate.
+_EQUAL_LIKELIHOOD = 0.01
+# Share of its duration by which a turn can be faster or slower than the one before. A turning mass of some kilograms
+# allows no more.
+_MOST_TURN_CHANGE = 0.1
+# An arrival stamp further than this many spreads of the jitter from its place tells nothing.
+_STRAY_SPREADS = 5.0
+# An arrival stamp that is later by more than this [s] than those around it allow is damaged, not late.
+_MOST_LATE_S = 3.0
+# Number of polar scans on each side of a step that show whether the step is a lasting break.
+_SCANS_AROUND_BREAK = 8
+# A step further than this many spreads of the jitter from the usual one may be a break.
+_BREAK_SPREADS = 7.0
+# Share of an unusual step that must last behind it for the step to be a break.
+_BREAK_LASTS = 0.6
 
 _IGNORED = 1e-4  # weight of a stamp that tells nothing; above zero, so that a whole stretch of them can be solved
 _ROUNDS = 8  # most rounds of looking for such stamps; it takes two or three
@@ -82,7 +107,7 @@ def estimate_arrivals(
             break
     smooth = smooth[places]
     delays = stamps_us - smooth
-    damaged = (delays > settings.most_late_s * 1e6) | (delays < -_MOST_EARLY * usual)
+    damaged = (delays > _MOST_LATE_S * 1e6) | (delays < -_MOST_EARLY * usual)
     faults = (_describe_damaged(numbers, damaged),) if damaged.any() else ()
     changes = delays[~damaged] * 1e-3
     if not changes.any():
@@ -124,7 +149,7 @@ def _mark_in_time(stamps_us: NDArray[np.int64], places: NDArray[np.int64], setti
     rows = np.flatnonzero(mark_increasing(stamps_us.tolist()))
     if len(rows) < 2:
         return np.isin(np.arange(len(stamps_us)), rows)
-    takes = minimum_filter1d(_find_takes(stamps_us[rows], places[rows], settings), settings.turns_around)
+    takes = minimum_filter1d(_find_takes(stamps_us[rows], places[rows], settings), TURNS_AROUND)
     early = stamps_us[rows] - np.append(0.0, np.cumsum(takes / settings.alike * np.diff(places[rows])))
     in_time = early <= np.minimum.accumulate(early[::-1])[::-1]
     return np.isin(np.arange(len(stamps_us)), rows[in_time])
@@ -145,13 +170,13 @@ def _fill_turns(
     """
     stamps, counts = stamps_us[known], places[known]
     apart, steps, takes = np.diff(counts), np.diff(stamps), _find_takes(stamps, counts, settings)
-    usual = float(np.median(takes)) if len(takes) else settings.usual_turn_s * 1e6
+    usual = float(np.median(takes)) if len(takes) else USUAL_TURN_S * 1e6
     every = np.arange(places[-1] + 1)
     filled = np.interp(every, counts, stamps.astype(np.float64))
     filled += usual * (np.minimum(every - counts[0], 0) + np.maximum(every - counts[-1], 0))
     arrived = np.zeros(len(every))
     arrived[places] = stamps_us
-    for k in np.flatnonzero((apart > 1) & (steps > (apart + settings.longest_step - 1.0) * takes)).tolist():
+    for k in np.flatnonzero((apart > 1) & (steps > (apart + LONGEST_STEP - 1.0) * takes)).tolist():
         between = every[counts[k] + 1 : counts[k + 1]]
         first = stamps[k] + takes[k] * (between - counts[k])
         second = stamps[k + 1] - takes[k] * (counts[k + 1] - between)
@@ -171,13 +196,13 @@ def _smooth_once(
     """
     if len(stamps_us) < 3:
         return stamps_us, 0.0
-    least_us = settings.least_jitter_s * 1e6
+    least_us = _LEAST_JITTER_S * 1e6
     bends = np.diff(stamps_us, 2).astype(np.float64)
     usual = find_usual_turns(stamps_us, settings)
     tied = _find_ties(stamps_us, usual, settings)
     if not np.any(np.abs(bends[tied]) > least_us):
         return stamps_us, 0.0
-    fit = _estimate_delays(bends, tied, known, usual[1:], settings)
+    fit = _estimate_delays(bends, tied, known, usual[1:])
     if fit is None or np.sqrt(np.mean(fit.delays[_mark_members(tied)] ** 2)) < least_us:
         return stamps_us, 0.0
     numbers = np.arange(len(stamps_us))
@@ -201,19 +226,19 @@ def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64], setting
     alike = np.abs(np.diff(np.log(usual))) < np.log(settings.alike)
     rates = np.split(usual, np.flatnonzero(~alike) + 1)
     usual = np.concatenate([uniform_filter1d(rate, min(_AVERAGED, len(rate)), mode="nearest") for rate in rates])
-    count = settings.scans_around_break
+    count = _SCANS_AROUND_BREAK
     steps = np.diff(stamps_us)
     behind = (stamps_us - stamps_us[0]) - np.concatenate([[0.0], np.cumsum(usual)])
     around = np.lib.stride_tricks.sliding_window_view(np.pad(behind, count, mode="edge"), count)
     before, after = around[1 : len(stamps_us)], around[count + 1 : count + len(stamps_us)]
-    gap = after.min(axis=1) - behind[:-1] > (settings.longest_step - 1.0) * usual
+    gap = after.min(axis=1) - behind[:-1] > (LONGEST_STEP - 1.0) * usual
     # a second difference of stamps holds six times the variance of their jitter
     spread = SIGMAS_PER_DEVIATION * float(np.median(np.abs(np.diff(steps)))) / np.sqrt(6.0)
     excess = steps - usual
     # late stamps come in runs, so the low ones tell
     lasting = np.diff(np.quantile([before, after], _LOW, axis=2), axis=0)[0] * np.sign(excess)
-    least_us = max(settings.break_spreads * spread, settings.least_jitter_s * 1e6)
-    jump = (np.abs(excess) > least_us) & (lasting > settings.break_lasts * np.abs(excess))
+    least_us = max(_BREAK_SPREADS * spread, _LEAST_JITTER_S * 1e6)
+    jump = (np.abs(excess) > least_us) & (lasting > _BREAK_LASTS * np.abs(excess))
     jump[: count // 2], jump[-count // 2 :] = False, False  # too few scans on one side to tell a break from late scans
     broken = gap | jump
     # late polar scans beside a break make others, which are smaller and not of whole turns
@@ -234,7 +259,6 @@ def _estimate_delays(
     tied: NDArray[np.bool_],
     known: NDArray[np.float64],
     usual: NDArray[np.float64],
-    settings: ReadingConfig,
 ) -> _Fit | None:
     """Estimates by how much each stamp (N,) comes later than its turn; None where no known stamps are tied.
 
@@ -244,22 +268,19 @@ def _estimate_delays(
         known: (N,) weights of the stamps; next to nothing where they are but estimated.
         usual: (N - 2,) how long a turn usually takes at each of them [us]; where stamps claim that it differs from the
             one before by more than a turning mass allows, they are untied.
-        settings: how recordings are understood.
     """
     for _ in range(_ROUNDS):
         if not np.any(_mark_members(tied) & (known == 1.0)):
             return None
-        fit = _choose_fit(bends, tied, known, float(np.median(usual)), settings)
-        impossible = tied & (np.abs(bends - np.diff(fit.delays, 2)) > settings.most_turn_change * usual)
+        fit = _choose_fit(bends, tied, known, float(np.median(usual)))
+        impossible = tied & (np.abs(bends - np.diff(fit.delays, 2)) > _MOST_TURN_CHANGE * usual)
         if not impossible.any():
             break
         tied = tied & ~impossible
     return fit
 
 
-def _choose_fit(
-    bends: NDArray[np.float64], tied: NDArray[np.bool_], known: NDArray[np.float64], turn: float, settings: ReadingConfig
-) -> _Fit:
+def _choose_fit(bends: NDArray[np.float64], tied: NDArray[np.bool_], known: NDArray[np.float64], turn: float) -> _Fit:
     """Chooses the ratio of variances and the stamps that stray by their likelihood; a stray may lie anywhere in a turn [us].
 
     From one ratio to the next, turns may change more. So stamps that are late together, as long as a computer is busy, are
@@ -267,20 +288,20 @@ def _choose_fit(
     """
     members = _mark_members(tied) & (known == 1.0)
     cost_stray = 2.0 * np.log(turn) - np.log(2.0 * np.pi) - 1.0
-    low, high = np.log10(settings.roughest_ratio), np.log10(settings.smoothest_ratio)
+    low, high = np.log10(_ROUGHEST_RATIO), np.log10(_SMOOTHEST_RATIO)
     weights, fits, costs = known, list[_Fit](), list[float]()
     for ratio in np.logspace(high, low, 1 + round(high - low)).tolist():
         for _ in range(_ROUNDS):
             fit, used = _fit_delays(bends, tied, weights, ratio), weights
             early = -fit.delays[members & (fit.delays < 0.0)]  # late stamps say nothing of the jitter of the others
             spread = SIGMAS_PER_DEVIATION * float(np.median(early)) if len(early) else 0.0
-            stray = np.abs(fit.delays) > max(settings.stray_spreads * spread, settings.least_jitter_s * 1e6)
+            stray = np.abs(fit.delays) > max(_STRAY_SPREADS * spread, _LEAST_JITTER_S * 1e6)
             weights = np.where(members & stray, _IGNORED, known)
             if np.array_equal(used, weights):
                 break
         fits.append(fit)
         costs.append(fit.cost + cost_stray * np.count_nonzero(members & (used < 1.0)))
-    return fits[int(np.flatnonzero(np.array(costs) < min(costs) + settings.equal_likelihood)[-1])]
+    return fits[int(np.flatnonzero(np.array(costs) < min(costs) + _EQUAL_LIKELIHOOD)[-1])]
 
 
 @dataclass(frozen=True, slots=True)

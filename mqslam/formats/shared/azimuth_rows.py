@@ -16,6 +16,10 @@ from mqslam.errors import DataError
 from mqslam.formats.shared.sensing import Stamp
 from mqslam.formats.shared.turns import measure_turn
 
+# A turn ends where its azimuths end if that differs by less than this share of a turn from what their rate says. Otherwise
+# the rate decides, since the azimuths are not those of exactly one turn.
+_SAME_TURN = 0.02
+
 METADATA_BYTES = 11
 FLAG_BYTE = 10
 TURN_TICKS = 5600
@@ -62,7 +66,7 @@ class Azimuths:
         until_end, measured = self.end_us - int(self.stamps_us[0]), self.measure_turn(settings)
         if measured is None:
             return until_end if FASTEST_TURN_US <= until_end <= SLOWEST_TURN_US else None
-        return until_end if abs(until_end - measured) < settings.same_turn * measured else round(measured)
+        return until_end if abs(until_end - measured) < _SAME_TURN * measured else round(measured)
 
     def take(self, chosen: NDArray[np.bool_]) -> Azimuths:
         """Returns the azimuths that a mask (A,) chooses."""

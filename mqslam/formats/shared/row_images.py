@@ -26,6 +26,15 @@ from mqslam.formats.shared.azimuth_rows import (
 from mqslam.formats.shared.images import read_first, read_grey
 from mqslam.formats.shared.turns import find_usual_turns, place_turns
 
+# An image with fewer azimuths than this share of the first image's is damaged, and is left out.
+_FEWEST_ROWS = 0.1
+# Byte 10 of Oxford rows says whether an azimuth was measured if it is 255 in more than this share of the first image's
+# rows, because few azimuths of a recording are not measured.
+_VALIDITY_SHARE = 0.75
+# Otherwise byte 10 is the direction of the chirp, which alternates in Boreas-RT, if it is 255 in more than this share of
+# the rows; in fewer it says nothing about single azimuths.
+_CHIRP_SHARE = 0.25
+
 _MOST_STAMP_ERROR_US = 1_000_000  # a name that is a stamp further than this outside its turn is damaged
 
 _REMEDY = "copy it anew, or leave it out of the recording"
@@ -189,8 +198,8 @@ def index_rows(path: Path, names: NDArray[np.int64], settings: ReadingConfig, en
         raise DataError(path, "holds no polar scans", "it should hold images named <t>.png, t in microseconds")
 
     def read_with_flag(name: int) -> tuple[RowFolder, tuple[str, ...], Azimuths]:
-        flag, notes = _interpret_flag(read_grey(path / f"{name}.png"), settings)
-        folder = RowFolder(path, flag, settings.fewest_rows, encoder=encoder or TURN_TICKS)
+        flag, notes = _interpret_flag(read_grey(path / f"{name}.png"))
+        folder = RowFolder(path, flag, _FEWEST_ROWS, encoder=encoder or TURN_TICKS)
         return folder, notes, folder.read(name)[0]
 
     (folder, notes, first), skipped, faults = read_first(names.tolist(), read_with_flag, "first")
@@ -223,7 +232,7 @@ def index_rows(path: Path, names: NDArray[np.int64], settings: ReadingConfig, en
     return RowImages(whole, names, starts, turns, notes, (*faults, *missing))
 
 
-def _interpret_flag(pixels: NDArray[np.uint8], settings: ReadingConfig) -> tuple[Flag, tuple[str, ...]]:
+def _interpret_flag(pixels: NDArray[np.uint8]) -> tuple[Flag, tuple[str, ...]]:
     """Interprets byte 10 of a recording by its first image (A, 11 + B), with a note where it is not validity.
 
     Few rows of a recording are marked as not measured. Boreas leaves the byte unused, Boreas-RT puts the direction of the
@@ -232,9 +241,9 @@ def _interpret_flag(pixels: NDArray[np.uint8], settings: ReadingConfig) -> tuple
     if pixels.shape[1] <= METADATA_BYTES:
         return Flag.VALIDITY, ()
     share = float(np.mean(pixels[:, FLAG_BYTE] == 255))
-    if share > settings.validity_share:
+    if share > _VALIDITY_SHARE:
         return Flag.VALIDITY, ()
-    if share > settings.chirp_share:
+    if share > _CHIRP_SHARE:
         return Flag.CHIRP, (
             f"byte 10 is 255 in {share:.0%} of the rows and is taken as the direction of the chirp "
             "(Boreas-RT), whose Doppler shifts have opposite signs, so only the up-chirps (255) give returns",

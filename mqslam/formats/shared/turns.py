@@ -12,6 +12,35 @@ from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US
 from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.formats.shared.sensing import Stamp
 
+# Duration of a turn [s] that is assumed where a recording shows none.
+USUAL_TURN_S = 0.25
+# Number of successive steps between polar scans whose median is the usual duration of a turn. Where a recording has fewer
+# steps, each is judged by itself.
+TURNS_AROUND = 9
+# A step of more usual turns than this from one polar scan to the next holds a gap, since at least half a turn is missing.
+LONGEST_STEP = 1.5
+# Quantile of the steps between polar scans that counts as the duration of a turn in a recording of few polar scans. It is
+# low, because polar scans may be missing but never come early.
+_SHORT_SHARE = 0.25
+# Steps are counted together to find turn rates if their durations differ by less than this factor.
+_RATE_CELL = 1.1
+# Largest number of turn rates that a recording is assumed to have.
+_MOST_RATES = 8
+# A step counts as whole turns if it differs from them by at most this much [turns].
+_WHOLE_TURN = 0.2
+# Cost of assuming that a polar scan came late, in units of the cost of assuming that one is missing.
+_COST_LATE = 1.5
+# Cost of assuming that a polar scan came early, in units of the cost of assuming that one is missing.
+_COST_EARLY = 2.0
+# Cost of assuming that the radar was told to turn at another rate, in units of the cost of assuming that a polar scan is
+# missing.
+_COST_RATE_CHANGE = 4.0
+# Largest number of azimuths of a polar scan that are compared to find how fast they were swept.
+_COMPARED_AZIMUTHS = 128
+# Two azimuths are compared if they lie at least this share of their polar scan apart. Nearer ones would show the bursts in
+# which a driver hands azimuths over.
+_COMPARED_APART = 0.25
+
 _COST_MISSING = 1.0  # cost of assuming that a polar scan is missing: the unit of the costs in the settings
 Measure = Callable[[int], float | None]
 
@@ -32,9 +61,9 @@ def measure_turn(stamps_us: NDArray[np.float64], angles: NDArray[np.float64], se
     """
     if len(angles) < settings.fewest_azimuths:
         return None
-    rows = pick_evenly(len(angles), settings.compared_azimuths)
+    rows = pick_evenly(len(angles), _COMPARED_AZIMUTHS)
     stamps, turns = stamps_us[rows], angles[rows] / (2.0 * np.pi)
-    first, second = np.triu_indices(len(rows), int(settings.compared_apart * len(rows)))
+    first, second = np.triu_indices(len(rows), int(_COMPARED_APART * len(rows)))
     sweeps = np.abs(turns[second] - turns[first])
     moved = sweeps > 0.0
     if not moved.any():
@@ -60,7 +89,7 @@ def find_usual_turns(
     usual = _find_usual_steps(np.diff(stamps_us).astype(np.float64), settings)
     if measure is None or not len(usual):
         return usual
-    if len(usual) < settings.turns_around:
+    if len(usual) < TURNS_AROUND:
         return np.array([measure(k) or step for k, step in enumerate(usual.tolist())])
     rates = np.round(np.log(usual / np.median(usual)) / np.log(settings.alike))
     for rate in np.unique(rates):
@@ -87,9 +116,9 @@ def place_turns(
     """
     between = np.diff(stamps_us)
     if not len(between):
-        durations = np.full(len(stamps_us), _to_us(settings.usual_turn_s))
+        durations = np.full(len(stamps_us), _to_us(USUAL_TURN_S))
     else:
-        whole = np.flatnonzero(between <= settings.longest_step * usual_us)
+        whole = np.flatnonzero(between <= LONGEST_STEP * usual_us)
         own = np.arange(len(stamps_us)) - (stamp == "end")
         usual = usual_us[np.clip(own, 0, len(between) - 1)]
         durations = usual
@@ -111,12 +140,12 @@ def _find_usual_steps(steps: NDArray[np.float64], settings: ReadingConfig) -> ND
 
     Of few steps it is one of the shortest: no radar delivers a polar scan sooner than it turns, while any may be missing.
     """
-    unknown = _to_us(settings.usual_turn_s)
-    if len(steps) >= settings.turns_around:
+    unknown = _to_us(USUAL_TURN_S)
+    if len(steps) >= TURNS_AROUND:
         usual = _explain_steps(steps, settings)
     else:
         turns = np.sort(steps[(steps >= FASTEST_TURN_US) & (steps <= SLOWEST_TURN_US)])
-        usual = np.full(len(steps), turns[int(settings.short_share * (len(turns) - 1))] if len(turns) else unknown)
+        usual = np.full(len(steps), turns[int(_SHORT_SHARE * (len(turns) - 1))] if len(turns) else unknown)
     return np.where((usual >= FASTEST_TURN_US) & (usual <= SLOWEST_TURN_US), usual, unknown)
 
 
@@ -129,13 +158,13 @@ def _explain_steps(steps: NDArray[np.float64], settings: ReadingConfig) -> NDArr
     rates = _collect_rates(steps, settings)
     turns = steps[:, None] / rates
     whole = np.maximum(1.0, np.round(turns))
-    odd = np.abs(turns - whole) > settings.whole_turn
-    cases = [turns < 1.0 - settings.whole_turn, odd, whole > 1.0]
-    costs = np.select(cases, [settings.cost_early, settings.cost_late, _COST_MISSING], 0.0)
-    path = _find_cheapest_path(costs, settings.cost_rate_change)
+    odd = np.abs(turns - whole) > _WHOLE_TURN
+    cases = [turns < 1.0 - _WHOLE_TURN, odd, whole > 1.0]
+    costs = np.select(cases, [_COST_EARLY, _COST_LATE, _COST_MISSING], 0.0)
+    path = _find_cheapest_path(costs, _COST_RATE_CHANGE)
     rows = np.arange(len(steps))
     usual = np.where(odd[rows, path], rates[path], steps / whole[rows, path])
-    count = settings.turns_around
+    count = TURNS_AROUND
     around = np.lib.stride_tricks.sliding_window_view(
         np.pad(usual, (count // 2, count - 1 - count // 2), mode="symmetric"), count
     )
@@ -144,7 +173,7 @@ def _explain_steps(steps: NDArray[np.float64], settings: ReadingConfig) -> NDArr
 
 def _collect_rates(steps: NDArray[np.float64], settings: ReadingConfig) -> NDArray[np.float64]:
     """Collects the durations of a turn (R,) [us] that may explain steps: those that occur most, unlike one another."""
-    cells = np.round(np.log(steps) / np.log(settings.rate_cell)).astype(np.int64)
+    cells = np.round(np.log(steps) / np.log(_RATE_CELL)).astype(np.int64)
     names, counts = np.unique(cells, return_counts=True)
     rates: list[float] = []
     for name in names[np.argsort(-counts, kind="stable")].tolist():
@@ -152,9 +181,9 @@ def _collect_rates(steps: NDArray[np.float64], settings: ReadingConfig) -> NDArr
         unlike = all(not 1.0 / settings.alike < rate / other < settings.alike for other in rates)
         if FASTEST_TURN_US <= rate <= SLOWEST_TURN_US and unlike:
             rates.append(rate)
-        if len(rates) == settings.most_rates:
+        if len(rates) == _MOST_RATES:
             break
-    return np.array(rates or [_to_us(settings.usual_turn_s)], dtype=np.float64)
+    return np.array(rates or [_to_us(USUAL_TURN_S)], dtype=np.float64)
 
 
 def _find_cheapest_path(costs: NDArray[np.float64], change: float) -> NDArray[np.int64]:

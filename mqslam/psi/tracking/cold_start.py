@@ -14,11 +14,23 @@ from mqslam.core.measurement import Status
 from mqslam.core.motion import CONSTANT_TWIST
 from mqslam.core.scans import Returns, Scan
 from mqslam.psi.gaussians import invert
-from mqslam.psi.tracking.dynamics import list_motion_noise
+from mqslam.psi.tracking.dynamics import OMEGA_MAX, SIGMA_AX, list_motion_noise
 from mqslam.psi.tracking.plausibility import measure_overlap, overlaps
 from mqslam.psi.tracking.setup import Setup
 from mqslam.psi.tracking.state import MODEL, MOTION, TOLERANCES
 from mqslam.psi.window import WindowMotion, estimate_window, search_twist
+
+# The cold start tries speeds in steps of the annealing's widest reach per turn, divided by this, so that the minimiser
+# surely finds the minimum from the nearest of them.
+_START_SPEEDS = 13.0
+# Turn per scan between the yaw rates that a start tries [rad].
+_START_YAW_STEP = 0.025
+# Spread of forward speeds around rest, in directions that psi does not observe at a start [m/s].
+_REST_SPEED = 5.0
+# Spread of sideways speeds around rest, in directions that psi does not observe at a start [m/s].
+_REST_SLIP = 0.5
+# Spread of yaw rates around rest, in directions that psi does not observe at a start [rad/s].
+_REST_OMEGA = 0.1
 
 _MOST_TURN = 1.0  # turn per scan [rad] up to which the motion model is integrated exactly; faster ones are not tried
 
@@ -68,7 +80,7 @@ def find_first_motion(
     window = estimate(begin)
     if odometry is not None and window.status is not Status.CONVERGED:
         window = estimate(odometry)
-    if not overlaps(window.minimum, setup.settings):
+    if not overlaps(window.minimum):
         return _know_nothing(setup.settings)
     theta = window.theta
     if odometry is None and window.status is not Status.CONVERGED:
@@ -84,16 +96,14 @@ def find_first_motion(
 def _know_nothing(settings: TrackerConfig) -> FirstMotion:
     """Returns rest, with the uncertainty of any motion of a vehicle: scans that have nothing in common show no more."""
     fastest = max(settings.speed_max, -settings.speed_min)
-    spread = np.array([fastest, fastest, settings.omega_max, settings.sigma_ax, settings.start_alpha])
+    spread = np.array([fastest, fastest, OMEGA_MAX, SIGMA_AX, settings.start_alpha])
     return FirstMotion(np.zeros(MODEL.size), np.diag(spread**2), 0.0, observed=False)
 
 
 def _shrink_unobserved(estimate: WindowMotion, settings: TrackerConfig) -> se2.Array:
     """Shrinks the motion's parameters towards rest as far as their covariance leaves them open."""
     size = len(estimate.theta)
-    at_rest = np.array(
-        [settings.rest_speed, settings.rest_slip, settings.rest_omega, settings.sigma_ax, settings.start_alpha]
-    )
+    at_rest = np.array([_REST_SPEED, _REST_SLIP, _REST_OMEGA, SIGMA_AX, settings.start_alpha])
     known = np.diag(at_rest[:size] ** 2)
     return np.asarray(known @ invert(known + estimate.covariance, TOLERANCES[MOTION][:size]) @ estimate.theta)
 
@@ -103,9 +113,9 @@ def _search_twist(scans: Sequence[Scan], setup: Setup) -> se2.Array:
     settings, revolution_s = setup.settings, setup.revolution_s
     returns = Returns.concatenate([scan.returns for scan in scans[:2]])
     strong = returns.take(returns.intensities >= np.median(returns.intensities))
-    step_m = setup.estimator.s_start / settings.start_speeds
+    step_m = setup.estimator.s_start / _START_SPEEDS
     speeds = np.arange(settings.speed_min, settings.speed_max + 1e-9, step_m / revolution_s)
-    limit = min(settings.omega_max, _MOST_TURN / revolution_s)
-    count = int(np.ceil(limit / (settings.start_yaw_step / revolution_s)))
+    limit = min(OMEGA_MAX, _MOST_TURN / revolution_s)
+    count = int(np.ceil(limit / (_START_YAW_STEP / revolution_s)))
     yaw_rates = np.linspace(-limit, limit, 2 * count + 1)
     return search_twist(strong, scans[0].t0, revolution_s, setup.estimator, setup.beam, speeds, yaw_rates)

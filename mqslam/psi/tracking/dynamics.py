@@ -29,6 +29,30 @@ from mqslam.psi.tracking.state import (
     State,
 )
 
+# Change of forward speed per 0.25 s that acceleration does not explain [m/s].
+_SIGMA_VX = 0.6
+# Change of forward acceleration per 0.25 s [m/s^2].
+SIGMA_AX = 4.0
+# A longer gap is a pause or a jump of the clock [s]. No motion is extrapolated across it, because that could mean
+# kilometres.
+LONGEST_COAST_S = 60.0
+
+# Process noise of the start pose's position per 0.25 s [m].
+_SIGMA_POSITION_M = 0.01
+# Process noise of the start pose's yaw per 0.25 s [rad].
+_SIGMA_YAW = 0.0003
+# Change of sideways speed per 0.25 s [m/s].
+SIGMA_VY = 0.15
+# Share of an acceleration that is left after 0.25 s.
+_PERSISTENCE = 0.9
+# Fastest yaw rate that the cold start tries, to either side [rad/s].
+OMEGA_MAX = 1.0
+# Longest time between two scans over which an acceleration is taken to last [s].
+_STEADY_S = 0.75
+# Longest time between two scans over which an acceleration is taken to last, in turns. It serves where that is longer than
+# steady_s, for slow radars.
+_STEADY_TURNS = 1.5
+
 _DEPENDENT = 1e-6  # singular values of unit vectors below this are rounding
 _HALF = 0.5**0.5  # half of a variance: a motion between two scans has the variances of both of their poses
 _WALKS = np.logspace(-3.0, 3.0, 13)  # variances of a walk's step over that of noise: from all noise to none
@@ -69,7 +93,7 @@ class Blindness:
 
     def after(self, dt: float, settings: TrackerConfig) -> Blindness:
         """Returns what is unknown a time dt [s] later."""
-        walk = np.square([settings.sigma_vx, settings.sigma_omega]) * (dt / _NOISE_PERIOD_S)
+        walk = np.square([_SIGMA_VX, settings.sigma_omega]) * (dt / _NOISE_PERIOD_S)
         speeds = np.minimum(np.sqrt(self.speeds**2 + walk), _bound_speeds(settings))
         travelled = self.travelled + speeds * dt
         return Blindness(speeds, travelled, np.sqrt(travelled**2 - self.travelled**2))
@@ -103,14 +127,14 @@ class LastMatch:
         """(3,) its start pose."""
         return self.belief.pose
 
-    def is_before(self, scan: Scan, settings: TrackerConfig) -> bool:
+    def is_before(self, scan: Scan) -> bool:
         """Returns whether a scan follows so soon that the acceleration lasts."""
-        return scan.t0 - self.t0 <= limit_step(self.turn_s, settings)
+        return scan.t0 - self.t0 <= limit_step(self.turn_s)
 
     def predict(self, scan: Scan, settings: TrackerConfig) -> Belief:
         """Predicts the state of a later scan."""
-        dt, longest, belief = scan.t0 - self.t0, settings.longest_coast_s, self.belief
-        if self.is_before(scan, settings):
+        dt, longest, belief = scan.t0 - self.t0, LONGEST_COAST_S, self.belief
+        if self.is_before(scan):
             return predict(belief, dt, settings)
         if dt > longest:
             belief = Belief(State.at_constant_twist(belief.pose, np.zeros(3)), belief.covariance)
@@ -141,14 +165,14 @@ def predict(belief: Belief, dt: float, settings: TrackerConfig) -> Belief:
     vx, vy, omega, ax, alpha = before.motion
     step, by_motion = MODEL.pose(before.motion, dt)
     pose = se2.compose(before.pose, step)
-    persistence = settings.persistence ** (abs(dt) / _NOISE_PERIOD_S)
+    persistence = _PERSISTENCE ** (abs(dt) / _NOISE_PERIOD_S)
     transition = np.eye(SIZE)
     transition[POSE, MOTION] = _rotation(before.yaw) @ by_motion
     transition[:YAW, YAW] = before.pose[1] - pose[1], pose[0] - before.pose[0]
     transition[VX, AX] = transition[OMEGA, ALPHA] = dt
     transition[AX, AX] = transition[ALPHA, ALPHA] = persistence
     motion = np.array([vx + dt * ax, vy, omega + dt * alpha, persistence * ax, persistence * alpha])
-    pose_noise = [settings.sigma_position_m, settings.sigma_position_m, settings.sigma_yaw]
+    pose_noise = [_SIGMA_POSITION_M, _SIGMA_POSITION_M, _SIGMA_YAW]
     noise = np.square(np.r_[pose_noise, list_motion_noise(settings)]) * (abs(dt) / _NOISE_PERIOD_S)
     joint = transition @ belief.covariance @ transition.T + np.diag(noise)
     velocity = np.array([*(_rotation(pose[2])[:2, :2] @ [vx, vy]), omega])  # over which a wrong stamp carries the pose
@@ -197,7 +221,7 @@ def coast(belief: Belief, dt: float, turn_s: float, settings: TrackerConfig) -> 
     belief = _forget_acceleration(belief, np.zeros(2))
     for _ in range(steps):
         belief = _forget_acceleration(predict(belief, dt / steps, settings), np.zeros(2))
-    return _forget_acceleration(belief, np.square([settings.sigma_ax, settings.start_alpha]))
+    return _forget_acceleration(belief, np.square([SIGMA_AX, settings.start_alpha]))
 
 
 def correct_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.float64]) -> Belief:
@@ -217,9 +241,9 @@ def replace_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.flo
     return Belief(State.of(belief.pose, motion), joint)
 
 
-def limit_step(turn_s: float, settings: TrackerConfig) -> float:
+def limit_step(turn_s: float) -> float:
     """Returns the longest time [s] between the starts of scans that follow each other: one may be missing, not many."""
-    return max(settings.steady_s, settings.steady_turns * turn_s)
+    return max(_STEADY_S, _STEADY_TURNS * turn_s)
 
 
 def hold_directions(prior: Prior, weak: NDArray[np.float64]) -> Prior:
@@ -247,7 +271,7 @@ def drop_directions(information: NDArray[np.float64], weak: NDArray[np.float64],
 
 def list_motion_noise(settings: TrackerConfig) -> NDArray[np.float64]:
     """Returns the standard deviations (5,) by which twist and accelerations change per scan."""
-    return np.array([settings.sigma_vx, settings.sigma_vy, settings.sigma_omega, settings.sigma_ax, settings.sigma_alpha])
+    return np.array([_SIGMA_VX, SIGMA_VY, settings.sigma_omega, SIGMA_AX, settings.sigma_alpha])
 
 
 def _follow_directions(weak: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
@@ -267,7 +291,7 @@ def _follow_directions(weak: NDArray[np.float64], yaw: float) -> NDArray[np.floa
 
 def _bound_speeds(settings: TrackerConfig) -> NDArray[np.float64]:
     """Returns the standard deviations (2,) of speed [m/s] and yaw rate [rad/s] when nothing is known of them."""
-    ranges = np.array([settings.speed_max - settings.speed_min, 2.0 * settings.omega_max])
+    ranges = np.array([settings.speed_max - settings.speed_min, 2.0 * OMEGA_MAX])
     return np.asarray(ranges / np.sqrt(12.0))  # all in the range are as likely
 
 

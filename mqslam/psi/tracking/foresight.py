@@ -12,6 +12,14 @@ from mqslam.config import EstimatorConfig, TrackerConfig
 from mqslam.psi.minimiser import annealed_scale, final_scale
 from mqslam.psi.place import PointSet
 
+# Number of scans of a new track that are measured again together, once they make a map.
+YOUNG_SCANS = 16
+# Number of past scans that show how well predictions foresee where returns lie.
+_FORESIGHT_SCANS = 40
+
+# Share of those scans whose predictions erred by less than what is expected of the next.
+_FORESIGHT_SHARE = 0.9
+
 
 class Foresight:
     """Errors of the predictions of the last scans.
@@ -30,12 +38,12 @@ class Foresight:
         """Takes the returns of a scan where its prediction put them, and where its match did."""
         moved = matched.points - predicted.points
         error = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
-        self._errors = [*self._errors, error][-self._settings.foresight_scans :]
+        self._errors = [*self._errors, error][-_FORESIGHT_SCANS:]
 
     @property
     def is_young(self) -> bool:
         """Whether the track has only begun, or gone on after a loss, so that too few predictions are known."""
-        return len(self._errors) < min(self._settings.young_scans, self._settings.foresight_scans)
+        return len(self._errors) < min(YOUNG_SCANS, _FORESIGHT_SCANS)
 
     def forget(self) -> None:
         """Forgets all errors, where a track begins or goes on after a loss."""
@@ -47,7 +55,7 @@ class Foresight:
         step = settings.first_step
         if self.is_young:
             return step
-        least = settings.foresight_margin * float(np.quantile(self._errors, settings.foresight_share))
+        least = settings.foresight_margin * float(np.quantile(self._errors, _FORESIGHT_SHARE))
         while annealed_scale(matching, step) != final_scale(matching) and annealed_scale(matching, step + 1).beta_s >= least:
             step += 1
         return step

@@ -13,6 +13,11 @@ from mqslam.core import se2
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.references import make_references
 
+# A scan also joins the map after this much turning [rad].
+_KEYFRAME_RAD = 0.1
+# A map with fewer keyframes than this takes new ones at shorter distances, because it is thin.
+_GROWN_KEYFRAMES = 8
+
 
 @dataclass(frozen=True, slots=True)
 class _Keyframe:
@@ -75,11 +80,9 @@ class LocalMap:
             return True
         nearest = min(self._keyframes, key=lambda keyframe: abs(keyframe.t0 - t0))
         moved = se2.wrapped_between(nearest.pose, pose)
-        young = min(
-            1.0, len(self._keyframes) / self._settings.grown_keyframes
-        )  # a young map is thin: it takes keyframes sooner
+        young = min(1.0, len(self._keyframes) / _GROWN_KEYFRAMES)  # a young map is thin: it takes keyframes sooner
         far = np.hypot(moved[0], moved[1]) > young * self._settings.keyframe_m
-        return bool(far or abs(moved[2]) > self._settings.keyframe_rad)
+        return bool(far or abs(moved[2]) > _KEYFRAME_RAD)
 
 
 def _join(parts: list[PointSet]) -> PointSet:

@@ -19,6 +19,27 @@ from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.setup import Setup
 from mqslam.psi.tracking.state import MODEL, POSE, TOLERANCES, Belief, State
 
+# A direction that seems not observed counts as observed if every shift of the scan along it raises psi by more than this
+# many standard deviations of the rise. Along a bare corridor there is always a shift that raises it by less than 1.5, in
+# streets full of traffic there is none below 2.2.
+_DISTINCT_SIGMAS = 2.0
+
+# Largest angle by which a scan is turned to find a better match beside a doubtful one [rad]. A vehicle that begins to turn
+# at 0.5 rad/s turns by about so much more within a scan than it did in the one before.
+_BESIDE_TURN = 0.08
+# Number of angles that are tried to either side of a doubtful match.
+_BESIDE_TURNS = 4
+# Half width of the search for a scan around its prediction, in the prediction's standard deviations.
+_SEARCH_SIGMAS = 2.0
+# Least half width of the search for a scan [m], however sure the prediction claims to be.
+_SEARCH_LEAST_M = 3.0
+# Least half width of the search for a scan in yaw [rad], however sure the prediction claims to be.
+_SEARCH_LEAST_RAD = 0.05
+# Largest half width of the search for a scan [m].
+_SEARCH_MOST_M = 30.0
+# Largest half width of the search for a scan in yaw [rad].
+_SEARCH_MOST_RAD = 0.8
+
 
 @dataclass(frozen=True, slots=True)
 class Match:
@@ -113,7 +134,7 @@ class Matcher:
         here = State(minimum.state)
         turn_s, settings = self.setup.revolution_s, self.setup.settings
         ahead = np.arange(config.beta_s, config.beta_s_start, config.beta_s)
-        turns = settings.beside_turn / settings.beside_turns * np.arange(1, settings.beside_turns + 1)
+        turns = _BESIDE_TURN / _BESIDE_TURNS * np.arange(1, _BESIDE_TURNS + 1)
         beside = [here.moved_ahead(distance, turn_s) for distance in (*-ahead, *ahead)]
         # how far a scan's own start has turned depends on when the turn began: before the scan or within it
         beside += [here.turned(share * angle, angle / turn_s) for angle in (*-turns, *turns) for share in (0.5, 1.0)]
@@ -131,7 +152,7 @@ class Matcher:
         """
         config = self.setup.matching
         by_object = sum_by_object(rise[:, None], placed.points, config.cluster_m)
-        return bool(by_object.sum() > config.distinct_sigmas * np.sqrt(np.sum(by_object**2)))
+        return bool(by_object.sum() > _DISTINCT_SIGMAS * np.sqrt(np.sum(by_object**2)))
 
     def _stands_out(self, scan: Scan, state: State, direction: NDArray[np.float64], into: LocalMap) -> bool:
         """Returns whether psi is lower at a match than at any shift of the scan along a direction (3,) of the start pose.
@@ -162,10 +183,9 @@ class Matcher:
 
     def _refine_peaks(self, scan: Scan, predicted: Belief, into: LocalMap) -> list[Minimum]:
         """Returns the minima that start from the peaks of a correlation around the prediction."""
-        settings = self.setup.settings
         x, y, yaw = np.sqrt(np.diag(predicted.covariance))[:3]
-        reach_m = float(np.clip(settings.search_sigmas * np.hypot(x, y), settings.search_least_m, settings.search_most_m))
-        reach_rad = float(np.clip(settings.search_sigmas * yaw, settings.search_least_rad, settings.search_most_rad))
+        reach_m = float(np.clip(_SEARCH_SIGMAS * np.hypot(x, y), _SEARCH_LEAST_M, _SEARCH_MOST_M))
+        reach_rad = float(np.clip(_SEARCH_SIGMAS * yaw, _SEARCH_LEAST_RAD, _SEARCH_MOST_RAD))
         own = self.place(scan, State.of(np.zeros(3), predicted.mean.motion)).points
         information = predicted.information
         minima = []

@@ -10,6 +10,15 @@ from mqslam.config import TrackerConfig
 from mqslam.core.scans import Scan
 from mqslam.psi.minimiser import Minimum
 
+# The track may be lost where a scan's matched share is below this part of the usual one.
+_LOST_SHARE = 0.5
+# Fewest matched returns of a match. Fewer coordinates than these fit the eight numbers by chance.
+_LEAST_MATCHED = 16
+# Least share of matched returns of a match. Below it scan and map do not overlap.
+_LEAST_SHARE = 0.15
+# Share of the usual matched share and psi that is kept from scan to scan when it is updated.
+_USUAL_MEMORY = 0.95
+
 
 @dataclass(frozen=True, slots=True)
 class Usual:
@@ -23,17 +32,17 @@ class Usual:
     share: float = 0.0
     psi: float = float("inf")
 
-    def after(self, minimum: Minimum, settings: TrackerConfig) -> Usual:
+    def after(self, minimum: Minimum) -> Usual:
         """Returns what is usual after one more match."""
         share, psi = measure_overlap(minimum), _measure_psi(minimum)
         if not np.isfinite(self.psi):
             return Usual(share, psi)
-        kept = settings.usual_memory
+        kept = _USUAL_MEMORY
         return Usual(kept * self.share + (1.0 - kept) * share, kept * self.psi + (1.0 - kept) * psi)
 
-    def is_poor(self, share: float, settings: TrackerConfig) -> bool:
+    def is_poor(self, share: float) -> bool:
         """Returns whether a matched share is much poorer than the usual one."""
-        return share < settings.lost_share * self.share
+        return share < _LOST_SHARE * self.share
 
     def is_doubtful(self, minimum: Minimum, settings: TrackerConfig) -> bool:
         """Returns whether psi of a match is so much larger than usual that there may be a better one beside it."""
@@ -49,10 +58,10 @@ def is_usable(scan: Scan, settings: TrackerConfig) -> bool:
     return bool(np.ptp(around) > settings.least_sector)
 
 
-def overlaps(minimum: Minimum, settings: TrackerConfig) -> bool:
+def overlaps(minimum: Minimum) -> bool:
     """Returns whether a scan lies on the map at all."""
     matched = int(np.count_nonzero(minimum.evaluation.matched))
-    return matched >= settings.least_matched and measure_overlap(minimum) >= settings.least_share
+    return matched >= _LEAST_MATCHED and measure_overlap(minimum) >= _LEAST_SHARE
 
 
 def measure_overlap(minimum: Minimum) -> float:

@@ -15,7 +15,7 @@ from mqslam.core import se2
 from mqslam.core.scans import Scan
 from mqslam.psi.minimiser import Minimum
 from mqslam.psi.tracking.cold_start import FirstMotion, find_first_motion
-from mqslam.psi.tracking.dynamics import correct_motion, replace_motion
+from mqslam.psi.tracking.dynamics import LONGEST_COAST_S, correct_motion, replace_motion
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.matching import Matcher
 from mqslam.psi.tracking.plausibility import is_usable
@@ -36,11 +36,11 @@ def find_motion_after(scans: Sequence[Scan], predicted: Belief, setup: Setup, is
     return None
 
 
-def bridge_gap(predicted: Belief, dt: float, after: FirstMotion | None, setup: Setup) -> Belief:
+def bridge_gap(predicted: Belief, dt: float, after: FirstMotion | None) -> Belief:
     """Joins what is predicted across a gap of dt [s] with the motion found after it, if there is one."""
     if after is None:
         return predicted
-    if dt <= setup.settings.longest_coast_s:
+    if dt <= LONGEST_COAST_S:
         return correct_motion(predicted, after.motion, after.covariance)
     # what comes before a pause or a jump of the clock does not show where its end is
     return replace_motion(predicted, after.motion, after.covariance)

@@ -17,9 +17,14 @@ from mqslam.core.measurement import Status
 from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError, FewReturnsError
 from mqslam.psi.tracking.dynamics import limit_step
+from mqslam.psi.tracking.foresight import YOUNG_SCANS
 from mqslam.psi.tracking.plausibility import is_usable
 from mqslam.psi.tracking.tracked import Tracked
 from mqslam.psi.tracking.tracker import Tracker
+
+# Fewest scans that are measured again: fewer make no map better than the first one.
+_YOUNG_LEAST = 6
+
 
 ToldTwist = Callable[[float, float], se2.Array | None]
 """Returns the mean twist (3,) between two times [s], as other sensors tell it, NaN where they do not, or None."""
@@ -141,13 +146,13 @@ class _Track:
         self._lost, self._patience = [], self._settings.patience
         if self._young:
             self._young.append(k)
-            if len(self._young) == self._settings.young_scans:
+            if len(self._young) == YOUNG_SCANS:
                 self._measure_again()
 
     def _measure_again(self) -> None:
         """Measures a second time the scans of a track that has only begun, if there are enough of them."""
         young, self._young = self._young, []
-        if len(young) < self._settings.young_least:
+        if len(young) < _YOUNG_LEAST:
             return
         scans, before = [self._scans[n] for n in young], [self._followed[n] for n in young]
         again = self._tracker.remeasure(scans, [f.tracked for f in before])
@@ -198,7 +203,7 @@ def _take_head(scans: Sequence[Scan], first: int, settings: TrackerConfig) -> li
     """Returns the scan `first` and those after it, a few, that hold enough returns and have no gap between them."""
     head: list[Scan] = []
     for scan in scans[first : first + settings.start_scans]:
-        gap = bool(head) and scan.t0 - head[-1].t0 > limit_step(head[-1].t1 - head[-1].t0, settings)
+        gap = bool(head) and scan.t0 - head[-1].t0 > limit_step(head[-1].t1 - head[-1].t0)
         if gap or not is_usable(scan, settings):
             break
         head.append(scan)

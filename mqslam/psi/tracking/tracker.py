@@ -46,6 +46,10 @@ from mqslam.psi.tracking.state import ORIGIN, POSE, TWIST, Belief, State
 from mqslam.psi.tracking.tracked import Tracked, make_empty_evaluation
 from mqslam.psi.tracking.uncertainty import measure_covariance, update_belief
 
+# Number of matched scans whose smoothed motion is followed along directions that psi does not observe: their mean where it
+# is steady, the last one where it changes.
+_HELD_SCANS = 32
+
 
 class Tracker:
     """Follows a recording scan by scan.
@@ -115,7 +119,7 @@ class Tracker:
 
     def loses(self, scan: Scan) -> bool:
         """Returns whether so much time has passed since the last match that a prediction may miss the scan's place."""
-        if self._last.is_before(scan, self.settings):
+        if self._last.is_before(scan):
             return False
         spread = np.linalg.eigvalsh(self._last.predict(scan, self.settings).covariance[:2, :2])[-1]
         return bool(spread > self._setup.estimator.search_pixel_m**2)
@@ -163,7 +167,7 @@ class Tracker:
         scan, before, dt = scans[0], self._last.pose, scans[0].t0 - self._last.t0
         predicted = self._last.predict(scan, self.settings)
         after = find_motion_after(scans, predicted, self._setup, self._is_poor)
-        bridged = place_by_odometry(bridge_gap(predicted, dt, after, self._setup), before, twist, dt)
+        bridged = place_by_odometry(bridge_gap(predicted, dt, after), before, twist, dt)
         if not is_usable(scan, self.settings):
             return self._pass_over(scan, bridged)
         minimum, is_sure = find_again(scan, bridged, self._map, self._matcher, self._is_out_of_place)
@@ -221,9 +225,9 @@ class Tracker:
         belief = update_belief(minimum.state, evaluation, predicted.information, setup, weak)
         placed = self._matcher.place(scan, belief.mean)
         covariance = measure_covariance(evaluation, placed, predicted, self._map, setup)[POSE, POSE]
-        self._usual = self._usual.after(minimum, self.settings)
+        self._usual = self._usual.after(minimum)
         observed = () if len(weak) else (belief.mean.twist,)
-        twists = (*self._last.twists, *observed)[-self.settings.held_scans :]
+        twists = (*self._last.twists, *observed)[-_HELD_SCANS:]
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, belief, blind=blind, twists=twists)
         self._foresight.add(self._matcher.place(scan, predicted.mean), placed)
         self._map.offer(scan.t0, belief.pose, placed)
@@ -242,8 +246,8 @@ class Tracker:
 
     def _is_out_of_place(self, minimum: Minimum) -> bool:
         """Returns whether a match is so much poorer than usual that it is probably none."""
-        return not overlaps(minimum, self.settings) or self._is_poor(measure_overlap(minimum))
+        return not overlaps(minimum) or self._is_poor(measure_overlap(minimum))
 
     def _is_poor(self, share: float) -> bool:
         """Returns whether a matched share is much poorer than the usual one."""
-        return self._usual.is_poor(share, self.settings)
+        return self._usual.is_poor(share)

@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from mqslam.psi.covariance import estimate_covariance
 from mqslam.psi.gaussians import fuse, invert_information
+from mqslam.psi.minimiser import STABILISER
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.estimator import Evaluation
-from mqslam.psi.tracking.dynamics import drop_directions
+from mqslam.psi.tracking.dynamics import SIGMA_AX, SIGMA_VY, drop_directions
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.setup import Setup
 from mqslam.psi.tracking.state import ALPHA, AX, SIZE, TOLERANCES, VY, YAW, Belief, State
@@ -29,8 +30,8 @@ def measure_covariance(
     """
     settings, correlation = setup.settings, setup.estimator.correlation
     known = np.zeros((SIZE, SIZE))  # a vehicle hardly slides: without this, vy would seem as free as vx
-    known[VY, VY] = correlation / settings.sigma_vy**2
-    known[AX, AX] = correlation / settings.sigma_ax**2
+    known[VY, VY] = correlation / SIGMA_VY**2
+    known[AX, AX] = correlation / SIGMA_AX**2
     known[ALPHA, ALPHA] = correlation / settings.sigma_alpha**2
     thin = 1.0 + 1.0 / max(len(into), 1)  # the map's points err like the scan's, but several keyframes average their errors
     measured = estimate_covariance(evaluation, placed.points, setup.estimator.cluster_m, known)
@@ -55,7 +56,7 @@ def update_belief(
             where it observes all.
     """
     config = setup.estimator
-    information = (evaluation.curvature + config.stabiliser * evaluation.information) / config.correlation
+    information = (evaluation.curvature + STABILISER * evaluation.information) / config.correlation
     if weak is not None:
         information = drop_directions(information, weak, float(vector[YAW]))
     units = TOLERANCES[:, None] * TOLERANCES[None, :]

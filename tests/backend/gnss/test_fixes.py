@@ -78,7 +78,7 @@ def judged(use: FixUse, scans: int = 800, turned: float = 0.0) -> FixUse:
     """Returns the use after its jumps were judged in the graph."""
     config = Config()
     problem = Problem(measured(scans, turned), [], config.graph, config.loops, fixes=use.edges)
-    return use.judge_jumps(problem.optimise([])[1].values, SETTINGS)
+    return use.judge_jumps(problem.optimise([])[1].values)
 
 
 def off_m(use: FixUse | None, scans: int, turned: float) -> float:

@@ -30,7 +30,7 @@ def judge_tracks(data: Path, tracks: Mapping[str, PoseTrajectory3D]) -> Iterator
     for name, track in tracks.items():
         stamps = np.round(1e6 * track.timestamps).astype(np.int64)
         poses = np.column_stack([track.positions_xyz[:, :2], se2.wrap(headings(track))])
-        sweeps, _ = place_source(source, Trajectory(stamps, poses), settings.audit, beam)
+        sweeps, _ = place_source(source, Trajectory(stamps, poses), beam)
         judged = judge.audit(sweeps, settings.audit, settings.estimator, settings.verdict, work.engine, work.progress)
         yield name, str(judged.status)
 

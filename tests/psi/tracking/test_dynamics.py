@@ -13,6 +13,8 @@ from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
 from mqslam.psi.minimiser import Prior
 from mqslam.psi.tracking.dynamics import (
+    _SIGMA_VX,
+    SIGMA_AX,
     Blindness,
     LastMatch,
     coast,
@@ -133,7 +135,7 @@ def test_the_predicted_covariance_is_that_of_the_linearised_prediction(dt: float
     transition = np.array(columns).T
     noise = predict(before, dt, SETTINGS).covariance - transition @ before.covariance @ transition.T
     np.testing.assert_allclose(noise, np.diag(np.diag(noise)), atol=1e-7)
-    assert noise[AX, AX] == pytest.approx(SETTINGS.sigma_ax**2 * abs(dt) / 0.25, rel=1e-6)
+    assert noise[AX, AX] == pytest.approx(SIGMA_AX**2 * abs(dt) / 0.25, rel=1e-6)
     assert noise[ALPHA, ALPHA] == pytest.approx(SETTINGS.sigma_alpha**2 * abs(dt) / 0.25, rel=1e-5)
 
 
@@ -141,7 +143,7 @@ def test_coasting_keeps_the_twist_and_forgets_the_acceleration() -> None:
     after = coast(belief(), 3.0, 0.25, SETTINGS)
     np.testing.assert_array_equal(after.mean.acceleration, 0.0)
     np.testing.assert_allclose(after.mean.twist, VECTOR[TWIST])
-    np.testing.assert_allclose(np.diag(after.covariance)[ACCELERATION], [SETTINGS.sigma_ax**2, SETTINGS.start_alpha**2])
+    np.testing.assert_allclose(np.diag(after.covariance)[ACCELERATION], [SIGMA_AX**2, SETTINGS.start_alpha**2])
 
 
 def test_a_sure_measurement_of_the_motion_replaces_it_and_moves_the_pose_with_it() -> None:
@@ -247,7 +249,7 @@ def test_what_is_unknown_of_a_held_motion_adds_up_to_a_common_error_of_speed() -
     for _ in range(steps):
         blind = blind.after(0.25, settings)
         variance += 2.0 * blind.pose[0] ** 2  # of a motion: both of its ends count
-    speeds = np.cumsum(np.random.default_rng(2).normal(0.0, settings.sigma_vx, (4000, steps)), axis=1)
+    speeds = np.cumsum(np.random.default_rng(2).normal(0.0, _SIGMA_VX, (4000, steps)), axis=1)
     drawn = np.std(np.sum(speeds * 0.25, axis=1))
     assert 1.0 < np.sqrt(variance) / drawn < 1.3
 

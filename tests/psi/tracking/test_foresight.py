@@ -8,7 +8,7 @@ from support.clouds import point_set
 
 from mqslam.config import Config
 from mqslam.psi.minimiser import annealed_scale, final_scale
-from mqslam.psi.tracking.foresight import Foresight
+from mqslam.psi.tracking.foresight import _FORESIGHT_SCANS, YOUNG_SCANS, Foresight
 
 CONFIG = Config()
 SETTINGS, MATCHING = CONFIG.tracker, CONFIG.estimator
@@ -24,30 +24,30 @@ def after(errors: list[float]) -> Foresight:
 
 
 def test_a_match_begins_wide_until_some_predictions_are_known() -> None:
-    assert after([0.01] * (SETTINGS.young_scans - 1)).choose_step() == SETTINGS.first_step
+    assert after([0.01] * (YOUNG_SCANS - 1)).choose_step() == SETTINGS.first_step
 
 
 def test_where_predictions_are_good_a_match_begins_at_the_final_widths() -> None:
-    step = after([0.01] * SETTINGS.young_scans).choose_step()
+    step = after([0.01] * YOUNG_SCANS).choose_step()
     assert annealed_scale(MATCHING, step) == final_scale(MATCHING)
 
 
 @pytest.mark.parametrize("error", [0.3, 0.5])
 def test_a_match_begins_as_wide_as_predictions_err(error: float) -> None:
-    step = after([error] * SETTINGS.young_scans).choose_step()
+    step = after([error] * YOUNG_SCANS).choose_step()
     assert annealed_scale(MATCHING, step).beta_s >= SETTINGS.foresight_margin * error
     assert annealed_scale(MATCHING, step + 1).beta_s < SETTINGS.foresight_margin * error
 
 
 def test_bad_predictions_are_met_with_the_first_step_and_forgotten_with_the_track() -> None:
-    foresight = after([0.01] * SETTINGS.foresight_scans + [5.0] * SETTINGS.young_scans)
+    foresight = after([0.01] * _FORESIGHT_SCANS + [5.0] * YOUNG_SCANS)
     assert foresight.choose_step() == SETTINGS.first_step
     foresight.forget()
     assert foresight.choose_step() == SETTINGS.first_step
 
 
 def test_old_errors_are_forgotten() -> None:
-    step = after([5.0] * 10 + [0.01] * SETTINGS.foresight_scans).choose_step()
+    step = after([5.0] * 10 + [0.01] * _FORESIGHT_SCANS).choose_step()
     assert annealed_scale(MATCHING, step) == final_scale(MATCHING)
 
 
@@ -56,7 +56,7 @@ def test_the_error_is_that_of_all_returns() -> None:
     foresight = Foresight(SETTINGS, MATCHING)
     moved = POINTS.points.copy()
     moved[0, 0] += 0.3
-    for _ in range(SETTINGS.young_scans):
+    for _ in range(YOUNG_SCANS):
         foresight.add(POINTS, replace(POINTS, points=moved))
     assert annealed_scale(MATCHING, foresight.choose_step()) == final_scale(MATCHING)
     assert 0.3 / np.sqrt(len(POINTS)) < 0.05

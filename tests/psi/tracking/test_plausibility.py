@@ -42,7 +42,7 @@ def test_the_settings_say_how_many_returns_are_enough() -> None:
     ("matched", "count", "expected"), [(15, 40, False), (16, 40, True), (16, 200, False), (0, 0, False)]
 )
 def test_a_match_needs_enough_returns_on_the_map_and_a_share_of_them(matched: int, count: int, expected: bool) -> None:
-    assert overlaps(minimum(matched, count), SETTINGS) is expected
+    assert overlaps(minimum(matched, count)) is expected
     assert measure_overlap(minimum(matched, count)) == pytest.approx(matched / max(count, 1))
 
 
@@ -52,19 +52,19 @@ def test_a_track_is_given_up_after_no_fewer_scans_than_begin_a_new_one() -> None
 
 
 def test_before_the_first_match_nothing_is_poor_or_doubtful() -> None:
-    assert not Usual().is_poor(0.1, SETTINGS)
+    assert not Usual().is_poor(0.1)
     assert not Usual().is_doubtful(minimum(10, 100, psi=9.0), SETTINGS)
 
 
 def test_the_first_match_is_usual_and_later_ones_change_that_slowly() -> None:
-    first = Usual().after(minimum(60, 100, psi=2.0), SETTINGS)
+    first = Usual().after(minimum(60, 100, psi=2.0))
     assert first == Usual(share=0.6, psi=2.0)
-    later = first.after(minimum(80, 100, psi=1.0), SETTINGS)
+    later = first.after(minimum(80, 100, psi=1.0))
     assert 0.6 < later.share < 0.62 and 1.94 < later.psi < 2.0
 
 
 def test_a_match_is_poor_or_doubtful_compared_with_usual_ones() -> None:
     usual = Usual(share=0.6, psi=2.0)
-    assert usual.is_poor(0.29, SETTINGS) and not usual.is_poor(0.31, SETTINGS)
+    assert usual.is_poor(0.29) and not usual.is_poor(0.31)
     assert usual.is_doubtful(minimum(60, 100, psi=2.31), SETTINGS)
     assert not usual.is_doubtful(minimum(60, 100, psi=2.29), SETTINGS)

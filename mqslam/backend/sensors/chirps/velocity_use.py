@@ -23,6 +23,21 @@ from mqslam.core.measurement import Measurement, Status
 from mqslam.core.sensors.velocity import Velocities, make_twists
 from mqslam.core.statistics.gross import MEDIAN_OF_CHI2
 
+# Shortest stretch over which errors of the calibration are taken to be alike [s].
+_SPAN_S = 10.0
+
+# Velocities that are this many times too large or too small have another Doppler shift, and are not used. Smaller errors
+# of the scale are put right.
+_LARGEST_SCALE = 1.25
+# Share of motions in which calibrated velocities may contradict psi by over three standard deviations.
+_MOST_WILD = 0.1
+# A scale is told by this many standard deviations.
+_TOLD_SIGMAS = 5.0
+# A smaller error of the scale is put right without a word.
+_SCALE_TOLERANCE = 0.01
+# Standard deviation of a velocity's bias when nothing is known of it [m/s]; Boreas-RT's is as large.
+_SIGMA_BIAS_MPS = 0.1
+
 SOURCE: Final = "chirps"
 _ROUNDS: Final = 3  # of fit and noise, which settle in fewer
 _WILD: Final = 9.0  # squared standard deviations beyond which a travel disagrees with psi's
@@ -70,7 +85,7 @@ def join_velocities(velocities: Velocities, motions: Sequence[Measurement], sett
     measured = np.array([np.diag(motion.covariance) for motion in motions]) + _LEAST
     misses = np.full_like(poses, np.nan)
     misses[known, :2] = np.array([motion.pose for motion in motions])[known, :2] - poses[known, :2]
-    prior = np.diag(1.0 / np.square([settings.sigma_scale, settings.sigma_bias_mps, settings.sigma_bias_mps]))
+    prior = np.diag(1.0 / np.square([settings.sigma_scale, _SIGMA_BIAS_MPS, _SIGMA_BIAS_MPS]))
     factor = 1.0
     for _ in range(_ROUNDS):
         found = fit(design, misses, measured, factor * variances, prior)
@@ -84,11 +99,11 @@ def join_velocities(velocities: Velocities, motions: Sequence[Measurement], sett
     bias = (float(found.parameters[1]), float(found.parameters[2]))
     if why is not None:
         return VelocityUse((f"the velocities by chirps are not used: {why}",), None, scale, sigma, bias)
-    span = max(1, round(settings.span_s / float(np.median(lasts))))
+    span = max(1, round(_SPAN_S / float(np.median(lasts))))
     common = spread_common(found.list_sigmas(design), known, span)
     edges = _make_edges(motions, poses + found.correct(design), factor * variances + common)
     statements = [f"the velocities by chirps are used, {len(edges)} of them"]
-    if abs(scale - 1.0) > max(settings.told_sigmas * sigma, settings.scale_tolerance):
+    if abs(scale - 1.0) > max(_TOLD_SIGMAS * sigma, _SCALE_TOLERANCE):
         statements.append(f"the velocities by chirps are {1.0 / scale - 1.0:+.1%} too large, which is put right")
     return VelocityUse(tuple(statements), edges, scale, sigma, bias)
 
@@ -120,10 +135,10 @@ def _find_fault(
     if len(residuals) < settings.fewest:
         return None
     scale = 1.0 + float(found.parameters[0])
-    if not 1.0 / settings.largest_scale <= scale <= settings.largest_scale:
+    if not 1.0 / _LARGEST_SCALE <= scale <= _LARGEST_SCALE:
         return f"the radar travels {scale:.3g} times as far as they say; the Doppler shift of its chirps may be another"
     wild = float(np.mean(np.any(residuals**2 > _WILD * variances, axis=1)))
-    if wild > settings.most_wild:
+    if wild > _MOST_WILD:
         return f"they contradict the radar's map in {wild:.0%} of the motions"
     return None
 

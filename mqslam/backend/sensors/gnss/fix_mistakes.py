@@ -14,6 +14,13 @@ from mqslam.core.sensors.clock_offsets import KNOWN_S, describe_offset
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.tangent_plane import TangentPlane
 
+# Fixes are not used if half of them lie farther from the trajectory than this share of its path: no trajectory drifts so
+# much.
+LARGEST_SHARE = 0.05
+# Fixes are not used if the trajectory spreads over less than this many times the distance that half of them lie from it,
+# since they would say nothing of its heading.
+LEAST_SPREAD = 5.0
+
 _MOST_FIXES: Final = 400  # numerical: as many show whether they fit
 _BETTER: Final = 0.5  # what a mistake must leave at most of the differences, as a share, to be named
 SWAPPED: Final = "they fit if their latitude is the longitude and the other way round"
@@ -42,7 +49,7 @@ def find_mistake(
         points = se2.interpolate(starts, chain, times[inside])[:, :2]
         usual_m = measure_residual(points, positions[inside])
         spread_m = float(np.hypot(*np.ptp(points, axis=0)))
-        fits = usual_m <= settings.largest_share * path_m and spread_m >= settings.least_spread * usual_m
+        fits = usual_m <= LARGEST_SHARE * path_m and spread_m >= LEAST_SPREAD * usual_m
         return usual_m if fits or not must_fit else np.inf
 
     plane = TangentPlane.at_middle(fixes)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mqslam.backend.sensors.gnss.alignment import align, is_mirrored, measure_stretch
 from mqslam.backend.sensors.gnss.antenna import Antenna, estimate_antenna
 from mqslam.backend.sensors.gnss.fix_clock import find_fix_delay
-from mqslam.backend.sensors.gnss.fix_mistakes import find_mistake
+from mqslam.backend.sensors.gnss.fix_mistakes import LARGEST_SHARE, LEAST_SPREAD, find_mistake
 from mqslam.backend.sensors.gnss.fix_noise import FixNoise, measure_fix_noise
 from mqslam.config import GnssConfig
 from mqslam.core import se2
@@ -25,6 +25,23 @@ from mqslam.core.sensors.tangent_plane import TangentPlane
 from mqslam.core.wording import describe_delay, left_or_right
 from mqslam.errors import Remedy
 from mqslam.factors.gnss_position import gnss_position, plane_walk
+
+# Largest error of the receiver's clock, late or early, that is looked for [s].
+_LONGEST_DELAY_S = 3.0
+# Share of the fixes that may be jumps. With more of them the fixes are not used: those that belong elsewhere, or are
+# mirrored, agree with a part of a drive by chance, too.
+_MOST_JUMPS = 0.25
+# Longest time over which fixes are averaged to learn how their errors wander [s]. Over a longer one the trajectory itself
+# drifts as much.
+_ALIKE_S = 60.0
+# Longest time between two values of a receiver's wandering error in the graph [s]. They stand closer where it soon wanders
+# by more than the noise of a fix.
+_KNOT_S = 10.0
+# Fixes that wander about the trajectory by more than this in a second are not used: no receiver's error does [m].
+_LARGEST_WALK_M = 3.0
+# Where nothing says where the antenna sits, it is taken to be where the fixes of turning stretches show it, if that is
+# farther from the radar than this many standard deviations, else at the radar.
+_ANTENNA_APART = 3.0
 
 MIRRORED: Final = "the radar is: set sensor.clockwise: false if it is mounted upside down"
 _ROUNDS: Final = 3  # of antenna and noise, which settle in fewer
@@ -125,12 +142,12 @@ class FixUse:
         statement = f"the GNSS fixes ({source}) are not used: {why}{scaled}"
         return cls(source, (statement,), stretch=stretch, is_mirrored=is_mirrored, mistake=mistake)
 
-    def judge_jumps(self, values: gtsam.Values, settings: GnssConfig) -> FixUse:
+    def judge_jumps(self, values: gtsam.Values) -> FixUse:
         """Returns the use with how many fixes are jumps in an optimised graph; too many of them contradict the radar."""
         if self.edges is None:
             return self
         number, jumps = len(self.edges.scans), self.edges.count_rejected(values)
-        if jumps > settings.most_jumps * number:
+        if jumps > _MOST_JUMPS * number:
             why = f"{jumps} of {number} contradict the radar's motion, wherever the map lies"
             return FixUse.refuse(self.source, why, self.stretch, is_mirrored=self.is_mirrored, mistake=self.mistake)
         said = f"the GNSS fixes ({self.source}) are used, {number} of them"
@@ -171,7 +188,7 @@ def join_fixes(
     there = (starts[0] <= times) & (times <= starts[-1])
     if not mistake and np.count_nonzero(there) >= settings.fewest:
         mirrored = is_mirrored(se2.interpolate(starts, chain, times[there])[:, :2], positions[there])
-    delay_s = find_fix_delay(times, positions, starts, chain, settings.longest_delay_s)
+    delay_s = find_fix_delay(times, positions, starts, chain, _LONGEST_DELAY_S)
     if fixes.own_clock and not delay_s:
         return refuse("their clock is not that of the radar, and the drive does not show by how much it is off")
     times = times - delay_s
@@ -184,27 +201,27 @@ def join_fixes(
     stretch = measure_stretch(on_map, positions)
     usual_m, path_m = float(np.median(np.hypot(*residuals.T))), float(se2.step_lengths(chain).sum())
     spread_m = float(np.hypot(*np.ptp(on_map, axis=0)))
-    if usual_m > settings.largest_share * path_m or spread_m < settings.least_spread * usual_m:
+    if usual_m > LARGEST_SHARE * path_m or spread_m < LEAST_SPREAD * usual_m:
         return refuse(
             f"half of them lie more than {usual_m:.1f} m from the trajectory, whose path is {path_m:.0f} m long and "
             f"spreads over {spread_m:.0f} m",
             stretch,
         )
-    noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside], settings.alike_s)
+    noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside], _ALIKE_S)
     found: Antenna | None = None
     if antenna is None:
         for _ in range(_ROUNDS):  # the swings of an antenna that is not at the radar look like noise at first
             found = estimate_antenna(times, se2.compose(lies, sensor), positions, noise, settings.reach)
-            if found.significance > settings.antenna_apart:
+            if found.significance > _ANTENNA_APART:
                 on_map, lies, residuals = _lay(sensor, found.place, positions)
-                noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside], settings.alike_s)
-    if noise.walk_m > settings.largest_walk_m:
+                noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside], _ALIKE_S)
+    if noise.walk_m > _LARGEST_WALK_M:
         return refuse(
             f"they wander about the trajectory by {noise.walk_m:.1f} m in a second, so that they are of another drive, or "
             "their clock is not that of the recording",
             stretch,
         )
-    knot_s = min(settings.knot_s, (noise.white_m / max(noise.walk_m, _LEAST_WALK_M)) ** 2)  # the walk shows beside the noise
+    knot_s = min(_KNOT_S, (noise.white_m / max(noise.walk_m, _LEAST_WALK_M)) ** 2)  # the walk shows beside the noise
     least_s = _FIXES_OF_KNOT * float(np.median(np.diff(times)))
     knots = np.unique(np.floor(times / max(knot_s, least_s)), return_inverse=True)[1]  # none for times without a fix
     middles = np.bincount(knots, times) / np.bincount(knots)
@@ -216,7 +233,7 @@ def join_fixes(
     told = []
     if delay_s:
         told.append(f"the clock of the GNSS fixes is {describe_delay(delay_s)}, which is put right")
-    if found is not None and found.significance > settings.antenna_apart:
+    if found is not None and found.significance > _ANTENNA_APART:
         x, y = found.place
         told.append(
             f"they show that the antenna sits {abs(x):.2f} m {'ahead of' if x >= 0.0 else 'behind'} the radar and "

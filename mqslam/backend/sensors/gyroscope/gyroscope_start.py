@@ -7,9 +7,17 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import GyroscopeConfig
 from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.sensors.turning import Turning
+
+# A gyroscope whose turns correlate less with those of psi is not used. On a straight drive noise correlates with some axis
+# at some delay, by far less than that.
+_LEAST_CORRELATION = 0.5
+# Error of the gyroscope's clock that needs no further evidence [s].
+_USUAL_DELAY_S = 0.3
+# A gyroscope whose clock is farther off is not used unless its turns correlate this well with those of psi. Among many
+# delays some fit by chance.
+_FAR_CORRELATION = 0.8
 
 _AXES: Final = "xyz"
 _STEP_S: Final = 0.05  # between the delays that are tried [s]; the calibration refines the best one
@@ -54,10 +62,10 @@ class Start(NamedTuple):
     delay_s: float
     correlation: float
 
-    def is_convincing(self, settings: GyroscopeConfig) -> bool:
+    def is_convincing(self) -> bool:
         """Returns whether the correlation is more than chance gives; a clock that is far off needs more of it."""
-        is_far = abs(self.delay_s) > settings.usual_delay_s
-        return abs(self.correlation) >= (settings.far_correlation if is_far else settings.least_correlation)
+        is_far = abs(self.delay_s) > _USUAL_DELAY_S
+        return abs(self.correlation) >= (_FAR_CORRELATION if is_far else _LEAST_CORRELATION)
 
 
 def find_start(gyroscope: Gyroscope, start_us: int, turns: Turns, longest_s: float) -> Start | None:

@@ -9,13 +9,29 @@ from typing import Final
 import numpy as np
 
 from mqslam.backend.sensors.gyroscope.gyroscope_start import Start, Turns, find_start
-from mqslam.backend.sensors.gyroscope.rotation import Calibrated, Rotation, calibrate
+from mqslam.backend.sensors.gyroscope.rotation import KNOT_S, LONGEST_DELAY_S, SIGMA_BIAS, Calibrated, Rotation, calibrate
 from mqslam.backend.sensors.gyroscope.turn_edges import TurnEdges
 from mqslam.config import GyroscopeConfig
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.sensors.turning import KnownTurning, Turning
 from mqslam.core.wording import describe_delay
+
+# A gyroscope that turns more than this many times as far as the radar, or as little, is of another unit or broken, and is
+# not used. The scale of smaller errors is put right.
+_LARGEST_SCALE = 1.25
+# Share of motions in which a calibrated gyroscope may contradict psi by more than three standard deviations. Psi itself is
+# wrong in a few.
+_MOST_WILD = 0.1
+# A delay, a scale or that both turn the same way is told by this many standard deviations.
+TOLD_SIGMAS = 5.0
+# A smaller error of the clock is put right without a word [s].
+DELAY_TOLERANCE_S = 0.01
+# A smaller error of the scale is put right and not worth a word.
+SCALE_TOLERANCE = 0.01
+# A gyroscope whose scale the radar does not tell to within this standard deviation is not used: a turn by a right angle
+# would be off by half a degree.
+_LARGEST_SCALE_SIGMA = 0.005
 
 _WILD: Final = 3.0  # standard deviations beyond which a turn disagrees with psi's
 _LEAST_VARIANCE: Final = 1e-14  # numerical: keeps a turn that psi states to be without error from counting as one
@@ -63,7 +79,7 @@ def join_gyroscope(
         settings: of the gyroscope.
     """
     turns = list_turns(motions, drift)
-    start = find_start(gyroscope, start_us, turns, settings.longest_delay_s) if len(motions) else None
+    start = find_start(gyroscope, start_us, turns, LONGEST_DELAY_S) if len(motions) else None
 
     def refuse(why: str, rotation: Rotation | None = None) -> GyroscopeUse:
         return GyroscopeUse(gyroscope.source, (f"the gyroscope ({gyroscope.source}) is not used: {why}",), rotation)
@@ -79,7 +95,7 @@ def join_gyroscope(
     why = _find_fault(gyroscope, start, turns, found, settings)
     if why is not None:
         return refuse(why, found.rotation)
-    statements = (f"the gyroscope ({gyroscope.source}) is used", *_describe_corrections(found.rotation, settings))
+    statements = (f"the gyroscope ({gyroscope.source}) is used", *_describe_corrections(found.rotation))
     return GyroscopeUse(gyroscope.source, statements, found.rotation, _make_edges(found, turns, settings))
 
 
@@ -103,24 +119,24 @@ def _find_fault(
 ) -> str | None:
     """Returns why a gyroscope cannot be used, or None."""
     rotation = found.rotation
-    is_told = rotation.scale > settings.told_sigmas * rotation.scale_sigma
-    if not is_told or not start.is_convincing(settings):
+    is_told = rotation.scale > TOLD_SIGMAS * rotation.scale_sigma
+    if not is_told or not start.is_convincing():
         return "the radar turned too little, or the gyroscope too differently, to tell that both turn together"
-    if not 1.0 / settings.largest_scale <= rotation.scale <= settings.largest_scale:
+    if not 1.0 / _LARGEST_SCALE <= rotation.scale <= _LARGEST_SCALE:
         is_degrees = abs(np.rad2deg(rotation.scale) - 1.0) < 0.25
         unit = ", as if it were in degrees per second; convert its rates to rad/s" if is_degrees else ""
         return f"the radar turns {rotation.scale:.3g} times as far as it says{unit}"
-    if rotation.scale_sigma > settings.largest_scale_sigma:
+    if rotation.scale_sigma > _LARGEST_SCALE_SIGMA:
         return (
             f"its scale is known to {rotation.scale_sigma:.1%} only, since the turns that the front end measured are too "
             "few or too unsure"
         )
-    if abs(rotation.delay_s) > settings.longest_delay_s:
+    if abs(rotation.delay_s) > LONGEST_DELAY_S:
         return f"its clock is {describe_delay(rotation.delay_s)} or more; correct its stamps"
     variances = turns.variances + rotation.noise.white**2 * (turns.ends - turns.begins)
     known = np.isfinite(found.residuals)
     wild = float(np.mean(found.residuals[known] ** 2 > _WILD**2 * variances[known]))
-    if wild > settings.most_wild:
+    if wild > _MOST_WILD:
         return f"it contradicts the radar in {wild:.0%} of the motions"
     half = len(turns.yaws) // 2
     first, second = (
@@ -128,13 +144,13 @@ def _find_fault(
     )
     sigma_s = float(np.hypot(first.delay_sigma_s, second.delay_sigma_s))
     apart_s = abs(second.delay_s - first.delay_s)
-    if apart_s > max(settings.told_sigmas * sigma_s, settings.delay_tolerance_s):
+    if apart_s > max(TOLD_SIGMAS * sigma_s, DELAY_TOLERANCE_S):
         early, late = (describe_delay(part.delay_s) for part in (first, second))
         return f"its clock runs at another rate than the radar's: it is {early} in the first half and {late} in the second"
     return None
 
 
-def _describe_corrections(rotation: Rotation, settings: GyroscopeConfig) -> list[str]:
+def _describe_corrections(rotation: Rotation) -> list[str]:
     """Returns what was put right of a gyroscope, as sentences."""
     sentences = []
     if rotation.axis != "z":
@@ -143,10 +159,10 @@ def _describe_corrections(rotation: Rotation, settings: GyroscopeConfig) -> list
         sentences.append(
             "the gyroscope turns the other way than the radar: it is taken to be mounted upside down, unless the radar is"
         )
-    if abs(rotation.delay_s) > max(settings.told_sigmas * rotation.delay_sigma_s, settings.delay_tolerance_s):
+    if abs(rotation.delay_s) > max(TOLD_SIGMAS * rotation.delay_sigma_s, DELAY_TOLERANCE_S):
         sentences.append(f"the gyroscope's clock is {describe_delay(rotation.delay_s)}, which is put right")
     off = rotation.scale - 1.0
-    if abs(off) > max(settings.told_sigmas * rotation.scale_sigma, settings.scale_tolerance):
+    if abs(off) > max(TOLD_SIGMAS * rotation.scale_sigma, SCALE_TOLERANCE):
         far = "too little" if off > 0.0 else "too far"
         sentences.append(f"the gyroscope turns {abs(off) / rotation.scale:.1%} {far}, which is put right")
     return sentences
@@ -158,7 +174,7 @@ def _make_edges(found: Calibrated, turns: Turns, settings: GyroscopeConfig) -> T
     white = rotation.noise.white**2 * lasts + _LEAST_VARIANCE
     squares = np.nan_to_num(found.residuals) ** 2
     wild = squares > _WILD**2 * (turns.variances + white)
-    knots = np.floor((turns.begins - turns.begins[0]) / settings.knot_s).astype(np.int64)
+    knots = np.floor((turns.begins - turns.begins[0]) / KNOT_S).astype(np.int64)
     knots = np.unique(knots, return_inverse=True)[1]  # none for times that no motion begins in
     middles = np.bincount(knots, turns.begins + turns.ends) / (2.0 * np.bincount(knots))
     return TurnEdges(
@@ -169,6 +185,6 @@ def _make_edges(found: Calibrated, turns: Turns, settings: GyroscopeConfig) -> T
         walks=rotation.noise.walk * np.sqrt(np.diff(middles)),
         bias=rotation.bias,
         scale_error=rotation.scale - 1.0,
-        sigma_bias=settings.sigma_bias,
+        sigma_bias=SIGMA_BIAS,
         sigma_scale=settings.sigma_scale,
     )

@@ -18,6 +18,15 @@ from mqslam.backend.sensors.odometry.odometry_calibration import Calibration, De
 from mqslam.config import GyroscopeConfig
 from mqslam.core.sensors.gyroscope import Gyroscope
 
+# Largest error of the gyroscope's clock, late or early, that is looked for [s]. That of RADIATE's clock is 1.8 s.
+LONGEST_DELAY_S = 3.0
+# Time between two values of its bias in the graph [s].
+KNOT_S = 1.0
+# Standard deviation [rad/s] by which the bias may walk in a second, until the recording has shown how much it does.
+_FIRST_WALK = 0.001
+# Standard deviation of the bias when nothing is known of it [rad/s].
+SIGMA_BIAS = 0.1
+
 _ROUNDS: Final = 3  # of fit and noise, which settle in fewer
 _NUDGE_S: Final = 0.02  # by which readings are moved to see how turns change with the delay [s]: numerical
 _LEAST: Final = 1e-12  # numerical: variance that keeps a fit without any noise from being singular
@@ -81,18 +90,18 @@ def calibrate(
     def read(late_s: float) -> NDArray[np.float64]:
         return sign * turning.between(turns.begins + late_s, turns.ends + late_s)
 
-    noise = RateNoise(0.0, settings.first_walk)
+    noise = RateNoise(0.0, _FIRST_WALK)
     times = np.append(turns.begins, turns.ends[-1:])
     for _ in range(_ROUNDS):
         raw = read(delay_s)
         by_delay = (read(delay_s + _NUDGE_S) - read(delay_s - _NUDGE_S)) / (2.0 * _NUDGE_S)
         misses = np.where(turns.known & np.isfinite(by_delay), turns.yaws - raw, np.nan)
-        design = _make_design(raw, by_delay, lasts, settings.knot_s)
+        design = _make_design(raw, by_delay, lasts, KNOT_S)
         found = _fit(design, misses, turns, noise, settings)
         delay_s += float(np.clip(found.parameters[1], -_NUDGE_S, _NUDGE_S))
         by_common = np.sum(design.jacobians[:, 2, :_COMMON] * found.parameters[:_COMMON], axis=1)
         walking = misses - by_common  # the walk of the bias is still in these
-        noise = measure_rate_noise(gyroscope, axis, walking, times, turns.drift, settings.first_walk)
+        noise = measure_rate_noise(gyroscope, axis, walking, times, turns.drift, _FIRST_WALK)
     residuals, sigmas = misses - found.correct(design)[:, 2], np.sqrt(np.diag(found.covariance))
     bias = float(np.mean(found.parameters[_COMMON:]))
     rotation = Rotation(
@@ -124,7 +133,7 @@ def _fit(
     lasts = turns.ends - turns.begins
     prior = np.zeros((_COMMON + len(design.knots_s) + 1,) * 2)
     first = np.arange(_COMMON + 1)
-    prior[first, first] = 1.0 / np.square([settings.sigma_scale, settings.longest_delay_s, settings.sigma_bias])
+    prior[first, first] = 1.0 / np.square([settings.sigma_scale, LONGEST_DELAY_S, SIGMA_BIAS])
     for knot, step_s in enumerate(design.knots_s, start=_COMMON):
         step = np.array([[1.0, -1.0], [-1.0, 1.0]]) / (noise.walk**2 * step_s + _LEAST)
         prior[knot : knot + 2, knot : knot + 2] += step

@@ -21,9 +21,20 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.sparse import csr_array
 
-from mqslam.config import GraphConfig, OdometryConfig
+from mqslam.config import OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
+
+# Standard deviation [rad/s] by which the bias of odometry's yaw rate may change in a second; it grows with the root of
+# time.
+_ODOMETRY_BIAS_WALK = 0.001
+
+# Standard deviation of the radar's place on the vehicle along each axis, where it is stated [m]. The point that wheels
+# move without slip lies between the rear wheels, and a tape measure finds it no better.
+SIGMA_MOUNT_M = 0.05
+# Standard deviation of the yaw at which the radar is mounted, where it is stated [rad]: MulRan's calibration differs from
+# straight ahead by as much.
+SIGMA_MOUNT_RAD = 0.01
 
 AT_ORIGIN: Final = np.zeros(3)
 """The mount of a radar of which nobody says where it sits: odometry is then taken as its own motion."""
@@ -132,25 +143,22 @@ def _turn_vehicle(poses: se2.Array, lasts: NDArray[np.float64], mount: se2.Array
     return np.column_stack([-arm[:, 1] * lasts, arm[:, 0] * lasts, lasts])
 
 
-def make_prior_information(
-    design: Design, stated: OdometryConfig, settings: GraphConfig, *, mounted: bool = False
-) -> NDArray[np.float64]:
+def make_prior_information(design: Design, stated: OdometryConfig, *, mounted: bool = False) -> NDArray[np.float64]:
     """Returns the information (P, P) that is stated about the parameters, which are zero as far as is known.
 
     Args:
         design: of the motions.
         stated: the errors that odometry states, and those of a mount that is stated.
-        settings: of the graph.
         mounted: whether it is known how the radar is mounted.
     """
-    place_m = stated.sigma_mount_m if mounted else MOUNT_M
-    turned = stated.sigma_mount_rad if mounted else stated.sigma_travel
+    place_m = SIGMA_MOUNT_M if mounted else MOUNT_M
+    turned = SIGMA_MOUNT_RAD if mounted else stated.sigma_travel
     sigmas = [stated.sigma_travel, DELAY_S, place_m, place_m, turned, stated.sigma_yaw_rate]
     information = np.zeros((_COMMON + len(design.knots_s) + 1,) * 2)
     first = np.arange(_COMMON + 1)
     information[first, first] = 1.0 / np.square(np.maximum(sigmas, _LEAST_SIGMA))
     for knot, step_s in enumerate(design.knots_s, start=_COMMON):
-        step = np.array([[1.0, -1.0], [-1.0, 1.0]]) / (settings.odometry_bias_walk**2 * step_s)
+        step = np.array([[1.0, -1.0], [-1.0, 1.0]]) / (_ODOMETRY_BIAS_WALK**2 * step_s)
         information[knot : knot + 2, knot : knot + 2] += step
     return information
 

@@ -91,7 +91,7 @@ def make_odometry_edges(
         own = np.sqrt([np.diag(motion.covariance) for motion in odometry])
         return _state(odometry, np.zeros_like(own), spread_common(own, converged, span))
     design = make_design(odometry, span, AT_ORIGIN if mount is None else mount.pose)
-    prior = make_prior_information(design, stated, settings, mounted=mount is not None)
+    prior = make_prior_information(design, stated, mounted=mount is not None)
     calibration, noise = _calibrate(odometry, measured, converged, design, prior, span)
     common = spread_common(calibration.list_sigmas(design), converged, span)
     return _state(odometry, calibration.correct(design), noise + common)
