@@ -29,9 +29,8 @@ def judge_scale(run: Run) -> list[Finding]:
         fits = f"range bins {1.0 / ratio:.3g} times as long would fit: {Remedy.GIVE_RANGE_RESOLUTION}"
         agreed = _shows_scale(fixes) and not (fixes and fixes.stretch and _is_wrong(fixes.stretch, run.config.verdict))
         remedy = "mend odometry's speeds, since GNSS agrees with the radar" if agreed else f"or {fits}"
-        reasons.append(
-            f"the trajectory is {ratio:.3g} times as fast as odometry: odometry's scale is wrong{_guess_unit(ratio)}, {remedy}"
-        )
+        wrong = f"odometry's scale is wrong{_guess_unit(ratio)}"
+        reasons.append(f"the trajectory is {ratio:.3g} times as fast as odometry: {wrong}, {remedy}")
     if fixes is not None and fixes.stretch is not None and _is_wrong(fixes.stretch, run.config.verdict):
         reasons.append(
             f"GNSS fixes lie {fixes.stretch:.3g} times as far apart as the trajectory has them: range bins "
