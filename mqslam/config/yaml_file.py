@@ -8,10 +8,72 @@ from typing import Any, TypeVar, get_args
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from mqslam.config.gone import is_gone
 from mqslam.errors import ConfigError, suggest, untrusted
 
 M = TypeVar("M", bound=BaseModel)
+# The settings of former versions that are constants now, by sections.
+_GONE = {
+    "reading": (
+        "usual_turn_s turns_around longest_step short_share rate_cell most_rates whole_turn cost_late "
+        "cost_early cost_rate_change compared_azimuths compared_apart same_turn least_jitter_s "
+        "smoothest_ratio roughest_ratio equal_likelihood most_turn_change stray_spreads most_late_s "
+        "scans_around_break break_spreads break_lasts fewest_rows validity_share chirp_share lidar_clip_share "
+        "lidar_clip_count lidar_clip_m lidar_same_m lidar_same_rad lidar_same_track_m lidar_same_track_rad "
+        "lidar_longest_sweep"
+    ),
+    "sensor": "doppler_gain doppler_least",
+    "detector": (
+        "join_bins ring_contrast ring_cells saturation_bins noise_azimuths fixed_range_m fixed_sectors "
+        "fixed_share fixed_most most_unread fixed_scans"
+    ),
+    "chirps": "background_m step_mps window_mps outlier_spreads",
+    "estimator": (
+        "stabiliser basins difference_step unknown_speed unknown_yaw_rate search_blur search_extent shrink "
+        "aspect_rad distinct_sigmas"
+    ),
+    "tracker": (
+        "keyframe_rad sigma_position_m sigma_yaw sigma_vy persistence omega_max lost_share foresight_share "
+        "least_matched least_share usual_memory beside_turn beside_turns start_speeds start_yaw_step "
+        "rest_speed rest_slip rest_omega steady_s steady_turns search_sigmas search_least_m search_least_rad "
+        "search_most_m search_most_rad grown_keyframes young_least unsteady_scans unsteady_least sigma_vx "
+        "sigma_ax longest_coast_s young_scans foresight_scans held_scans"
+    ),
+    "calibration": "trusted gross moved_m",
+    "kiss_icp": (
+        "fewest_matched surface_points flattest start_returns start_step_m start_as_good coast_vy coast_omega "
+        "gap_turns coast_vx start_scans"
+    ),
+    "open3d_icp": (
+        "fewest_matched surface_points flattest start_returns start_step_m start_as_good coast_vy coast_omega "
+        "gap_turns keyframe_rad first_reach scan_voxel coast_vx start_scans"
+    ),
+    "odometry": "sigma_mount_m sigma_mount_rad mount_known_m mount_known_rad",
+    "gyroscope": (
+        "longest_delay_s least_correlation largest_scale usual_delay_s far_correlation most_wild told_sigmas "
+        "delay_tolerance_s scale_tolerance largest_scale_sigma likely_scale knot_s first_walk sigma_bias"
+    ),
+    "gnss": "longest_delay_s most_jumps alike_s knot_s largest_walk_m largest_share antenna_apart least_spread",
+    "velocity": "largest_scale most_wild told_sigmas scale_tolerance sigma_bias_mps span_s",
+    "graph": "drift_submaps drift_trusted drift_gross odometry_bias_walk",
+    "recognition": "aside_step_m gap_m agree_m agree_rad agree_share",
+    "loops": "later_share tried_factor beyond_m beyond_rad",
+    "audit": (
+        "later_share tried_factor beyond_m beyond_rad claimed_m rival_sigmas revisit_fewest span_fewest "
+        "span_torn_m lever_turn_rad sampled_windows coverage_slack few_stamps cloud_sweep_s narrow_start "
+        "narrow_reach speed_error_mps speed_fewest jump_mps2 jump_radps2 jump_factor jump_quantile "
+        "least_overlap_kept difference_step unobserved fewest_neighbours hit_log_odds miss_log_odds "
+        "log_odds_limit lever_turns span_least_m"
+    ),
+    "merge": "near_m object_m margin_m",
+    "map": "well_seen stop_s",
+    "localisation": "aside_rad give_up_m confirmed renew_m",
+    "verdict": ("revisits_warn revisits_fail lever_warn lost_fail degenerate_warn uncovered_warn apart_fail scale_warn"),
+    "compare": "places_apart lever_m",
+    "check": (
+        "unsteady span_share late_share hole_steps unmeasured_share order_chance order_gain least_turn "
+        "yaw_rate_floor largest_shift shift_error shift_ok fewest_steps least_speed explained"
+    ),
+}
 _NAMED = 5  # so many gone settings are named in an error
 
 
@@ -48,7 +110,7 @@ def _explain(error: ValidationError, model: type[BaseModel]) -> str:
     """Returns the first fault of a settings tree in one line, with the nearest known name for an unknown one."""
     faults = error.errors()
     gone = [
-        f["loc"] for f in faults if f["type"] == "extra_forbidden" and len(f["loc"]) == 2 and is_gone(*map(str, f["loc"]))
+        f["loc"] for f in faults if f["type"] == "extra_forbidden" and len(f["loc"]) == 2 and _is_gone(*map(str, f["loc"]))
     ]
     if gone:
         return _explain_gone([".".join(map(str, loc)) for loc in gone])
@@ -57,6 +119,11 @@ def _explain(error: ValidationError, model: type[BaseModel]) -> str:
     if fault["type"] != "extra_forbidden":
         return f"{where}: {fault['msg'].removeprefix('Value error, ')}"  # pydantic's prefix of what our own checks raise
     return f"unknown setting {where}; {suggest(str(fault['loc'][-1]), _list_settings(model, fault['loc'][:-1]))}"
+
+
+def _is_gone(section: str, name: str) -> bool:
+    """Returns whether a former version had a setting of that name, which is a constant now."""
+    return name in _GONE.get(section, "").split()
 
 
 def _explain_gone(names: list[str]) -> str:

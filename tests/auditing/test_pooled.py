@@ -16,6 +16,7 @@ from mqslam.auditing.findings import judge_pooled
 from mqslam.auditing.laying import Laid
 from mqslam.auditing.sources import LIDAR_CONFIG, make_lidar_source, place_source
 from mqslam.auditing.spans.delay import Delay, measure_twists
+from mqslam.auditing.spans.lever import _LEVER_TURNS
 from mqslam.auditing.spans.measured import find_spans, lay_spans
 from mqslam.auditing.spans.pooled import Pooled, pool
 from mqslam.auditing.sweeps import place_sweeps
@@ -111,7 +112,7 @@ def test_extrinsics_that_were_given_are_mended_in_their_yaw() -> None:
 @pytest.mark.parametrize("arm", [(0.0, 0.2), (-0.3, 0.0), (1.2, -0.4)])
 def test_where_the_sensor_sits_is_measured_and_the_extrinsics_that_are_named_mend_it(arm: tuple[float, float]) -> None:
     found = pooled(base=(*arm, 0.0))
-    assert found.lever is not None and found.lever.turns >= CONFIG.audit.lever_turns
+    assert found.lever is not None and found.lever.turns >= _LEVER_TURNS
     np.testing.assert_allclose(found.lever.arm, arm, atol=0.03)
     finding = judge_pooled(found, CONFIG.verdict, np.zeros(3))
     assert finding.status is VerdictStatus.WARN and "in turns the sensor moves as if it sat " in finding.reason

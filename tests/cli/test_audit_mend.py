@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from support.commands import mqslam, read_contents
 
-from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.tum import read_tum, write_tum
@@ -76,9 +75,9 @@ def test_a_trajectory_without_a_fault_is_written_as_it_is(street: Path, quick: P
 
 
 def test_a_map_that_was_not_judged_is_not_said_to_need_no_mending() -> None:
-    untouched, limits = SimpleNamespace(rounds=0), Config().verdict
-    assert "nothing to mend" in describe_mended(untouched, {"verdict": {"status": "pass"}}, limits)
-    assert "could not judge enough to mend" in describe_mended(untouched, {"verdict": {"status": "not judged"}}, limits)
+    untouched = SimpleNamespace(rounds=0)
+    assert "nothing to mend" in describe_mended(untouched, {"verdict": {"status": "pass"}})
+    assert "could not judge enough to mend" in describe_mended(untouched, {"verdict": {"status": "not judged"}})
 
 
 @pytest.mark.parametrize("stretch", [1.0, 1.028, 0.99])

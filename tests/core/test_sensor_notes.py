@@ -9,20 +9,20 @@ LEFT_OUT = {"used": False, "statements": ["it contradicts the radar"]}
 
 
 @pytest.mark.parametrize(
-    ("sensors", "status", "after", "options"),
+    ("sensors", "status", "after", "named"),
     [
-        ({"gyroscope": USED, "gnss": USED}, "warn", 0.26, "--imu none --gnss none"),
-        ({"gyroscope": LEFT_OUT, "gnss": USED}, "fail", 0.26, "--gnss none"),
+        ({"gyroscope": USED, "gnss": USED}, "warn", 0.26, "the gyroscope and GNSS"),
+        ({"gyroscope": LEFT_OUT, "gnss": USED}, "fail", 0.26, "GNSS"),
         ({"gyroscope": None, "gnss": USED}, "pass", 0.26, None),
         ({"gyroscope": None, "gnss": USED}, "warn", 0.24, None),
         ({"gyroscope": LEFT_OUT, "gnss": None}, "fail", 0.26, None),
     ],
 )
 def test_a_map_that_is_not_passed_and_was_crisper_without_the_sensors_says_so(
-    sensors: dict[str, object], status: str, after: float, options: str | None
+    sensors: dict[str, object], status: str, after: float, named: str | None
 ) -> None:
     psi = {"per_point_odometry": 0.25, "per_point_optimised": after}
     notes = list_sensor_notes({"sensors": sensors, "psi": psi, "verdict": {"status": status}})
     doubts = [note for note in notes if note.startswith("psi per point is 0.2500 by psi's motions alone")]
-    assert len(doubts) == (options is not None)
-    assert all(note.endswith(f"a run with {options}") for note in doubts)
+    assert len(doubts) == (named is not None)
+    assert all(note.endswith(f"a run without {named}") for note in doubts)

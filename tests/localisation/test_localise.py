@@ -16,6 +16,7 @@ from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.runner import Runner
 from mqslam.localisation.localised import Localised, PlaceStatus
 from mqslam.localisation.recording_in_map import localise
+from mqslam.localisation.registering import _RENEW_M
 
 MAPPED_S = 14.0
 
@@ -66,7 +67,7 @@ def test_scans_beyond_the_end_of_the_map_are_predictions_that_grow_unsure(later:
     outside = np.array([status is PlaceStatus.OUTSIDE for status in found.statuses])
     away = np.array([np.hypot(*(street_map(9.0).keyframes.poses - pose)[:, :2].T).min() for pose in later.truth])
     assert outside[-5:].all() and found.on_map[away < 5.0].all()
-    assert not found.on_map[away > CONFIG.localisation.reach_m + CONFIG.localisation.renew_m].any()
+    assert not found.on_map[away > CONFIG.localisation.reach_m + _RENEW_M].any()
     variances = found.covariances[outside][:, 0, 0]
     assert np.all(np.diff(variances) > 0.0)
     off = errors(found, later)[outside]

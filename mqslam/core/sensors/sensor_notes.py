@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-_OPTIONS = {"gyroscope": "--imu none", "gnss": "--gnss none"}  # which leave a sensor out
+_NAMES = {"gyroscope": "the gyroscope", "gnss": "GNSS"}
 
 
 def list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
@@ -19,16 +19,16 @@ def list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
     sensors = summary.get("sensors") or {}
     parts = [*sensors.values(), summary.get("mount")]
     found = (part for part in parts if part is not None and part.get("used", True))
-    options = [_OPTIONS[name] for name, part in sensors.items() if name in _OPTIONS and part and part.get("used")]
-    return [statement for part in found for statement in part["statements"]] + _doubt_sensors(summary, options)
+    used = [_NAMES[name] for name, part in sensors.items() if name in _NAMES and part and part.get("used")]
+    return [statement for part in found for statement in part["statements"]] + _doubt_sensors(summary, used)
 
 
-def _doubt_sensors(summary: Mapping[str, Any], options: Sequence[str]) -> list[str]:
-    """Returns that a map which is not passed was crisper before the sensors joined, and the options that leave them out."""
+def _doubt_sensors(summary: Mapping[str, Any], used: Sequence[str]) -> list[str]:
+    """Returns that a map which is not passed was crisper before the sensors that are used joined."""
     psi = summary.get("psi") or {}
     before, after = psi.get("per_point_odometry"), psi.get("per_point_optimised")
     passed = (summary.get("verdict") or {}).get("status") == "pass"
-    if not options or passed or before is None or after is None or after <= before:
+    if not used or passed or before is None or after is None or after <= before:
         return []
     told = f"psi per point is {before:.4f} by psi's motions alone and {after:.4f} with the sensors"
-    return [f"{told}: they may bend the map; hold it against a run with {' '.join(options)}"]
+    return [f"{told}: they may bend the map; hold it against a run without {' and '.join(used)}"]
