@@ -9,16 +9,20 @@ import numpy as np
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
-from mqslam.formats.shared.poses import make_trajectory, read_yaw
+from mqslam.formats.shared.poses import make_trajectory, read_yaw, round_yaw
 from mqslam.formats.shared.stamps import guess_unit, parse_stamps
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
-    """Writes `t[s] x y z qx qy qz qw` per line, as evo reads it."""
+    """Writes `t[s] x y z qx qy qz qw` per line, as evo reads it.
+
+    What is read back and written again is the same text: the yaw is rounded, and the quaternion has digits to spare.
+    """
     lines = []
     for stamp, (x, y, yaw) in zip(trajectory.stamps_us.tolist(), trajectory.poses.tolist(), strict=True):
+        half = round_yaw(yaw) / 2
         seconds = f"{stamp // 1_000_000}.{stamp % 1_000_000:06d}"
-        lines.append(f"{seconds} {x:.6f} {y:.6f} 0 0 0 {np.sin(yaw / 2):.9f} {np.cos(yaw / 2):.9f}\n")
+        lines.append(f"{seconds} {x:.6f} {y:.6f} 0 0 0 {np.sin(half):.12f} {np.cos(half):.12f}\n")
     write_text(path, "".join(lines))
 
 

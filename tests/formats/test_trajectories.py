@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +43,17 @@ def write_times(path: Path, trajectory: Trajectory, unit: str = "s") -> Path:
 def test_tum_files_are_read(arc: Trajectory, tmp_path: Path) -> None:
     write_tum(tmp_path / "t.txt", arc)
     assert_same(read_trajectory(tmp_path / "t.txt"), arc)
+
+
+@pytest.mark.parametrize("write", [write_tum, write_kitti])
+def test_what_is_read_and_written_again_is_the_same_text(write: Callable[[Path, Trajectory], None], tmp_path: Path) -> None:
+    stamps = START_US + 250_000 * np.arange(2000)
+    poses = np.random.default_rng(0).uniform(-4, 4, (2000, 3))
+    poses[:3, 2] = -np.pi, np.pi, 3 * np.pi
+    write(first := tmp_path / "first.txt", Trajectory(stamps, poses))
+    times = write_times(tmp_path / "times.txt", Trajectory(stamps, np.zeros((2000, 3))))
+    write(again := tmp_path / "again.txt", read_trajectory(first, times if write is write_kitti else None))
+    assert again.read_text() == first.read_text()
 
 
 @pytest.mark.parametrize("unit", ["s", "us", "ns"])

@@ -40,6 +40,11 @@ def read_yaw(path: Path, place: str, quaternion: Sequence[float]) -> float:
     return yaw
 
 
+def round_yaw(yaw: float) -> float:
+    """Returns the yaw [rad] to nine digits inside (-pi, pi), which a file's rotation of twelve digits gives back."""
+    return float(np.clip(round(float(se2.wrap(yaw)), 9), -3.141592653, 3.141592653))
+
+
 def mark_places(numbers: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
     """Marks the rows (N,) of numbers (N, D) [m or rad] that can be places or poses: others would overflow in computing."""
     return np.asarray((np.abs(numbers) <= _FARTHEST).all(axis=-1))  # false of NaN

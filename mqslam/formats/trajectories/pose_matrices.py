@@ -11,7 +11,7 @@ from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
-from mqslam.formats.shared.poses import make_trajectory
+from mqslam.formats.shared.poses import make_trajectory, round_yaw
 from mqslam.formats.trajectories.pose_rows import parse_numbers, parse_times, read_rows
 
 _NUMBERS = 12  # of the upper three rows of a 4x4 matrix
@@ -76,8 +76,8 @@ def write_kitti(path: Path, trajectory: Trajectory) -> None:
     """Writes the first three rows of every pose's 4x4 matrix, 12 numbers a line, as evo reads it: x-y plane, no stamps."""
     lines = []
     for x, y, yaw in trajectory.poses.tolist():
-        c, s = np.cos(yaw), np.sin(yaw)
-        lines.append(f"{c:.9f} {-s:.9f} 0 {x:.6f} {s:.9f} {c:.9f} 0 {y:.6f} 0 0 1 0\n")
+        c, s = np.cos(round_yaw(yaw)), np.sin(round_yaw(yaw))
+        lines.append(f"{c:.12f} {-s:.12f} 0 {x:.6f} {s:.12f} {c:.12f} 0 {y:.6f} 0 0 1 0\n")
     write_text(path, "".join(lines))
 
 
