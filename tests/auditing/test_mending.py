@@ -14,15 +14,18 @@ from support.drives import block_drive
 
 from mqslam.auditing.judge import Audit, audit
 from mqslam.auditing.laying import Laid
-from mqslam.auditing.mending.along import measure_along
+from mqslam.auditing.mending.along import measure_along, weigh_ties
 from mqslam.auditing.mending.evidence import allow_for_turns, tie_spans
 from mqslam.auditing.mending.rounds import Judged, Mended, carry, mend
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.windows import share_torn
+from mqslam.backend.linear.marginals import Uncertainty
+from mqslam.backend.problem import Problem
 from mqslam.config import Config
 from mqslam.core import se2
+from mqslam.core.measurement import Loop, Measurement, MotionTable
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.progress import ignore_progress
@@ -207,3 +210,15 @@ def test_ties_along_the_path_show_a_scan_that_was_turned_wrongly() -> None:
     assert abs(np.median(wrong[~across])) < 0.05
     sigmas = np.degrees(np.sqrt([tie.covariance[2, 2] for tie in ties]))
     assert np.median(np.square(right / sigmas)) < 1.0  # 0.455 if they err as they say
+
+
+def test_ties_along_the_path_count_together_as_much_as_its_motions() -> None:
+    """Motions go straight and ties, however sure they say they are, turn by a little each scan: the path is in the middle."""
+    covariance, turning = np.diag([0.02, 0.01, 0.001]) ** 2, se2.exp(np.array([2.0, 0.0, 0.001]), 12.0)
+    motions = MotionTable(Measurement(k, k + 1.0, np.array([2.0, 0.0, 0.0]), covariance) for k in range(90))
+    ties = [Loop(k, k + 12, turning, 1e-6 * covariance, np.nan, np.nan) for k in range(79)]
+    problem = Problem(motions, [], CONFIG.graph, CONFIG.loops)
+    graph, optimum = problem.optimise([])
+    poses = problem.solve_poses([], weigh_ties(ties, Uncertainty(graph, optimum.values)))
+    assert np.diff(poses[20:-20, 2]) == pytest.approx(0.0005, abs=0.00005)
+    assert weigh_ties([], Uncertainty(graph, optimum.values)) == []
