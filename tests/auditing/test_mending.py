@@ -21,8 +21,6 @@ from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.windows import share_torn
-from mqslam.backend.linear.marginals import Uncertainty
-from mqslam.backend.problem import Problem
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Measurement, MotionTable
@@ -212,13 +210,16 @@ def test_ties_along_the_path_show_a_scan_that_was_turned_wrongly() -> None:
     assert np.median(np.square(right / sigmas)) < 1.0  # 0.455 if they err as they say
 
 
-def test_ties_along_the_path_count_together_as_much_as_its_motions() -> None:
-    """Motions go straight and ties, however sure they say they are, turn by a little each scan: the path is in the middle."""
-    covariance, turning = np.diag([0.02, 0.01, 0.001]) ** 2, se2.exp(np.array([2.0, 0.0, 0.001]), 12.0)
-    motions = MotionTable(Measurement(k, k + 1.0, np.array([2.0, 0.0, 0.0]), covariance) for k in range(90))
-    ties = [Loop(k, k + 12, turning, 1e-6 * covariance, np.nan, np.nan) for k in range(79)]
-    problem = Problem(motions, [], CONFIG.graph, CONFIG.loops)
-    graph, optimum = problem.optimise([])
-    poses = problem.solve_poses([], weigh_ties(ties, Uncertainty(graph, optimum.values)))
-    assert np.diff(poses[20:-20, 2]) == pytest.approx(0.0005, abs=0.00005)
-    assert weigh_ties([], Uncertainty(graph, optimum.values)) == []
+def test_ties_along_the_path_are_as_uncertain_as_the_motions_between_their_ends() -> None:
+    """However sure ties say they are, they are as uncertain as drawn motions add up to."""
+    rng = np.random.default_rng(7)
+    spread = np.diag([0.02, 0.01, 0.003])
+    motions = MotionTable(Measurement(k, k + 1.0, np.array([2.0, 0.1, 0.05]), spread**2) for k in range(20))
+    tie, whole = weigh_ties([Loop(4, 16, np.zeros(3), 1e-9 * np.eye(3), np.nan, np.nan)] * 2, motions)
+    assert (tie.earlier, tie.later) == (4, 16) and np.array_equal(tie.covariance, whole.covariance)
+    right = se2.chain(m.pose for m in motions[4:16])[-1]
+    ends = [se2.chain(m.pose + spread @ rng.normal(size=3) for m in motions[4:16])[-1] for _ in range(4000)]
+    drawn = np.cov(np.transpose(ends - right))
+    scale = np.sqrt(np.diag(drawn))
+    assert tie.covariance / np.outer(scale, scale) == pytest.approx(drawn / np.outer(scale, scale), abs=0.08)
+    assert weigh_ties([], motions) == []

@@ -1,23 +1,27 @@
-"""Ties along the path: places some tens of metres apart laid on each other, before any loop is looked for.
+"""Ties along the path: places a little apart laid on each other, before any loop is looked for.
 
 Odometry matches a scan to a map that was made by its own errors, so that a scan that was turned wrongly turns all later
-ones. What an audit would measure shows it: the two ends of every span. The motions are straightened by that. They are no
-surer for it, since the ties are of the same returns.
+ones. What an audit would measure shows it: the scans before every place laid on those after it, and the two ends of every
+span. The motions are straightened by both. They are no surer for it, since the ties are of the same returns, and a tie
+counts for no more than the motions between its ends.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import reduce
 from typing import Final
 
 import numpy as np
 
-from mqslam.auditing.mending.evidence import tie_spans
+from mqslam.auditing.mending.evidence import tie_spans, tie_steps
 from mqslam.auditing.spans.measured import lay_spans
 from mqslam.auditing.spans.torn import audit_spans
+from mqslam.auditing.steps import audit_steps
 from mqslam.auditing.sweeps import place_sweeps
-from mqslam.backend.linear.marginals import Uncertainty
+from mqslam.backend.loops.chain import Relative
+from mqslam.backend.loops.consistency import compose_relatives
 from mqslam.backend.problem import Problem
 from mqslam.config import Config
 from mqslam.core import se2
@@ -32,7 +36,7 @@ _DENSER: Final = 3  # an audit needs few spans to show what is wrong; so many ti
 
 
 def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Beam, runner: Runner) -> list[Loop]:
-    """Measures where psi has scans that are some tens of metres apart on the path.
+    """Measures where psi has scans that are a few scans, or some tens of metres, apart on the path.
 
     Args:
         scans: of the recording.
@@ -42,7 +46,7 @@ def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Be
         runner: where scans are laid; the result does not depend on it.
 
     Returns:
-        the motions through spans.
+        the motions between such scans, first those across steps and then those through spans.
     """
     sweeps, inside = place_sweeps(scans, trajectory, beam)
     known = np.ones(len(sweeps), dtype=np.bool_)
@@ -51,9 +55,10 @@ def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Be
     def report(stage: str, done: int, total: int) -> None:
         runner.progress(f"{stage} along", done, total)
 
+    steps = audit_steps(sweeps, known, config.audit, config.estimator, config.verdict, runner.engine, report)
     laid = lay_spans(sweeps, known, often, config.estimator, runner.engine, report)
     spans = audit_spans(laid, np.zeros(3), sweeps.times, config.verdict)
-    ties = tie_spans(spans, sweeps, (), often)
+    ties = [*tie_steps(steps, sweeps, (), config.audit).values(), *tie_spans(spans, sweeps, (), often)]
     return [Loop(inside[tie.a], inside[tie.b], tie.pose, tie.covariance, np.nan, np.nan) for tie in ties]
 
 
@@ -68,28 +73,22 @@ def straighten(measurements: MotionTable, scans: Scans, config: Config, beam: Be
         runner: where scans are laid; it keeps the ties.
     """
     alone = Problem(measurements, [], config.graph, config.loops)
-    graph, optimum = alone.optimise([])
-    track = Trajectory(scans.stamps_us, graph.poses_at(optimum.values))
+    track = Trajectory(scans.stamps_us, alone.solve_poses([]))
     ties = runner.make_once(ALONG, lambda: measure_along(scans, track, config, beam, runner))
-    poses = alone.solve_poses([], weigh_ties(ties, Uncertainty(graph, optimum.values)))
+    poses = alone.solve_poses([], weigh_ties(ties, measurements))
     motions = se2.between(poses[:-1], poses[1:])
     return MotionTable(replace(m, pose=motion) for m, motion in zip(measurements, motions, strict=True))
 
 
-def weigh_ties(ties: Sequence[Loop], chain: Uncertainty) -> list[Loop]:
-    """Returns ties that together say as much of the path as its motions do.
+def weigh_ties(ties: Sequence[Loop], motions: MotionTable) -> list[Loop]:
+    """Returns ties that are as uncertain as the motions between their ends add up to.
 
     Both are measured from the same returns, and what errs in both (other faces of objects, seen from elsewhere) is in no
-    curvature of psi: where returns have little noise, ties seem far surer than they are. So a tie is as uncertain as the
-    motions between its ends are, times the number of ties that share these.
+    curvature of psi: where returns have little noise, ties seem far surer than they are.
 
     Args:
-        ties: motions between scans of one path, which overlap.
-        chain: how uncertain the path is without them.
+        ties: between scans of one path.
+        motions: between its successive scans.
     """
-    if not ties:
-        return []
-    ends = [(tie.earlier, tie.later) for tie in ties]
-    tied = {scan for earlier, later in ends for scan in range(earlier, later)}
-    shared = sum(later - earlier for earlier, later in ends) / len(tied)
-    return [replace(tie, covariance=shared * own) for tie, own in zip(ties, chain.relate(ends), strict=True)]
+    steps = [Relative(motion.pose, motion.covariance) for motion in motions]
+    return [replace(tie, covariance=reduce(compose_relatives, steps[tie.earlier : tie.later]).covariance) for tie in ties]
