@@ -39,8 +39,8 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def lap() -> SimulatedRecording:
-    """A bit more than one round of a block."""
-    return drive_around_a_block()
+    """A bit more than one round of a block, whose second pass loops leave about a hundredth of psi off the first."""
+    return drive_around_a_block(60.0, seed=4)
 
 
 @pytest.fixture(scope="module")

@@ -26,6 +26,12 @@ from mqslam.execution.local_engine import LocalEngine
 INTERRUPTS = list(itertools.product(("run", "compare", "audit", "simulate"), (signal.SIGINT, signal.SIGTERM)))
 
 
+def wait_until_kept(process: subprocess.Popen[str], out: Path) -> None:
+    """Waits until a command has kept what a resumed one begins with."""
+    while process.poll() is None and not any((out / FOLDER).rglob("*.npz")):
+        time.sleep(0.01)
+
+
 @pytest.mark.parametrize(("command", "number"), mostly_slow(INTERRUPTS, [("run", signal.SIGINT), ("audit", signal.SIGTERM)]))
 def test_ctrl_c_or_sigterm(drive: Path, tmp_path: Path, command: str, number: signal.Signals) -> None:
     """To all processes of the terminal, as Ctrl-C is, or to the command alone, as kill does."""
@@ -48,7 +54,8 @@ def test_ctrl_c_or_sigterm(drive: Path, tmp_path: Path, command: str, number: si
     shown = [process.stderr.readline()]
     while shown[-1] and not re.match("reading and detecting: 30/30|simulating", shown[-1]):
         shown.append(process.stderr.readline())
-    time.sleep(0.2)
+    if command in ("run", "compare"):
+        wait_until_kept(process, folder / "out")
     (os.killpg if number is signal.SIGINT else os.kill)(process.pid, number)
     rest = process.stderr.read()
     assert process.wait(timeout=300) == 128 + number, rest
@@ -166,7 +173,7 @@ def test_a_terminal_that_is_closed(drive: Path, tmp_path: Path) -> None:
     assert process.stderr is not None
     while (line := process.stderr.readline()) and "reading and detecting: 30/30" not in line:
         pass
-    time.sleep(0.2)
+    wait_until_kept(process, out)
     process.send_signal(signal.SIGHUP)
     last = process.stderr.read().splitlines()[-1]
     assert process.wait(timeout=300) == 129 and last == "mqslam: interrupted; continue with --resume"

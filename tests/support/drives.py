@@ -40,12 +40,13 @@ def street_drive() -> tuple[SimulatedRecording, Scans]:
     return drive(clear_way(make_street_scene(1, movers=4), motion, 10.0), motion, 10.0)
 
 
-def drive_around_a_block() -> SimulatedRecording:
-    """Returns a bit more than one round of a block: the last 100 m are driven twice."""
+def drive_around_a_block(duration_s: float = 54.0, seed: int = 1) -> SimulatedRecording:
+    """Returns a bit more than one round of a block: the last 100 m of 54 s, or 150 m of 60 s, are driven twice."""
     from mqslam.simulator import make_loop_drive, make_street_scene
 
     sensor = SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0)
-    return simulate_recording(make_street_scene(1, movers=0), make_loop_drive(54.0), duration_s=54.0, sensor=sensor, seed=1)
+    scene, motion = make_street_scene(seed, movers=0), make_loop_drive(duration_s)
+    return simulate_recording(scene, motion, duration_s=duration_s, sensor=sensor, seed=seed)
 
 
 @lru_cache(maxsize=1)
