@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import ast
+import functools
+import inspect
 from pathlib import Path
+from typing import Any
 
 import nbformat
 import pytest
@@ -57,11 +60,24 @@ def test_a_notebook_runs_top_to_bottom_and_finds_what_it_says(path: Path) -> Non
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_what_a_notebook_imports_exists(path: Path) -> None:
+def test_what_a_notebook_imports_exists_and_takes_the_arguments_that_it_is_given(path: Path) -> None:
     cells = [cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
-    imports = [node for node in ast.parse("\n".join(cells)).body if isinstance(node, ast.Import | ast.ImportFrom)]
-    assert imports
-    exec(compile(ast.Module(imports, []), path.name, "exec"), {})
+    code = ast.parse("\n".join(cells))
+    imports = [node for node in code.body if isinstance(node, ast.Import | ast.ImportFrom)]
+    names: dict[str, Any] = {}
+    exec(compile(ast.Module(imports, []), path.name, "exec"), names)
+    checked = 0
+    for call in (node for node in ast.walk(code) if isinstance(node, ast.Call)):
+        path_of_name = ast.unparse(call.func).split(".")
+        starred = [value for value in call.args if isinstance(value, ast.Starred)]
+        if path_of_name[0] not in names or not all(map(str.isidentifier, path_of_name)) or starred:
+            continue
+        called = functools.reduce(getattr, path_of_name[1:], names[path_of_name[0]])
+        keywords = {keyword.arg: keyword.value for keyword in call.keywords if keyword.arg}
+        if getattr(called, "__module__", "").startswith("mqslam") and len(keywords) == len(call.keywords):
+            inspect.signature(called).bind(*call.args, **keywords)
+            checked += 1
+    assert checked > 3
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
