@@ -11,7 +11,7 @@ from mqslam.core.motion import CONSTANT_TWIST
 from mqslam.core.scans import Returns
 from mqslam.psi.place import Beam, place_arrays
 from mqslam.psi.scoring.estimator import Kernel, PointArrays, Scale, evaluate_arrays
-from mqslam.psi.scoring.neighbours import CandidateLists, CellGrid, find_corner, list_near, sort_points
+from mqslam.psi.scoring.neighbours import CandidateLists, CellGrid, find_corner, list_firsts, list_near, sort_points
 
 
 def score_twists(
@@ -51,8 +51,9 @@ def _list_shares(
         points, _, covariances, _ = place_arrays(ranges, azimuths, times, np.zeros(3), twists[k], model, beam)
         corner = find_corner(points) - scale.s
         sorted_points, order, rows, begins = sort_points(points, scale.s, corner)
-        offsets, indices = list_near(CellGrid(sorted_points, order, rows, begins, corner, scale.s), points, scale.s)
+        grid = CellGrid(sorted_points, order, rows, begins, corner, scale.s)
+        offsets, indices = list_near(grid, list_firsts(grid), points, scale.s)
         arrays = PointArrays(points, no_jacobians, covariances, times, no_rays)
-        lists = CandidateLists(offsets, indices, scale.s)
+        lists = CandidateLists(offsets, order[indices], scale.s)
         shares[k] = evaluate_arrays(arrays, arrays, lists, scale, kernel, True)[0]
     return shares

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig
 from mqslam.psi.place import PointSet
-from mqslam.psi.scoring.estimator import Evaluation, Kernel, Scale, evaluate
+from mqslam.psi.scoring.estimator import Evaluation, Kernel, Scale, evaluate, find_reach
 from mqslam.psi.scoring.neighbours import NeighbourCache, find_candidates, sort_into_cells
-from mqslam.psi.scoring.references import References, evaluate_against, find_reach
+from mqslam.psi.scoring.references import Pairs, References, Surroundings, do_serve, evaluate_against, list_pairs
 
 # Factor by which the widths shrink from step to step.
 _SHRINK = 0.6
@@ -210,6 +210,7 @@ class Rendered:
         self._render, self._references = render, references
         self._kernel = kernel_of(config, revolution_s)
         self._cache = NeighbourCache()
+        self._pairs: Pairs | None = None
         self._jacobians = np.empty((0, 2, 0))
 
     def measure_move(self, move: NDArray[np.float64]) -> float:
@@ -221,9 +222,17 @@ class Rendered:
         queries = self._render(state)
         self._jacobians = queries.jacobians
         if self._references is not None:
-            return evaluate_against(queries, self._references, scale, self._kernel)
+            pairs = self._list_pairs(queries.points, self._references, find_reach(scale, self._kernel))
+            return evaluate_against(queries, self._references, scale, self._kernel, pairs)
         lists = self._cache.lists(queries.points, queries.points, find_reach(scale, self._kernel))
         return evaluate(queries, queries, lists, scale, self._kernel, moving_references=True)
+
+    def _list_pairs(self, points: NDArray[np.float64], references: References, reach: float) -> Pairs:
+        """Returns the references near points (N, 2) m, which are listed anew where the last list does not serve."""
+        if self._pairs is None or len(points) != len(self._pairs.points) or not do_serve(self._pairs, points, reach):
+            around = Surroundings(references.grid, references.known, references.firsts)
+            self._pairs = list_pairs(points, around, reach)
+        return self._pairs
 
 
 @register_jitable

@@ -25,9 +25,8 @@ from mqslam.psi.minimiser import (
     shorten_step,
 )
 from mqslam.psi.place import PointSet, rotate_covariances
-from mqslam.psi.scoring.estimator import Evaluation, Kernel, Scale, weigh_offsets
-from mqslam.psi.scoring.pairs import Surroundings, add_up_pairs, do_serve, list_pairs
-from mqslam.psi.scoring.references import References, find_reach
+from mqslam.psi.scoring.estimator import Evaluation, Kernel, Neighbours, Scale, add_up_neighbours, find_reach, weigh_offsets
+from mqslam.psi.scoring.references import References, Surroundings, do_serve, list_pairs
 
 _NO_PULLS: Final = np.empty((0, 2, 3))
 ANY_TIME: Final = 0.0
@@ -106,6 +105,7 @@ def _descend(
     sums = np.empty((len(own), 10))
     reach = find_reach(Scale(scales[0, 0], scales[0, 1], scales[0, 2]), kernel)
     pairs = list_pairs(place_rigidly(own, state), around, reach)
+    any_times, any_views, no_pulls = np.empty(0), np.empty((0, 2)), np.empty((0, 2, 3))
     for step in range(len(scales) + 1):
         ends = converged or step == len(scales)
         k = min(step, len(scales) - 1)
@@ -113,7 +113,8 @@ def _descend(
         placed, reach = place_rigidly(own, state), find_reach(scale, kernel)
         if not do_serve(pairs, placed, reach):
             pairs = list_pairs(placed, around, reach)
-        add_up_pairs(placed, pairs, around.known, scale, kernel, sums)
+        near = Neighbours(around.known, no_pulls, pairs.begins, pairs.indices)
+        add_up_neighbours(placed, any_times, any_views, near, scale, kernel, sums, no_pulls)
         if ends:
             break
         expansion = expand_rigidly(own, covariances, state[2], sums, scale)

@@ -12,7 +12,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-_ROOM = 16  # candidates per query that room is made for at first: a matter of speed only
+_ROOM = 8  # candidates per query that room is made for at first: a matter of speed only
 _DENSE = 2**17  # cells of a grid up to which the first points of all cells are listed: a matter of speed only
 _LAST = 2**22  # column and row of all points that lie farther out: a matter of memory only
 
@@ -152,7 +152,7 @@ class CandidateLists(NamedTuple):
     """
 
     offsets: NDArray[np.int64]
-    indices: NDArray[np.int64]
+    indices: NDArray[np.int64] | NDArray[np.int32]
     radius: float
 
 
@@ -164,38 +164,49 @@ def find_candidates(grid: CellGrid, queries: NDArray[np.float64], radius: float)
         queries: (N, 2) m.
         radius: how near the reference points are [m].
     """
-    offsets, indices = list_near(grid, queries, radius)
-    return CandidateLists(offsets, indices, radius)
+    offsets, indices = list_near(grid, list_firsts(grid), queries, radius)
+    return CandidateLists(offsets, grid.order[indices], radius)
 
 
-@nb.njit(cache=True, nogil=True)
-def list_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Returns offsets and indices of `CandidateLists`; see `find_candidates`."""
-    points, order, rows, begins, corner, cell = grid
-    firsts = list_firsts(grid)
-    height = firsts.shape[1] - 1
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def list_near(
+    grid: CellGrid, firsts: NDArray[np.int32], queries: NDArray[np.float64], radius: float
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Returns offsets and indices of `CandidateLists`, the indices being those of the sorted points of the grid.
+
+    Every candidate is written down, and the next one overwrites one that is too far away.
+
+    Args:
+        grid: the reference points.
+        firsts: of the grid, as `list_firsts` gives them.
+        queries: (N, 2) m.
+        radius: how near the reference points are [m].
+    """
+    points, _, rows, begins, corner, cell = grid
+    left_m, low_m = corner[0], corner[1]
+    is_dense, height = len(firsts) > 0, firsts.shape[1] - 1
     offsets = np.zeros(len(queries) + 1, np.int64)
-    indices = np.empty(_ROOM * len(queries), np.int64)
-    slot = 0
+    indices = np.empty(_ROOM * len(queries) + len(points), np.int32)
+    count = 0
     for i in range(len(queries)):
+        if count + len(points) > len(indices):
+            indices = np.concatenate((indices, np.empty_like(indices)))
         x, y = queries[i, 0], queries[i, 1]
-        low, high = find_cell(y - radius - corner[1], cell), find_cell(y + radius - corner[1], cell)
-        left, right = find_cell(x - radius - corner[0], cell), find_cell(x + radius - corner[0], cell)
-        for column in range(left, min(right, len(begins) - 2) + 1):
-            if height >= 0:
-                begin, end = firsts[column, min(low, height)], firsts[column, min(high + 1, height)]
+        low, high = find_cell(y - radius - low_m, cell), find_cell(y + radius - low_m, cell)
+        first, last = find_cell(x - radius - left_m, cell), find_cell(x + radius - left_m, cell)
+        lowest, highest = min(low, height), min(high + 1, height)
+        for column in range(first, min(last, len(begins) - 2) + 1):
+            if is_dense:
+                begin, end = firsts[column, lowest], firsts[column, highest]
             else:
                 begin = find_first(rows, begins[column], begins[column + 1], low)
                 end = find_first(rows, begin, begins[column + 1], high + 1)
             for k in range(begin, end):
                 dx, dy = points[k, 0] - x, points[k, 1] - y
-                if dx * dx + dy * dy < radius * radius:
-                    if slot == len(indices):
-                        indices = np.concatenate((indices, np.empty_like(indices)))
-                    indices[slot] = order[k]
-                    slot += 1
-        offsets[i + 1] = slot
-    return offsets, indices[:slot].copy()
+                indices[count] = k
+                count += dx * dx + dy * dy < radius * radius
+        offsets[i + 1] = count
+    return offsets, indices[:count].copy()
 
 
 @nb.njit(cache=True, nogil=True)

@@ -10,10 +10,9 @@ from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, kernel_of, minimise
 from mqslam.psi.place import PointSet
-from mqslam.psi.scoring.estimator import Scale, evaluate
+from mqslam.psi.scoring.estimator import Neighbours, Scale, add_up_neighbours, evaluate
 from mqslam.psi.scoring.neighbours import find_candidates
-from mqslam.psi.scoring.pairs import Surroundings, add_up_pairs, list_pairs
-from mqslam.psi.scoring.references import References, make_references
+from mqslam.psi.scoring.references import References, Surroundings, list_pairs, make_references
 
 CONFIG = EstimatorConfig()
 TOLERANCES = np.array([1e-3, 1e-3, 2e-5])
@@ -72,7 +71,9 @@ def test_the_compiled_score_is_that_of_points_rendered_one_by_one(scale: Scale, 
     expected = evaluate(placed, references.points, lists, scale, kernel_of(CONFIG, ANY_TIME), moving_references=False)
     around = Surroundings(references.grid, references.known, references.firsts)
     pairs, sums = list_pairs(placed.points, around, scale.s), np.empty((len(query), 10))
-    add_up_pairs(placed.points, pairs, references.known, scale, kernel_of(CONFIG, ANY_TIME), sums)
+    no_pulls = np.empty((0, 2, 3))
+    near, kernel = Neighbours(references.known, no_pulls, pairs.begins, pairs.indices), kernel_of(CONFIG, ANY_TIME)
+    add_up_neighbours(placed.points, np.empty(0), np.empty((0, 2)), near, scale, kernel, sums, no_pulls)
     expansion = expand_rigidly(query.points, query.covariances, pose[2], sums, scale)
     for name in ("gradient", "information", "curvature"):
         np.testing.assert_allclose(getattr(expansion, name), getattr(expected, name), rtol=1e-12, atol=1e-12)

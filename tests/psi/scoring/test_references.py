@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from mqslam.config import EstimatorConfig
 from mqslam.psi.minimiser import annealed_scale, final_scale, kernel_of
 from mqslam.psi.place import PointSet
-from mqslam.psi.scoring.estimator import Scale, arrays_of
-from mqslam.psi.scoring.pairs import Pairs, Surroundings, add_up_pairs, do_serve, list_pairs
-from mqslam.psi.scoring.references import References, add_up_neighbours, find_reach, make_references
+from mqslam.psi.scoring.estimator import Neighbours, Scale, add_up_neighbours, find_reach
+from mqslam.psi.scoring.neighbours import list_near
+from mqslam.psi.scoring.references import Pairs, References, Surroundings, do_serve, list_pairs, make_references
 
 CONFIG = EstimatorConfig()
 KERNEL = kernel_of(CONFIG, 0.0)
@@ -25,16 +25,25 @@ def scattered(seed: int, count: int, half_m: float = 20.0) -> PointSet:
     return PointSet(rng.uniform(-half_m, half_m, (count, 2)), np.empty((count, 2, 0)), covariances, np.arange(float(count)))
 
 
+def add_up(
+    points: NDArray[np.float64],
+    lists: tuple[NDArray[np.int64], NDArray[np.int32]],
+    references: References,
+    scale: Scale,
+) -> NDArray[np.float64]:
+    sums, no_pulls = np.full((len(points), 10), np.nan), np.empty((0, 2, 0))
+    near = Neighbours(references.known, no_pulls, *lists)
+    add_up_neighbours(points, np.empty(0), np.empty((0, 2)), near, scale, KERNEL, sums, no_pulls)
+    return sums
+
+
 def add_up_anew(points: NDArray[np.float64], references: References, scale: Scale) -> NDArray[np.float64]:
-    queries = PointSet(points, np.empty((len(points), 2, 0)), np.zeros((len(points), 3)), np.zeros(len(points)))
-    _, *arranged = references
-    return np.asarray(add_up_neighbours(arrays_of(queries), *arranged, scale, KERNEL, False))
+    lists = list_near(references.grid, references.firsts, points, find_reach(scale, KERNEL))
+    return add_up(points, lists, references, scale)
 
 
 def add_up_listed(points: NDArray[np.float64], listed: Pairs, references: References, scale: Scale) -> NDArray[np.float64]:
-    sums = np.full((len(points), 10), np.nan)
-    add_up_pairs(points, listed, references.known, scale, KERNEL, sums)
-    return sums
+    return add_up(points, (listed.begins, listed.indices), references, scale)
 
 
 def around(references: References) -> Surroundings:
