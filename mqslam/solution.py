@@ -95,7 +95,7 @@ class Solution:
         """
         span = recording.start_us, recording.end_us
         source = MappedRecording(str(recording.path), *span, recording.revolution_s, self.doppler_beta)
-        return keep_map(scans, self.optimised, self.covariances, source, self.config, self.beam, engine)
+        return keep_map(scans, self.optimised, self.covariances, source, self.beam, engine)
 
     @property
     def before(self) -> str:

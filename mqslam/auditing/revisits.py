@@ -221,7 +221,8 @@ def find_revisit_pairs(sweeps: Sweeps, settings: AuditConfig) -> list[tuple[int,
     passes = find_passes(
         sweeps.travelled,
         sweeps.poses,
-        settings,
+        settings.spacing_m,
+        settings.least_path_m,
         lambda path_m: np.minimum(settings.reach_m + settings.drift * path_m, settings.gate_m),
     )
     return [nearest[0] for nearest in passes if nearest]

@@ -10,15 +10,17 @@ from numpy.typing import NDArray
 
 from mqslam.backend.loops.submap import MappedDrive
 from mqslam.backend.recognition.place_index import PlaceIndex
-from mqslam.backend.recognition.recognise import Ground, Means, PlaceMatch, recognise
-from mqslam.config import Config
+from mqslam.backend.recognition.places import PLACE_SPACING_M
+from mqslam.backend.recognition.recognise import ROW, Ground, PlaceMatch, recognise
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.localisation.registering import Prediction
 from mqslam.localisation.scan_by_scan import Setting
 from mqslam.mapping.keyframing import pick_spaced
-from mqslam.psi.place import Beam
+
+# Number of submaps that are looked up at a time, until a row of them is recognised.
+_BLOCK = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,18 +44,14 @@ class ColdStart:
     Args:
         setting: the scans and the map.
         made: the map with its places.
-        config: all settings.
-        beam: the sensor's errors.
         engine: where submaps are compared; the result does not depend on it.
     """
 
-    def __init__(self, setting: Setting, made: KeyframeMap, config: Config, beam: Beam, engine: Engine) -> None:
-        recognition = config.recognition.model_copy(update=made.places.made_with)
+    def __init__(self, setting: Setting, made: KeyframeMap, engine: Engine) -> None:
         self._setting, self._engine = setting, engine
-        self._means = Means(recognition, config.loops, config.estimator, beam)
-        index = PlaceIndex(made.places.descriptors, recognition)
+        index = PlaceIndex(made.places.descriptors)
         self._ground = Ground(MappedDrive.of(made.keyframes), made.places.keyframes, index)
-        self._nodes = pick_spaced(setting.drive.travelled, recognition.spacing_m)
+        self._nodes = pick_spaced(setting.drive.travelled, PLACE_SPACING_M)
 
     def look_up(self, wanted: NDArray[np.bool_]) -> Iterator[Found]:
         """Yields what looking up some submaps after the other leads to, as long as there are wanted ones.
@@ -63,21 +61,22 @@ class ColdStart:
         Args:
             wanted: (N,) which scans are still to be found. The caller may change it as it goes on.
         """
-        least, block, begin = self._means.recognition.row, self._setting.settings.block, 0
+        begin = 0
         while begin < len(self._nodes):
-            part = self._nodes[begin : begin + block]
-            fresh = part if begin == 0 else part[least - 1 :]
+            part = self._nodes[begin : begin + _BLOCK]
+            fresh = part if begin == 0 else part[ROW - 1 :]
             if wanted[fresh].any():
                 found = recognise(
                     self._setting.drive,
                     part,
                     self._ground,
                     np.ones((len(part), len(self._ground.places)), dtype=np.bool_),
-                    self._means,
+                    self._setting.estimator,
+                    self._setting.beam,
                     self._engine,
                 )
                 yield Found(found.rows, len(fresh), len(set(found.ambiguous) & set(fresh.tolist())))
-            begin += block - least + 1
+            begin += _BLOCK - ROW + 1
 
     def place(self, match: PlaceMatch) -> Prediction:
         """Returns where the scan of a match lies in the map."""

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mqslam.backend.loops.submap import Drive
-from mqslam.backend.recognition.recognise import PlaceMatch
-from mqslam.config import Config
+from mqslam.backend.recognition.places import PLACE_SPACING_M, describe_map
+from mqslam.backend.recognition.recognise import ROW, PlaceMatch
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.core.measurement import Measurement
@@ -25,9 +26,9 @@ from mqslam.errors import NotInMapError
 from mqslam.execution.runner import Runner
 from mqslam.localisation.localised import Localised, PlaceStatus
 from mqslam.localisation.lookup import ColdStart
-from mqslam.localisation.registering import MapAround, register
+from mqslam.localisation.registering import REACH_M, MapAround, register
 from mqslam.localisation.scan_by_scan import Setting, Table, follow
-from mqslam.localisation.surety import measure_scale
+from mqslam.localisation.surety import FEWEST_PAIRS, measure_scale
 from mqslam.psi.place import Beam
 
 # Least share of the scans along a row of recognised places that must lie on the map for it to count.
@@ -38,7 +39,7 @@ _LONGER: Final = "give a longer recording, or more of it"
 
 
 def localise(
-    scans: Scans, motions: Sequence[Measurement], made: KeyframeMap, config: Config, beam: Beam, runner: Runner
+    scans: Scans, motions: Sequence[Measurement], made: KeyframeMap, estimator: EstimatorConfig, beam: Beam, runner: Runner
 ) -> Localised:
     """Returns where the scans of a recording lie in a map, of which nothing is known beforehand.
 
@@ -46,7 +47,7 @@ def localise(
         scans: N scans of the recording.
         motions: N - 1 motions between successive scans.
         made: the map.
-        config: all settings.
+        estimator: settings of the score.
         beam: the sensor's errors.
         runner: does the work, and times it.
 
@@ -54,10 +55,11 @@ def localise(
         NotInMapError: no place of the map was recognised.
     """
     poses = se2.chain(motion.pose for motion in motions)
-    setting = Setting(Drive.of(scans, poses), motions, made.keyframes, config.localisation, config.estimator, beam)
+    setting = Setting(Drive.of(scans, poses), motions, made.keyframes, estimator, beam)
     table, rows, looked_up, ambiguous, conflicts = Table(len(scans), runner.progress), 0, 0, 0, 0
     with runner.time_stage("recognise"):
-        start, wanted = ColdStart(setting, made, config, beam, runner.engine), np.ones(len(scans), dtype=np.bool_)
+        start = ColdStart(setting, describe_map(made, beam, runner.engine), runner.engine)
+        wanted = np.ones(len(scans), dtype=np.bool_)
         parts = start.look_up(wanted)
         found = next(parts, None)
     while found is not None:
@@ -71,7 +73,7 @@ def localise(
         with runner.time_stage("recognise"):
             found = next(parts, None)
     if not rows:
-        raise NotInMapError(*_say_what_was_tried(setting.drive, made, config, looked_up, ambiguous))
+        raise NotInMapError(*_say_what_was_tried(setting.drive, made, looked_up, ambiguous))
     with runner.time_stage("surety"):
         scale, samples = measure_scale(setting, table, runner.engine)
     _fill_in(setting, table, se2.scale_covariance(table.covariances, scale))
@@ -88,7 +90,7 @@ def localise(
         scale=scale,
         samples=samples,
         conflicts=conflicts,
-        is_scale_measured=samples >= config.localisation.fewest,
+        is_scale_measured=samples >= FEWEST_PAIRS,
     )
 
 
@@ -101,8 +103,8 @@ def _seed(setting: Setting, table: Table, start: ColdStart, row: Sequence[PlaceM
     if table.tried[first : last + 1].any():
         return False
     middle = row[len(row) // 2]
-    around = MapAround(setting.keyframes, setting.settings, setting.beam)
-    lying = register(around, setting.render(middle.query), start.place(middle), setting.settings, setting.estimator)
+    around = MapAround(setting.keyframes, setting.beam)
+    lying = register(around, setting.render(middle.query), start.place(middle), setting.estimator)
     if lying.status is not PlaceStatus.CONVERGED:
         return False
     table.put(middle.query, lying)
@@ -141,17 +143,17 @@ def _fill_in(setting: Setting, table: Table, covariances: NDArray[np.float64]) -
                 table.poses[k], table.covariances[k] = now
     tree = cKDTree(setting.keyframes.poses[:, :2])
     for k in np.flatnonzero(~known).tolist():
-        is_outside = tree.query(table.poses[k, :2])[0] > setting.settings.reach_m
+        is_outside = tree.query(table.poses[k, :2])[0] > REACH_M
         table.statuses[k] = PlaceStatus.OUTSIDE if is_outside else PlaceStatus.LOST
 
 
-def _say_what_was_tried(drive: Drive, made: KeyframeMap, config: Config, looked_up: int, ambiguous: int) -> tuple[str, str]:
+def _say_what_was_tried(drive: Drive, made: KeyframeMap, looked_up: int, ambiguous: int) -> tuple[str, str]:
     """Returns why a recording is nowhere in a map, with what was tried, and what the user can do."""
-    path_m, settings = float(drive.travelled[-1]), config.recognition
-    if looked_up < settings.row:
+    path_m = float(drive.travelled[-1])
+    if looked_up < ROW:
         too_short = (
-            f"not found in this map: its path of {path_m:.0f} m is too short, as {settings.row} places that are "
-            f"{settings.spacing_m:g} m apart must be recognised in a row"
+            f"not found in this map: its path of {path_m:.0f} m is too short, as {ROW} places that are "
+            f"{PLACE_SPACING_M:g} m apart must be recognised in a row"
         )
         return too_short, _LONGER
     along, places = f"submaps along {path_m:.0f} m of path", count_of(len(made.places.keyframes), "place")

@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from mqslam.backend.loops.submap import MappedDrive
-from mqslam.backend.recognition.places import DESCRIBING, describe_places
-from mqslam.config import Config
-from mqslam.core.engine import Engine
 from mqslam.core.keyframes import KEYFRAME_POINT, Keyframes, PlaceTable
 from mqslam.core.stored import make_stored, release
 from mqslam.merging.joint_graph import number_vertices
 from mqslam.merging.part import Part
-from mqslam.psi.place import Beam
 
 
 def join_keyframes(parts: Sequence[Part]) -> Keyframes:
@@ -53,13 +47,3 @@ def join_places(parts: Sequence[Part]) -> PlaceTable:
         np.concatenate([part.map.places.descriptors for part in parts]),
         parts[0].map.places.made_with,
     )
-
-
-def describe_part(part: Part, config: Config, beam: Beam, engine: Engine) -> Part:
-    """Returns a part whose places are described with the settings, which are described again if they are not."""
-    settings = config.recognition
-    if part.map.places.made_with == settings.model_dump(mode="json", include=DESCRIBING):
-        return part
-    drive = MappedDrive.of(part.map.keyframes)
-    places = describe_places(drive, settings, config.loops.spacing_m, beam, engine)
-    return replace(part, map=replace(part.map, places=places))

@@ -62,5 +62,5 @@ def join_graphs(parts: Sequence[Part], frames: Sequence[se2.Array], config: Conf
         for factor in list_factors(part, numbers.tolist(), config):
             factors.push_back(factor)
         keys += numbers[part.map.keyframes.scans].tolist()
-    problem = GivenGraph(factors, values, keys, lambda factor: factor, config.graph, config.loops)
+    problem = GivenGraph(factors, values, keys, lambda factor: factor, config.graph)
     return JointGraph(problem, sum(part.scans for part in parts), values.size())

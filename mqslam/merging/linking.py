@@ -9,15 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.backend.loops import passes
 from mqslam.backend.loops.align import score_at_pose
 from mqslam.backend.loops.candidates import find_candidates
 from mqslam.backend.loops.chain import Chain
 from mqslam.backend.loops.consistency import keep_consistent
-from mqslam.backend.loops.layout import LATER_SHARE
-from mqslam.backend.loops.search import compare_passes, confirm_by_map
-from mqslam.backend.loops.submap import MappedDrive, Passes, render_submap
+from mqslam.backend.loops.search import compare_passes, confirm_by_map, render_passes
+from mqslam.backend.loops.submap import MappedDrive, Passes
 from mqslam.backend.problem import GraphProblem
-from mqslam.config import Config, EstimatorConfig, LoopConfig
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.keyframes import Keyframes
@@ -25,6 +25,9 @@ from mqslam.core.measurement import Loop
 from mqslam.execution.runner import Runner
 from mqslam.psi.place import Beam
 from mqslam.psi.scoring.references import make_references
+
+# Number of searches for further links; each starts from the poses that the links found before have corrected.
+_ROUNDS = 2
 
 _log = logging.getLogger(__name__)
 
@@ -52,7 +55,7 @@ def find_links(
     start: se2.Array,
     first: Sequence[Loop],
     groups: NDArray[np.int64],
-    config: Config,
+    estimator: EstimatorConfig,
     beam: Beam,
     runner: Runner,
 ) -> Links:
@@ -64,23 +67,23 @@ def find_links(
         start: (K, 3) poses of the keyframes before any link joins the graph.
         first: links that recognition has found, which agree.
         groups: (K,) part of each keyframe.
-        config: all settings.
+        estimator: settings of the score.
         beam: the sensor's errors.
         runner: does the work.
 
     Raises:
         EstimationError: the joint graph cannot be optimised, or its uncertainty cannot be computed.
     """
-    loops, estimator, engine = config.loops, config.estimator, runner.engine
+    engine = runner.engine
     before = MappedDrive.of(keyframes, start)
-    links = confirm_by_map(first, before, problem.solve_poses(first), loops, estimator, beam, engine)
+    links = confirm_by_map(first, before, problem.solve_poses(first), estimator, beam, engine)
     decided = {(link.earlier, link.later) for link in first}
     compared, ambiguous, implausible = set[tuple[int, int]](), 0, set[tuple[int, int]]()
-    for _ in range(config.merge.rounds if links else 0):
+    for _ in range(_ROUNDS if links else 0):
         graph, optimum = problem.optimise(links)
         chain = Chain(MappedDrive.of(keyframes, graph.poses_at(optimum.values)), graph, optimum.values)
-        candidates, _ = find_candidates(chain, loops, decided, groups)
-        comparisons = compare_passes(chain.drive, candidates, loops, estimator, beam, engine, runner.progress)
+        candidates, _ = find_candidates(chain, decided, groups)
+        comparisons = compare_passes(chain.drive, candidates, estimator, beam, engine, runner.progress)
         implausible = {c[:2] for c, comparison in zip(candidates, comparisons, strict=True) if comparison.implausible}
         compared |= {c[:2] for c in candidates}
         decided |= {c[:2] for c in candidates} - implausible
@@ -88,9 +91,9 @@ def find_links(
         new = [comparison.loop for comparison in comparisons if comparison.loop is not None]
         if not new:
             break
-        links = links + keep_consistent(new, chain, loops)
+        links = links + keep_consistent(new, chain, passes.LEAST_PATH_M)
         del chain  # what it has eliminated takes more memory than anything else here
-        links = confirm_by_map(links, before, problem.solve_poses(links), loops, estimator, beam, engine)
+        links = confirm_by_map(links, before, problem.solve_poses(links), estimator, beam, engine)
     _log.info("%d links: %d pairs compared besides %d that were recognised", len(links), len(compared), len(first))
     return Links(links, len(compared), ambiguous, len(implausible))
 
@@ -99,7 +102,7 @@ def score_links(
     keyframes: Keyframes,
     links: Sequence[Loop],
     poses: Sequence[se2.Array],
-    config: Config,
+    estimator: EstimatorConfig,
     beam: Beam,
     engine: Engine,
 ) -> NDArray[np.float64]:
@@ -109,7 +112,7 @@ def score_links(
         keyframes: of all parts.
         links: the links.
         poses: (K, 3) of the keyframes, several times.
-        config: all settings.
+        estimator: settings of the score.
         beam: the sensor's errors.
         engine: where they are scored.
 
@@ -117,15 +120,15 @@ def score_links(
         psi per point (L, T) of each link at each of the T sets of poses.
     """
     drives: list[Passes] = [MappedDrive.of(keyframes, some) for some in poses]
-    scores = engine.map(_score, (drives, config.loops, config.estimator, beam), list(links))
+    scores = engine.map(_score, (drives, estimator, beam), list(links))
     return np.array(scores).reshape(len(links), len(drives))
 
 
-def _score(shared: tuple[list[Passes], LoopConfig, EstimatorConfig, Beam], link: Loop) -> list[float]:
-    drives, loops, estimator, beam = shared
+def _score(shared: tuple[list[Passes], EstimatorConfig, Beam], link: Loop) -> list[float]:
+    drives, estimator, beam = shared
     last = drives[-1]  # submaps are rendered once, so that only the pose between them differs
-    references = make_references(render_submap(last, link.earlier, loops.submap_m, loops.spacing_m, beam))
-    query = render_submap(last, link.later, LATER_SHARE * loops.submap_m, loops.spacing_m, beam)
+    reference, query = render_passes((last, link.earlier), (last, link.later), beam)
+    references = make_references(reference)
     return [
         score_at_pose(references, query, se2.between(drive.poses[link.earlier], drive.poses[link.later]), estimator)
         for drive in drives

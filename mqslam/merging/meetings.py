@@ -9,8 +9,9 @@ import numpy as np
 
 from mqslam.backend.loops.chain import Chain
 from mqslam.backend.recognition.place_index import PlaceIndex
-from mqslam.backend.recognition.recognise import Ground, Means, recognise
-from mqslam.config import Config
+from mqslam.backend.recognition.places import PLACE_SPACING_M
+from mqslam.backend.recognition.recognise import Ground, recognise
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
 from mqslam.errors import EstimationError
@@ -43,18 +44,19 @@ class Meeting:
     relation: Relation
 
 
-def introduce(parts: Sequence[Part], chains: Sequence[Chain], config: Config, beam: Beam, runner: Runner) -> list[Meeting]:
+def introduce(
+    parts: Sequence[Part], chains: Sequence[Chain], estimator: EstimatorConfig, beam: Beam, runner: Runner
+) -> list[Meeting]:
     """Looks each part up in every part before it."""
-    means = Means(config.recognition, config.loops, config.estimator, beam)
     meetings = []
     pairs = [(a, b) for b in range(len(parts)) for a in range(b)]
     for a, b in runner.follow("recognise", pairs, len(pairs)):
         places, drive = parts[a].map.places, chains[b].drive
-        ground = Ground(chains[a].drive, places.keyframes, PlaceIndex(places.descriptors, config.recognition))
-        queries = pick_spaced(drive.travelled, config.recognition.spacing_m)
+        ground = Ground(chains[a].drive, places.keyframes, PlaceIndex(places.descriptors))
+        queries = pick_spaced(drive.travelled, PLACE_SPACING_M)
         allowed = np.ones((len(queries), len(places.keyframes)), dtype=bool)
-        found = recognise(drive, queries, ground, allowed, means, runner.engine)
-        relation = find_relation(found.rows, chains[a], chains[b], config.loops, config.merge)
+        found = recognise(drive, queries, ground, allowed, estimator, beam, runner.engine)
+        relation = find_relation(found.rows, chains[a], chains[b])
         matches = sum(map(len, found.rows))
         meetings.append(Meeting(a, b, len(found.rows), matches, len(found.ambiguous), found.compared, relation))
     return meetings

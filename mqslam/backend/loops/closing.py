@@ -6,9 +6,10 @@ import logging
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
+from mqslam.backend.loops import passes
 from mqslam.backend.loops.candidates import find_candidates
 from mqslam.backend.loops.chain import Chain
-from mqslam.backend.loops.consistency import as_relative, compute_chi_square, compute_limit, keep_consistent
+from mqslam.backend.loops.consistency import LARGEST_CHI_SQUARE, as_relative, compute_chi_square, keep_consistent
 from mqslam.backend.loops.search import compare_passes, confirm_by_map
 from mqslam.backend.loops.submap import Drive, Passes
 from mqslam.backend.problem import GraphProblem
@@ -17,6 +18,9 @@ from mqslam.core.measurement import Loop, LoopSearch
 from mqslam.core.scans import Scans
 from mqslam.execution.runner import Runner
 from mqslam.psi.place import Beam
+
+# Number of searches; each starts from the trajectory that the loops found before have corrected.
+_ROUNDS = 2
 
 _log = logging.getLogger(__name__)
 
@@ -70,7 +74,7 @@ def close_loops(
         EstimationError: the uncertainty of the trajectory cannot be computed.
     """
     search = _Search(scans, problem, estimator, beam, runner, recogniser)
-    for _ in range(problem.loop_settings.rounds):
+    for _ in range(_ROUNDS):
         if not (search.look_around() and search.look_everywhere()):
             return search.conclude()
     search.look_around()
@@ -90,7 +94,7 @@ class _Search:
         recogniser: Recogniser | None,
     ) -> None:
         self._scans, self._problem, self._estimator, self._beam, self._runner = scans, problem, estimator, beam, runner
-        self._recogniser, self._settings = recogniser, problem.loop_settings
+        self._recogniser = recogniser
         self._loops: list[Loop] = []
         self._compared: set[tuple[int, int]] = set()
         self._decided: set[tuple[int, int]] = set()
@@ -102,14 +106,14 @@ class _Search:
     def look_around(self) -> bool:
         """Looks in rounds for passes around where the trajectory has them; returns whether that does not reach all."""
         out_of_reach = False
-        for number in range(self._settings.rounds):
+        for number in range(_ROUNDS):
             chain = self._optimise()
             new = self._compare(chain)
-            if self._recogniser is not None and (not new or number == self._settings.rounds - 1):
+            if self._recogniser is not None and (not new or number == _ROUNDS - 1):
                 out_of_reach = self._recogniser.is_needed(chain)
             if not new:
                 break
-            kept = keep_consistent(new, chain, self._settings)
+            kept = keep_consistent(new, chain, passes.LEAST_PATH_M)
             del chain  # what it has eliminated takes more memory than anything else here
             self._join(kept)
         return out_of_reach
@@ -121,16 +125,15 @@ class _Search:
         found = self._recogniser.recognise(chain)
         if not found.compared:
             return False
-        limit = compute_limit(self._settings)
         relatives = chain.relate([(loop.earlier, loop.later) for loop in found.loops])
         plausible = [
             loop
             for loop, relative in zip(found.loops, relatives, strict=True)
-            if compute_chi_square(relative, as_relative(loop, self._settings)) <= limit
+            if compute_chi_square(relative, as_relative(loop)) <= LARGEST_CHI_SQUARE
         ]
         self._recognised += found.compared
         self._alike, self._elsewhere = found.ambiguous, len(found.loops) - len(plausible)
-        kept = keep_consistent(plausible, chain, self._settings)
+        kept = keep_consistent(plausible, chain, passes.LEAST_PATH_M)
         del chain
         before = {(loop.earlier, loop.later) for loop in self._loops}
         self._join([loop for loop in kept if (loop.earlier, loop.later) not in before])
@@ -149,11 +152,9 @@ class _Search:
 
     def _compare(self, chain: Chain) -> list[Loop]:
         """Returns the new loops around a trajectory that psi verifies and the trajectory allows."""
-        settings, runner = self._settings, self._runner
-        candidates, unsure = find_candidates(chain, settings, self._decided)
-        comparisons = compare_passes(
-            chain.drive, candidates, settings, self._estimator, self._beam, runner.engine, runner.progress
-        )
+        runner = self._runner
+        candidates, unsure = find_candidates(chain, self._decided)
+        comparisons = compare_passes(chain.drive, candidates, self._estimator, self._beam, runner.engine, runner.progress)
         self._implausible = {c[:2] for c, comparison in zip(candidates, comparisons, strict=True) if comparison.implausible}
         self._compared |= {c[:2] for c in candidates}
         # a trajectory that loops have corrected may allow the others
@@ -168,7 +169,7 @@ class _Search:
         assert before is not None  # the trajectory has been optimised
         after = self._problem.solve_poses(loops)
         engine = self._runner.engine
-        self._loops = confirm_by_map(loops, before, after, self._settings, self._estimator, self._beam, engine)
+        self._loops = confirm_by_map(loops, before, after, self._estimator, self._beam, engine)
 
     def _optimise(self) -> Chain:
         """Returns the optimised trajectory with the loops found so far."""

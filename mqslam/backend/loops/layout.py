@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.backend.loops.chain import Chain
-from mqslam.backend.loops.submap import pick_around
-from mqslam.config import PassConfig
+from mqslam.backend.loops.submap import SPACING_M, SUBMAP_M, pick_around
 from mqslam.core import se2
 
 # The later pass's submap is this share of the earlier one's length, so that it lies within it.
@@ -38,33 +37,29 @@ class Layout(NamedTuple):
         return np.asarray(covariance + self.earlier + turn @ self.later @ turn.T)
 
 
-def compute_layouts(chain: Chain, pairs: Sequence[tuple[int, int]], settings: PassConfig) -> list[Layout]:
+def compute_layouts(chain: Chain, pairs: Sequence[tuple[int, int]]) -> list[Layout]:
     """Computes what the layout of submaps leaves unsure, for pairs of an earlier and a later scan.
 
     Args:
         chain: the trajectory that lays out the submaps.
         pairs: numbers of the scans in whose frames the submaps are.
-        settings: how long the submaps are.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.
     """
-    reach_m = settings.submap_m
-    earlier = _compute_layouts(chain, [a for a, _ in pairs], reach_m, settings.spacing_m)
-    later = _compute_layouts(chain, [b for _, b in pairs], LATER_SHARE * reach_m, settings.spacing_m)
+    earlier = _compute_layouts(chain, [a for a, _ in pairs], SUBMAP_M)
+    later = _compute_layouts(chain, [b for _, b in pairs], LATER_SHARE * SUBMAP_M)
     return [Layout(earlier[a], later[b]) for a, b in pairs]
 
 
-def _compute_layouts(
-    chain: Chain, centres: Sequence[int], reach_m: float, spacing_m: float
-) -> dict[int, NDArray[np.float64]]:
+def _compute_layouts(chain: Chain, centres: Sequence[int], reach_m: float) -> dict[int, NDArray[np.float64]]:
     """Returns by number of the scan the covariance (3, 3) of the submap around it.
 
     Each side counts by its share of the scans, and as if all of them were as wrong as the trajectory may be at the far end.
     """
     sides = []
     for centre in sorted(set(centres)):
-        chosen = pick_around(chain.drive.travelled, centre, reach_m, spacing_m)
+        chosen = pick_around(chain.drive.travelled, centre, reach_m, SPACING_M)
         for end, count in ((chosen[0], np.sum(chosen < centre)), (chosen[-1], np.sum(chosen > centre))):
             sides.append((centre, int(end), float(count) / len(chosen)))
     layouts = {centre: np.zeros((3, 3)) for centre, _, _ in sides}

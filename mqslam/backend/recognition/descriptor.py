@@ -10,21 +10,25 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import RecognitionConfig
+# Returns farther from a place than this [m] do not describe it.
+RANGE_M = 120.0
+# Number of rings around a place in which returns are counted: each is 3 m wide, as a place is recognised to within a lane.
+RINGS = 40
+# Number of sectors around a place in which returns are counted: each is 3 degrees wide.
+SECTORS = 120
 
 
-def describe(points: NDArray[np.float64], settings: RecognitionConfig, aside_m: float = 0.0) -> NDArray[np.float32]:
+def describe(points: NDArray[np.float64], aside_m: float = 0.0) -> NDArray[np.float32]:
     """Describes a place by the square roots of the numbers of returns in rings and sectors, of norm one.
 
     Args:
         points: (N, 2) m, in a frame at the place.
-        settings: of the recognition.
         aside_m: how far to the left of the place the rings are centred [m].
 
     Returns:
         (R, S) rings from the inside out, sectors counter-clockwise from straight ahead; zeros where no return is in range.
     """
-    counts = _count(np.asarray(points, dtype=np.float64), aside_m, settings.range_m, settings.rings, settings.sectors)
+    counts = _count(np.asarray(points, dtype=np.float64), aside_m, RANGE_M, RINGS, SECTORS)
     roots = np.sqrt(counts)
     norm = float(np.linalg.norm(roots))
     return np.asarray(roots / norm if norm > 0.0 else roots, dtype=np.float32)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from mqslam.backend.linear.marginals import PoseCovariances
 from mqslam.backend.loops.submap import MappedDrive
 from mqslam.backend.recognition.places import describe_places
-from mqslam.config import Config
 from mqslam.core.engine import Engine
 from mqslam.core.keyframes import KeyframeMap, MappedRecording
 from mqslam.core.scans import Scans
@@ -19,7 +18,6 @@ def keep_map(
     track: Trajectory,
     sure: PoseCovariances,
     source: MappedRecording,
-    config: Config,
     beam: Beam,
     engine: Engine,
 ) -> KeyframeMap:
@@ -30,11 +28,10 @@ def keep_map(
         track: the pose of each scan.
         sure: how sure these poses are.
         source: what the recording is.
-        config: all settings.
         beam: the sensor's errors.
         engine: where places are described; the result does not depend on it.
     """
     covariances = sure.covariances if sure.failure is None and len(sure.indices) == len(track) else None
-    keyframes = make_keyframes(scans, track.poses, covariances, source, beam, config.map.keyframe_m)
-    places = describe_places(MappedDrive.of(keyframes), config.recognition, config.loops.spacing_m, beam, engine)
+    keyframes = make_keyframes(scans, track.poses, covariances, source, beam)
+    places = describe_places(MappedDrive.of(keyframes), beam, engine)
     return KeyframeMap(keyframes, places)

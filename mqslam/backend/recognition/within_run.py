@@ -13,9 +13,9 @@ from mqslam.backend.loops.layout import compute_layouts
 from mqslam.backend.problem import GraphProblem
 from mqslam.backend.recognition.out_of_reach import find_out_of_reach
 from mqslam.backend.recognition.place_index import PlaceIndex
-from mqslam.backend.recognition.places import describe_places
-from mqslam.backend.recognition.recognise import Ground, Means, recognise
-from mqslam.config import Config
+from mqslam.backend.recognition.places import PLACE_SPACING_M, describe_places
+from mqslam.backend.recognition.recognise import Ground, recognise
+from mqslam.config import EstimatorConfig
 from mqslam.core.engine import Engine
 from mqslam.core.measurement import Loop, LoopSearch
 from mqslam.core.scans import Scans
@@ -24,21 +24,21 @@ from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam
 
 
-def find_loops(scans: Scans, problem: GraphProblem, config: Config, beam: Beam, runner: Runner) -> LoopSearch:
+def find_loops(scans: Scans, problem: GraphProblem, estimator: EstimatorConfig, beam: Beam, runner: Runner) -> LoopSearch:
     """Returns the loops of a run: found around its trajectory and, where that is too unsure, by what places look like.
 
     Args:
         scans: of the recording.
         problem: the trajectory that the loops join.
-        config: all settings.
+        estimator: settings of the score.
         beam: the sensor's errors.
         runner: does the work.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.
     """
-    recogniser = RunRecogniser(Means(config.recognition, config.loops, config.estimator, beam), runner.engine)
-    return close_loops(scans, problem, config.estimator, beam, runner, recogniser)
+    recogniser = RunRecogniser(estimator, beam, runner.engine)
+    return close_loops(scans, problem, estimator, beam, runner, recogniser)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,11 +46,13 @@ class RunRecogniser:
     """Recognises earlier places of a drive where its trajectory is too unsure for a search around it to reach them.
 
     Args:
-        means: settings and sensor.
+        estimator: settings of the score.
+        beam: the sensor's errors.
         engine: where submaps are compared; the result does not depend on it.
     """
 
-    means: Means
+    estimator: EstimatorConfig
+    beam: Beam
     engine: Engine
 
     def is_needed(self, chain: Chain) -> bool:
@@ -59,7 +61,7 @@ class RunRecogniser:
         Raises:
             EstimationError: the uncertainty of the trajectory cannot be computed.
         """
-        return bool(find_out_of_reach(chain, self._pick_places(chain), self.means.loops).any())
+        return bool(find_out_of_reach(chain, _pick_places(chain)).any())
 
     def recognise(self, chain: Chain) -> Recognised:
         """Recognises such places.
@@ -67,22 +69,22 @@ class RunRecogniser:
         Raises:
             EstimationError: the uncertainty of the trajectory cannot be computed.
         """
-        settings, spacing_m = self.means.recognition, self.means.loops.spacing_m
-        places = self._pick_places(chain)
-        allowed = find_out_of_reach(chain, places, self.means.loops)
+        places = _pick_places(chain)
+        allowed = find_out_of_reach(chain, places)
         asked = allowed.any(axis=1)
         if not asked.any():
             return Recognised([], 0, 0)
-        table = describe_places(chain.drive, settings, spacing_m, self.means.beam, self.engine)
-        ground = Ground(chain.drive, table.keyframes, PlaceIndex(table.descriptors, settings))
-        found = recognise(chain.drive, places[asked], ground, allowed[asked], self.means, self.engine)
+        table = describe_places(chain.drive, self.beam, self.engine)
+        ground = Ground(chain.drive, table.keyframes, PlaceIndex(table.descriptors))
+        found = recognise(chain.drive, places[asked], ground, allowed[asked], self.estimator, self.beam, self.engine)
         matches = [match for row in found.rows for match in row]
-        layouts = compute_layouts(chain, [(match.place, match.query) for match in matches], self.means.loops)
+        layouts = compute_layouts(chain, [(match.place, match.query) for match in matches])
         loops = [
             Loop(m.place, m.query, m.pose, layout.widen(m.pose, m.covariance), m.matched, m.psi)
             for m, layout in zip(matches, layouts, strict=True)
         ]
         return Recognised(loops, found.compared, len(found.ambiguous))
 
-    def _pick_places(self, chain: Chain) -> NDArray[np.int64]:
-        return pick_spaced(chain.drive.travelled, self.means.recognition.spacing_m)
+
+def _pick_places(chain: Chain) -> NDArray[np.int64]:
+    return pick_spaced(chain.drive.travelled, PLACE_SPACING_M)

@@ -18,7 +18,7 @@ from mqslam.formats.maps.nav2_map import write_nav2_map
 from mqslam.formats.ply import Clock, write_ply
 from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
-from mqslam.merging.changes import Change
+from mqslam.merging.changes import SURE_M, Change
 from mqslam.merging.map_merge import Merged
 from mqslam.merging.meetings import Meeting
 from mqslam.results.run_log import format_log, list_stages
@@ -90,7 +90,7 @@ def _summarise_sureness(merged: Merged) -> dict[str, float | None]:
     sigmas = apart[np.isfinite(apart)]
     if not len(sigmas):
         return {"median_m": None, "largest_m": None, "share_compared": None}
-    compared = float((sigmas <= merged.config.merge.sure_m).mean())
+    compared = float((sigmas <= SURE_M).mean())
     return {"median_m": float(np.median(sigmas)), "largest_m": float(sigmas.max()), "share_compared": compared}
 
 
@@ -122,7 +122,7 @@ def write_merge(folder: Path, merged: Merged, summary: dict[str, Any]) -> None:
         turn_us = round(1e6 * recordings[0].revolution_s)
         write_ply(folder / "map.ply", merged.map, Clock(min(recording.start_us for recording in recordings), turn_us))
     with tolerate("map.pgm", failures):
-        grid = make_occupancy_grid(merged.map.points, merged.config.map)
+        grid = make_occupancy_grid(merged.map.points, merged.config.map.cell_m)
         write_nav2_map(folder, grid, merged.kept.keyframes.georeference)
     summary["warnings"] += failures
     write_text(folder / "run.log", _format_log(summary))
