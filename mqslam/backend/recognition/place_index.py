@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from mqslam.backend.recognition.descriptor import SECTORS, describe
+from mqslam.backend.recognition.places import SECTORS, describe
 from mqslam.core import se2
 
 # A place is also recognised from this far to either side [m], as from another lane. Without that, half of the places that

@@ -8,8 +8,8 @@ import gtsam
 from gtsam.symbol_shorthand import X
 
 from mqslam.backend.given_graph import GivenGraph
-from mqslam.backend.loops.closing import close_loops
 from mqslam.backend.problem import GraphProblem, Problem
+from mqslam.backend.recognition.within_run import find_loops
 from mqslam.backend.sensors.odometry.odometry_edges import ODOMETRY
 from mqslam.commands.graphs.keys import Between, Keys, Pose, choose_lift, find_pose_kind, list_keys, read_poses
 from mqslam.commands.graphs.radar import Radar, Source, look_at
@@ -91,7 +91,7 @@ def loop_factors(
             problem = GivenGraph(graph, trajectory, listed, lift, settings.graph)
         else:
             raise ConfigError("graph: comes without the values that it is optimised at; give gtsam.Values as the trajectory")
-        search = close_loops(scans, problem, settings.estimator, radar.beam, runner)
+        search = find_loops(scans, problem, settings.estimator, radar.beam, runner, recognising=False)
     for warning in search.warnings:
         work.tell(warning)
     return LoopFactors((lift(loop_between(listed[loop.earlier], listed[loop.later], loop)), loop) for loop in search.loops)

@@ -46,8 +46,8 @@ def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, An
         ],
         "recognition": [_describe_meeting(meeting) for meeting in merged.meetings],
         "links": {
-            "count": len(links.links),
-            "compared": links.compared,
+            "count": len(links.loops),
+            "compared": links.tried,
             "ambiguous": links.ambiguous,
             "implausible": links.implausible,
             "residual_median": float(np.median(merged.residuals)),
@@ -73,7 +73,7 @@ def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
     before, after = merged.psi.mean(axis=0).tolist()
     is_alike = abs(after - before) < _ALIKE * before
     psi = f"is {after:.3g} per point, as before" if is_alike else f"went from {before:.3g} to {after:.3g} per point"
-    links = count_of(len(merged.links.links), "link")
+    links = count_of(len(merged.links.loops), "link")
     told = f"{len(merged.trajectories)} recordings with {length / 1000.0:.2f} km of path are one map: {links} between them"
     if sure["median_m"] is None:
         return f"{told}, psi across them {psi}"
@@ -145,7 +145,7 @@ def format_links(merged: Merged) -> str:
         scores = {"matched": link.matched, "psi": link.psi, "psi_before": psi[0], "psi_after": psi[1], "residual": residual}
         return row | {name: f"{value:.4f}" for name, value in scores.items()}
 
-    rows = zip(merged.links.links, merged.psi.tolist(), merged.residuals.tolist(), strict=True)
+    rows = zip(merged.links.loops, merged.psi.tolist(), merged.residuals.tolist(), strict=True)
     return format_csv([describe(link, tuple(psi), residual) for link, psi, residual in rows])
 
 

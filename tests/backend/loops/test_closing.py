@@ -10,8 +10,8 @@ from support.chains import fenced_street
 from support.passes import BEAM, CONFIG, joined
 
 from mqslam.backend.loops import passes
-from mqslam.backend.loops.closing import close_loops
 from mqslam.backend.problem import Problem
+from mqslam.backend.recognition.within_run import find_loops
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, LoopSearch, Measurement
 from mqslam.core.scans import Scans
@@ -40,7 +40,7 @@ def closed(period_m: float, between_passes_m: float, jobs: int = 1) -> LoopSearc
         measurements.append(Measurement(float(drive.times[k]), float(drive.times[k + 1]), motion, covariance))
     problem = Problem(measurements, [], CONFIG.graph)
     scans = Scans(tuple(drive.scans), 0, 0.25)
-    return close_loops(scans, problem, CONFIG.estimator, BEAM, Runner(LocalEngine(jobs)))
+    return find_loops(scans, problem, CONFIG.estimator, BEAM, Runner(LocalEngine(jobs)), recognising=False)
 
 
 def assert_right(loops: Sequence[Loop]) -> None:

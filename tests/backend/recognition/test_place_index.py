@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mqslam.backend.recognition.descriptor import RANGE_M, RINGS, SECTORS, describe
 from mqslam.backend.recognition.place_index import PlaceIndex
+from mqslam.backend.recognition.places import RANGE_M, RINGS, SECTORS, describe
 from mqslam.core import se2
 
 PLACES = 8

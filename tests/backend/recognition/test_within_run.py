@@ -11,11 +11,9 @@ from support.keyframe_maps import BEAM, lap
 from support.passes import path
 
 from mqslam.backend.loops.candidates import GATE_M
-from mqslam.backend.loops.closing import close_loops
 from mqslam.backend.loops.passes import LEAST_PATH_M
 from mqslam.backend.problem import Problem
-from mqslam.backend.recognition.out_of_reach import find_out_of_reach
-from mqslam.backend.recognition.within_run import RunRecogniser
+from mqslam.backend.recognition.within_run import find_loops, find_out_of_reach
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.measurement import LoopSearch, Measurement
@@ -39,8 +37,7 @@ def closed(sigmas: tuple[float, float, float], jobs: int = 1, *, recognising: bo
     measurements = [Measurement(times[k], times[k + 1], motion, covariance) for k, motion in enumerate(motions)]
     problem = Problem(measurements, [], CONFIG.graph)
     with LocalEngine(jobs) as engine:
-        recogniser = RunRecogniser(CONFIG.estimator, BEAM, engine) if recognising else None
-        return close_loops(scans, problem, CONFIG.estimator, BEAM, Runner(engine), recogniser)
+        return find_loops(scans, problem, CONFIG.estimator, BEAM, Runner(engine), recognising=recognising)
 
 
 def off_at_the_return() -> float:

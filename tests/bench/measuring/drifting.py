@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
-from mqslam.backend.loops.closing import close_loops
 from mqslam.backend.loops.consistency import as_relative
 from mqslam.backend.problem import Problem
-from mqslam.backend.recognition.within_run import RunRecogniser
+from mqslam.backend.recognition.within_run import find_loops
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.frontend import Context, measure_motions
@@ -129,8 +128,7 @@ def measure_lost(
     context = Context(config, revolution_s, scans.start_us, odometry, doppler_beta=doppler_beta)
     problem = Problem(MotionTable(measure_motions("odometry", context, scans)), [], config.graph)
     beam = beam_of(config.estimator, doppler_beta)
-    recogniser = RunRecogniser(config.estimator, beam, runner.engine)
-    search = close_loops(scans, problem, config.estimator, beam, runner, recogniser)
+    search = find_loops(scans, problem, config.estimator, beam, runner)
     earlier, later = (
         np.array([getattr(loop, end) for loop in search.loops], dtype=np.int64) for end in ("earlier", "later")
     )

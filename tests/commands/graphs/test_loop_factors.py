@@ -12,9 +12,9 @@ from support.chains import fenced_street
 from support.passes import BEAM, joined
 
 from mqslam.backend.loops import passes
-from mqslam.backend.loops.closing import close_loops
 from mqslam.backend.loops.submap import Drive
 from mqslam.backend.problem import Problem
+from mqslam.backend.recognition.within_run import find_loops
 from mqslam.commands.graphs.loop_factors import loop_factors
 from mqslam.commands.work import Work
 from mqslam.config import Config, OdometryConfig, SensorConfig
@@ -69,7 +69,7 @@ def motions_of(drive: Drive) -> list[Measurement]:
 def known_loops(drive: Drive) -> list[Loop]:
     """Returns the loops that a run finds."""
     problem = Problem(motions_of(drive), [], CONFIG.graph)
-    return close_loops(scans_of(drive), problem, CONFIG.estimator, BEAM, Runner()).loops
+    return find_loops(scans_of(drive), problem, CONFIG.estimator, BEAM, Runner(), recognising=False).loops
 
 
 def graph_of(drive: Drive, pose: type) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
