@@ -6,36 +6,54 @@ a place that is recognised late serves the scans before it, too.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import Drive, MappedDrive
+from mqslam.backend.recognition.place_index import PlaceIndex
 from mqslam.backend.recognition.places import PLACE_SPACING_M, describe_map
-from mqslam.backend.recognition.recognise import ROW, PlaceMatch
+from mqslam.backend.recognition.recognise import ROW, Ground, PlaceMatch, recognise
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
+from mqslam.core.engine import Engine
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scans
 from mqslam.core.wording import count_of
 from mqslam.errors import NotInMapError
 from mqslam.execution.runner import Runner
+from mqslam.localisation.covariance_scale import FEWEST_PAIRS, measure_scale
 from mqslam.localisation.localised import Localised, PlaceStatus
-from mqslam.localisation.lookup import ColdStart
-from mqslam.localisation.registering import REACH_M, MapAround, register
+from mqslam.localisation.registering import REACH_M, MapAround, Prediction, register
 from mqslam.localisation.scan_by_scan import Setting, Table, follow
-from mqslam.localisation.surety import FEWEST_PAIRS, measure_scale
+from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam
 
 # Least share of the scans along a row of recognised places that must lie on the map for it to count.
 _CONFIRMED = 0.7
+# Number of submaps that are looked up at a time, until a row of them is recognised.
+_BLOCK = 6
 
 _OTHER_MAP: Final = "give the map of a recording that has passed the same streets"
 _LONGER: Final = "give a longer recording, or more of it"
+
+
+class _Found(NamedTuple):
+    """What looking up some submaps has led to.
+
+    Args:
+        rows: rows of places that agree.
+        looked_up: number of submaps.
+        ambiguous: number of these that fit several places about as well.
+    """
+
+    rows: list[list[PlaceMatch]]
+    looked_up: int
+    ambiguous: int
 
 
 def localise(
@@ -58,15 +76,14 @@ def localise(
     setting = Setting(Drive.of(scans, poses), motions, made.keyframes, estimator, beam)
     table, rows, looked_up, ambiguous, conflicts = Table(len(scans), runner.progress), 0, 0, 0, 0
     with runner.time_stage("recognise"):
-        start = ColdStart(setting, describe_map(made, beam, runner.engine), runner.engine)
         wanted = np.ones(len(scans), dtype=np.bool_)
-        parts = start.look_up(wanted)
+        parts = _look_up(setting, made, runner.engine, wanted)
         found = next(parts, None)
     while found is not None:
         looked_up, ambiguous = looked_up + found.looked_up, ambiguous + found.ambiguous
         for row in found.rows:
             with runner.time_stage("follow"):
-                if _seed(setting, table, start, row):
+                if _seed(setting, table, row):
                     rows += 1
                     conflicts += _follow_on(setting, table, row)
         wanted[:] = ~table.tried
@@ -94,7 +111,30 @@ def localise(
     )
 
 
-def _seed(setting: Setting, table: Table, start: ColdStart, row: Sequence[PlaceMatch]) -> bool:
+def _look_up(setting: Setting, made: KeyframeMap, engine: Engine, wanted: NDArray[np.bool_]) -> Iterator[_Found]:
+    """Yields what looking up some submaps after the other leads to, as long as there are wanted ones.
+
+    The last submaps of each part are looked up again in the next one, so that a row that reaches into it is found.
+
+    Args:
+        setting: the scans and the map.
+        made: the map with its places.
+        engine: where submaps are compared; the result does not depend on it.
+        wanted: (N,) which scans are still to be found. The caller may change it as it goes on.
+    """
+    places = describe_map(made, setting.beam, engine).places
+    ground = Ground(MappedDrive.of(made.keyframes), places.keyframes, PlaceIndex(places.descriptors))
+    nodes = pick_spaced(setting.drive.travelled, PLACE_SPACING_M)
+    for begin in range(0, len(nodes), _BLOCK - ROW + 1):
+        part = nodes[begin : begin + _BLOCK]
+        fresh = part if begin == 0 else part[ROW - 1 :]
+        if wanted[fresh].any():
+            allowed = np.ones((len(part), len(ground.places)), dtype=np.bool_)
+            found = recognise(setting.drive, part, ground, allowed, setting.estimator, setting.beam, engine)
+            yield _Found(found.rows, len(fresh), len(set(found.ambiguous) & set(fresh.tolist())))
+
+
+def _seed(setting: Setting, table: Table, row: Sequence[PlaceMatch]) -> bool:
     """Follows the scans along a row of recognised places, and returns whether enough of them lie on the map.
 
     Where they do not, the table is left as it was.
@@ -104,7 +144,8 @@ def _seed(setting: Setting, table: Table, start: ColdStart, row: Sequence[PlaceM
         return False
     middle = row[len(row) // 2]
     around = MapAround(setting.keyframes, setting.beam)
-    lying = register(around, setting.render(middle.query), start.place(middle), setting.estimator)
+    expected = Prediction(se2.compose(setting.keyframes.poses[middle.place], middle.pose), middle.covariance)
+    lying = register(around, setting.render(middle.query), expected, setting.estimator)
     if lying.status is not PlaceStatus.CONVERGED:
         return False
     table.put(middle.query, lying)

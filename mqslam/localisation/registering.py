@@ -90,19 +90,18 @@ class MapAround:
         self._frame = np.full(3, np.inf)
         self._references: References | None = None
 
-    def find(self, pose: se2.Array, search_m: float = 0.0) -> tuple[se2.Array, References] | None:
+    def find(self, pose: se2.Array) -> tuple[se2.Array, References] | None:
         """Returns a frame (3,) near a pose (3,), which is not turned, and the map around it in this frame.
 
         Args:
             pose: of the scan in the map's frame.
-            search_m: how far the pose may be off [m].
 
         Returns:
             None where the map has no keyframe within reach.
         """
         if np.hypot(*(pose - self._frame)[:2]) > _RENEW_M:
             self._frame = np.array([pose[0], pose[1], 0.0])
-            near = np.sort(self._tree.query_ball_point(pose[:2], REACH_M + search_m)).astype(np.int64)
+            near = np.sort(self._tree.query_ball_point(pose[:2], REACH_M)).astype(np.int64)
             self._references = None
             if len(near):
                 chosen = self._numbers[near]

@@ -1,4 +1,4 @@
-"""How sure localisation is: scans that share nothing are laid on halves of the map that share nothing, and compared.
+"""The scale of localised covariances: scans that share nothing are laid on halves of the map that share nothing.
 
 The covariance of psi's curvature is too small by a factor that depends on the world: returns of one object move together as
 it is seen from elsewhere, and keyframes err within the map. Two scans that are some metres apart, each laid on one half of
@@ -22,12 +22,12 @@ from mqslam.localisation.registering import MapAround, Prediction, Registered, r
 from mqslam.localisation.scan_by_scan import Setting, Table
 from mqslam.mapping.keyframing import pick_spaced
 
-# Path [m] between the scans that show how sure the localisation is of itself.
+# Path [m] between the scans that show by which factors the covariances are too small.
 _SAMPLE_M = 20.0
 # Path [m] between two scans that are laid on keyframes which they do not share, to see how far they disagree. Over a shorter
 # path they see the same side of everything and err alike, over a longer one the motions between them err, too.
 _APART_M = 5.0
-# With fewer such pairs the recording does not show how sure the localisation is of itself.
+# With fewer such pairs the recording does not show these factors.
 FEWEST_PAIRS = 20
 # Factor on the variances of psi's curvature where the recording is too short to show it. Drives through cities have shown 6
 # to 13.
