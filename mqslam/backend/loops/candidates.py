@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mqslam.backend.loops import passes
-from mqslam.backend.loops.chain import Chain, Relative
-from mqslam.backend.loops.layout import Layout, compute_layouts
+from mqslam.backend.loops.chain import Chain, Layout, Relative, compute_layouts
 from mqslam.backend.loops.submap import SPACING_M
 
 # Distance [m] at which two passes still see the same things.

@@ -10,9 +10,8 @@ import numpy as np
 from mqslam.backend.loops.align import Alignment, align, score_at_pose
 from mqslam.backend.loops.candidates import Candidate
 from mqslam.backend.loops.consistency import LARGEST_CHI_SQUARE, as_relative, compute_chi_square
-from mqslam.backend.loops.layout import LATER_SHARE
 from mqslam.backend.loops.passes import MATCHED, does_match, is_unrivalled
-from mqslam.backend.loops.submap import SUBMAP_M, Passes, render_submap
+from mqslam.backend.loops.submap import LATER_SHARE, SUBMAP_M, Passes, render_submap
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine

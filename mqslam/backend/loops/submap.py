@@ -20,6 +20,8 @@ from mqslam.psi.place import Beam, PointSet
 SPACING_M = 5.0
 # The submap of the earlier pass holds the returns within this path [m] to either side of a scan.
 SUBMAP_M = 15.0
+# The later pass's submap is this share of the earlier one's length, so that it lies within it.
+LATER_SHARE = 0.5
 _FAR_M: Final = 1e6  # by definition longer than any path that leads from one place to another
 
 

@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 
 from mqslam.backend.loops import passes
 from mqslam.backend.loops.candidates import GATE_M, compute_reach, is_beyond_gate, may_meet
-from mqslam.backend.loops.chain import Chain
+from mqslam.backend.loops.chain import Chain, compute_layouts
 from mqslam.backend.loops.closing import ROUNDS, LoopCloser, Recognised
-from mqslam.backend.loops.layout import compute_layouts
 from mqslam.backend.loops.submap import Drive
 from mqslam.backend.problem import GraphProblem
 from mqslam.backend.recognition.place_index import PlaceIndex

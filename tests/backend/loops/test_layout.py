@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.chains import chain_of
 
-from mqslam.backend.loops.layout import compute_layouts
+from mqslam.backend.loops.chain import compute_layouts
 from mqslam.backend.loops.submap import SPACING_M, SUBMAP_M, Drive, pick_around
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
