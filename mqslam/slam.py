@@ -69,7 +69,7 @@ class Slam:
             DataError: more than half of the polar scans cannot be read, or any of them if strict.
             EstimationError: no motion can be estimated from the data.
         """
-        config, runner = self._config, self._runner
+        config, runner, estimator = self._config, self._runner, self._config.estimator
         with runner.time_stage("total"):
             context = Context.of(recording, config, odometry, sensors)
             frontends.create(self._name, context)  # raises before the recording is read, if it lacks anything
@@ -83,7 +83,7 @@ class Slam:
                 raise EstimationError(f"{error}: {detected.counts.remedy}") from error
             with runner.time_stage("render"):
                 tracks = {"the map before optimisation": solution.odometry, "the map": solution.optimised}
-                maps = [render_track(what, scans, track, config, solution.beam, runner) for what, track in tracks.items()]
+                maps = [render_track(what, scans, track, estimator, solution.beam, runner) for what, track in tracks.items()]
                 before, after = runner.follow("render", maps, len(maps))
             checked, kept = None, None
             with runner.time_stage("check"), runner.tolerate(CHECK):
@@ -112,7 +112,8 @@ class Slam:
         Raises:
             EstimationError: no motion can be estimated from the data.
         """
-        config, runner, beam = self._config, self._runner, beam_of(self._config.estimator, context.doppler_beta)
+        config, runner, estimator = self._config, self._runner, self._config.estimator
+        beam = beam_of(estimator, context.doppler_beta)
         with runner.time_stage("windows"):
             measurements = measure(self._name, scans, context, beam, runner)
         with runner.time_stage("along"), runner.tolerate("the ties along the path"):
@@ -122,7 +123,7 @@ class Slam:
             odometry, fault = hold_odometry(scans, context, self._name, measurements)
             edges = make_odometry_edges(odometry, measurements, config.odometry, config.graph, context.sensors.mount)
             before = reckon(scans, odometry or measurements)
-            problem, used = Problem(measurements, edges, config.graph, config.loops), SensorUse(odometry=fault)
+            problem, used = Problem(measurements, edges, config.graph), SensorUse(odometry=fault)
             with runner.tolerate("the sensors beside the radar"):
                 sections = SensorSettings(config.gyroscope, config.gnss, config.velocity, config.odometry)
                 sensors, velocities = context.sensors, context.velocities
@@ -130,10 +131,12 @@ class Slam:
         search = LoopSearch([], 0)
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):
-                search = runner.make_once(LOOPS, lambda: find_loops(scans, problem, config, beam, runner))
-        refined = Refined(search.loops, [])
+                search = runner.make_once(LOOPS, lambda: find_loops(scans, problem, estimator, beam, runner))
+        refined, rounds = Refined(search.loops, []), config.refinement.rounds
         with runner.time_stage("refine"), runner.tolerate("the refinement"):
-            refined = runner.make_once(REFINED, lambda: refine(before, problem, search.loops, scans, config, beam, runner))
+            refined = runner.make_once(
+                REFINED, lambda: refine(before, problem, search.loops, scans, rounds, estimator, beam, runner)
+            )
         with runner.time_stage("optimise"):
             graph, optimum = problem.optimise(refined.loops, refined.ties)
             covariances = compute_all_marginals(graph, optimum.values)

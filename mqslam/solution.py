@@ -10,8 +10,9 @@ import gtsam
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.backend.linear.marginals import PoseCovariances
+from mqslam.backend.loops.submap import MappedDrive
 from mqslam.backend.pose_graph import PoseGraph
-from mqslam.backend.recognition.keeping import keep_map
+from mqslam.backend.recognition.places import describe_places
 from mqslam.backend.sensor_use import SensorUse
 from mqslam.backend.sensors.odometry.odometry_edges import ODOMETRY
 from mqslam.config import Config
@@ -26,6 +27,7 @@ from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.sensors.mount import Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
+from mqslam.mapping.keyframing import make_keyframes
 from mqslam.psi.place import Beam, beam_of
 
 CHECK = "the check of the map"
@@ -95,7 +97,10 @@ class Solution:
         """
         span = recording.start_us, recording.end_us
         source = MappedRecording(str(recording.path), *span, recording.revolution_s, self.doppler_beta)
-        return keep_map(scans, self.optimised, self.covariances, source, self.config, self.beam, engine)
+        known = self.covariances.failure is None and len(self.covariances.indices) == len(self.optimised)
+        covariances = self.covariances.covariances if known else None
+        keyframes = make_keyframes(scans, self.optimised.poses, covariances, source, self.beam)
+        return KeyframeMap(keyframes, describe_places(MappedDrive.of(keyframes), self.beam, engine))
 
     @property
     def before(self) -> str:

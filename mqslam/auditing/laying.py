@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.backend.loops.align import align, score_at_pose
+from mqslam.backend.loops.align import RIVAL, align, score_at_pose
 from mqslam.backend.loops.passes import is_unrivalled
 from mqslam.backend.loops.rigid import place_rigidly
 from mqslam.config import AuditConfig, EstimatorConfig
@@ -82,9 +82,9 @@ def compute_far_reach(span_s: float, settings: AuditConfig) -> tuple[float, floa
     return min(SPEED_ERROR_MPS * span_s, settings.gate_m), settings.search_rad
 
 
-def fits_far_better(laid: Laid, settings: AuditConfig) -> bool:
+def fits_far_better(laid: Laid) -> bool:
     """Returns whether two stretches fit where a wide search has laid them, and not where the trajectory has them."""
-    return laid.unrivalled and laid.psi_best * settings.rival <= laid.psi
+    return laid.unrivalled and laid.psi_best * RIVAL <= laid.psi
 
 
 def lay(
@@ -114,7 +114,7 @@ def lay(
         return None
     between = se2.wrapped_between(sweeps.poses[a], sweeps.poses[b])
     references = make_references(reference)
-    alignment = align(references, query, between, reach, settings, estimator, rival_sigmas)
+    alignment = align(references, query, between, reach, estimator, rival_sigmas)
     moved = place_rigidly(query.points, alignment.pose) - place_rigidly(query.points, between)
     return Laid(
         earlier=a,
@@ -128,7 +128,7 @@ def lay(
         psi=score_at_pose(references, query, between, estimator),
         psi_best=alignment.psi,
         observed=alignment.observed,
-        unrivalled=is_unrivalled(alignment, settings),
+        unrivalled=is_unrivalled(alignment, settings.matched),
         doubt_m=sweeps.doubt(stretches),
         rivals=se2.wrapped_between(between, alignment.rivals),
     )

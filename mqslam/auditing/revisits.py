@@ -15,9 +15,8 @@ from mqslam.auditing.windows.windows import torn_threshold
 from mqslam.backend.claims import Claims
 from mqslam.backend.loops.agreement import Offsets, compare_neighbours, find_agreeing
 from mqslam.backend.loops.align import TOLERANCES
-from mqslam.backend.loops.layout import LATER_SHARE
 from mqslam.backend.loops.passes import find_passes
-from mqslam.backend.loops.submap import pick_around
+from mqslam.backend.loops.submap import LATER_SHARE, pick_around
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
@@ -221,7 +220,8 @@ def find_revisit_pairs(sweeps: Sweeps, settings: AuditConfig) -> list[tuple[int,
     passes = find_passes(
         sweeps.travelled,
         sweeps.poses,
-        settings,
+        settings.spacing_m,
+        settings.least_path_m,
         lambda path_m: np.minimum(settings.reach_m + settings.drift * path_m, settings.gate_m),
     )
     return [nearest[0] for nearest in passes if nearest]

@@ -222,7 +222,7 @@ def _lay_on_next(shared: _Shared, begin: int) -> tuple[Laid, SpeedCheck] | None:
         return None
     check = SpeedCheck(laid.offset / span_s, laid.unrivalled)
     if contradicts(check, _find_capture(shared)):  # the wide search may lead away
-        return laid, replace(check, sure=fits_far_better(laid, settings))
+        return laid, replace(check, sure=fits_far_better(laid))
     return laid, check
 
 

@@ -216,7 +216,7 @@ def _lay_far(shared: _Shared, place: int) -> Laid | None:
     """Lays the same as far away as any plausible speed leads; returns None where they do not fit far better there."""
     sweeps, settings, _ = shared
     laid = _lay_step(shared, place, compute_far_reach(measure_span(sweeps, place - 1), settings))
-    return laid if laid is not None and fits_far_better(laid, settings) else None
+    return laid if laid is not None and fits_far_better(laid) else None
 
 
 def _lay_beside(shared: _Shared, item: tuple[int, tuple[float, float]]) -> Laid | None:

@@ -15,13 +15,20 @@ from scipy.spatial import cKDTree
 
 from mqslam.backend.loops.align import score_among
 from mqslam.backend.loops.submap import Drive
-from mqslam.config import EstimatorConfig, RefinementConfig
+from mqslam.config import EstimatorConfig
 from mqslam.core.engine import Engine
 from mqslam.core.scans import Returns
 from mqslam.mapping.keyframing import pick_spaced
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam, PointSet
 from mqslam.psi.scoring.references import References, make_references
+
+SAMPLE_M = 20.0
+"""Path [m] between the scans at which psi across passes is measured for the summary."""
+# Distance [m] between the scans of two passes that are compared.
+_REACH_M = 25.0
+# Path [m] between the scans of the pass that others are laid into.
+_SPACING_M = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +44,7 @@ class Crossing:
     earlier: NDArray[np.int64]
 
 
-def find_crossings(drive: Drive, spacing_m: float, least_path_m: float, settings: RefinementConfig) -> list[Crossing]:
+def find_crossings(drive: Drive, spacing_m: float, least_path_m: float) -> list[Crossing]:
     """Finds the stretches of a drive's path around which the drive had been before.
 
     Later passes are compared with earlier ones only, so that no two returns are compared twice.
@@ -46,20 +53,19 @@ def find_crossings(drive: Drive, spacing_m: float, least_path_m: float, settings
         drive: scans under a trajectory.
         spacing_m: path between the scans of the later pass [m].
         least_path_m: path [m] between two scans, from which on they are different passes.
-        settings: of the refinement, which say how near two passes are.
     """
-    later, earlier = pick_spaced(drive.travelled, spacing_m), pick_spaced(drive.travelled, settings.spacing_m)
+    later, earlier = pick_spaced(drive.travelled, spacing_m), pick_spaced(drive.travelled, _SPACING_M)
     xy = drive.poses[:, :2]
     tree = cKDTree(xy[earlier])
-    stretches = np.floor(drive.travelled[later] / settings.reach_m)
+    stretches = np.floor(drive.travelled[later] / _REACH_M)
     crossings = []
     for scans in np.split(later, np.flatnonzero(np.diff(stretches)) + 1):
-        around = set().union(*tree.query_ball_point(xy[scans], settings.reach_m))
+        around = set().union(*tree.query_ball_point(xy[scans], _REACH_M))
         others = earlier[sorted(around)]
         others = others[drive.travelled[others] < drive.travelled[scans[0]] - least_path_m]
         if len(others):
             apart, _ = cKDTree(xy[others]).query(xy[scans])
-            crossings.append(Crossing(scans[apart <= settings.reach_m], others))
+            crossings.append(Crossing(scans[apart <= _REACH_M], others))
     return [crossing for crossing in crossings if len(crossing.later)]
 
 

@@ -9,7 +9,7 @@ import gtsam
 
 from mqslam.backend.pose_graph import Optimum, PoseGraph
 from mqslam.backend.problem import GraphProblem
-from mqslam.config import GraphConfig, LoopConfig
+from mqslam.config import GraphConfig
 from mqslam.core.measurement import Loop
 from mqslam.errors import EstimationError
 from mqslam.factors.loop_between import loop_between
@@ -26,7 +26,6 @@ class GivenGraph(GraphProblem):
         keys: (N,) key of the pose of each scan.
         lift: makes a factor between planar poses one between poses of the graph.
         graph_settings: settings of the ties.
-        loop_settings: settings of the loops.
     """
 
     factors: gtsam.NonlinearFactorGraph
@@ -34,7 +33,6 @@ class GivenGraph(GraphProblem):
     keys: Sequence[int]
     lift: Callable[[gtsam.BetweenFactorPose2], gtsam.NonlinearFactor]
     graph_settings: GraphConfig
-    loop_settings: LoopConfig
 
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
         """Returns the graph with the given loops and ties of the refinement; it starts from the given values."""
@@ -46,8 +44,7 @@ class GivenGraph(GraphProblem):
 
     def make_loop_factors(self, loops: Sequence[Loop]) -> list[gtsam.NonlinearFactor]:
         """Returns the factors of loops."""
-        keys, settings = self.keys, self.loop_settings
-        return [self.lift(loop_between(keys[loop.earlier], keys[loop.later], loop, settings)) for loop in loops]
+        return [self.lift(loop_between(self.keys[loop.earlier], self.keys[loop.later], loop)) for loop in loops]
 
     def make_tie_factors(self, ties: Sequence[Loop]) -> list[gtsam.NonlinearFactor]:
         """Returns the factors of ties of the refinement."""

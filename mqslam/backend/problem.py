@@ -19,7 +19,7 @@ from mqslam.backend.pose_graph import Optimum, PoseGraph, build_pose_graph, opti
 from mqslam.backend.sensors.gnss.fix_use import FixEdges
 from mqslam.backend.sensors.gyroscope.turn_edges import TurnEdges
 from mqslam.backend.submaps import Submaps, split_into_submaps
-from mqslam.config import GraphConfig, LoopConfig
+from mqslam.config import GraphConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Measurement
 from mqslam.factors.loop_between import loop_between
@@ -29,8 +29,6 @@ from mqslam.factors.psi_between import psi_between
 
 class GraphProblem(ABC):
     """A trajectory that is to be optimised, as the search for loops and the refinement see it."""
-
-    loop_settings: LoopConfig
 
     @abstractmethod
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
@@ -73,7 +71,6 @@ class Problem(GraphProblem):
         measurements: the front end's motions between successive scans.
         odometry: the odometry's motions between the same scans, calibrated, or none.
         graph_settings: settings of the edges between successive scans.
-        loop_settings: settings of the loops.
         turns: the turns of a gyroscope between the same scans, or None.
         fixes: positions of scans that a GNSS receiver has fixed, or None.
         travels: motions that say nothing of the turn, by the number of the scan that each starts at, or None.
@@ -82,7 +79,6 @@ class Problem(GraphProblem):
     measurements: Sequence[Measurement]
     odometry: Sequence[Measurement]
     graph_settings: GraphConfig
-    loop_settings: LoopConfig
     turns: TurnEdges | None = None
     fixes: FixEdges | None = None
     travels: Mapping[int, Measurement] | None = None
@@ -91,7 +87,7 @@ class Problem(GraphProblem):
         """Returns the graph with the given loops and ties of the refinement; it starts from the chained measurements."""
         settings = self.graph_settings
         factors: list[gtsam.NonlinearFactor] = [*self.make_factors(X, M)]
-        factors += [loop_between(X(loop.earlier), X(loop.later), loop, self.loop_settings) for loop in loops]
+        factors += [loop_between(X(loop.earlier), X(loop.later), loop) for loop in loops]
         factors += [psi_between(X(tie.earlier), X(tie.later), tie.pose, tie.covariance, settings) for tie in ties]
         chain = se2.chain(m.pose for m in self.measurements)
         factors += [odometry_between(X(k), X(k + 1), travel, settings) for k, travel in (self.travels or {}).items()]

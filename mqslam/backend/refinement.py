@@ -20,12 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mqslam.backend.crossings import Crossing, find_crossings, measure_psi_across, render_earlier, render_scans
+from mqslam.backend.crossings import SAMPLE_M, Crossing, find_crossings, measure_psi_across, render_earlier, render_scans
+from mqslam.backend.loops import passes
 from mqslam.backend.loops.align import TOLERANCES, observes_all
 from mqslam.backend.loops.rigid import minimise_rigidly, move_rigidly
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import SUBMAP_M, Drive
 from mqslam.backend.problem import GraphProblem
-from mqslam.config import Config
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Refined
 from mqslam.core.scans import Scans
@@ -37,6 +38,10 @@ from mqslam.psi.scoring.references import References
 
 EVERY_SCAN_M: Final = 1e-3
 """Path between the scans that are measured [m]: every scan is, but those of a radar that stands still."""
+# A scan that psi moves farther than this [m] from where its loops have put it is not used.
+_ASIDE_M = 0.5
+# No further round follows once no scan has moved, against the pass it lies in, by more than this many standard deviations.
+_SETTLED = 0.1
 _FIRST_STEP: Final = 2  # step of the annealing to begin with: loops have brought the passes nearer than its first widths
 _SHARED: Final = 2.0  # factor on a scan's covariance, for the errors of the earlier pass's returns: as large as its own
 
@@ -50,13 +55,13 @@ class _Setting:
     Args:
         drive: scans under the trajectory so far.
         own: (N, 3, 3) covariance of each scan in its own surroundings, in its own frame [m, m, rad].
-        config: all settings.
+        estimator: settings of the score.
         beam: the sensor's errors.
     """
 
     drive: Drive
     own: NDArray[np.float64]
-    config: Config
+    estimator: EstimatorConfig
     beam: Beam
 
 
@@ -65,7 +70,8 @@ def refine(
     problem: GraphProblem,
     loops: Sequence[Loop],
     scans: Scans,
-    config: Config,
+    rounds: int,
+    estimator: EstimatorConfig,
     beam: Beam,
     runner: Runner,
 ) -> Refined:
@@ -76,28 +82,29 @@ def refine(
         problem: the trajectory.
         loops: loops in its graph.
         scans: scans of the recording.
-        config: all settings.
+        rounds: most rounds in which every scan is measured; with none, psi across passes is measured only.
+        estimator: settings of the score.
         beam: the sensor's errors.
         runner: does the work.
     """
-    settings, apart_m, engine = config.refinement, config.loops.least_path_m, runner.engine
+    apart_m, engine = passes.LEAST_PATH_M, runner.engine
     drive = Drive.of(scans, problem.solve_poses(loops))
-    places = find_crossings(drive, settings.sample_m, apart_m, settings)
+    places = find_crossings(drive, SAMPLE_M, apart_m)
 
     def psi_under(poses: se2.Array) -> float | None:
-        return measure_psi_across(replace(drive, poses=poses), places, config.estimator, beam, engine)
+        return measure_psi_across(replace(drive, poses=poses), places, estimator, beam, engine)
 
     closed = psi_under(drive.poses)
     best = Refined(list(loops), [], psi_under(before.poses), closed, closed)
-    rounds = settings.rounds if loops else 0
+    rounds = rounds if loops else 0
     variances = problem.estimate_own_covariances() if rounds else np.empty((0, 3, 3))
     for number in range(rounds):
-        crossings = select_tied(find_crossings(drive, EVERY_SCAN_M, apart_m, settings), drive, loops, apart_m)
-        measured = engine.map(measure_crossing, _Setting(drive, variances, config, beam), crossings)
+        crossings = select_tied(find_crossings(drive, EVERY_SCAN_M, apart_m), drive, loops, apart_m)
+        measured = engine.map(measure_crossing, _Setting(drive, variances, estimator, beam), crossings)
         ties = list(chain.from_iterable(runner.follow("refine", measured, len(crossings))))
         if not ties:
             break
-        left = drop_replaced(loops, ties, drive.travelled, config.loops.submap_m)
+        left = drop_replaced(loops, ties, drive.travelled, SUBMAP_M)
         poses = problem.solve_poses(left, ties)
         psi = psi_under(poses)
         _log.info("round %d lays %d scans into earlier passes: psi across passes %s", number, len(ties), psi)
@@ -105,7 +112,7 @@ def refine(
             best = replace(best, refused=number == 0)
             break
         best = replace(best, loops=left, ties=ties, psi_across=psi)
-        settled = _is_settled(ties, drive.poses, poses, settings.settled)
+        settled = _is_settled(ties, drive.poses, poses)
         drive = Drive.of(scans, poses)
         if settled:
             break
@@ -162,16 +169,15 @@ def measure_crossing(setting: _Setting, crossing: Crossing) -> list[Loop]:
 
 def _measure_scan(setting: _Setting, references: References, anchor: int, later: int) -> Loop | None:
     """Returns the pose of a scan among the references as a factor to one of their scans, or None if it is not sure."""
-    drive, config = setting.drive, setting.config
-    estimator, guess = config.estimator, drive.poses[later]
+    drive, estimator, guess = setting.drive, setting.estimator, setting.drive.poses[later]
     scan = move_rigidly(render_scans(drive, [later], setting.beam), se2.inverse(guess))
     if len(scan) == 0:
         return None
 
     minimum = minimise_rigidly(guess, scan, references, estimator, TOLERANCES, _FIRST_STEP)
     moved, matched = se2.between(guess, minimum.state), float(minimum.evaluation.matched.mean())
-    is_near = np.hypot(moved[0], moved[1]) <= config.refinement.aside_m
-    if not (minimum.converged and is_near and matched >= config.loops.matched):
+    is_near = np.hypot(moved[0], moved[1]) <= _ASIDE_M
+    if not (minimum.converged and is_near and matched >= passes.MATCHED):
         return None
     points = move_rigidly(scan, minimum.state)
     if not observes_all(references, points, estimator):
@@ -191,10 +197,10 @@ def _measure_scan(setting: _Setting, references: References, anchor: int, later:
     )
 
 
-def _is_settled(ties: Sequence[Loop], before: se2.Array, after: se2.Array, share: float) -> bool:
-    """Returns whether no tie's scan has moved against its other end by more than a share of its standard deviations."""
+def _is_settled(ties: Sequence[Loop], before: se2.Array, after: se2.Array) -> bool:
+    """Returns whether no tie's scan has moved against its other end by more than _SETTLED of its standard deviations."""
     earlier, later = np.array([(tie.earlier, tie.later) for tie in ties]).T
     moved = se2.between(after[earlier], after[later]) - se2.between(before[earlier], before[later])
     moved[:, 2] = se2.wrap(moved[:, 2])
     sigmas = np.sqrt([np.diag(tie.covariance) for tie in ties])
-    return bool(np.all(np.abs(moved) < share * sigmas))
+    return bool(np.all(np.abs(moved) < _SETTLED * sigmas))

@@ -141,7 +141,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
                 notes.append(f"{len(common)} of {len(scans)} scans are in every trajectory; the rows are judged on those")
             where = find_places(common, tracks, settings.audit.window, settings.compare)
             along = pick_stations(common, settings.audit.window)
-            judges = JudgeSettings(settings.audit, settings.estimator, settings.verdict, settings.map)
+            judges = JudgeSettings(settings.audit, settings.estimator, settings.verdict)
             rows, judged = judge_rows(
                 rows, common, recording.ground_truth, [*where, *along], judges, beam, work.engine, work.progress
             )
@@ -155,7 +155,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
                 rows=tuple(rows),
                 judged=judged,
                 best=best,
-                psi_across=measure_rows_across(judged, best, common, settings, beam, work.engine),
+                psi_across=measure_rows_across(judged, best, common, settings.estimator, beam, work.engine),
                 compared=len(common),
                 places=tuple(where),
                 stations=tuple(along),

@@ -13,7 +13,7 @@ from mqslam.auditing.judge import Audit, audit
 from mqslam.auditing.sweeps import Sweeps, find_covered, place_sweeps
 from mqslam.auditing.windows.inflation import centre_window
 from mqslam.comparison.rows import Row
-from mqslam.config import AuditConfig, CompareConfig, EstimatorConfig, MapConfig, VerdictConfig
+from mqslam.config import AuditConfig, CompareConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.point_map import PointMap, pick_thinned
@@ -44,7 +44,6 @@ class JudgeSettings(NamedTuple):
     audit: AuditConfig
     estimator: EstimatorConfig
     verdict: VerdictConfig
-    map: MapConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,7 +217,7 @@ def judge(
     """
     assert row.trajectory is not None and row.odometry is not None
     sweeps, _ = place_sweeps(scans, row.trajectory, beam)
-    rendered = render(scans, sweeps.poses, settings.map, settings.estimator, beam, engine)
+    rendered = render(scans, sweeps.poses, settings.estimator, beam, engine)
     return Judged(
         row=row,
         map=rendered.take(pick_thinned(rendered.points, _MAP_POINTS)),

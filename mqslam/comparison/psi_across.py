@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from mqslam.backend.crossings import find_crossings, measure_psi_across
+from mqslam.backend.crossings import SAMPLE_M, find_crossings, measure_psi_across
+from mqslam.backend.loops import passes
 from mqslam.backend.loops.submap import Drive
 from mqslam.comparison.best import Best
 from mqslam.comparison.judgement import Judged
-from mqslam.config import Config
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.scans import Scans
@@ -17,7 +18,7 @@ from mqslam.psi.place import Beam
 
 
 def measure_rows_across(
-    judged: Mapping[str, Judged], best: Best | None, scans: Scans, settings: Config, beam: Beam, engine: Engine
+    judged: Mapping[str, Judged], best: Best | None, scans: Scans, estimator: EstimatorConfig, beam: Beam, engine: Engine
 ) -> dict[str, float]:
     """Measures psi per point across passes of every row.
 
@@ -28,7 +29,7 @@ def measure_rows_across(
         judged: the rows that were judged, by their names.
         best: the best of them; None for one row alone.
         scans: those that every row covers.
-        settings: all settings.
+        estimator: settings of the score.
         beam: the sensor's errors.
         engine: where the points are scored; the result does not depend on it.
 
@@ -40,10 +41,10 @@ def measure_rows_across(
         return {}
     guide = best.rows[0] if best else next(iter(poses))
     drive = Drive.of(scans, poses[guide])
-    crossings = find_crossings(drive, settings.refinement.sample_m, settings.loops.least_path_m, settings.refinement)
+    crossings = find_crossings(drive, SAMPLE_M, passes.LEAST_PATH_M)
     across = {}
     for name, own in poses.items():
-        psi = measure_psi_across(replace(drive, poses=own), crossings, settings.estimator, beam, engine)
+        psi = measure_psi_across(replace(drive, poses=own), crossings, estimator, beam, engine)
         if psi is not None:
             across[name] = psi
     return across

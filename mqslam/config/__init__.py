@@ -23,8 +23,8 @@ from mqslam.config.frontend_config import (
     ScanMatchingConfig,
 )
 from mqslam.config.graph_config import GraphConfig
-from mqslam.config.loop_config import LoopConfig, PassConfig, RefinementConfig
-from mqslam.config.map_config import LocalisationConfig, MapConfig, MergeConfig, RecognitionConfig
+from mqslam.config.loop_config import LoopConfig, RefinementConfig
+from mqslam.config.map_config import MapConfig, MergeConfig
 from mqslam.config.psi_config import PsiConfig
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.config.sensor_config import GnssConfig, GyroscopeConfig, SensorConfig, VelocityConfig
@@ -45,17 +45,14 @@ __all__ = [
     "GraphConfig",
     "GyroscopeConfig",
     "KissIcpConfig",
-    "LocalisationConfig",
     "LoopConfig",
     "MapConfig",
     "MendConfig",
     "MergeConfig",
     "OdometryConfig",
     "Open3dIcpConfig",
-    "PassConfig",
     "PsiConfig",
     "ReadingConfig",
-    "RecognitionConfig",
     "RefinementConfig",
     "ScanMatchingConfig",
     "SensorConfig",
@@ -92,12 +89,10 @@ class Config(BaseModel):
     gnss: GnssConfig = GnssConfig()
     velocity: VelocityConfig = VelocityConfig()
     graph: GraphConfig = GraphConfig()
-    recognition: RecognitionConfig = RecognitionConfig()
     loops: LoopConfig = LoopConfig()
     refinement: RefinementConfig = RefinementConfig()
     merge: MergeConfig = MergeConfig()
     map: MapConfig = MapConfig()
-    localisation: LocalisationConfig = LocalisationConfig()
     audit: AuditConfig = AuditConfig()
     verdict: VerdictConfig = VerdictConfig()
     mend: MendConfig = MendConfig()

@@ -7,16 +7,38 @@ from typing import Final
 from pydantic import BaseModel, ConfigDict, Field
 
 from mqslam.config.fields import expert
-from mqslam.config.loop_config import PassConfig, SearchRad, SpacingM
 
 # by definition: tests that share the rate of false alarms: steps, spans, three biases, two of the lever arm, the delay,
 # shaking, and revisits
 _SHARERS: Final = 10
 
 
-class AuditConfig(PassConfig):
+class AuditConfig(BaseModel):
     """How a map is judged."""
 
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    # an audited trajectory, which anyone may have made, may drift more than our own does before loops are closed
+    spacing_m: float = Field(
+        10.0, gt=0.0, description="Path [m] between the scans for which an earlier pass of the same place is looked for."
+    )
+    least_path_m: float = Field(
+        60.0, gt=0.0, description="Two scans with less path between them [m] are not two passes: odometry ties them already."
+    )
+    reach_m: float = Field(12.0, gt=0.0, description="Distance [m] at which two passes still see the same things.")
+    search_m: float = Field(3.0, gt=0.0, description="Least half width of the search for the later pass's position [m].")
+    search_rad: float = Field(0.05, gt=0.0, description="Least half width of the search in yaw [rad].")
+    gate_m: float = Field(40.0, gt=0.0, description="Largest half width of the search for the later pass's position [m].")
+    gate_rad: float = Field(0.3, gt=0.0, description="Largest half width of the search in yaw [rad].")
+    submap_m: float = Field(
+        15.0,
+        gt=0.0,
+        description="The submap of the earlier pass holds the returns within this path [m] to either side of a scan.",
+    )
+    fewest: int = Field(300, ge=1, description="A submap with fewer returns than this is not compared.")
+    matched: float = Field(
+        0.45, gt=0.0, lt=1.0, description="Least share of the later pass's returns that must lie on the earlier pass."
+    )
     window: int = Field(6, ge=2, description="Number of scans in a window.")
     probability: float = Field(
         0.999,
@@ -43,11 +65,8 @@ class AuditConfig(PassConfig):
     torn_rad: float = Field(
         0.02, gt=0.0, description="Two passes are torn, too, if one is turned against the other by more than this [rad]."
     )
-    # an audited trajectory, which anyone may have made, may drift more than our own does before loops are closed
-    spacing_m: SpacingM = 10.0
     drift: float = Field(0.02, ge=0.0, description="Drift of the trajectory to reckon with, per length of path [m/m].")
     drift_rad: float = Field(1e-4, ge=0.0, description="Drift of the yaw to reckon with, per length of path [rad/m].")
-    search_rad: SearchRad = 0.05
     step_fewest: int = expert(20, ge=2, description="Fewest steps that show how far off a step without a jump usually is.")
     step_doubtful: float = expert(
         0.1,

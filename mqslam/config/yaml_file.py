@@ -55,18 +55,30 @@ _GONE = {
     "gnss": "longest_delay_s most_jumps alike_s knot_s largest_walk_m largest_share antenna_apart least_spread",
     "velocity": "largest_scale most_wild told_sigmas scale_tolerance sigma_bias_mps span_s",
     "graph": "drift_submaps drift_trusted drift_gross odometry_bias_walk",
-    "recognition": "aside_step_m gap_m agree_m agree_rad agree_share",
-    "loops": "later_share tried_factor beyond_m beyond_rad",
+    "recognition": (
+        "aside_step_m gap_m agree_m agree_rad agree_share spacing_m submap_m range_m rings sectors aside_m guesses "
+        "search_m search_rad row"
+    ),
+    "loops": (
+        "later_share tried_factor beyond_m beyond_rad spacing_m least_path_m reach_m search_m search_rad gate_m "
+        "gate_rad submap_m fewest matched rival rounds passes sigmas probability sure_m kept floor_m floor_rad cauchy"
+    ),
+    "refinement": "reach_m spacing_m sample_m aside_m settled",
     "audit": (
         "later_share tried_factor beyond_m beyond_rad claimed_m rival_sigmas revisit_fewest span_fewest "
         "span_torn_m lever_turn_rad sampled_windows coverage_slack few_stamps cloud_sweep_s narrow_start "
         "narrow_reach speed_error_mps speed_fewest jump_mps2 jump_radps2 jump_factor jump_quantile "
         "least_overlap_kept difference_step unobserved fewest_neighbours hit_log_odds miss_log_odds "
-        "log_odds_limit lever_turns span_least_m"
+        "log_odds_limit lever_turns span_least_m rival"
     ),
-    "merge": "near_m object_m margin_m",
-    "map": "well_seen stop_s",
-    "localisation": "aside_rad give_up_m confirmed renew_m",
+    "merge": (
+        "near_m object_m margin_m fewest rival rounds moved_m sure_m cell_m also seen looks chance reach_m rays "
+        "aspects cells"
+    ),
+    "map": "well_seen stop_s travel_m travel_rad keyframe_m",
+    "localisation": (
+        "aside_rad give_up_m confirmed renew_m reach_m matched aside_m sigmas block sample_m apart_m fewest usual_scale"
+    ),
     "verdict": ("revisits_warn revisits_fail lever_warn lost_fail degenerate_warn uncovered_warn apart_fail scale_warn"),
     "compare": "places_apart lever_m",
     "check": (
@@ -109,11 +121,9 @@ def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
 def _explain(error: ValidationError, model: type[BaseModel]) -> str:
     """Returns the first fault of a settings tree in one line, with the nearest known name for an unknown one."""
     faults = error.errors()
-    gone = [
-        f["loc"] for f in faults if f["type"] == "extra_forbidden" and len(f["loc"]) == 2 and _is_gone(*map(str, f["loc"]))
-    ]
+    gone = [name for f in faults if f["type"] == "extra_forbidden" for name in _list_gone(f["loc"], f["input"])]
     if gone:
-        return _explain_gone([".".join(map(str, loc)) for loc in gone])
+        return _explain_gone(gone)
     fault = next((f for f in faults if f["type"] == "extra_forbidden"), faults[0])  # an unknown name explains a missing one
     where = ".".join(str(part) for part in fault["loc"])
     if fault["type"] != "extra_forbidden":
@@ -121,9 +131,21 @@ def _explain(error: ValidationError, model: type[BaseModel]) -> str:
     return f"unknown setting {where}; {suggest(str(fault['loc'][-1]), _list_settings(model, fault['loc'][:-1]))}"
 
 
-def _is_gone(section: str, name: str) -> bool:
-    """Returns whether a former version had a setting of that name, which is a constant now."""
-    return name in _GONE.get(section, "").split()
+def _list_gone(loc: tuple[int | str, ...], value: object) -> list[str]:
+    """Returns the names of the settings of former versions, which are constants now, that an unknown key states.
+
+    Args:
+        loc: the key, after those of the sections that it is in.
+        value: what the file says of it.
+    """
+    if len(loc) == 2:
+        section, name = map(str, loc)
+        return [f"{section}.{name}"] if name in _GONE.get(section, "").split() else []
+    section = str(loc[0])
+    if len(loc) > 1 or section not in _GONE:
+        return []
+    names = [name for name in _GONE[section].split() if isinstance(value, dict) and name in value]
+    return [f"{section}.{name}" for name in names] or [section]
 
 
 def _explain_gone(names: list[str]) -> str:

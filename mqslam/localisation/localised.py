@@ -38,11 +38,11 @@ class Localised:
         rows: number of rows of places that were recognised and that scans were followed from.
         looked_up: number of submaps of the recording that were looked up.
         ambiguous: number of these that fit several places of the map about as well.
-        scale: (3,) factors on the variances of psi's curvature, as the recording itself shows them, or as the settings say
+        scale: (3,) factors on the variances of psi's curvature, as the recording itself shows them, or those that are usual
             where it is too short.
         samples: number of comparisons that show these factors.
         conflicts: number of places where scans that were followed from two sides disagree.
-        is_scale_measured: whether the recording shows the factors, rather than the settings.
+        is_scale_measured: whether the recording itself shows the factors.
     """
 
     stamps_us: NDArray[np.int64]

@@ -6,39 +6,58 @@ a place that is recognised late serves the scans before it, too.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mqslam.backend.loops.submap import Drive
-from mqslam.backend.recognition.recognise import PlaceMatch
-from mqslam.config import Config
+from mqslam.backend.loops.submap import Drive, MappedDrive
+from mqslam.backend.recognition.place_index import PlaceIndex
+from mqslam.backend.recognition.places import PLACE_SPACING_M, describe_map
+from mqslam.backend.recognition.recognise import ROW, Ground, PlaceMatch, recognise
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
+from mqslam.core.engine import Engine
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scans
 from mqslam.core.wording import count_of
 from mqslam.errors import NotInMapError
 from mqslam.execution.runner import Runner
+from mqslam.localisation.covariance_scale import FEWEST_PAIRS, measure_scale
 from mqslam.localisation.localised import Localised, PlaceStatus
-from mqslam.localisation.lookup import ColdStart
-from mqslam.localisation.registering import MapAround, register
+from mqslam.localisation.registering import REACH_M, MapAround, Prediction, register
 from mqslam.localisation.scan_by_scan import Setting, Table, follow
-from mqslam.localisation.surety import measure_scale
+from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam
 
 # Least share of the scans along a row of recognised places that must lie on the map for it to count.
 _CONFIRMED = 0.7
+# Number of submaps that are looked up at a time, until a row of them is recognised.
+_BLOCK = 6
 
 _OTHER_MAP: Final = "give the map of a recording that has passed the same streets"
 _LONGER: Final = "give a longer recording, or more of it"
 
 
+class _Found(NamedTuple):
+    """What looking up some submaps has led to.
+
+    Args:
+        rows: rows of places that agree.
+        looked_up: number of submaps.
+        ambiguous: number of these that fit several places about as well.
+    """
+
+    rows: list[list[PlaceMatch]]
+    looked_up: int
+    ambiguous: int
+
+
 def localise(
-    scans: Scans, motions: Sequence[Measurement], made: KeyframeMap, config: Config, beam: Beam, runner: Runner
+    scans: Scans, motions: Sequence[Measurement], made: KeyframeMap, estimator: EstimatorConfig, beam: Beam, runner: Runner
 ) -> Localised:
     """Returns where the scans of a recording lie in a map, of which nothing is known beforehand.
 
@@ -46,7 +65,7 @@ def localise(
         scans: N scans of the recording.
         motions: N - 1 motions between successive scans.
         made: the map.
-        config: all settings.
+        estimator: settings of the score.
         beam: the sensor's errors.
         runner: does the work, and times it.
 
@@ -54,24 +73,24 @@ def localise(
         NotInMapError: no place of the map was recognised.
     """
     poses = se2.chain(motion.pose for motion in motions)
-    setting = Setting(Drive.of(scans, poses), motions, made.keyframes, config.localisation, config.estimator, beam)
+    setting = Setting(Drive.of(scans, poses), motions, made.keyframes, estimator, beam)
     table, rows, looked_up, ambiguous, conflicts = Table(len(scans), runner.progress), 0, 0, 0, 0
     with runner.time_stage("recognise"):
-        start, wanted = ColdStart(setting, made, config, beam, runner.engine), np.ones(len(scans), dtype=np.bool_)
-        parts = start.look_up(wanted)
+        wanted = np.ones(len(scans), dtype=np.bool_)
+        parts = _look_up(setting, made, runner.engine, wanted)
         found = next(parts, None)
     while found is not None:
         looked_up, ambiguous = looked_up + found.looked_up, ambiguous + found.ambiguous
         for row in found.rows:
             with runner.time_stage("follow"):
-                if _seed(setting, table, start, row):
+                if _seed(setting, table, row):
                     rows += 1
                     conflicts += _follow_on(setting, table, row)
         wanted[:] = ~table.tried
         with runner.time_stage("recognise"):
             found = next(parts, None)
     if not rows:
-        raise NotInMapError(*_say_what_was_tried(setting.drive, made, config, looked_up, ambiguous))
+        raise NotInMapError(*_say_what_was_tried(setting.drive, made, looked_up, ambiguous))
     with runner.time_stage("surety"):
         scale, samples = measure_scale(setting, table, runner.engine)
     _fill_in(setting, table, se2.scale_covariance(table.covariances, scale))
@@ -88,11 +107,34 @@ def localise(
         scale=scale,
         samples=samples,
         conflicts=conflicts,
-        is_scale_measured=samples >= config.localisation.fewest,
+        is_scale_measured=samples >= FEWEST_PAIRS,
     )
 
 
-def _seed(setting: Setting, table: Table, start: ColdStart, row: Sequence[PlaceMatch]) -> bool:
+def _look_up(setting: Setting, made: KeyframeMap, engine: Engine, wanted: NDArray[np.bool_]) -> Iterator[_Found]:
+    """Yields what looking up some submaps after the other leads to, as long as there are wanted ones.
+
+    The last submaps of each part are looked up again in the next one, so that a row that reaches into it is found.
+
+    Args:
+        setting: the scans and the map.
+        made: the map with its places.
+        engine: where submaps are compared; the result does not depend on it.
+        wanted: (N,) which scans are still to be found. The caller may change it as it goes on.
+    """
+    places = describe_map(made, setting.beam, engine).places
+    ground = Ground(MappedDrive.of(made.keyframes), places.keyframes, PlaceIndex(places.descriptors))
+    nodes = pick_spaced(setting.drive.travelled, PLACE_SPACING_M)
+    for begin in range(0, len(nodes), _BLOCK - ROW + 1):
+        part = nodes[begin : begin + _BLOCK]
+        fresh = part if begin == 0 else part[ROW - 1 :]
+        if wanted[fresh].any():
+            allowed = np.ones((len(part), len(ground.places)), dtype=np.bool_)
+            found = recognise(setting.drive, part, ground, allowed, setting.estimator, setting.beam, engine)
+            yield _Found(found.rows, len(fresh), len(set(found.ambiguous) & set(fresh.tolist())))
+
+
+def _seed(setting: Setting, table: Table, row: Sequence[PlaceMatch]) -> bool:
     """Follows the scans along a row of recognised places, and returns whether enough of them lie on the map.
 
     Where they do not, the table is left as it was.
@@ -101,8 +143,9 @@ def _seed(setting: Setting, table: Table, start: ColdStart, row: Sequence[PlaceM
     if table.tried[first : last + 1].any():
         return False
     middle = row[len(row) // 2]
-    around = MapAround(setting.keyframes, setting.settings, setting.beam)
-    lying = register(around, setting.render(middle.query), start.place(middle), setting.settings, setting.estimator)
+    around = MapAround(setting.keyframes, setting.beam)
+    expected = Prediction(se2.compose(setting.keyframes.poses[middle.place], middle.pose), middle.covariance)
+    lying = register(around, setting.render(middle.query), expected, setting.estimator)
     if lying.status is not PlaceStatus.CONVERGED:
         return False
     table.put(middle.query, lying)
@@ -141,17 +184,17 @@ def _fill_in(setting: Setting, table: Table, covariances: NDArray[np.float64]) -
                 table.poses[k], table.covariances[k] = now
     tree = cKDTree(setting.keyframes.poses[:, :2])
     for k in np.flatnonzero(~known).tolist():
-        is_outside = tree.query(table.poses[k, :2])[0] > setting.settings.reach_m
+        is_outside = tree.query(table.poses[k, :2])[0] > REACH_M
         table.statuses[k] = PlaceStatus.OUTSIDE if is_outside else PlaceStatus.LOST
 
 
-def _say_what_was_tried(drive: Drive, made: KeyframeMap, config: Config, looked_up: int, ambiguous: int) -> tuple[str, str]:
+def _say_what_was_tried(drive: Drive, made: KeyframeMap, looked_up: int, ambiguous: int) -> tuple[str, str]:
     """Returns why a recording is nowhere in a map, with what was tried, and what the user can do."""
-    path_m, settings = float(drive.travelled[-1]), config.recognition
-    if looked_up < settings.row:
+    path_m = float(drive.travelled[-1])
+    if looked_up < ROW:
         too_short = (
-            f"not found in this map: its path of {path_m:.0f} m is too short, as {settings.row} places that are "
-            f"{settings.spacing_m:g} m apart must be recognised in a row"
+            f"not found in this map: its path of {path_m:.0f} m is too short, as {ROW} places that are "
+            f"{PLACE_SPACING_M:g} m apart must be recognised in a row"
         )
         return too_short, _LONGER
     along, places = f"submaps along {path_m:.0f} m of path", count_of(len(made.places.keyframes), "place")

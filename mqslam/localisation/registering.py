@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from mqslam.backend.loops.align import TOLERANCES, score_at_pose
 from mqslam.backend.loops.rigid import ANY_TIME, minimise_rigidly, move_rigidly
-from mqslam.config import EstimatorConfig, LocalisationConfig
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.keyframes import Keyframes
 from mqslam.localisation.localised import PlaceStatus
@@ -25,6 +25,16 @@ from mqslam.psi.scoring.references import References, make_references
 # keyframes that are less well centred around them.
 _RENEW_M = 2.5
 
+# A scan is compared with the map's keyframes within this distance of it [m].
+REACH_M = 15.0
+# Least share of a scan's returns that must lie on the map. Parked cars and traffic that have changed since the map was made
+# take away from it.
+_MATCHED = 0.5
+# A scan that psi moves farther than this [m] from its prediction is not believed; what the prediction may have drifted is
+# added.
+_ASIDE_M = 0.5
+# Standard deviations of the prediction that are added to _ASIDE_M and _ASIDE_RAD.
+_SIGMAS = 3.0
 # Yaw [rad] beyond which a scan is not believed in the same way.
 _ASIDE_RAD = 0.03
 
@@ -69,33 +79,29 @@ class MapAround:
 
     Args:
         keyframes: of the map.
-        settings: of localisation.
         beam: the sensor's errors.
         chosen: (K,) which keyframes are used; None takes all.
     """
 
-    def __init__(
-        self, keyframes: Keyframes, settings: LocalisationConfig, beam: Beam, chosen: NDArray[np.bool_] | None = None
-    ) -> None:
-        self._keyframes, self._settings, self._beam = keyframes, settings, beam
+    def __init__(self, keyframes: Keyframes, beam: Beam, chosen: NDArray[np.bool_] | None = None) -> None:
+        self._keyframes, self._beam = keyframes, beam
         self._numbers = np.arange(len(keyframes)) if chosen is None else np.flatnonzero(chosen)
         self._tree = cKDTree(keyframes.poses[self._numbers, :2])
         self._frame = np.full(3, np.inf)
         self._references: References | None = None
 
-    def find(self, pose: se2.Array, search_m: float = 0.0) -> tuple[se2.Array, References] | None:
+    def find(self, pose: se2.Array) -> tuple[se2.Array, References] | None:
         """Returns a frame (3,) near a pose (3,), which is not turned, and the map around it in this frame.
 
         Args:
             pose: of the scan in the map's frame.
-            search_m: how far the pose may be off [m].
 
         Returns:
             None where the map has no keyframe within reach.
         """
         if np.hypot(*(pose - self._frame)[:2]) > _RENEW_M:
             self._frame = np.array([pose[0], pose[1], 0.0])
-            near = np.sort(self._tree.query_ball_point(pose[:2], self._settings.reach_m + search_m)).astype(np.int64)
+            near = np.sort(self._tree.query_ball_point(pose[:2], REACH_M)).astype(np.int64)
             self._references = None
             if len(near):
                 chosen = self._numbers[near]
@@ -104,16 +110,13 @@ class MapAround:
         return None if self._references is None else (self._frame, self._references)
 
 
-def register(
-    around: MapAround, scan: PointSet, prediction: Prediction, settings: LocalisationConfig, config: EstimatorConfig
-) -> Registered:
+def register(around: MapAround, scan: PointSet, prediction: Prediction, config: EstimatorConfig) -> Registered:
     """Lays a scan into the map.
 
     Args:
         around: the map.
         scan: its returns in the frame of its start.
         prediction: where it is expected.
-        settings: of localisation.
         config: settings of the score.
     """
     found = around.find(prediction.pose)
@@ -126,7 +129,7 @@ def register(
     minimum = minimise_rigidly(guess, scan, references, config, TOLERANCES, _FIRST_STEP)
     moved = se2.wrapped_between(guess, minimum.state)
     matched = float(minimum.evaluation.matched.mean())
-    if matched < settings.matched or is_away(moved, prediction, settings):
+    if matched < _MATCHED or is_away(moved, prediction):
         return Registered(*prediction, PlaceStatus.LOST, np.nan, matched)
     points = move_rigidly(scan, minimum.state)
     own = se2.rotate_covariance(
@@ -140,23 +143,22 @@ def register(
         return Registered(
             se2.compose(frame, minimum.state), own, PlaceStatus.CONVERGED, minimum.evaluation.psi / len(scan), matched
         )
-    spread = spread_along(weak, np.array([settings.reach_m, settings.reach_m, np.pi]))
+    spread = spread_along(weak, np.array([REACH_M, REACH_M, np.pi]))
     pose, covariance = _join(Prediction(guess, prediction.covariance), minimum.state, own, spread)
     psi = score_at_pose(references, scan, pose, config)
     return Registered(se2.compose(frame, pose), covariance, PlaceStatus.DEGENERATE, psi, matched)
 
 
-def is_away(moved: se2.Array, prediction: Prediction, settings: LocalisationConfig) -> bool:
+def is_away(moved: se2.Array, prediction: Prediction) -> bool:
     """Returns whether a pose lies farther from a prediction than the prediction may be off.
 
     Args:
         moved: (3,) the pose in the frame of the predicted one.
         prediction: the prediction.
-        settings: of localisation.
     """
     sigmas = np.sqrt(np.diag(prediction.covariance))
-    allowed_m = settings.aside_m + settings.sigmas * float(np.hypot(sigmas[0], sigmas[1]))
-    allowed_rad = _ASIDE_RAD + settings.sigmas * float(sigmas[2])
+    allowed_m = _ASIDE_M + _SIGMAS * float(np.hypot(sigmas[0], sigmas[1]))
+    allowed_rad = _ASIDE_RAD + _SIGMAS * float(sigmas[2])
     return bool(np.hypot(moved[0], moved[1]) > allowed_m or abs(moved[2]) > allowed_rad)
 
 

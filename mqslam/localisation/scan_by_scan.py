@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mqslam.backend.loops.submap import Drive
-from mqslam.config import EstimatorConfig, LocalisationConfig
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.keyframes import Keyframes
 from mqslam.core.measurement import Measurement
@@ -30,7 +30,6 @@ class Setting:
         drive: the scans under their chained motions.
         motions: N - 1 motions between N successive scans.
         keyframes: of the map.
-        settings: of localisation.
         estimator: settings of the score.
         beam: the sensor's errors.
     """
@@ -38,7 +37,6 @@ class Setting:
     drive: Drive
     motions: Sequence[Measurement]
     keyframes: Keyframes
-    settings: LocalisationConfig
     estimator: EstimatorConfig
     beam: Beam
 
@@ -113,16 +111,14 @@ def follow(setting: Setting, table: Table, start: int, way: int, limit: int) -> 
     Returns:
         Whether a scan was reached that lies elsewhere, as it was followed from the other side.
     """
-    around = MapAround(setting.keyframes, setting.settings, setting.beam)
+    around = MapAround(setting.keyframes, setting.beam)
     travelled = setting.drive.travelled
     known, last, lost = table.get(start), start, list[tuple[int, Registered]]()
     for k in range(start + way, limit + way, way):
         prediction = setting.predict(known, k - way, k)
         if table.tried[k]:
-            return table.on_map[k] and is_away(
-                se2.wrapped_between(prediction.pose, table.poses[k]), prediction, setting.settings
-            )
-        registered = register(around, setting.render(k), prediction, setting.settings, setting.estimator)
+            return table.on_map[k] and is_away(se2.wrapped_between(prediction.pose, table.poses[k]), prediction)
+        registered = register(around, setting.render(k), prediction, setting.estimator)
         known = Prediction(registered.pose, registered.covariance)
         lost.append((k, registered))
         if registered.status in ON_MAP:

@@ -15,6 +15,9 @@ from mqslam.core.stored import make_stored, release
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam, PointSet, compute_beam_covariance
 
+# Path [m] between the keyframes of a map, in which a recording is localised later.
+KEYFRAME_SPACING_M = 2.5
+
 
 def pick_spaced(travelled: NDArray[np.float64], spacing_m: float) -> NDArray[np.int64]:
     """Returns indices about spacing_m [m] apart on a path: the first one past every mark along it.
@@ -33,7 +36,6 @@ def make_keyframes(
     covariances: NDArray[np.float64] | None,
     recording: MappedRecording,
     beam: Beam,
-    spacing_m: float,
 ) -> Keyframes:
     """Makes the keyframes of a run: some of its scans, each rendered rigidly in its own frame.
 
@@ -43,11 +45,10 @@ def make_keyframes(
         covariances: (N, 3, 3) of these poses in their own frames, or None where they are not known.
         recording: what the scans are from.
         beam: the sensor's errors.
-        spacing_m: path between keyframes [m].
     """
     travelled, counts = se2.path_lengths(poses), scans.counts
     seen = np.flatnonzero(counts)
-    chosen = seen[pick_spaced(travelled[seen], spacing_m)]
+    chosen = seen[pick_spaced(travelled[seen], KEYFRAME_SPACING_M)]
     ends = np.concatenate([[0], np.cumsum(counts[chosen])])
     points = make_stored((int(ends[-1]),), KEYFRAME_POINT)
     times = scans.start_times

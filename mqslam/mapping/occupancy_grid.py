@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import MapConfig
 from mqslam.core.point_map import OccupancyGrid
 from mqslam.core.stored import make_stored, release
 
@@ -18,7 +17,7 @@ MAX_SIDE = 20_000
 _BLOCK = 200_000  # points that are looked at at a time, and cells that are filled: a matter of memory only
 
 
-def make_occupancy_grid(points: NDArray[np.float64], settings: MapConfig) -> OccupancyGrid:
+def make_occupancy_grid(points: NDArray[np.float64], cell_m: float) -> OccupancyGrid:
     """Returns the cells that hold so many returns that something stands there.
 
     They hold at least as many returns as the geometric middle between one stray return and a well-seen cell, so that the
@@ -26,12 +25,12 @@ def make_occupancy_grid(points: NDArray[np.float64], settings: MapConfig) -> Occ
 
     Args:
         points: (N, 2) [m], world frame.
-        settings: of the map; its cells are made larger where the grid would be over MAX_SIDE cells long.
+        cell_m: side of a cell [m]; cells are made larger where the grid would be over MAX_SIDE cells long.
 
     Returns:
         The grid around the points; one free-standing empty cell where there are none.
     """
-    resolution = settings.cell_m
+    resolution = cell_m
     if len(points) == 0:
         return OccupancyGrid(np.zeros((1, 1), dtype=np.bool_), resolution, (0.0, 0.0))
     parts = [slice(begin, begin + _BLOCK) for begin in range(0, len(points), _BLOCK)]

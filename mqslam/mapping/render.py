@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import Config, EstimatorConfig, MapConfig
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.point_map import PointMap
@@ -23,6 +23,12 @@ from mqslam.psi.place import Beam, PointSet, compute_beam_covariance
 from mqslam.psi.scoring.neighbours import find_corner
 from mqslam.psi.scoring.references import make_references
 
+# A scan is rendered once the sensor has moved this far since the last rendered one [m], so that a parked stretch does not
+# weigh more than others in the map.
+TRAVEL_M = 0.1
+# A scan is rendered as well once the sensor has turned by this much [rad].
+TRAVEL_RAD = 0.01
+
 # points that are in memory at a time: matters of memory and speed only
 _PLACED = 100_000  # while they are placed, and while those of a strip are looked for
 _SCORED = 50_000  # while they are scored, besides those around them
@@ -33,7 +39,6 @@ _LAST_COLUMN = 2**22  # of all points that lie farther out
 def render(
     scans: Scans,
     poses: se2.Array,
-    settings: MapConfig,
     estimator: EstimatorConfig,
     beam: Beam,
     engine: Engine = HERE,
@@ -43,7 +48,6 @@ def render(
     Args:
         scans: of the recording.
         poses: (len(scans), 3) pose at the start of each scan.
-        settings: of the map.
         estimator: settings of the score.
         beam: the sensor's errors.
         engine: where the points are scored; the result does not depend on it.
@@ -54,25 +58,27 @@ def render(
     seen = np.flatnonzero(scans.counts)
     if not len(seen):
         raise EstimationError(f"no returns in {len(scans)} scans to render; lower detector.threshold")
-    placed = place_scans(scans.take(seen[select_moving(poses[seen], settings)].tolist()), scans.start_times, poses, beam)
+    placed = place_scans(scans.take(seen[select_moving(poses[seen])].tolist()), scans.start_times, poses, beam)
     shares, matched = score_points(placed.points, scans.revolution_s, estimator, engine)
     return PointMap(placed.points.points, placed.points.times, placed.intensities, shares, matched)
 
 
-def render_track(what: str, scans: Scans, track: Trajectory, config: Config, beam: Beam, runner: Runner) -> PointMap:
+def render_track(
+    what: str, scans: Scans, track: Trajectory, estimator: EstimatorConfig, beam: Beam, runner: Runner
+) -> PointMap:
     """Renders the map under a trajectory, or an empty one with a warning: the trajectory is worth more than its map.
 
     Args:
         what: names the map in the warning.
         scans: of the recording.
         track: poses at the starts of the scans.
-        config: all settings.
+        estimator: settings of the score.
         beam: the sensor's errors.
         runner: where it is rendered.
     """
     rendered = PointMap.empty()
     with runner.tolerate(what):
-        rendered = render(scans, track.poses, config.map, config.estimator, beam, runner.engine)
+        rendered = render(scans, track.poses, estimator, beam, runner.engine)
     return rendered
 
 
@@ -116,12 +122,11 @@ def place_scans(scans: Scans, times: NDArray[np.float64], poses: se2.Array, beam
     return Placed(PointSet(points, np.empty((count, 2, 0)), covariances, seen), intensities, ranges_m2)
 
 
-def select_moving(poses: se2.Array, settings: MapConfig) -> NDArray[np.bool_]:
+def select_moving(poses: se2.Array) -> NDArray[np.bool_]:
     """Selects the poses that have moved on since the last selected one, so that a parked stretch is rendered once.
 
     Args:
         poses: (N, 3).
-        settings: of the map, which say how far.
 
     Returns:
         Whether each pose is selected (N,).
@@ -130,7 +135,7 @@ def select_moving(poses: se2.Array, settings: MapConfig) -> NDArray[np.bool_]:
     last = poses[0]
     for k, pose in enumerate(poses):
         x, y, turned = se2.subtract(pose, last)
-        if k == 0 or np.hypot(x, y) >= settings.travel_m or abs(turned) >= settings.travel_rad:
+        if k == 0 or np.hypot(x, y) >= TRAVEL_M or abs(turned) >= TRAVEL_RAD:
             keep[k] = True
             last = pose
     return keep

@@ -20,12 +20,30 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.stats import binom
 
-from mqslam.config import MergeConfig
+from mqslam.backend.loops.chain import Chain
 from mqslam.core.keyframes import Keyframes
 from mqslam.core.stored import release
-from mqslam.merging.looks import Views, count_looks, make_views
+from mqslam.merging.looks import CELL_M, REACH_M, Views, count_looks, make_views
 from mqslam.merging.rendering import place_points
 
+# Changes are looked for only where it is known to within this standard deviation how the recordings lie to each other [m],
+# half of _NEAR_M: far from all links they may lie apart by more than a parked car.
+SURE_M = 0.5
+# A cell counts as changed only if the keyframes of the other recording that show it are at most so many times as many as
+# those of the first one.
+_ALSO = 0.3
+# This many keyframes of a recording must show a return in a cell, so that traffic, which moves on, and noise do not count.
+_SEEN = 3
+# This many keyframes of the other recording must look past the cell at something behind it.
+_LOOKS = 3
+# Probability that chance alone makes any cell of a recording count as changed, if looks were independent: for each cell,
+# this divided by their number is the largest probability that the other recording shows it in so few looks by chance.
+_CHANCE = 0.05
+# Number of directions from which a cell is seen that are told apart: a surface that one recording sees from one side need
+# not show from the other.
+_ASPECTS = 12
+# An object has at least this many changed cells.
+_CELLS = 2
 # A return within this distance [m] of a cell shows it.
 _NEAR_M = 1.0
 # Changed cells this near to each other [m] are one object.
@@ -75,7 +93,7 @@ class _Seen:
     views: Views
 
 
-def find_changes(keyframes: Keyframes, sigmas: NDArray[np.float64], settings: MergeConfig) -> list[Change]:
+def find_changes(keyframes: Keyframes, sigmas: NDArray[np.float64]) -> list[Change]:
     """Finds what changed between each two of the recordings of a map, the largest objects first.
 
     Only keyframes take part of which it is known well enough how the other recording lies to them.
@@ -83,20 +101,48 @@ def find_changes(keyframes: Keyframes, sigmas: NDArray[np.float64], settings: Me
     Args:
         keyframes: of the map.
         sigmas: (R, K) how well that is known [m], for each recording and keyframe.
-        settings: of the merge.
     """
     changes: list[Change] = []
     for a, b in combinations(range(len(keyframes.recordings)), 2):
-        sure = [
-            np.flatnonzero((keyframes.origins == n) & (sigmas[other] <= settings.sure_m)) for n, other in ((a, b), (b, a))
-        ]
-        one, other = (_collect(keyframes, chosen, settings) for chosen in sure)
-        changes += _compare(one, other, (a, b), settings)
-        changes += _compare(other, one, (b, a), settings)
+        sure = [np.flatnonzero((keyframes.origins == n) & (sigmas[other] <= SURE_M)) for n, other in ((a, b), (b, a))]
+        one, other = (_collect(keyframes, chosen) for chosen in sure)
+        changes += _compare(one, other, (a, b))
+        changes += _compare(other, one, (b, a))
     return sorted(changes, key=lambda change: (-change.cells, change.chance, *change.place.tolist()))
 
 
-def _collect(keyframes: Keyframes, chosen: NDArray[np.int64], settings: MergeConfig) -> _Seen:
+def measure_relative_uncertainty(keyframes: Keyframes, chain: Chain) -> NDArray[np.float64]:
+    """Measures how sure the joint graph is of how recordings lie to each other, far from their links less than near them.
+
+    Args:
+        keyframes: of the map.
+        chain: their trajectory with its uncertainty.
+
+    Returns:
+        (R, K) standard deviation [m] by which what keyframe k sees at the end of its reach lies off what recording r sees of
+        it; zero for its own recording, infinite where the two see nothing together.
+
+    Raises:
+        EstimationError: the uncertainty cannot be computed.
+    """
+    sigmas = np.full((len(keyframes.recordings), len(keyframes)), np.inf)
+    where, pairs = [], []
+    for r in range(len(keyframes.recordings)):
+        own, others = (np.flatnonzero((keyframes.origins == r) == mine) for mine in (True, False))
+        sigmas[r, own] = 0.0
+        apart, nearest = cKDTree(keyframes.poses[own, :2]).query(keyframes.poses[others, :2])
+        seen = apart <= 2.0 * REACH_M
+        for k, n in zip(others[seen].tolist(), own[nearest[seen]].tolist(), strict=True):
+            where.append((r, k))
+            pairs.append((min(k, n), max(k, n)))
+    for (r, k), relative in zip(where, chain.relate(pairs), strict=True):
+        covariance = relative.covariance
+        across = REACH_M**2 * covariance[2, 2]
+        sigmas[r, k] = np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1] + across)
+    return sigmas
+
+
+def _collect(keyframes: Keyframes, chosen: NDArray[np.int64]) -> _Seen:
     """Returns what some keyframes (K,) of a recording show."""
     counts = np.diff(keyframes.rows[chosen], axis=1)[:, 0]
     ends = np.cumsum([0, *counts])
@@ -104,38 +150,38 @@ def _collect(keyframes: Keyframes, chosen: NDArray[np.int64], settings: MergeCon
     for n, k in enumerate(chosen):
         begin, end = keyframes.rows[k]
         place_points(keyframes.points[begin:end], keyframes.poses[k], points[ends[n] : ends[n + 1]])
-    views = make_views(keyframes, chosen, settings)
+    views = make_views(keyframes, chosen)
     release(keyframes.points)
-    columns = np.floor(points / settings.cell_m).astype(np.int64)
+    columns = np.floor(points / CELL_M).astype(np.int64)
     columns -= columns.min(axis=0, initial=0)
     _, cell = np.unique(columns[:, 0] * (columns[:, 1].max(initial=0) + 1) + columns[:, 1], return_inverse=True)
     both = np.unique(cell * len(chosen) + owner)  # a number for each cell and keyframe, which sorts faster than two
-    kept = np.flatnonzero(np.bincount(both // max(len(chosen), 1)) >= settings.seen)
+    kept = np.flatnonzero(np.bincount(both // max(len(chosen), 1)) >= _SEEN)
     middles = np.column_stack([np.bincount(cell, points[:, axis]) for axis in range(2)]) / np.bincount(cell)[:, None]
     return _Seen(points, owner, middles[kept], views)
 
 
-def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int], settings: MergeConfig) -> Iterator[Change]:
+def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int]) -> Iterator[Change]:
     """Yields what a recording shows and another contradicts."""
     if not len(one.cells) or not len(other.points):
         return
     shown = _find_shown(one, one.cells, _NEAR_M)
     also = np.bincount(_find_shown(other, one.cells, _NEAR_M)[:, 0], minlength=len(one.cells))
     hits = np.bincount(shown[:, 0], minlength=len(one.cells))
-    rare = np.flatnonzero(also <= settings.also * hits)  # most cells are seen by both; the others are looked at in full
+    rare = np.flatnonzero(also <= _ALSO * hits)  # most cells are seen by both; the others are looked at in full
     number = np.full(len(hits), -1)
     number[rare] = np.arange(len(rare))
     shown = shown[number[shown[:, 0]] >= 0]
     shown[:, 0] = number[shown[:, 0]]
     cells, hits, also = one.cells[rare], hits[rare], also[rare]
-    farthest = find_farthest(cells, shown, one.views, settings)
-    misses = count_looks(cells, farthest, one.views, settings)
-    looks = count_looks(cells, farthest, other.views, settings)
+    farthest = find_farthest(cells, shown, one.views)
+    misses = count_looks(cells, farthest, one.views)
+    looks = count_looks(cells, farthest, other.views)
     share = (hits + 1.0) / (hits + misses + 2.0)  # Laplace's rule: one look of each kind is added
     chance = binom.cdf(also, also + looks, share)
-    changed = np.flatnonzero((looks >= settings.looks) & (chance <= settings.chance / len(one.cells)))
+    changed = np.flatnonzero((looks >= _LOOKS) & (chance <= _CHANCE / len(one.cells)))
     for members in _group(cells[changed], _OBJECT_M):
-        if len(members) < settings.cells:
+        if len(members) < _CELLS:
             continue
         own = changed[members]
         low, high = cells[own].min(axis=0), cells[own].max(axis=0)
@@ -143,7 +189,7 @@ def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int], settings: Merge
             shown_by=numbers[0],
             missed_by=numbers[1],
             place=0.5 * (low + high),
-            size_m=np.maximum(high - low, settings.cell_m),
+            size_m=np.maximum(high - low, CELL_M),
             cells=len(own),
             seen=int(hits[own].max()),
             looks=int(looks[own].max()),
@@ -160,27 +206,24 @@ def _find_shown(seen: _Seen, cells: NDArray[np.float64], near_m: float) -> NDArr
     return np.column_stack([both // count, both % count])
 
 
-def find_farthest(
-    cells: NDArray[np.float64], shown: NDArray[np.int64], views: Views, settings: MergeConfig
-) -> NDArray[np.float64]:
+def find_farthest(cells: NDArray[np.float64], shown: NDArray[np.int64], views: Views) -> NDArray[np.float64]:
     """Returns from how far each of C cells was shown [m], by the direction from it to the keyframe, or beside it.
 
     Args:
         cells: (C, 2) m.
         shown: (P, 2) numbers of cells and of keyframes that show them.
         views: of the keyframes.
-        settings: of the merge.
 
     Returns:
         (C, A) for A directions, counter-clockwise from the map's x; zero where it was not shown from there.
     """
     towards = views.poses[shown[:, 1], :2] - cells[shown[:, 0]]
     turn = np.arctan2(towards[:, 1], towards[:, 0]) / (2.0 * np.pi)
-    aspect = np.floor(turn * settings.aspects).astype(np.int64) % settings.aspects
-    farthest = np.zeros((len(cells), settings.aspects))
+    aspect = np.floor(turn * _ASPECTS).astype(np.int64) % _ASPECTS
+    farthest = np.zeros((len(cells), _ASPECTS))
     ranges = np.hypot(towards[:, 0], towards[:, 1])
     for beside in (-1, 0, 1):
-        np.maximum.at(farthest, (shown[:, 0], (aspect + beside) % settings.aspects), ranges)
+        np.maximum.at(farthest, (shown[:, 0], (aspect + beside) % _ASPECTS), ranges)
     return farthest
 
 

@@ -1,21 +1,58 @@
-"""Joins the keyframes of several parts into those of one map."""
+"""Joins the parts of a merge: their edges in one graph, which links join, and their keyframes and places in one map."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from itertools import accumulate
 
+import gtsam
 import numpy as np
+from numpy.typing import NDArray
 
-from mqslam.backend.loops.submap import MappedDrive
-from mqslam.backend.recognition.places import DESCRIBING, describe_places
+from mqslam.backend.given_graph import GivenGraph
 from mqslam.config import Config
-from mqslam.core.engine import Engine
+from mqslam.core import se2
 from mqslam.core.keyframes import KEYFRAME_POINT, Keyframes, PlaceTable
 from mqslam.core.stored import make_stored, release
-from mqslam.merging.joint_graph import number_vertices
-from mqslam.merging.part import Part
-from mqslam.psi.place import Beam
+from mqslam.factors.prior import prior
+from mqslam.merging.part import Part, list_factors
+
+
+def number_vertices(parts: Sequence[Part]) -> list[NDArray[np.int64]]:
+    """Returns the numbers that the vertices of each part have in the joint graph."""
+    scans = [part.scans for part in parts]
+    others = [len(part.graph.keys) - part.scans for part in parts]
+    first_scans = [0, *accumulate(scans)]
+    first_others = [0, *accumulate(others)]
+    return [
+        np.concatenate([first_scans[n] + np.arange(scans[n]), first_scans[-1] + first_others[n] + np.arange(others[n])])
+        for n in range(len(parts))
+    ]
+
+
+def join_graphs(parts: Sequence[Part], frames: Sequence[se2.Array], config: Config) -> GivenGraph:
+    """Joins the graphs of all parts; only the first pose of the first one is held.
+
+    Args:
+        parts: the parts.
+        frames: (3,) pose of the frame of each part in that of the first one, from which the optimisation starts.
+        config: all settings.
+
+    Returns:
+        The graph over the poses of all keyframes. Vertices are numbered from 0: those of all scans, part by part, and after
+        them all others.
+    """
+    factors, values, keys = gtsam.NonlinearFactorGraph(), gtsam.Values(), list[int]()
+    for part, frame, numbers in zip(parts, frames, number_vertices(parts), strict=True):
+        poses = se2.compose(frame, part.poses)
+        for key, pose in zip(numbers.tolist(), poses, strict=True):
+            values.insert(key, gtsam.Pose2(*pose))
+        if not keys:
+            factors.push_back(prior(0, poses[0], config.graph))
+        for factor in list_factors(part, numbers.tolist(), config):
+            factors.push_back(factor)
+        keys += numbers[part.map.keyframes.scans].tolist()
+    return GivenGraph(factors, values, keys, lambda factor: factor, config.graph)
 
 
 def join_keyframes(parts: Sequence[Part]) -> Keyframes:
@@ -53,13 +90,3 @@ def join_places(parts: Sequence[Part]) -> PlaceTable:
         np.concatenate([part.map.places.descriptors for part in parts]),
         parts[0].map.places.made_with,
     )
-
-
-def describe_part(part: Part, config: Config, beam: Beam, engine: Engine) -> Part:
-    """Returns a part whose places are described with the settings, which are described again if they are not."""
-    settings = config.recognition
-    if part.map.places.made_with == settings.model_dump(mode="json", include=DESCRIBING):
-        return part
-    drive = MappedDrive.of(part.map.keyframes)
-    places = describe_places(drive, settings, config.loops.spacing_m, beam, engine)
-    return replace(part, map=replace(part.map, places=places))

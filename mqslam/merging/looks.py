@@ -8,10 +8,15 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import MergeConfig
 from mqslam.core import se2
 from mqslam.core.keyframes import Keyframes
 
+# Cells farther from a keyframe than this [m] are not compared with it.
+REACH_M = 60.0
+# Side of the cells in which returns are compared for changes [m].
+CELL_M = 1.0
+# Number of sectors around a keyframe of which the first return is kept: one for each degree.
+_RAYS = 360
 # A ray passes a cell if its first return lies at least this far [m] behind it.
 _MARGIN_M = 1.0
 
@@ -31,15 +36,14 @@ class Views:
     origins: NDArray[np.float64]
 
 
-def make_views(keyframes: Keyframes, chosen: NDArray[np.int64], settings: MergeConfig) -> Views:
+def make_views(keyframes: Keyframes, chosen: NDArray[np.int64]) -> Views:
     """Makes the views of some keyframes.
 
     Args:
         keyframes: of a map.
         chosen: (K,) numbers of those that are wanted.
-        settings: of the merge.
     """
-    count = settings.rays
+    count = _RAYS
     firsts, origins = np.full((len(chosen), count), np.inf), np.zeros((len(chosen), count, 2))
     for n, k in enumerate(chosen):
         begin, end = keyframes.rows[k]
@@ -58,9 +62,7 @@ def make_views(keyframes: Keyframes, chosen: NDArray[np.int64], settings: MergeC
     return Views(keyframes.poses[chosen], firsts, origins)
 
 
-def count_looks(
-    cells: NDArray[np.float64], farthest: NDArray[np.float64], views: Views, settings: MergeConfig
-) -> NDArray[np.int64]:
+def count_looks(cells: NDArray[np.float64], farthest: NDArray[np.float64], views: Views) -> NDArray[np.int64]:
     """Counts the keyframes that look past each of C cells.
 
     A keyframe looks past a cell if the cell is within reach, and was shown from that direction from as far or farther, and
@@ -70,9 +72,8 @@ def count_looks(
         cells: (C, 2) m, in the map's frame.
         farthest: (C, A) from how far each was shown, by the direction from it to the keyframe [m].
         views: of the keyframes.
-        settings: of the merge.
     """
-    sizes = settings.reach_m, _MARGIN_M, settings.cell_m
+    sizes = REACH_M, _MARGIN_M, CELL_M
     return np.asarray(_count(cells, farthest, views.poses, views.firsts, views.origins, sizes))
 
 
@@ -85,7 +86,7 @@ def _count(
     origins: NDArray[np.float64],
     sizes: tuple[float, float, float],
 ) -> NDArray[np.int64]:
-    """Does the counting of `count_looks`, of which `sizes` are the settings `reach_m`, `margin_m` and `cell_m`."""
+    """Does the counting of `count_looks`, of which `sizes` are REACH_M, _MARGIN_M and CELL_M."""
     reach_m, margin_m, cell_m = sizes
     sectors, aspects, turn = firsts.shape[1], farthest.shape[1], 2.0 * np.pi
     looks = np.zeros(len(cells), np.int64)

@@ -13,27 +13,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.backend.linear.marginals import PoseCovariances, compute_all_marginals
+from mqslam.backend.loops.align import score_at_pose
 from mqslam.backend.loops.chain import Chain, Relative
+from mqslam.backend.loops.closing import LoopCloser
 from mqslam.backend.loops.consistency import as_relative, compute_chi_square
-from mqslam.backend.loops.submap import MappedDrive
+from mqslam.backend.loops.search import render_passes
+from mqslam.backend.loops.submap import MappedDrive, Passes
 from mqslam.backend.pose_graph import PoseGraph, optimise, pose_of
-from mqslam.config import Config, LoopConfig
+from mqslam.backend.recognition.places import describe_map
+from mqslam.config import Config, EstimatorConfig
 from mqslam.core import se2
-from mqslam.core.keyframes import KeyframeMap
-from mqslam.core.measurement import Loop
+from mqslam.core.engine import Engine
+from mqslam.core.keyframes import KeyframeMap, Keyframes
+from mqslam.core.measurement import Loop, LoopSearch
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.execution.runner import Runner
-from mqslam.merging.changes import Change, find_changes
-from mqslam.merging.joining import describe_part, join_keyframes, join_places
-from mqslam.merging.joint_graph import join_graphs
-from mqslam.merging.linking import Links, find_links, score_links
+from mqslam.merging.changes import Change, find_changes, measure_relative_uncertainty
+from mqslam.merging.joining import join_graphs, join_keyframes, join_places
 from mqslam.merging.meetings import Meeting, introduce, lay_out
 from mqslam.merging.part import Part, build_alone
 from mqslam.merging.rendering import render_keyframes
-from mqslam.merging.sureness import measure_sureness
-from mqslam.psi.place import beam_of
+from mqslam.psi.place import Beam, beam_of
+from mqslam.psi.scoring.references import make_references
+
+# If the edges in a result's graph alone move a pose farther than this [m], a warning says that what is no edge, such as
+# GNSS, has held the result.
+_MOVED_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +51,7 @@ class Merged:
         config: all settings.
         parts: what was merged.
         meetings: what recognition says about each two parts.
-        links: between keyframes of different parts.
+        links: those between keyframes of different parts that the map keeps, and what the search for them has led to.
         psi: (L, 2) psi per point of each link's passes, with the parts laid on each other as they were and at the optimum.
         residuals: (L,) of the links at the optimum, in standard deviations.
         trajectories: of each recording, in one frame.
@@ -61,7 +68,7 @@ class Merged:
     config: Config
     parts: tuple[Part, ...]
     meetings: tuple[Meeting, ...]
-    links: Links
+    links: LoopSearch
     psi: NDArray[np.float64]
     residuals: NDArray[np.float64]
     trajectories: tuple[Trajectory, ...]
@@ -88,34 +95,41 @@ def merge_parts(parts: Sequence[Part], config: Config, runner: Runner) -> Merged
     """
     beam = beam_of(config.estimator, parts[0].map.keyframes.recordings[0].doppler_beta)
     with runner.time_stage("optimise"):
-        parts = [describe_part(part, config, beam, runner.engine) for part in parts]
+        parts = [replace(part, map=describe_map(part.map, beam, runner.engine)) for part in parts]
         chains = [_optimise_alone(part, config) for part in parts]
         moved = tuple(_measure_move(part, chain) for part, chain in zip(parts, chains, strict=True))
     with runner.time_stage("recognise"):
-        meetings = introduce(parts, chains, config, beam, runner)
+        meetings = introduce(parts, chains, config.estimator, beam, runner)
     keyframes = join_keyframes(parts)
     groups = np.repeat(np.arange(len(parts)), [len(part.map.keyframes) for part in parts])
     frames, first = lay_out(parts, chains, meetings)
     del chains  # what they have eliminated takes more memory than anything else here
-    joint = join_graphs(parts, frames, config)
+    problem = join_graphs(parts, frames, config)
     start = np.concatenate([se2.compose(f, part.map.keyframes.poses) for f, part in zip(frames, parts, strict=True)])
     with runner.time_stage("links"):
-        links = find_links(keyframes, joint.problem, start, first, groups, config, beam, runner)
-        _check_joined(parts, links.links, groups)
+        before = MappedDrive.of(keyframes, start)
+        closer = LoopCloser(
+            problem, lambda poses: MappedDrive.of(keyframes, poses), config.estimator, beam, runner, before, groups
+        )
+        closer.start_from(first)
+        if closer.loops:
+            closer.look_around()
+        links = closer.conclude()
+        _check_joined(parts, links.loops, groups)
     with runner.time_stage("optimise"):
-        graph, optimum = joint.problem.optimise(links.links)
+        graph, optimum = problem.optimise(links.loops)
         sure = compute_all_marginals(graph, optimum.values)
         poses = graph.poses_at(optimum.values)
         keyframes = replace(keyframes, poses=poses, covariances=_list_covariances(sure, len(keyframes)))
-        residuals = _measure_residuals(links.links, poses, config.loops)
-        psi = score_links(keyframes, links.links, [start, poses], config, beam, runner.engine)
+        residuals = _measure_residuals(links.loops, poses)
+        psi = _score_links(keyframes, links.loops, [start, poses], config.estimator, beam, runner.engine)
     with runner.time_stage("render"):
-        rendered = render_keyframes(keyframes, config, beam, runner.engine)
+        rendered = render_keyframes(keyframes, config.estimator, beam, runner.engine)
     changes, sigmas = list[Change](), np.full((len(keyframes.recordings), len(keyframes)), np.inf)
     with runner.time_stage("changes"), runner.tolerate("the changes between the recordings"):
-        sigmas = measure_sureness(keyframes, Chain(MappedDrive.of(keyframes), graph, optimum.values), config.merge)
+        sigmas = measure_relative_uncertainty(keyframes, Chain(MappedDrive.of(keyframes), graph, optimum.values))
         if config.merge.changes:
-            changes = find_changes(keyframes, sigmas, config.merge)
+            changes = find_changes(keyframes, sigmas)
     return Merged(
         config=config,
         parts=tuple(parts),
@@ -135,7 +149,7 @@ def merge_parts(parts: Sequence[Part], config: Config, runner: Runner) -> Merged
             *runner.warnings,
             *sure.warnings,
             *_warn_of_ambiguity(parts, meetings),
-            *_warn_of_moves(parts, moved, config),
+            *_warn_of_moves(parts, moved),
         ),
     )
 
@@ -153,13 +167,13 @@ def _measure_move(part: Part, chain: Chain) -> float:
     return float(np.hypot(off[:, 0], off[:, 1]).max())
 
 
-def _warn_of_moves(parts: Sequence[Part], moved_m: Sequence[float], config: Config) -> list[str]:
+def _warn_of_moves(parts: Sequence[Part], moved_m: Sequence[float]) -> list[str]:
     """Returns a warning for each part that was held by what its file lacks."""
     return [
         f"{part.folder}: the edges in its graph.g2o alone move it by up to {far:.2f} m; the gyroscope or GNSS that has held "
         "it is not in that file, and takes no part in the merge"
         for part, far in zip(parts, moved_m, strict=True)
-        if far > config.merge.moved_m
+        if far > _MOVED_M
     ]
 
 
@@ -188,16 +202,53 @@ def _check_joined(parts: Sequence[Part], links: Sequence[Loop], groups: NDArray[
         )
 
 
+def _score_links(
+    keyframes: Keyframes,
+    links: Sequence[Loop],
+    poses: Sequence[se2.Array],
+    estimator: EstimatorConfig,
+    beam: Beam,
+    engine: Engine,
+) -> NDArray[np.float64]:
+    """Scores the two passes of each link on each other.
+
+    Args:
+        keyframes: of all parts.
+        links: the links.
+        poses: (K, 3) of the keyframes, several times.
+        estimator: settings of the score.
+        beam: the sensor's errors.
+        engine: where they are scored.
+
+    Returns:
+        psi per point (L, T) of each link at each of the T sets of poses.
+    """
+    drives: list[Passes] = [MappedDrive.of(keyframes, some) for some in poses]
+    scores = engine.map(_score, (drives, estimator, beam), list(links))
+    return np.array(scores).reshape(len(links), len(drives))
+
+
+def _score(shared: tuple[list[Passes], EstimatorConfig, Beam], link: Loop) -> list[float]:
+    drives, estimator, beam = shared
+    last = drives[-1]  # submaps are rendered once, so that only the pose between them differs
+    reference, query = render_passes((last, link.earlier), (last, link.later), beam)
+    references = make_references(reference)
+    return [
+        score_at_pose(references, query, se2.between(drive.poses[link.earlier], drive.poses[link.later]), estimator)
+        for drive in drives
+    ]
+
+
 def _list_covariances(sure: PoseCovariances, count: int) -> NDArray[np.float64]:
     """Returns the covariances (K, 3, 3) of keyframes, NaN where they are not known."""
     return np.full((count, 3, 3), np.nan) if sure.failure is not None else sure.covariances
 
 
-def _measure_residuals(links: Sequence[Loop], poses: se2.Array, settings: LoopConfig) -> NDArray[np.float64]:
+def _measure_residuals(links: Sequence[Loop], poses: se2.Array) -> NDArray[np.float64]:
     """Returns the residual (L,) of each link at poses (K, 3) of the keyframes, in standard deviations."""
     lies = [se2.between(poses[link.earlier], poses[link.later]) for link in links]
     known = np.zeros((3, 3))
-    squares = [compute_chi_square(Relative(p, known), as_relative(k, settings)) for p, k in zip(lies, links, strict=True)]
+    squares = [compute_chi_square(Relative(p, known), as_relative(k)) for p, k in zip(lies, links, strict=True)]
     return np.sqrt(squares)
 
 

@@ -16,6 +16,7 @@ from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.errors import DataError
+from mqslam.factors.loop_between import CAUCHY
 from mqslam.factors.prior import prior
 from mqslam.formats.graphs.g2o import list_edges
 from mqslam.formats.graphs.stored_graph import StoredGraph
@@ -100,7 +101,7 @@ def list_factors(part: Part, keys: Sequence[int], config: Config) -> list[gtsam.
     """
     ends = np.cumsum([len(stamps) for stamps in part.stamps_us])
     huber = gtsam.noiseModel.mEstimator.Huber.Create(config.graph.huber)
-    cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(config.loops.cauchy)
+    cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(CAUCHY)
     factors = []
     for edge in list_edges(part.graph.factors):
         a, b = edge.keys()

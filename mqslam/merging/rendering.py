@@ -7,7 +7,7 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import Config
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.keyframes import Keyframes, MappedRecording
@@ -17,12 +17,12 @@ from mqslam.mapping.render import score_points
 from mqslam.psi.place import Beam, PointSet, compute_beam_covariance
 
 
-def render_keyframes(keyframes: Keyframes, config: Config, beam: Beam, engine: Engine) -> PointMap:
+def render_keyframes(keyframes: Keyframes, estimator: EstimatorConfig, beam: Beam, engine: Engine) -> PointMap:
     """Renders all keyframes. Times are seconds since the start of the recording that starts first.
 
     Args:
         keyframes: of all recordings.
-        config: all settings.
+        estimator: settings of the score.
         beam: the sensor's errors.
         engine: where the points are scored; the result does not depend on it.
     """
@@ -47,7 +47,7 @@ def render_keyframes(keyframes: Keyframes, config: Config, beam: Beam, engine: E
         at = part.stop
     release(points, covariances, times, apart, intensities, keyframes.points)
     placed = PointSet(points, np.empty((count, 2, 0)), covariances, apart)
-    shares, matched = score_points(placed, turn_s, config.estimator, engine)
+    shares, matched = score_points(placed, turn_s, estimator, engine)
     return PointMap(points, times, intensities, shares, matched)
 
 

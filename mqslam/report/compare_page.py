@@ -107,8 +107,8 @@ def write_compare_report(path: Path, report: CompareReport) -> list[str]:
 
 def _make_scene(report: CompareReport, threshold: float) -> Scene | None:
     places = (*report.places, *report.stations)
-    moving = select_moving_windows(report.rows, report.start_us, report.map)
-    shown = select_moving_places(report.rows, places, report.start_us, report.map)
+    moving = select_moving_windows(report.rows, report.start_us)
+    shown = select_moving_places(report.rows, places, report.start_us)
     explorer = explore_comparison(report.rows, places, shown, moving, report.ground_truth, report.start_us, threshold)
     return make_scene(explorer)
 
@@ -155,7 +155,7 @@ def _show_trajectories(report: CompareReport, threshold: float) -> Section | Non
         caption = "each laid on the ground truth by the best rigid motion"
     trajectories = Figure(draw_overlay(report.rows, report.ground_truth, opaque=False), "Trajectories", caption)
     caption = "running median over the windows in which the radar moved: how far a window's map is from its own best"
-    moving = select_moving_windows(report.rows, report.start_us, report.map)
+    moving = select_moving_windows(report.rows, report.start_us)
     charts = [Figure(draw_inflation(report.rows, moving, threshold), "Inflation of the windows", caption)]
     if any(r.revisit.sure for row in report.rows for r in row.audit.revisits):
         caption = "share of the revisits whose two passes are off each other by less, with their number in brackets"

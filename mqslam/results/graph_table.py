@@ -10,6 +10,7 @@ from typing import Final
 import gtsam
 
 from mqslam.config import Config
+from mqslam.factors.loop_between import CAUCHY
 from mqslam.formats.graphs.g2o import list_edges
 from mqslam.solution import Run
 
@@ -55,5 +56,5 @@ def _describe_loss(noise: gtsam.noiseModel.Base, config: Config) -> tuple[str, f
     if not isinstance(noise, gtsam.noiseModel.Robust):
         return "none", ""
     if isinstance(noise.robust(), gtsam.noiseModel.mEstimator.Cauchy):
-        return "cauchy", config.loops.cauchy
+        return "cauchy", CAUCHY
     return "huber", config.graph.huber

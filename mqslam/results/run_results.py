@@ -163,7 +163,7 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
         scan_us = int(np.median(np.diff(stamps_us))) if len(stamps_us) > 1 else 0
         write_ply(folder / "map.ply", run.map_optimised, Clock(int(stamps_us[0]), scan_us))
     with tolerate("map.pgm", failures):
-        grid = make_occupancy_grid(run.map_optimised.points, run.config.map)
+        grid = make_occupancy_grid(run.map_optimised.points, run.config.map.cell_m)
         write_nav2_map(folder, grid, run.georeference)
         if run.georeference is not None:
             write_geotiff(folder / "map.tif", grid, run.georeference)

@@ -79,8 +79,7 @@ def list_warnings(run: Run, recording: Recording) -> list[str]:
 
 def find_stops(run: Run, recording: Recording) -> list[tuple[float, float]]:
     """Returns long spans [s] in which no scan moved on, so that the map holds only the first of them."""
-    settings = run.config.map
-    moved = recording.start_times[select_moving(run.optimised.poses, settings)]
+    moved = recording.start_times[select_moving(run.optimised.poses)]
     ends = np.append(moved[1:], recording.duration_s)
     return [(float(a), float(b)) for a, b in zip(moved, ends, strict=True) if b - a >= _STOP_S]
 

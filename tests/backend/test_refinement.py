@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 from support.passes import BEAM, LANE_Y, noisy_passes, path, street_pass
 
 from mqslam.backend import refinement
 from mqslam.backend.crossings import find_crossings, measure_psi_across
+from mqslam.backend.loops import passes
 from mqslam.backend.loops.submap import Drive
 from mqslam.backend.problem import Problem
 from mqslam.backend.refinement import drop_replaced, refine, select_tied
 from mqslam.backend.sensors.odometry.odometry_edges import reckon
-from mqslam.config import Config, LoopConfig, RefinementConfig
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Refined
 from mqslam.core.scans import Scans
@@ -20,19 +23,28 @@ from mqslam.execution.local_engine import HERE, LocalEngine
 from mqslam.execution.runner import Runner
 
 APART_M = 35.0  # a pass of the tests is 40 m long
-CONFIG = Config(loops=LoopConfig(least_path_m=APART_M), refinement=RefinementConfig(rounds=2))
+ESTIMATOR = EstimatorConfig()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def near_passes() -> Iterator[None]:
+    """Lets passes follow each other so soon that those of the tests count: each is 40 m long."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(passes, "LEAST_PATH_M", APART_M)
+        yield
 
 
 def two_passes() -> tuple[Drive, Problem, tuple[Loop, ...]]:
     """Returns two true passes over a street, a problem of noisy motions along them, and a loop that is somewhat off."""
-    drive, problem, loop = noisy_passes(CONFIG.loops)
+    drive, problem, loop = noisy_passes()
     return drive, problem, (loop,)
 
 
-def refined(config: Config = CONFIG, jobs: int = 1) -> Refined:
+def refined(rounds: int = 2, jobs: int = 1) -> Refined:
     drive, problem, loops = two_passes()
     scans = Scans(tuple(drive.scans), 0, 0.25)
-    return refine(reckon(scans, problem.measurements), problem, loops, scans, config, BEAM, Runner(LocalEngine(jobs)))
+    before, runner = reckon(scans, problem.measurements), Runner(LocalEngine(jobs))
+    return refine(before, problem, loops, scans, rounds, ESTIMATOR, BEAM, runner)
 
 
 def apart_m(poses: se2.Array, truth: se2.Array, ties: list[Loop]) -> float:
@@ -78,14 +90,14 @@ def test_passes_that_no_loop_ties_are_left_alone() -> None:
     """Two streets side by side look like two passes of one to the trajectory alone."""
     drive, problem, _ = two_passes()
     scans = Scans(tuple(drive.scans), 0, 0.25)
-    result = refine(reckon(scans, problem.measurements), problem, [], scans, CONFIG, BEAM, Runner())
+    result = refine(reckon(scans, problem.measurements), problem, [], scans, 2, ESTIMATOR, BEAM, Runner())
     assert result.ties == [] and result.psi_across == result.psi_loops is not None
 
 
 def test_a_loop_ties_only_passes_near_it() -> None:
     there, back = np.arange(0.0, 300.0, 2.0), np.arange(300.0, 0.0, -2.0)
     drive = path(np.column_stack([np.r_[there, back], np.repeat([0.0, 5.0], len(there))]))
-    crossings = find_crossings(drive, 2.0, 60.0, RefinementConfig())
+    crossings = find_crossings(drive, 2.0, 60.0)
     loop = Loop(20, 280, np.zeros(3), np.eye(3), 0.7, 0.5)  # at 40 m of 300
     tied = select_tied(crossings, drive, [loop], 60.0)
     assert 0 < len(tied) < len(crossings)
@@ -102,19 +114,19 @@ def test_poses_are_kept_where_psi_across_passes_would_rise(monkeypatch: pytest.M
 
 
 def test_no_round_leaves_the_loops_as_they_are() -> None:
-    result = refined(CONFIG.model_copy(update={"refinement": RefinementConfig(rounds=0)}))
+    result = refined(rounds=0)
     assert result.ties == [] and len(result.loops) == 1 and not result.refused
 
 
 def test_psi_across_passes_sees_a_torn_map_and_nothing_else() -> None:
     drive, _, _ = two_passes()
-    crossings = find_crossings(drive, 5.0, APART_M, RefinementConfig())
+    crossings = find_crossings(drive, 5.0, APART_M)
     first = len(street_pass(-25.0, LANE_Y, 0.0, 1).times)
     torn = drive.poses + np.where(np.arange(len(drive.poses)) >= first, 0.5, 0.0)[:, None] * np.array([0.0, 1.0, 0.0])
     moved = se2.compose(np.array([100.0, 50.0, 1.0]), drive.poses)
 
     def psi(poses: se2.Array) -> float:
-        value = measure_psi_across(Drive.of(drive.scans, poses), crossings, CONFIG.estimator, BEAM, HERE)
+        value = measure_psi_across(Drive.of(drive.scans, poses), crossings, ESTIMATOR, BEAM, HERE)
         assert value is not None
         return value
 
@@ -124,10 +136,10 @@ def test_psi_across_passes_sees_a_torn_map_and_nothing_else() -> None:
 
 def test_where_no_place_is_passed_twice_there_is_no_psi_across_passes() -> None:
     drive = street_pass(-25.0, LANE_Y, 0.0, 1)
-    crossings = find_crossings(drive, 5.0, APART_M, RefinementConfig())
+    crossings = find_crossings(drive, 5.0, APART_M)
     assert crossings == []
-    assert measure_psi_across(drive, crossings, CONFIG.estimator, BEAM, HERE) is None
+    assert measure_psi_across(drive, crossings, ESTIMATOR, BEAM, HERE) is None
 
 
 def test_a_parked_radar_is_no_second_pass() -> None:
-    assert find_crossings(path(np.zeros((50, 2))), 5.0, APART_M, RefinementConfig()) == []
+    assert find_crossings(path(np.zeros((50, 2))), 5.0, APART_M) == []

@@ -10,7 +10,7 @@ import pytest
 from mqslam.backend.linear.marginals import compute_all_marginals
 from mqslam.backend.problem import Problem
 from mqslam.backend.submaps import split_into_submaps
-from mqslam.config import GraphConfig, LoopConfig
+from mqslam.config import GraphConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 
@@ -26,7 +26,7 @@ def drive(count: int, step: np.ndarray = STEP) -> list[Measurement]:
 
 def sigmas(measurements: list[Measurement], scans: list[int]) -> np.ndarray:
     """Returns the standard deviations (K, 3) of poses of scans, seen from the first one."""
-    graph, optimum = Problem(measurements, [], SETTINGS, LoopConfig()).optimise([])
+    graph, optimum = Problem(measurements, [], SETTINGS).optimise([])
     result = compute_all_marginals(graph, optimum.values)
     assert result.failure is None
     return np.sqrt(np.einsum("kii->ki", result.covariances[scans]))

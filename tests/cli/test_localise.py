@@ -51,8 +51,8 @@ def mapped(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     scans, _ = detect_all(recording, config.detector)
     poses = read_tum(street / "gt" / "poses_tum.txt").at(scans.stamps_us)
     source = MappedRecording(str(street), recording.start_us, recording.end_us, recording.revolution_s, 0.0)
-    keyframes = make_keyframes(scans, poses, None, source, beam, config.map.keyframe_m)
-    places = describe_places(MappedDrive.of(keyframes), config.recognition, config.loops.spacing_m, beam, HERE)
+    keyframes = make_keyframes(scans, poses, None, source, beam)
+    places = describe_places(MappedDrive.of(keyframes), beam, HERE)
     write_keyframes(result / "keyframes", KeyframeMap(keyframes, places))
     (result / "config.yaml").write_text(dump_yaml(config), encoding="utf-8")
     return result

@@ -21,7 +21,7 @@ from mqslam.psi.place import beam_of
 
 CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
 BEAM = beam_of(CONFIG.estimator, 0.0)
-JUDGES = JudgeSettings(CONFIG.audit, CONFIG.estimator, CONFIG.verdict, CONFIG.map)
+JUDGES = JudgeSettings(CONFIG.audit, CONFIG.estimator, CONFIG.verdict)
 
 
 def context(odometry: Trajectory | None = None) -> Context:

@@ -81,13 +81,16 @@ def test_what_is_written_is_read_back_equal(tmp_path: Path, name: str) -> None:
     [
         ("psi: {bta_s: 1}", "unknown setting psi.bta_s; did you mean beta_s?"),
         ("trackr: {}", "unknown setting trackr; did you mean tracker?"),
-        ("map: {zzzz: 1}", "unknown setting map.zzzz; choose one of cell_m, travel_m, travel_rad"),
+        ("map: {zzzz: 1}", "unknown setting map.zzzz; choose one of cell_m"),
         ("map: {cell_m: -1}", "map.cell_m: Input should be greater than 0"),
         ("map: {cell_m: wide}", "map.cell_m: Input should be a valid number"),
         (
             "map: {stop_s: 3, cell_m: -1}",
             "map.stop_s is no setting any more, but fixed: nobody had a reason to change it; leave it out",
         ),
+        ("recognition: {row: 4}", "recognition.row is no setting any more, but fixed: nobody had a reason to change it"),
+        ("{localisation: {}}", "localisation is no setting any more, but fixed: nobody had a reason to change it"),
+        ("recognition: {rwo: 4}", "recognition is no setting any more, but fixed: nobody had a reason to change it"),
         ("{detector: {join_bins: 2}, tracker: {beside_turn: 1}}", "detector.join_bins, tracker.beside_turn are no setting"),
         ("map: 3", "map: Input should be"),
         ("sensor: {doppler_beta: 5}", "sensor.doppler_beta: Input should be less than or equal to 1"),

@@ -205,7 +205,7 @@ def test_a_resumed_run_repeats_no_finished_stage_and_ends_the_same(
 ) -> None:
     """The Doppler shift, which is measured, is kept with the measurements made with it."""
     monkeypatch.setattr(doppler_module, "measure_doppler", lambda *_: doppler_module.Doppler(0.0123, 0.0045))
-    config = Config(map=MapConfig(travel_m=2.0))
+    config = Config(map=MapConfig(cell_m=2.0))
     first = Slam(config, "psi", Runner(checkpoint=Checkpoint(tmp_path / "out", "this run", resume=False))).run(
         recording, None
     )

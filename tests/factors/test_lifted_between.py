@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
 
-from mqslam.config import GraphConfig, LoopConfig
+from mqslam.config import GraphConfig
 from mqslam.core.measurement import Loop
 from mqslam.factors.lifted_between import lifted_between
 from mqslam.factors.loop_between import loop_between
@@ -47,7 +47,7 @@ def test_height_and_tilt_are_held_weakly() -> None:
 
 
 def test_the_loss_stays_the_same() -> None:
-    loop = loop_between(X(1), X(2), Loop(1, 2, POSE, COVARIANCE, 0.8, 0.2), LoopConfig())
+    loop = loop_between(X(1), X(2), Loop(1, 2, POSE, COVARIANCE, 0.8, 0.2))
     far = gtsam.Pose3(gtsam.Pose2(8.0, 0.4, 1.1))
     for planar in (PLANAR, loop):
         assert error(lifted_between(planar, CONFIG), gtsam.Pose3(), far) == pytest.approx(

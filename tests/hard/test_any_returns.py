@@ -90,7 +90,7 @@ def test_any_returns_are_rendered_and_audited_under_any_trajectory(data: st.Data
     poses = data.draw(tracks(len(scans)))
     track = Trajectory(stamps_of(scans), poses)
     try:
-        pointmap = render(joined(scans), poses, CONFIG.map, CONFIG.estimator, BEAM)
+        pointmap = render(joined(scans), poses, CONFIG.estimator, BEAM)
         sweeps, _ = place_sweeps(joined(scans), track, BEAM)
     except EstimationError as error:
         assert "returns in" in str(error)
@@ -109,7 +109,7 @@ def test_any_two_submaps_are_aligned(reference: Scan, query: Scan) -> None:
     if not len(reference.returns) or not len(query.returns):
         return
     one, other = (place_along(w.returns, np.zeros(1), np.zeros((1, 3)), BEAM) for w in (reference, query))
-    result = align(make_references(one), other, np.zeros(3), (3.0, 0.05), CONFIG.loops, CONFIG.estimator)
+    result = align(make_references(one), other, np.zeros(3), (3.0, 0.05), CONFIG.estimator)
     assert np.isfinite(result.pose).all()
     assert np.isfinite(result.covariance).all()
     assert result.observed in (True, False)

@@ -52,7 +52,7 @@ def audited(scans: Sequence[Scan], poses: se2.Array) -> Audit:
 
 
 def rendered(scans: Sequence[Scan], poses: se2.Array) -> PointMap:
-    return render(joined(scans), poses, CONFIG.map, CONFIG.estimator, BEAM)
+    return render(joined(scans), poses, CONFIG.estimator, BEAM)
 
 
 def assert_sound(result: Audit) -> None:
@@ -90,7 +90,7 @@ def test_a_hard_recording_is_rendered_and_checked(name: str) -> None:
     judged = audit_trajectory(joined(scans), track, CONFIG, BEAM, Runner())
     assert all(check.bend.points and np.isfinite(check.bend.inflation) for check in judged.windows)
     assert all(np.isfinite(step.laid.offset).all() for step in judged.steps)
-    assert find_candidates(chain_of(Drive.of(scans, poses)), CONFIG.loops, set()) == ([], [])
+    assert find_candidates(chain_of(Drive.of(scans, poses)), set()) == ([], [])
 
 
 def test_a_recording_without_returns_is_neither_rendered_nor_audited() -> None:

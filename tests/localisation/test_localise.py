@@ -14,15 +14,17 @@ from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.errors import NotInMapError
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.runner import Runner
+from mqslam.localisation import covariance_scale, recording_in_map
+from mqslam.localisation.covariance_scale import _USUAL_SCALE, FEWEST_PAIRS
 from mqslam.localisation.localised import Localised, PlaceStatus
 from mqslam.localisation.recording_in_map import localise
-from mqslam.localisation.registering import _RENEW_M
+from mqslam.localisation.registering import _RENEW_M, REACH_M
 
 MAPPED_S = 14.0
 
 
 def localised(given: Pass, runner: Runner | None = None, mapped_s: float = MAPPED_S) -> Localised:
-    return localise(given.scans, given.motions, street_map(mapped_s), CONFIG, BEAM, runner or Runner())
+    return localise(given.scans, given.motions, street_map(mapped_s), CONFIG.estimator, BEAM, runner or Runner())
 
 
 def errors(found: Localised, given: Pass) -> np.ndarray:
@@ -67,7 +69,7 @@ def test_scans_beyond_the_end_of_the_map_are_predictions_that_grow_unsure(later:
     outside = np.array([status is PlaceStatus.OUTSIDE for status in found.statuses])
     away = np.array([np.hypot(*(street_map(9.0).keyframes.poses - pose)[:, :2].T).min() for pose in later.truth])
     assert outside[-5:].all() and found.on_map[away < 5.0].all()
-    assert not found.on_map[away > CONFIG.localisation.reach_m + _RENEW_M].any()
+    assert not found.on_map[away > REACH_M + _RENEW_M].any()
     variances = found.covariances[outside][:, 0, 0]
     assert np.all(np.diff(variances) > 0.0)
     off = errors(found, later)[outside]
@@ -82,7 +84,7 @@ def test_another_town_is_refused() -> None:
 def test_where_two_places_of_a_map_look_the_same_none_is_chosen(later: Pass) -> None:
     twice = show_twice(street_map(MAPPED_S), np.array([400.0, 0.0, 1.0]))
     with pytest.raises(NotInMapError, match=r"several places of this map fit, .*\d+ of \d+ submaps .* give a longer") as no:
-        localise(later.scans, later.motions, twice, CONFIG, BEAM, Runner())
+        localise(later.scans, later.motions, twice, CONFIG.estimator, BEAM, Runner())
     assert "not in this map" not in str(no.value)
 
 
@@ -125,11 +127,15 @@ def test_scans_without_returns_are_predictions(later: Pass) -> None:
     assert np.hypot(off[:, 0], off[:, 1]).max() < 0.25
 
 
-def test_the_covariances_are_those_that_the_recording_shows(later: Pass, found: Localised) -> None:
-    assert found.samples < CONFIG.localisation.fewest and not found.is_scale_measured  # it is short
-    np.testing.assert_array_equal(found.scale, np.full(3, CONFIG.localisation.usual_scale))
-    few = CONFIG.model_copy(update={"localisation": CONFIG.localisation.model_copy(update={"fewest": 3, "sample_m": 3.0})})
-    measured = localise(later.scans, later.motions, street_map(MAPPED_S), few, BEAM, Runner())
+def test_the_covariances_are_those_that_the_recording_shows(
+    later: Pass, found: Localised, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert found.samples < FEWEST_PAIRS and not found.is_scale_measured  # it is short
+    np.testing.assert_array_equal(found.scale, np.full(3, _USUAL_SCALE))
+    for module in (recording_in_map, covariance_scale):
+        monkeypatch.setattr(module, "FEWEST_PAIRS", 3)
+    monkeypatch.setattr(covariance_scale, "_SAMPLE_M", 3.0)
+    measured = localised(later)
     assert measured.is_scale_measured and np.all(measured.scale >= 1.0)
     ratio = np.sqrt(measured.scale / found.scale)
     np.testing.assert_allclose(measured.covariances, found.covariances * np.outer(ratio, ratio), rtol=1e-9)

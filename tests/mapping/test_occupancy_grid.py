@@ -8,12 +8,11 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
-from mqslam.config import MapConfig
 from mqslam.formats.maps.nav2_map import write_nav2_map
 from mqslam.mapping import occupancy_grid as module
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
 
-SETTINGS = MapConfig()
+CELL_M = 0.2
 
 
 def wall_and_stray(times_seen: int = 9) -> NDArray[np.float64]:
@@ -31,7 +30,7 @@ def meaning(pixel: int, settings: dict[str, float]) -> str:
 
 
 def test_map_server_finds_the_wall_where_it_stands(tmp_path: Path) -> None:
-    write_nav2_map(tmp_path, make_occupancy_grid(wall_and_stray() + np.array([-3.0, 20.0]), SETTINGS))
+    write_nav2_map(tmp_path, make_occupancy_grid(wall_and_stray() + np.array([-3.0, 20.0]), CELL_M))
     settings = yaml.safe_load((tmp_path / "map.yaml").read_text())
     assert set(settings) == {"image", "mode", "resolution", "origin", "negate", "occupied_thresh", "free_thresh"}
     assert (settings["mode"], settings["negate"], settings["resolution"]) == ("trinary", 0, 0.2)
@@ -45,7 +44,7 @@ def test_map_server_finds_the_wall_where_it_stands(tmp_path: Path) -> None:
 
 
 def test_a_stray_return_is_unknown_and_nothing_is_free(tmp_path: Path) -> None:
-    write_nav2_map(tmp_path, make_occupancy_grid(wall_and_stray(), SETTINGS))
+    write_nav2_map(tmp_path, make_occupancy_grid(wall_and_stray(), CELL_M))
     settings = yaml.safe_load((tmp_path / "map.yaml").read_text())
     image = np.asarray(Image.open(tmp_path / "map.pgm"))
     meanings = {meaning(int(pixel), settings) for pixel in np.unique(image)}
@@ -54,17 +53,17 @@ def test_a_stray_return_is_unknown_and_nothing_is_free(tmp_path: Path) -> None:
 
 
 def test_cells_seen_once_count_where_no_cell_is_seen_more_often() -> None:
-    assert make_occupancy_grid(wall_and_stray(times_seen=1), SETTINGS).occupied.sum() == 51
+    assert make_occupancy_grid(wall_and_stray(times_seen=1), CELL_M).occupied.sum() == 51
 
 
 def test_a_grid_that_would_be_too_long_gets_coarser(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "MAX_SIDE", 100)
-    grid = make_occupancy_grid(np.array([[-1000.03, 0.0], [999.98, 0.0], [0.0, 40.0]]), SETTINGS)
+    grid = make_occupancy_grid(np.array([[-1000.03, 0.0], [999.98, 0.0], [0.0, 40.0]]), CELL_M)
     assert 90 <= max(grid.occupied.shape) <= 100
     assert grid.resolution == pytest.approx(2000.0 / 98, rel=1e-3)
     assert grid.occupied.sum() == 3
 
 
 def test_an_empty_map_is_one_unknown_cell(tmp_path: Path) -> None:
-    write_nav2_map(tmp_path, make_occupancy_grid(np.empty((0, 2)), SETTINGS))
+    write_nav2_map(tmp_path, make_occupancy_grid(np.empty((0, 2)), CELL_M))
     assert np.asarray(Image.open(tmp_path / "map.pgm")).tolist() == [[205]]

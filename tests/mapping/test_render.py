@@ -25,7 +25,7 @@ BEAM = beam_of(CONFIG.estimator, 0.0)
 
 def rendered(scans: Scans, poses: se2.Array, engine: Engine = HERE) -> PointMap:
     """Returns the map of scans under poses (N, 3), by the default settings."""
-    return render(scans, poses, CONFIG.map, CONFIG.estimator, BEAM, engine)
+    return render(scans, poses, CONFIG.estimator, BEAM, engine)
 
 
 @pytest.fixture(scope="module")
@@ -85,18 +85,18 @@ def test_the_map_is_the_same_for_any_number_of_jobs_and_any_chunk(
 def test_a_parked_stretch_is_rendered_once() -> None:
     x = np.r_[np.arange(5) * 2.0, np.full(6, 8.0), 8.0 + np.arange(1, 4) * 2.0]
     poses = np.c_[x, np.zeros((len(x), 2))]
-    kept = select_moving(poses, CONFIG.map)
+    kept = select_moving(poses)
     assert kept.tolist() == [True] * 5 + [False] * 6 + [True] * 3
 
 
 def test_creeping_is_rendered_as_often_as_it_has_moved_on() -> None:
     poses = np.c_[np.arange(21) * 0.04, np.zeros((21, 2))]
-    assert np.flatnonzero(select_moving(poses, CONFIG.map)).tolist() == [0, 3, 6, 9, 12, 15, 18]
+    assert np.flatnonzero(select_moving(poses)).tolist() == [0, 3, 6, 9, 12, 15, 18]
 
 
 def test_turning_on_the_spot_is_moving() -> None:
     poses = np.c_[np.zeros((4, 2)), np.arange(4) * 0.006]
-    assert select_moving(poses, CONFIG.map).tolist() == [True, False, True, False]
+    assert select_moving(poses).tolist() == [True, False, True, False]
 
 
 def test_the_returns_of_a_parked_scan_are_left_out(still_street: tuple[Scans, se2.Array]) -> None:
@@ -146,4 +146,4 @@ def test_the_doppler_shift_is_taken_out_where_the_yaw_of_the_poses_is_wrapped() 
 def test_a_radar_that_stands_with_its_heading_about_180_deg_is_rendered_once() -> None:
     yaws = np.pi + 1e-3 * np.array([-1.0, 1.0, -2.0, 1.0])
     poses = np.column_stack([np.zeros((4, 2)), se2.wrap(yaws)])
-    assert select_moving(poses, CONFIG.map).tolist() == [True, False, False, False]
+    assert select_moving(poses).tolist() == [True, False, False, False]

@@ -17,12 +17,13 @@ from support.reported import find_faults
 
 import mqslam
 from mqslam.commands.maps.merge import read_part
-from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.errors import ConfigError, DataError, EstimationError
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.formats.maps.keyframe_folder import read_keyframes
 from mqslam.formats.tum import read_tum
+from mqslam.merging import changes
+from mqslam.results.maps import merge_results
 from mqslam.simulator import make_street_scene
 from mqslam.simulator.parts import make_box
 
@@ -145,14 +146,15 @@ def test_three_results_are_merged_at_once_and_by_any_number_of_workers(days: Day
 
 
 def test_changes_are_looked_for_only_where_it_is_known_how_the_recordings_lie(
-    days: Days, both: Path, tmp_path: Path
+    days: Days, both: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told = json.loads((both / "summary.json").read_text())
     assert read_rows(both / "changes.csv") and told["sureness"]["share_compared"] > 0.9
     assert 0.0 < told["sureness"]["median_m"] <= told["sureness"]["largest_m"]
     assert "what both see lies within" in told["conclusion"]
-    unsure = Config.model_validate({"merge": {"sure_m": 1e-6}})
-    mqslam.merge([days["monday"], days["friday"]], tmp_path / "out", config=unsure)
+    for module in (changes, merge_results):
+        monkeypatch.setattr(module, "SURE_M", 1e-6)
+    mqslam.merge([days["monday"], days["friday"]], tmp_path / "out")
     assert read_rows(tmp_path / "out" / "changes.csv") == []
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["sureness"]["share_compared"] == 0.0
 

@@ -10,13 +10,11 @@ from mqslam.backend.loops.chain import Chain
 from mqslam.backend.loops.submap import Drive
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.backend.recognition.recognise import PlaceMatch
-from mqslam.config import MergeConfig
 from mqslam.core import se2
 from mqslam.factors.prior import prior
-from mqslam.merging.relation import Relation, find_heaviest, find_relation
+from mqslam.merging.meetings import Relation, find_heaviest, find_relation
 
 COUNT = 60
-SETTINGS = MergeConfig(fewest=5, rival=2.0)
 HERE, THERE = np.array([30.0, -4.0, 0.7]), np.array([42.0, -4.0, 0.7])  # two poses of the later drive's frame
 
 
@@ -47,7 +45,7 @@ def make_row(frame: se2.Array, queries: range) -> list[PlaceMatch]:
 
 def relate(*rows: list[PlaceMatch]) -> Relation:
     """Returns the relation that rows show."""
-    return find_relation(rows, make_chain(), make_chain(), CONFIG.loops, SETTINGS)
+    return find_relation(rows, make_chain(), make_chain())
 
 
 def test_rows_that_agree_are_taken_together_and_one_that_does_not_is_left_out() -> None:

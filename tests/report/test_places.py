@@ -13,7 +13,7 @@ from support.reported import audit_of, judged_revisit, judged_walls, judged_wind
 from mqslam.auditing.windows.windows import Undecided, WindowAudit
 from mqslam.comparison.judgement import Judged, Place
 from mqslam.comparison.rows import Row
-from mqslam.config import Config, MapConfig
+from mqslam.config import Config
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
 from mqslam.report.places.bad_places import list_bad_places, write_bad_places
@@ -85,10 +85,10 @@ def test_windows_and_places_of_a_standstill_are_left_out() -> None:
     audit = audit_of(windows_of(10, {}), [])
     nothing = PointMap.empty()
     row = Judged(Row("psi", None, track, track), None, None, audit, None, None, None, (), nothing)
-    (windows,) = select_moving_windows([row], START_US, MapConfig())
+    (windows,) = select_moving_windows([row], START_US)
     assert [window.t0 for window in windows] == [6.0, 7.5, 9.0, 10.5, 12.0, 13.5]
     places = [Place(0, 6, 1.5, 3.0, 0.0), Place(24, 30, 6.0, 7.5, 0.1)]
-    assert select_moving_places([row], places, START_US, MapConfig()) == (1,)
+    assert select_moving_places([row], places, START_US) == (1,)
     turning = Trajectory(track.stamps_us, np.c_[np.zeros((len(seconds), 2)), 0.1 * seconds])
     turned = replace(row, row=Row("psi", None, turning, turning))
-    assert select_moving_places([turned], places, START_US, MapConfig()) == (0, 1)
+    assert select_moving_places([turned], places, START_US) == (0, 1)

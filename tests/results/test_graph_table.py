@@ -31,7 +31,7 @@ def test_each_edge_has_a_row_that_says_what_it_is() -> None:
         psi_between(M(0), X(1), POSE, COVARIANCE, graph_settings),
         psi_between(M(0), M(1), POSE, COVARIANCE, graph_settings),
         plain,
-        loop_between(X(0), X(2), loop, CONFIG.loops),
+        loop_between(X(0), X(2), loop),
         psi_between(X(0), X(2), POSE, COVARIANCE, graph_settings),
     ]
     graph = build_pose_graph(np.zeros((3, 3)), factors, graph_settings, np.zeros((2, 3)))

@@ -10,8 +10,7 @@ from gtsam.symbol_shorthand import X
 from support.passes import CONFIG
 
 from mqslam.backend.loops.candidates import Candidate
-from mqslam.backend.loops.chain import Chain, Relative
-from mqslam.backend.loops.layout import Layout
+from mqslam.backend.loops.chain import Chain, Layout, Relative
 from mqslam.backend.loops.submap import Drive
 from mqslam.backend.pose_graph import build_pose_graph
 from mqslam.core import se2

@@ -27,7 +27,7 @@ def lap() -> tuple[Scans, se2.Array, Keyframes]:
     assert recording.ground_truth is not None
     poses = recording.ground_truth.at(scans.stamps_us)
     source = MappedRecording("lap", recording.start_us, recording.end_us, recording.revolution_s, 0.0)
-    return scans, poses, make_keyframes(scans, poses, None, source, BEAM, 2.5)
+    return scans, poses, make_keyframes(scans, poses, None, source, BEAM)
 
 
 def two_recordings() -> KeyframeMap:

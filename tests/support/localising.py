@@ -55,6 +55,6 @@ def street_map(duration_s: float) -> KeyframeMap:
     """Returns the map of a street as a run with true poses would keep it."""
     mapped = street_pass(1, duration_s)
     source = MappedRecording("mapped", 0, round(1e6 * duration_s), mapped.scans.revolution_s, 0.0)
-    keyframes = make_keyframes(mapped.scans, mapped.truth, None, source, BEAM, CONFIG.map.keyframe_m)
+    keyframes = make_keyframes(mapped.scans, mapped.truth, None, source, BEAM)
     drive = MappedDrive.of(keyframes)
-    return KeyframeMap(keyframes, describe_places(drive, CONFIG.recognition, CONFIG.loops.spacing_m, BEAM, HERE))
+    return KeyframeMap(keyframes, describe_places(drive, BEAM, HERE))

@@ -8,7 +8,7 @@ import numpy as np
 
 from mqslam.backend.loops.submap import Drive
 from mqslam.backend.problem import Problem
-from mqslam.config import Config, LoopConfig
+from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Measurement
 from mqslam.core.scans import Returns, Scan
@@ -53,7 +53,7 @@ def joined(first: Drive, second: Drive, poses: se2.Array | None = None) -> Drive
 
 
 @lru_cache(maxsize=1)
-def noisy_passes(loops: LoopConfig) -> tuple[Drive, Problem, Loop]:
+def noisy_passes() -> tuple[Drive, Problem, Loop]:
     """Returns two true passes over a street, a problem of noisy motions along them, and a loop that is somewhat off."""
     earlier, later = street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(-22.0, LANE_Y, 0.0, 2)
     drive = joined(earlier, later)
@@ -67,7 +67,7 @@ def noisy_passes(loops: LoopConfig) -> tuple[Drive, Problem, Loop]:
     first, second = 10, 10 + len(earlier.times)
     pose = se2.between(drive.poses[first], drive.poses[second]) + np.array([0.08, -0.06, 0.003])
     loop = Loop(first, second, pose, np.diag([1e-3, 1e-3, 1e-6]), 0.7, 0.5)
-    return drive, Problem(motions, [], CONFIG.graph, loops), loop
+    return drive, Problem(motions, [], CONFIG.graph), loop
 
 
 def path(xy: np.ndarray) -> Drive:

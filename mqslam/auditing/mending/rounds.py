@@ -36,6 +36,7 @@ from mqslam.auditing.mending.tied_chain import Tie, TiedChain
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import GRAVEST_FIRST, VerdictStatus
 from mqslam.auditing.windows.windows import share_torn
+from mqslam.backend.loops.consistency import PROBABILITY
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.engine import Engine
@@ -198,7 +199,6 @@ class _Mender:
         self._bent = tie_spans([span for span in given.audit.spans if span.torn], given.sweeps, self._jumps, config.audit)
         self._noise = estimate_variances(windows, measure_misses(windows, self._chain))
         self._variances = self._list_variances()
-        self._loop_settings = config.loops.model_copy(update={"least_path_m": config.audit.least_path_m})
 
     def finds_nothing(self, given: Audit) -> bool:
         """Returns whether an audit shows nothing that could be mended."""
@@ -226,7 +226,7 @@ class _Mender:
         plausible = self._keep_plausible([*allow_for_walk(windows, self._noise), *beside], variances)
         ties = [*self._across.values(), *plausible]
         loops = [as_loop(r, sweeps) for r in audit.revisits if r.revisit.sure]
-        chain = TiedChain(self._steps, variances, ties, sweeps.poses, config.graph, self._loop_settings)
+        chain = TiedChain(self._steps, variances, ties, sweeps.poses, config.graph, config.audit.least_path_m)
         poses, kept = chain.solve(loops)
         return poses, len(ties), len(kept)
 
@@ -253,7 +253,7 @@ class _Mender:
         """Returns what the errors of the steps, of variances (S - 1, 3), explain of ties."""
         walks = np.array([variances[tie.a : tie.b].sum(axis=0) for tie in ties]).reshape(-1, 3)
         misses = measure_misses(ties, self._chain)
-        return keep_plausible(ties, misses, walks, self._config.loops.probability)
+        return keep_plausible(ties, misses, walks, PROBABILITY)
 
 
 def _take_out(steps: se2.Array, bias: NDArray[np.float64]) -> se2.Array:

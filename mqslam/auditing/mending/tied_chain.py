@@ -15,7 +15,7 @@ from mqslam.backend.loops.chain import Chain
 from mqslam.backend.loops.consistency import as_relative, compute_chi_square, keep_consistent
 from mqslam.backend.loops.submap import Drive
 from mqslam.backend.pose_graph import build_pose_graph, optimise, poses_of
-from mqslam.config import GraphConfig, LoopConfig
+from mqslam.config import GraphConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
 from mqslam.factors.loop_between import loop_between
@@ -51,7 +51,7 @@ class TiedChain:
         ties: measured poses.
         initial: (N, 3) poses to start from; the first is held.
         graph_settings: settings of steps and ties.
-        loop_settings: settings of loops.
+        least_path_m: path [m] within which two loops are neighbours, which must agree.
     """
 
     steps: se2.Array
@@ -59,7 +59,7 @@ class TiedChain:
     ties: Sequence[Tie]
     initial: se2.Array
     graph_settings: GraphConfig
-    loop_settings: LoopConfig
+    least_path_m: float
 
     def solve(self, loops: Sequence[Loop]) -> tuple[se2.Array, list[Loop]]:
         """Returns the poses (N, 3) that steps, ties and those loops lead to that agree with each other, and these loops.
@@ -75,14 +75,11 @@ class TiedChain:
             return chain.drive.poses, []
         wide, scale = self, 1.0
         for _ in range(_ROUNDS):
-            kept = keep_consistent(loops, chain, self.loop_settings)
+            kept = keep_consistent(loops, chain, self.least_path_m)
             if not kept:
                 return chain.drive.poses, []
             known = chain.relate([(loop.earlier, loop.later) for loop in kept])
-            off = [
-                compute_chi_square(relative, as_relative(loop, self.loop_settings))
-                for relative, loop in zip(known, kept, strict=True)
-            ]
+            off = [compute_chi_square(relative, as_relative(loop)) for relative, loop in zip(known, kept, strict=True)]
             growth = float(np.median(off)) / _MEDIAN
             if growth < _SETTLED:
                 break
@@ -104,7 +101,7 @@ class TiedChain:
             for k, (step, own) in enumerate(zip(self.steps, self.variances, strict=True))
         ]
         factors += [psi_between(X(tie.a), X(tie.b), tie.pose, tie.covariance, settings) for tie in self.ties]
-        factors += [loop_between(X(loop.earlier), X(loop.later), loop, self.loop_settings) for loop in loops]
+        factors += [loop_between(X(loop.earlier), X(loop.later), loop) for loop in loops]
         graph = build_pose_graph(self.initial, factors, settings)
         values = optimise(graph).values
         poses = poses_of(values, graph.size)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.backend.loops.rigid import ANY_TIME, minimise_rigidly, move_rigidly, place_rigidly
-from mqslam.config import EstimatorConfig, PassConfig
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.correlate import find_correlation_peaks
 from mqslam.psi.covariance import estimate_covariance, sum_by_object
@@ -25,6 +25,8 @@ from mqslam.psi.scoring.estimator import Evaluation, Scale
 from mqslam.psi.scoring.neighbours import mark_near
 from mqslam.psi.scoring.references import References
 
+# The next best pose must score worse than the best one by at least this factor.
+RIVAL: Final = 1.1
 # An alignment may end this far [m] outside the searched region and still counts.
 _BEYOND_M = 1.0
 # An alignment may end this far in yaw [rad] outside the searched region and still counts.
@@ -45,7 +47,7 @@ class Alignment:
         psi: score per point.
         rival: score per point of the best other pose in the searched region; infinite if there is none.
         observed: whether the maps hold every direction.
-        rivals: (R, 3) the other poses that score worse than the best one by less than the settings' factor, or by less than
+        rivals: (R, 3) the other poses that score worse than the best one by less than the factor RIVAL, or by less than
             chance makes poses differ that fit equally well; none where these were not asked for.
     """
 
@@ -63,7 +65,6 @@ def align(
     query: PointSet,
     guess: se2.Array,
     reach: tuple[float, float],
-    settings: PassConfig,
     config: EstimatorConfig,
     rival_sigmas: float | None = None,
 ) -> Alignment:
@@ -74,7 +75,6 @@ def align(
         query: another submap in its own frame.
         guess: (3,) pose of the query's frame in the reference's.
         reach: how far the guess may be off in position [m] and in yaw [rad].
-        settings: of the comparison of passes.
         config: settings of the score.
         rival_sigmas: by how many standard deviations of chance other poses must score worse for none of them to be a rival;
             None where rivals need not be known.
@@ -96,7 +96,7 @@ def align(
     points = move_rigidly(query, best.state)
     picked = np.empty((0, 3))
     if rivals and rival_sigmas is not None:
-        picked = _pick_rivals(best, rivals, (references, query), rival_sigmas, settings.rival, config)
+        picked = _pick_rivals(best, rivals, (references, query), rival_sigmas, config)
     return Alignment(
         pose=best.state,
         covariance=estimate_covariance(best.evaluation, points.points, config.cluster_m),
@@ -113,7 +113,6 @@ def _pick_rivals(
     others: Sequence[Minimum],
     submaps: tuple[References, PointSet],
     sigmas: float,
-    factor: float,
     config: EstimatorConfig,
 ) -> se2.Array:
     """Returns the poses (R, 3) among others that fit about as well as the best one.
@@ -134,7 +133,7 @@ def _pick_rivals(
         worse = (other.evaluation.shares - best.evaluation.shares)[shown]
         sums = sum_by_object(worse[:, None], query.points[shown], config.cluster_m)
         by_chance = sums.sum() <= sigmas * np.sqrt(np.sum(sums**2))
-        if by_chance or other.evaluation.psi < factor * best.evaluation.psi:
+        if by_chance or other.evaluation.psi < RIVAL * best.evaluation.psi:
             picked.append(other.state)
     return np.array(picked).reshape(-1, 3)
 

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from mqslam.backend.loops.chain import Chain, Relative
-from mqslam.config import LoopConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
+from mqslam.factors.loop_between import add_bend
+
+PROBABILITY: Final = 0.999
+"""Probability of the chi-square quantile that a loop must not exceed, against the trajectory between its ends and against
+neighbouring loops: one right loop in a thousand is lost."""
+LARGEST_CHI_SQUARE: Final = float(chi2.ppf(PROBABILITY, 3))
+"""The largest difference of two poses, as `compute_chi_square` returns it, that chance explains."""
 
 
 def compute_chi_square(one: Relative, other: Relative) -> float:
@@ -20,17 +27,12 @@ def compute_chi_square(one: Relative, other: Relative) -> float:
     return float(off @ np.linalg.solve(one.covariance + other.covariance, off))
 
 
-def compute_limit(settings: LoopConfig) -> float:
-    """Returns the largest difference of two poses, as `compute_chi_square` returns it, that chance explains."""
-    return float(chi2.ppf(settings.probability, 3))
-
-
-def as_relative(loop: Loop, settings: LoopConfig) -> Relative:
+def as_relative(loop: Loop) -> Relative:
     """Returns what a loop says about the pose of its later scan in the frame of its earlier one."""
-    return Relative(loop.pose, loop.covariance + np.diag([settings.floor_m**2, settings.floor_m**2, settings.floor_rad**2]))
+    return Relative(loop.pose, add_bend(loop.covariance))
 
 
-def keep_consistent(loops: Sequence[Loop], chain: Chain, settings: LoopConfig) -> list[Loop]:
+def keep_consistent(loops: Sequence[Loop], chain: Chain, least_path_m: float) -> list[Loop]:
     """Returns the loops that agree with their neighbours.
 
     Two loops are neighbours if both their earlier and their later scans lie close to each other on the path. They agree if
@@ -41,12 +43,12 @@ def keep_consistent(loops: Sequence[Loop], chain: Chain, settings: LoopConfig) -
     Args:
         loops: the loops.
         chain: the trajectory between them, without these loops.
-        settings: of loops.
+        least_path_m: path [m] within which two loops are neighbours.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.
     """
-    disagree = _find_disagreements(loops, chain, settings)
+    disagree = _find_disagreements(loops, chain, least_path_m)
     kept = np.ones(len(loops), dtype=bool)
     while True:
         counts = (disagree & kept).sum(axis=1) * kept
@@ -55,28 +57,27 @@ def keep_consistent(loops: Sequence[Loop], chain: Chain, settings: LoopConfig) -
         kept &= counts < counts.max()
 
 
-def _find_disagreements(loops: Sequence[Loop], chain: Chain, settings: LoopConfig) -> NDArray[np.bool_]:
+def _find_disagreements(loops: Sequence[Loop], chain: Chain, least_path_m: float) -> NDArray[np.bool_]:
     """Returns which loops (K, K) contradict each other."""
-    neighbours = _find_neighbours(loops, chain.drive.travelled, settings)
+    neighbours = _find_neighbours(loops, chain.drive.travelled, least_path_m)
     ends = sorted({pair for i, k in neighbours for pair in _ends(loops[i], loops[k])})
     along = dict(zip(ends, chain.relate(ends), strict=True))
     disagree = np.zeros((len(loops), len(loops)), dtype=bool)
-    limit = compute_limit(settings)
     for i, k in neighbours:
         earlier, later = (along[pair] for pair in _ends(loops[i], loops[k]))
-        expected = compose_relatives(compose_relatives(invert_relative(earlier), as_relative(loops[i], settings)), later)
-        if compute_chi_square(expected, as_relative(loops[k], settings)) > limit:
+        expected = compose_relatives(compose_relatives(invert_relative(earlier), as_relative(loops[i])), later)
+        if compute_chi_square(expected, as_relative(loops[k])) > LARGEST_CHI_SQUARE:
             disagree[i, k] = disagree[k, i] = True
     return disagree
 
 
-def _find_neighbours(loops: Sequence[Loop], travelled: NDArray[np.float64], settings: LoopConfig) -> list[tuple[int, int]]:
+def _find_neighbours(loops: Sequence[Loop], travelled: NDArray[np.float64], least_path_m: float) -> list[tuple[int, int]]:
     """Returns which loops close within least_path_m of path of each other at both ends."""
     ends = np.array([(travelled[loop.earlier], travelled[loop.later]) for loop in loops]).reshape(-1, 2)
     return [
         (i, i + 1 + int(k))
         for i in range(len(ends))
-        for k in np.flatnonzero(np.abs(ends[i + 1 :] - ends[i]).max(axis=1) <= settings.least_path_m)
+        for k in np.flatnonzero(np.abs(ends[i + 1 :] - ends[i]).max(axis=1) <= least_path_m)
     ]
 
 

@@ -1,6 +1,7 @@
 """Two passes of one place: which scans may be such, how far to search, and when a match is believed.
 
-Loop closures ask this to correct a trajectory, an audit to judge one; their settings derive from the same class.
+Loop closures ask this to correct a trajectory, an audit to judge one. The constants are those of loop closures; an audit has
+settings of its own in their place, since anyone may have made the trajectory that it judges.
 """
 
 from __future__ import annotations
@@ -11,16 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mqslam.backend.loops.align import Alignment
-from mqslam.config import PassConfig
+from mqslam.backend.loops.align import RIVAL, Alignment
 from mqslam.core import se2
 from mqslam.mapping.keyframing import pick_spaced
+
+# Two scans with less path between them [m] are not two passes: odometry ties them already.
+LEAST_PATH_M = 60.0
+# Least share of the later pass's returns that must lie on the earlier pass.
+MATCHED = 0.45
 
 
 def find_passes(
     travelled: NDArray[np.float64],
     poses: se2.Array,
-    settings: PassConfig,
+    spacing_m: float,
+    least_path_m: float,
     reach_m: Callable[[NDArray[np.float64]], NDArray[np.float64]],
 ) -> list[list[tuple[int, int]]]:
     """Finds, for poses a certain path apart, pairs (earlier, later) with the nearest pose of every earlier pass.
@@ -28,13 +34,14 @@ def find_passes(
     Args:
         travelled: (N,) length of the path so far [m].
         poses: (N, 3).
-        settings: of the comparison of passes.
+        spacing_m: path [m] between the poses for which earlier passes are looked for.
+        least_path_m: path [m] between two poses, from which on they are different passes.
         reach_m: returns how far apart two poses may lie [m], given the path between them [m]; it never falls.
 
     Returns:
         pairs of each later pose, the nearest pass first.
     """
-    nodes = pick_spaced(travelled, settings.spacing_m)
+    nodes = pick_spaced(travelled, spacing_m)
     travelled, xy = travelled[nodes], poses[nodes, :2]
     tree = cKDTree(xy)
     widest_m = float(reach_m(travelled[-1:])[0])
@@ -43,23 +50,26 @@ def find_passes(
         near = np.array(sorted(a for a in tree.query_ball_point(place, widest_m) if a < b), dtype=int)
         path = travelled[b] - travelled[near]
         apart = np.hypot(*(xy[near] - place).T)
-        groups = _split_passes(
-            near[(path > settings.least_path_m) & (apart <= reach_m(path))], settings.least_path_m / settings.spacing_m
-        )
+        groups = _split_passes(near[(path > least_path_m) & (apart <= reach_m(path))], least_path_m / spacing_m)
         nearest = [group[np.argmin(np.hypot(*(xy[group] - place).T))] for group in groups]
         nearest.sort(key=lambda a: float(np.hypot(*(xy[a] - place))))
         passes.append([(int(nodes[a]), int(nodes[b])) for a in nearest])
     return passes
 
 
-def is_unrivalled(alignment: Alignment, settings: PassConfig) -> bool:
-    """Returns whether two passes hold every direction, lie on each other well enough, and fit nowhere else as well."""
-    return does_match(alignment, settings) and alignment.psi * settings.rival <= alignment.rival
+def is_unrivalled(alignment: Alignment, matched: float) -> bool:
+    """Returns whether two passes hold every direction, lie on each other well enough, and fit nowhere else as well.
+
+    Args:
+        alignment: of the two passes.
+        matched: least share of the later pass's returns that must lie on the earlier pass.
+    """
+    return does_match(alignment, matched) and alignment.psi * RIVAL <= alignment.rival
 
 
-def does_match(alignment: Alignment, settings: PassConfig) -> bool:
-    """Returns whether two passes hold every direction and lie on each other well enough."""
-    return alignment.observed and alignment.matched >= settings.matched
+def does_match(alignment: Alignment, matched: float) -> bool:
+    """Returns whether two passes hold every direction and lie on each other well enough; arguments as `is_unrivalled`."""
+    return alignment.observed and alignment.matched >= matched
 
 
 def _split_passes(nodes: NDArray[np.int64], gap: float) -> list[NDArray[np.int64]]:

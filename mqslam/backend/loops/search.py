@@ -7,19 +7,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mqslam.backend.loops.align import align, score_at_pose
+from mqslam.backend.loops.align import Alignment, align, score_at_pose
 from mqslam.backend.loops.candidates import Candidate
-from mqslam.backend.loops.consistency import as_relative, compute_chi_square, compute_limit
-from mqslam.backend.loops.layout import LATER_SHARE
-from mqslam.backend.loops.passes import does_match, is_unrivalled
-from mqslam.backend.loops.submap import Passes, render_submap
-from mqslam.config import EstimatorConfig, LoopConfig
+from mqslam.backend.loops.consistency import LARGEST_CHI_SQUARE, as_relative, compute_chi_square
+from mqslam.backend.loops.passes import MATCHED, does_match, is_unrivalled
+from mqslam.backend.loops.submap import LATER_SHARE, SUBMAP_M, Passes, render_submap
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.measurement import Loop
 from mqslam.execution.progress import Progress
 from mqslam.psi.place import Beam, PointSet
 from mqslam.psi.scoring.references import make_references
+
+# A submap with fewer returns than this is not compared.
+_FEWEST = 300
+# Largest standard deviation of a loop's position [m].
+_SURE_M = 0.3
+# A loop stays if psi of its two passes in the optimised map is at most this many times as large as with the passes laid on
+# each other.
+_KEPT = 1.1
 
 
 class Comparison(NamedTuple):
@@ -39,7 +46,6 @@ class Comparison(NamedTuple):
 def compare_passes(
     drive: Passes,
     candidates: Sequence[Candidate],
-    settings: LoopConfig,
     estimator: EstimatorConfig,
     beam: Beam,
     engine: Engine,
@@ -50,7 +56,6 @@ def compare_passes(
     Args:
         drive: scans under the best trajectory so far.
         candidates: pairs of scans that may show one place.
-        settings: of loops.
         estimator: settings of the score.
         beam: the sensor's errors.
         engine: where they are compared; the result does not depend on it.
@@ -60,25 +65,22 @@ def compare_passes(
     def report(number: int, comparison: Comparison) -> None:
         progress("loops", number, len(candidates))
 
-    return engine.map(_compare, (drive, settings, estimator, beam), candidates, report)
+    return engine.map(_compare, (drive, estimator, beam), candidates, report)
 
 
-def _compare(shared: tuple[Passes, LoopConfig, EstimatorConfig, Beam], candidate: Candidate) -> Comparison:
+def _compare(shared: tuple[Passes, EstimatorConfig, Beam], candidate: Candidate) -> Comparison:
     """Returns what psi says about a candidate."""
-    drive, settings, estimator, beam = shared
-    reference, query = _render_submaps(drive, candidate.earlier, candidate.later, settings, beam)
-    if len(reference) < settings.fewest or len(query) < settings.fewest:
-        return Comparison()
+    drive, estimator, beam = shared
     reach = candidate.reach_m, candidate.reach_rad
-    alignment = align(make_references(reference), query, candidate.chain.motion, reach, settings, estimator)
-    sigmas = np.sqrt(np.diag(alignment.covariance))
-    if not does_match(alignment, settings) or max(sigmas[0], sigmas[1]) > settings.sure_m:
+    submaps = render_passes((drive, candidate.earlier), (drive, candidate.later), beam)
+    alignment = align_passes(*submaps, candidate.chain.motion, reach, estimator)
+    if alignment is None:
         return Comparison()
-    if not is_unrivalled(alignment, settings):
+    if not is_unrivalled(alignment, MATCHED):
         return Comparison(ambiguous=True)
     covariance = candidate.layout.widen(alignment.pose, alignment.covariance)
     loop = Loop(candidate.earlier, candidate.later, alignment.pose, covariance, alignment.matched, alignment.psi)
-    if compute_chi_square(candidate.chain, as_relative(loop, settings)) > compute_limit(settings):
+    if compute_chi_square(candidate.chain, as_relative(loop)) > LARGEST_CHI_SQUARE:
         return Comparison(implausible=True)
     return Comparison(loop)
 
@@ -87,7 +89,6 @@ def confirm_by_map(
     loops: Sequence[Loop],
     drive: Passes,
     after: se2.Array,
-    settings: LoopConfig,
     estimator: EstimatorConfig,
     beam: Beam,
     engine: Engine,
@@ -98,31 +99,56 @@ def confirm_by_map(
         loops: all loops in the graph.
         drive: scans under the trajectory before the loops.
         after: (N, 3) poses with the loops.
-        settings: of loops.
         estimator: settings of the score.
         beam: the sensor's errors.
         engine: where they are judged; the result does not depend on it.
     """
-    better = engine.map(_improves, (drive, after, settings, estimator, beam), loops)
+    better = engine.map(_improves, (drive, after, estimator, beam), loops)
     return [loop for loop, keep in zip(loops, better, strict=True) if keep]
 
 
-def _improves(shared: tuple[Passes, se2.Array, LoopConfig, EstimatorConfig, Beam], loop: Loop) -> bool:
+def _improves(shared: tuple[Passes, se2.Array, EstimatorConfig, Beam], loop: Loop) -> bool:
     """Returns whether psi of the two passes is lower than before, or hardly above both that and the loop's own psi."""
-    drive, after, settings, estimator, beam = shared
-    reference, query = _render_submaps(drive, loop.earlier, loop.later, settings, beam)
+    drive, after, estimator, beam = shared
+    reference, query = render_passes((drive, loop.earlier), (drive, loop.later), beam)
     references = make_references(reference)
     before_psi, after_psi = (
         score_at_pose(references, query, se2.between(poses[loop.earlier], poses[loop.later]), estimator)
         for poses in (drive.poses, after)
     )
-    return after_psi < before_psi or after_psi <= settings.kept * min(before_psi, loop.psi)
+    return after_psi < before_psi or after_psi <= _KEPT * min(before_psi, loop.psi)
 
 
-def _render_submaps(drive: Passes, earlier: int, later: int, settings: LoopConfig, beam: Beam) -> tuple[PointSet, PointSet]:
-    """Renders the earlier pass, and the smaller part of the later one that is laid into it."""
-    reach_m, spacing_m = settings.submap_m, settings.spacing_m
-    return (
-        render_submap(drive, earlier, reach_m, spacing_m, beam),
-        render_submap(drive, later, LATER_SHARE * reach_m, spacing_m, beam),
-    )
+def render_passes(earlier: tuple[Passes, int], later: tuple[Passes, int], beam: Beam) -> tuple[PointSet, PointSet]:
+    """Renders the submaps of two passes, of which that of the later one is smaller, so that it lies within the other.
+
+    Args:
+        earlier: the scans of the earlier pass, and the number of the one in whose frame its submap is.
+        later: the same of the later pass.
+        beam: the sensor's errors.
+    """
+    return render_submap(*earlier, SUBMAP_M, beam), render_submap(*later, LATER_SHARE * SUBMAP_M, beam)
+
+
+def align_passes(
+    earlier: PointSet, later: PointSet, guess: se2.Array, reach: tuple[float, float], estimator: EstimatorConfig
+) -> Alignment | None:
+    """Lays the submap of a later pass on that of an earlier one by psi.
+
+    Args:
+        earlier: submap in its own frame.
+        later: submap in its own frame.
+        guess: (3,) pose of the later frame in the earlier one [m, m, rad].
+        reach: how far the guess may be off in position [m] and in yaw [rad].
+        estimator: settings of the score.
+
+    Returns:
+        None where a submap holds too few returns, the two do not match, or the pose is too uncertain.
+    """
+    if len(earlier) < _FEWEST or len(later) < _FEWEST:
+        return None
+    alignment = align(make_references(earlier), later, guess, reach, estimator)
+    sigmas = np.sqrt(np.diag(alignment.covariance))
+    if not does_match(alignment, MATCHED) or max(sigmas[0], sigmas[1]) > _SURE_M:
+        return None
+    return alignment

@@ -16,6 +16,12 @@ from mqslam.mapping.keyframing import place_keyframes
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam, PointSet
 
+# Path [m] between the scans of a submap, and between those for which an earlier pass of the same place is looked for.
+SPACING_M = 5.0
+# The submap of the earlier pass holds the returns within this path [m] to either side of a scan.
+SUBMAP_M = 15.0
+# The later pass's submap is this share of the earlier one's length, so that it lies within it.
+LATER_SHARE = 0.5
 _FAR_M: Final = 1e6  # by definition longer than any path that leads from one place to another
 
 
@@ -105,14 +111,13 @@ def pick_around(travelled: NDArray[np.float64], centre: int, reach_m: float, spa
     return np.asarray(chosen[np.abs(travelled[chosen] - travelled[centre]) <= reach_m + spacing_m])
 
 
-def render_submap(drive: Passes, centre: int, reach_m: float, spacing_m: float, beam: Beam) -> PointSet:
+def render_submap(drive: Passes, centre: int, reach_m: float, beam: Beam) -> PointSet:
     """Renders the returns of the scans around one, in its frame.
 
     Args:
         drive: scans under a trajectory.
         centre: index of the scan whose start pose is the frame.
         reach_m: length of path to either side from which scans are taken [m].
-        spacing_m: path between these scans [m].
         beam: the sensor's errors.
     """
-    return drive.render(centre, pick_around(drive.travelled, centre, reach_m, spacing_m), beam)
+    return drive.render(centre, pick_around(drive.travelled, centre, reach_m, SPACING_M), beam)

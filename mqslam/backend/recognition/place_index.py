@@ -9,10 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from mqslam.backend.recognition.descriptor import describe
-from mqslam.config import RecognitionConfig
+from mqslam.backend.recognition.places import SECTORS, describe
 from mqslam.core import se2
 
+# A place is also recognised from this far to either side [m], as from another lane. Without that, half of the places that
+# are passed in the opposite direction are not found.
+ASIDE_M = 9.0
+# Number of places, the likeliest first, that psi compares with a submap.
+_GUESSES = 3
 # Distance [m] between the sideways shifts that are tried.
 _ASIDE_STEP_M = 3.0
 
@@ -38,11 +42,9 @@ class PlaceIndex:
 
     Args:
         descriptors: (P, R, S) of the places, as `describe` makes them.
-        settings: of the recognition, with which they were made.
     """
 
-    def __init__(self, descriptors: NDArray[np.floating], settings: RecognitionConfig) -> None:
-        self._settings = settings
+    def __init__(self, descriptors: NDArray[np.floating]) -> None:
         spectra = fft.rfft(np.asarray(descriptors, dtype=np.float32), axis=2)
         self._spectra = np.ascontiguousarray(np.moveaxis(spectra, 2, 0).conj())  # (F, P, R)
 
@@ -60,7 +62,7 @@ class PlaceIndex:
             apart: for each place, the numbers of the places that count as the same place, itself among them: only the
                 likeliest of these is returned.
         """
-        per_query = len(self._asides) * max(len(self), 1) * self._settings.sectors
+        per_query = len(self._asides) * max(len(self), 1) * SECTORS
         block = max(1, _COMPARED // per_query)
         answers: list[list[Guess]] = []
         for begin in range(0, len(queries), block):
@@ -73,7 +75,7 @@ class PlaceIndex:
     @property
     def _asides(self) -> NDArray[np.float64]:
         """Sideways shifts [m] at which a submap is looked up."""
-        steps = int(self._settings.aside_m / _ASIDE_STEP_M)
+        steps = int(ASIDE_M / _ASIDE_STEP_M)
         return _ASIDE_STEP_M * np.arange(-steps, steps + 1, dtype=np.float64)
 
     def _compare(
@@ -84,11 +86,11 @@ class PlaceIndex:
         Returns:
             (Q, P) each: the largest correlation, and the shift and the turn, in sectors, at which it is found.
         """
-        asides, sectors = self._asides, self._settings.sectors
-        described = np.array([describe(points, self._settings, float(aside)) for points in queries for aside in asides])
+        asides = self._asides
+        described = np.array([describe(points, float(aside)) for points in queries for aside in asides])
         spectra = np.moveaxis(fft.rfft(described, axis=2), 2, 0)  # (F, Q * A, R)
         products = spectra @ np.swapaxes(self._spectra, 1, 2)  # (F, Q * A, P)
-        correlations = fft.irfft(products, n=sectors, axis=0)  # (S, Q * A, P)
+        correlations = fft.irfft(products, n=SECTORS, axis=0)  # (S, Q * A, P)
         turns = correlations.argmax(axis=0).reshape(len(queries), len(asides), -1)
         highest = correlations.max(axis=0).reshape(len(queries), len(asides), -1)
         best = highest.argmax(axis=1)
@@ -105,11 +107,11 @@ class PlaceIndex:
         """Returns the likeliest places of one submap by what `_compare` has found (P,) of it."""
         chosen: list[Guess] = []
         left = likeness.copy()
-        while len(chosen) < self._settings.guesses and len(left):
+        while len(chosen) < _GUESSES and len(left):
             place = int(left.argmax())
             if left[place] <= 0.0:
                 break
-            yaw = -float(se2.wrap(turns[place] * 2.0 * np.pi / self._settings.sectors))
+            yaw = -float(se2.wrap(turns[place] * 2.0 * np.pi / SECTORS))
             beside = np.array([[0.0, self._asides[asides[place]]]])
             x, y = -se2.transform(np.array([0.0, 0.0, yaw]), beside)[0]
             chosen.append(Guess(place, np.array([x, y, yaw]), float(likeness[place])))

@@ -15,18 +15,22 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from mqslam.backend.loops.align import align
-from mqslam.backend.loops.layout import LATER_SHARE
-from mqslam.backend.loops.passes import does_match, is_unrivalled
-from mqslam.backend.loops.submap import Passes, render_submap
+from mqslam.backend.loops.align import RIVAL
+from mqslam.backend.loops.passes import MATCHED, is_unrivalled
+from mqslam.backend.loops.search import align_passes, render_passes
+from mqslam.backend.loops.submap import Passes
 from mqslam.backend.recognition.place_index import PlaceIndex
-from mqslam.backend.recognition.places import render_places
-from mqslam.config import EstimatorConfig, LoopConfig, RecognitionConfig
+from mqslam.backend.recognition.places import PLACE_SUBMAP_M, render_places
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.psi.place import Beam
-from mqslam.psi.scoring.references import make_references
 
+# psi searches this far around the pose of a place that looks like a submap [m], [rad].
+_SEARCH = (10.0, 0.1)
+# Number of successive matches that must agree for a place to count as recognised: where streets look alike, single places
+# do, too.
+ROW = 3
 # Longest path [m] between successive matches of a row.
 _GAP_M = 25.0
 # Distance [m] by which two matches may disagree, besides what their path adds.
@@ -89,23 +93,6 @@ class Ground:
     index: PlaceIndex
 
 
-@dataclass(frozen=True, slots=True)
-class Means:
-    """The settings and the sensor with which places are recognised.
-
-    Args:
-        recognition: of the recognition.
-        loops: how two passes are laid on each other.
-        estimator: settings of the score.
-        beam: the sensor's errors.
-    """
-
-    recognition: RecognitionConfig
-    loops: LoopConfig
-    estimator: EstimatorConfig
-    beam: Beam
-
-
 class _Pair(NamedTuple):
     """A submap and a place that it may show.
 
@@ -121,7 +108,13 @@ class _Pair(NamedTuple):
 
 
 def recognise(
-    drive: Passes, queries: NDArray[np.int64], ground: Ground, allowed: NDArray[np.bool_], means: Means, engine: Engine
+    drive: Passes,
+    queries: NDArray[np.int64],
+    ground: Ground,
+    allowed: NDArray[np.bool_],
+    estimator: EstimatorConfig,
+    beam: Beam,
+    engine: Engine,
 ) -> Recognition:
     """Finds the places that submaps of a drive show, without a guess of where they are.
 
@@ -130,40 +123,39 @@ def recognise(
         queries: (Q,) numbers of the scans around which submaps are looked up, in the order of the path.
         ground: the places.
         allowed: (Q, P) whether a place may be an answer to a query.
-        means: settings and sensor.
+        estimator: settings of the score.
+        beam: the sensor's errors.
         engine: where submaps are compared; the result does not depend on it.
     """
-    settings = means.recognition
     if not len(queries) or not len(ground.places) or not allowed.any():
         return Recognition([], [], 0)
-    rendered = render_places(drive, queries.tolist(), settings, means.loops.spacing_m, means.beam, engine)
-    guesses = ground.index.look_up([submap.points for submap in rendered], allowed, _find_same(ground, settings))
+    rendered = render_places(drive, queries.tolist(), beam, engine)
+    guesses = ground.index.look_up([submap.points for submap in rendered], allowed, _find_same(ground))
     pairs = [
         _Pair(int(query), int(ground.places[guess.place]), guess.pose)
         for query, listed in zip(queries, guesses, strict=True)
         for guess in listed
     ]
-    pairs = _keep_supported(pairs, drive, ground.drive, settings)
-    laid = engine.map(_lay, (drive, ground.drive, means), pairs)
-    best, ambiguous = _choose([match for match in laid if match is not None], ground.drive, means)
-    return Recognition(_find_rows(best, drive, ground.drive, settings), ambiguous, len(pairs))
+    pairs = _keep_supported(pairs, drive, ground.drive)
+    laid = engine.map(_lay, (drive, ground.drive, estimator, beam), pairs)
+    best, ambiguous = _choose([match for match in laid if match is not None], ground.drive, estimator)
+    return Recognition(_find_rows(best, drive, ground.drive), ambiguous, len(pairs))
 
 
-def _find_same(ground: Ground, settings: RecognitionConfig) -> list[NDArray[np.int64]]:
+def _find_same(ground: Ground) -> list[NDArray[np.int64]]:
     """Returns for each place those that lie so near to it on the path that they show the same."""
     along = ground.drive.travelled[ground.places]
     order = np.argsort(along, kind="stable")
-    firsts = np.searchsorted(along[order], along - settings.submap_m)
-    ends = np.searchsorted(along[order], along + settings.submap_m, side="right")
+    firsts = np.searchsorted(along[order], along - PLACE_SUBMAP_M)
+    ends = np.searchsorted(along[order], along + PLACE_SUBMAP_M, side="right")
     return [order[first:end] for first, end in zip(firsts, ends, strict=True)]
 
 
-def _keep_supported(pairs: Sequence[_Pair], drive: Passes, ground: Passes, settings: RecognitionConfig) -> list[_Pair]:
+def _keep_supported(pairs: Sequence[_Pair], drive: Passes, ground: Passes) -> list[_Pair]:
     """Returns the pairs beside which another submap looks like the place where the pair has it."""
     found = np.array([se2.compose(ground.poses[pair.place], pair.pose) for pair in pairs]).reshape(-1, 3)
     queries = np.array([pair.query for pair in pairs], dtype=np.int64)
-    slack = settings.search_m, settings.search_rad
-    i, k = _find_agreeing(queries, found, drive, slack)
+    i, k = _find_agreeing(queries, found, drive, _SEARCH)
     supported = np.zeros(len(pairs), dtype=bool)
     supported[i] = supported[k] = True
     return [pair for pair, keep in zip(pairs, supported, strict=True) if keep]
@@ -197,23 +189,18 @@ def _find_agreeing(
     return i[agree], k[agree]
 
 
-def _lay(shared: tuple[Passes, Passes, Means], pair: _Pair) -> PlaceMatch | None:
+def _lay(shared: tuple[Passes, Passes, EstimatorConfig, Beam], pair: _Pair) -> PlaceMatch | None:
     """Lays a submap on a place by psi; returns None where it does not match or is not sure."""
-    (drive, ground, means), loops = shared, shared[2].loops
-    reference = render_submap(ground, pair.place, loops.submap_m, loops.spacing_m, means.beam)
-    query = render_submap(drive, pair.query, LATER_SHARE * loops.submap_m, loops.spacing_m, means.beam)
-    if len(reference) < loops.fewest or len(query) < loops.fewest:
+    drive, ground, estimator, beam = shared
+    submaps = render_passes((ground, pair.place), (drive, pair.query), beam)
+    alignment = align_passes(*submaps, pair.pose, _SEARCH, estimator)
+    if alignment is None:
         return None
-    reach = means.recognition.search_m, means.recognition.search_rad
-    alignment = align(make_references(reference), query, pair.pose, reach, loops, means.estimator)
-    sigmas = np.sqrt(np.diag(alignment.covariance))
-    if not does_match(alignment, loops) or max(sigmas[0], sigmas[1]) > loops.sure_m:
-        return None
-    alone = is_unrivalled(alignment, loops)
+    alone = is_unrivalled(alignment, MATCHED)
     return PlaceMatch(pair.query, pair.place, alignment.pose, alignment.covariance, alignment.matched, alignment.psi, alone)
 
 
-def _choose(matches: Sequence[PlaceMatch], ground: Passes, means: Means) -> tuple[list[PlaceMatch], list[int]]:
+def _choose(matches: Sequence[PlaceMatch], ground: Passes, estimator: EstimatorConfig) -> tuple[list[PlaceMatch], list[int]]:
     """Returns the best match of each query that fits nowhere else as well, and the queries that fit several places."""
     chosen, ambiguous = [], []
     for query in sorted({match.query for match in matches}):
@@ -222,18 +209,16 @@ def _choose(matches: Sequence[PlaceMatch], ground: Passes, means: Means) -> tupl
         elsewhere = [
             other
             for other, pose in zip(own[1:], found[1:], strict=True)
-            if np.hypot(*(pose - found[0])[:2]) > means.estimator.search_same_m
+            if np.hypot(*(pose - found[0])[:2]) > estimator.search_same_m
         ]
-        if not best.alone or any(other.psi < means.loops.rival * best.psi for other in elsewhere):
+        if not best.alone or any(other.psi < RIVAL * best.psi for other in elsewhere):
             ambiguous.append(query)
         else:
             chosen.append(best)
     return chosen, ambiguous
 
 
-def _find_rows(
-    matches: Sequence[PlaceMatch], drive: Passes, ground: Passes, settings: RecognitionConfig
-) -> list[list[PlaceMatch]]:
+def _find_rows(matches: Sequence[PlaceMatch], drive: Passes, ground: Passes) -> list[list[PlaceMatch]]:
     """Returns the matches, one per query, that stand in rows of enough that agree."""
     if not matches:
         return []
@@ -243,4 +228,4 @@ def _find_rows(
     links = coo_array((np.ones(len(i), dtype=bool), (i, k)), shape=(len(matches), len(matches)))
     count, labels = connected_components(links, directed=False)
     rows = [[match for match, label in zip(matches, labels, strict=True) if label == n] for n in range(count)]
-    return [row for row in rows if len(row) >= settings.row]
+    return [row for row in rows if len(row) >= ROW]

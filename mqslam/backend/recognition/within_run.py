@@ -1,21 +1,20 @@
-"""Recognition within a run: loops of places that the search around the trajectory does not reach."""
+"""The loops of a run: found around its trajectory, and by what places look like where that search does not reach."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.backend.loops.chain import Chain
-from mqslam.backend.loops.closing import Recognised, close_loops
-from mqslam.backend.loops.layout import compute_layouts
+from mqslam.backend.loops import passes
+from mqslam.backend.loops.candidates import GATE_M, compute_reach, is_beyond_gate, may_meet
+from mqslam.backend.loops.chain import Chain, compute_layouts
+from mqslam.backend.loops.closing import ROUNDS, LoopCloser, Recognised
+from mqslam.backend.loops.submap import Drive
 from mqslam.backend.problem import GraphProblem
-from mqslam.backend.recognition.out_of_reach import find_out_of_reach
 from mqslam.backend.recognition.place_index import PlaceIndex
-from mqslam.backend.recognition.places import describe_places
-from mqslam.backend.recognition.recognise import Ground, Means, recognise
-from mqslam.config import Config
+from mqslam.backend.recognition.places import PLACE_SPACING_M, describe_places
+from mqslam.backend.recognition.recognise import Ground, recognise
+from mqslam.config import EstimatorConfig
 from mqslam.core.engine import Engine
 from mqslam.core.measurement import Loop, LoopSearch
 from mqslam.core.scans import Scans
@@ -24,65 +23,100 @@ from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam
 
 
-def find_loops(scans: Scans, problem: GraphProblem, config: Config, beam: Beam, runner: Runner) -> LoopSearch:
-    """Returns the loops of a run: found around its trajectory and, where that is too unsure, by what places look like.
+def find_loops(
+    scans: Scans,
+    problem: GraphProblem,
+    estimator: EstimatorConfig,
+    beam: Beam,
+    runner: Runner,
+    *,
+    recognising: bool = True,
+) -> LoopSearch:
+    """Returns the loops that psi verifies, that the trajectory allows, that agree and that make the map better.
+
+    Where the trajectory stays too unsure for the search around it to reach all that it allows, places are recognised by
+    what they look like. Their loops are verified alike, and the search around the trajectory that they correct goes on.
 
     Args:
         scans: of the recording.
         problem: the trajectory that the loops join.
-        config: all settings.
+        estimator: settings of the score.
         beam: the sensor's errors.
         runner: does the work.
+        recognising: whether places are recognised which the search around the trajectory does not reach.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.
     """
-    recogniser = RunRecogniser(Means(config.recognition, config.loops, config.estimator, beam), runner.engine)
-    return close_loops(scans, problem, config.estimator, beam, runner, recogniser)
+    closer = LoopCloser(problem, lambda poses: Drive.of(scans, poses), estimator, beam, runner)
+    if not recognising:
+        closer.look_around()
+        return closer.conclude()
+    for _ in range(ROUNDS):
+        if not closer.look_around(_is_out_of_reach):
+            return closer.conclude()
+        if not closer.look_everywhere(lambda chain: _recognise(chain, estimator, beam, runner.engine)):
+            return closer.conclude()
+    closer.look_around()
+    return closer.conclude()
 
 
-@dataclass(frozen=True, slots=True)
-class RunRecogniser:
-    """Recognises earlier places of a drive where its trajectory is too unsure for a search around it to reach them.
+def find_out_of_reach(chain: Chain, places: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Finds the earlier places that each place of a drive may be, as far as its trajectory can tell.
+
+    Only a place is asked about for which the search around the trajectory does not reach to one of these. The trajectory is
+    asked at scans GATE_M apart, and at none beyond the first one where it knows all of them well enough against that.
 
     Args:
-        means: settings and sensor.
-        engine: where submaps are compared; the result does not depend on it.
+        chain: the trajectory, with its uncertainty.
+        places: (P,) numbers of scans, increasing.
+
+    Returns:
+        (P, P) whether the place of a row may be the earlier place of a column; rows without any where the search reaches.
+
+    Raises:
+        EstimationError: the uncertainty of the trajectory cannot be computed.
     """
+    travelled = chain.drive.travelled
+    nodes = pick_spaced(travelled, GATE_M)
+    pairs = [(int(nodes[0]), int(b)) for b in nodes[1:]]
+    if not any(is_beyond_gate(*compute_reach(relative)) for relative in chain.relate(pairs)):
+        return np.zeros((len(places), len(places)), dtype=bool)
+    later, earlier = np.tril_indices(len(nodes), -1)
+    apart = travelled[nodes[later]] - travelled[nodes[earlier]] > passes.LEAST_PATH_M
+    later, earlier = later[apart], earlier[apart]
+    pairs = list(zip(nodes[earlier].tolist(), nodes[later].tolist(), strict=True))
+    meeting = np.zeros((len(nodes), len(nodes)), dtype=np.bool_)
+    unsure = meeting.copy()
+    for a, b, relative in zip(earlier, later, chain.relate(pairs), strict=True):
+        # the places of a node lie up to GATE_M farther along the path
+        meeting[b, a] = may_meet(relative, GATE_M)
+        unsure[b, a] = meeting[b, a] and is_beyond_gate(*compute_reach(relative))
+    meeting &= np.asarray(unsure.any(axis=1))[:, None]
+    node = np.maximum(np.searchsorted(nodes, places, side="right") - 1, 0)
+    allowed: NDArray[np.bool_] = meeting[np.ix_(node, node)]
+    return np.asarray(allowed & (travelled[places][:, None] - travelled[places][None, :] > passes.LEAST_PATH_M))
 
-    means: Means
-    engine: Engine
 
-    def is_needed(self, chain: Chain) -> bool:
-        """Returns whether a trajectory allows that there are such places.
+def _is_out_of_reach(chain: Chain) -> bool:
+    """Returns whether a trajectory allows that there are places which the search around it does not reach."""
+    return bool(find_out_of_reach(chain, pick_spaced(chain.drive.travelled, PLACE_SPACING_M)).any())
 
-        Raises:
-            EstimationError: the uncertainty of the trajectory cannot be computed.
-        """
-        return bool(find_out_of_reach(chain, self._pick_places(chain), self.means.loops).any())
 
-    def recognise(self, chain: Chain) -> Recognised:
-        """Recognises such places.
-
-        Raises:
-            EstimationError: the uncertainty of the trajectory cannot be computed.
-        """
-        settings, spacing_m = self.means.recognition, self.means.loops.spacing_m
-        places = self._pick_places(chain)
-        allowed = find_out_of_reach(chain, places, self.means.loops)
-        asked = allowed.any(axis=1)
-        if not asked.any():
-            return Recognised([], 0, 0)
-        table = describe_places(chain.drive, settings, spacing_m, self.means.beam, self.engine)
-        ground = Ground(chain.drive, table.keyframes, PlaceIndex(table.descriptors, settings))
-        found = recognise(chain.drive, places[asked], ground, allowed[asked], self.means, self.engine)
-        matches = [match for row in found.rows for match in row]
-        layouts = compute_layouts(chain, [(match.place, match.query) for match in matches], self.means.loops)
-        loops = [
-            Loop(m.place, m.query, m.pose, layout.widen(m.pose, m.covariance), m.matched, m.psi)
-            for m, layout in zip(matches, layouts, strict=True)
-        ]
-        return Recognised(loops, found.compared, len(found.ambiguous))
-
-    def _pick_places(self, chain: Chain) -> NDArray[np.int64]:
-        return pick_spaced(chain.drive.travelled, self.means.recognition.spacing_m)
+def _recognise(chain: Chain, estimator: EstimatorConfig, beam: Beam, engine: Engine) -> Recognised:
+    """Returns loops of places that the search around a trajectory does not reach."""
+    places = pick_spaced(chain.drive.travelled, PLACE_SPACING_M)
+    allowed = find_out_of_reach(chain, places)
+    asked = allowed.any(axis=1)
+    if not asked.any():
+        return Recognised([], 0, 0)
+    table = describe_places(chain.drive, beam, engine)
+    ground = Ground(chain.drive, table.keyframes, PlaceIndex(table.descriptors))
+    found = recognise(chain.drive, places[asked], ground, allowed[asked], estimator, beam, engine)
+    matches = [match for row in found.rows for match in row]
+    layouts = compute_layouts(chain, [(match.place, match.query) for match in matches])
+    loops = [
+        Loop(m.place, m.query, m.pose, layout.widen(m.pose, m.covariance), m.matched, m.psi)
+        for m, layout in zip(matches, layouts, strict=True)
+    ]
+    return Recognised(loops, found.compared, len(found.ambiguous))

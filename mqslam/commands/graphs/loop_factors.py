@@ -8,8 +8,8 @@ import gtsam
 from gtsam.symbol_shorthand import X
 
 from mqslam.backend.given_graph import GivenGraph
-from mqslam.backend.loops.closing import close_loops
 from mqslam.backend.problem import GraphProblem, Problem
+from mqslam.backend.recognition.within_run import find_loops
 from mqslam.backend.sensors.odometry.odometry_edges import ODOMETRY
 from mqslam.commands.graphs.keys import Between, Keys, Pose, choose_lift, find_pose_kind, list_keys, read_poses
 from mqslam.commands.graphs.radar import Radar, Source, look_at
@@ -64,8 +64,8 @@ def loop_factors(
 
     Returns:
         A list with a (factor, loop) for each loop. The loop holds the numbers of its two scans, and the pose of the later
-        one in the frame of the earlier one with its covariance [m, m, rad]. To that the factor adds the settings'
-        `loops.floor_m` and `floor_rad`, and a Cauchy loss that keeps a wrong loop from bending the graph.
+        one in the frame of the earlier one with its covariance [m, m, rad]. To that the factor adds what submaps bend
+        (0.05 m, 0.0015 rad), and a Cauchy loss that keeps a wrong loop from bending the graph.
 
     Raises:
         ConfigError: a key, a value or a setting is wrong.
@@ -88,18 +88,16 @@ def loop_factors(
             track = Trajectory(scans.stamps_us, poses) if isinstance(trajectory, gtsam.Values) else trajectory
             problem = _state_as_odometry(radar, track)
         elif isinstance(trajectory, gtsam.Values):
-            problem = GivenGraph(graph, trajectory, listed, lift, settings.graph, settings.loops)
+            problem = GivenGraph(graph, trajectory, listed, lift, settings.graph)
         else:
             raise ConfigError("graph: comes without the values that it is optimised at; give gtsam.Values as the trajectory")
-        search = close_loops(scans, problem, settings.estimator, radar.beam, runner)
+        search = find_loops(scans, problem, settings.estimator, radar.beam, runner, recognising=False)
     for warning in search.warnings:
         work.tell(warning)
-    return LoopFactors(
-        (lift(loop_between(listed[loop.earlier], listed[loop.later], loop, settings.loops)), loop) for loop in search.loops
-    )
+    return LoopFactors((lift(loop_between(listed[loop.earlier], listed[loop.later], loop)), loop) for loop in search.loops)
 
 
 def _state_as_odometry(radar: Radar, trajectory: Trajectory) -> Problem:
     """Returns a trajectory as a problem in which its steps err as odometry does."""
     motions = MotionTable(measure_motions(ODOMETRY, radar.make_context(trajectory), radar.scans))
-    return Problem(motions, [], radar.config.graph, radar.config.loops)
+    return Problem(motions, [], radar.config.graph)

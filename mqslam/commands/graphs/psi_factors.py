@@ -169,7 +169,7 @@ def psi_factors(
         if fault is not None:
             work.tell(fault.statement)
         edges = make_odometry_edges(motions, measurements, settings.odometry, settings.graph)
-    problem = Problem(measurements, edges, settings.graph, settings.loops)
+    problem = Problem(measurements, edges, settings.graph)
     first_scans = problem.submaps.first_scans.tolist()
     own_keys = [int(submap_keys(j)) for j in range(len(first_scans))]
     check_apart([*scan_keys, *own_keys])

@@ -88,12 +88,12 @@ def refine(
     """
     with look_at(recording, config, work) as radar:
         scans, settings = radar.scans, radar.config
-        asked = settings.model_copy(update={"refinement": settings.refinement.model_copy(update={"rounds": rounds})})
         listed = list_keys(keys, len(scans))
         before = Trajectory(scans.stamps_us, read_poses(values, listed))
         lift = choose_lift(find_pose_kind(values, listed[0]), settings.graph)
-        problem = GivenGraph(graph, values, listed, lift, settings.graph, settings.loops)
-        refined = refinement.refine(before, problem, [loop for _, loop in loops], scans, asked, radar.beam, radar.runner)
+        problem = GivenGraph(graph, values, listed, lift, settings.graph)
+        found = [loop for _, loop in loops]
+        refined = refinement.refine(before, problem, found, scans, rounds, settings.estimator, radar.beam, radar.runner)
     whole, optimum = problem.optimise(refined.loops, refined.ties)
     return RefinedGraph(
         graph=whole.factors,

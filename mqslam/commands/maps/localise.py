@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from mqslam.backend.measuring import measure
+from mqslam.backend.recognition.places import DESCRIBED_WITH
 from mqslam.commands.inputs.extrinsics import name_extrinsics
 from mqslam.commands.inputs.opening import Inputs, choose_settings
 from mqslam.commands.result import LocaliseResult
 from mqslam.commands.run import Job, open_job
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config, RecognitionConfig, forget_topics, load_config, set_doppler_beta
+from mqslam.config import Config, forget_topics, load_config, set_doppler_beta
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
 from mqslam.core.keyframes import KeyframeMap
@@ -112,11 +111,10 @@ def open_map(path: Path) -> KeyframeMap:
     made = read_keyframes(path)
     if not len(made.keyframes) or not len(made.places.keyframes):
         raise DataError(path, "is a map without any place", _MAP_REMEDY)
-    try:
-        known = RecognitionConfig.model_validate(made.places.made_with)
-    except ValidationError as error:
-        raise DataError(path, "describes its places by settings that are not known", _MAP_REMEDY) from error
-    if made.places.descriptors.shape[1:] != (known.rings, known.sectors):
+    described_with = made.places.made_with
+    if described_with.keys() != DESCRIBED_WITH.keys():
+        raise DataError(path, "describes its places by settings that are not known", _MAP_REMEDY)
+    if made.places.descriptors.shape[1:] != (described_with["rings"], described_with["sectors"]):
         raise DataError(path, "holds descriptions of places that do not fit its index", _MAP_REMEDY)
     return made
 
@@ -166,7 +164,7 @@ def _find(job: Job, made: KeyframeMap, runner: Runner) -> tuple[Localised, dict[
     except FewReturnsError as error:
         raise EstimationError(f"{error}: {detected.counts.remedy}") from error
     try:
-        localised = find_in_map(scans, motions, made, settings, beam, runner)
+        localised = find_in_map(scans, motions, made, settings.estimator, beam, runner)
     except NotInMapError as error:
         assumed = f"the length of a range bin, {recording.range_resolution:g} m, is assumed: {Remedy.GIVE_RANGE_RESOLUTION}"
         hints = (assumed,) if recording.is_resolution_assumed else ()

@@ -64,7 +64,7 @@ def draw_links(merged: Merged) -> bytes:
     tracks, poses = merged.trajectories, merged.kept.keyframes.poses
     view = find_common_view([track.poses[:, :2] for track in tracks], MAP_SHAPE)
     figure, axes = make_world(view)
-    for link in merged.links.links:
+    for link in merged.links.loops:
         ends = poses[[link.earlier, link.later]]
         axes.plot(ends[:, 0], ends[:, 1], color=GREY, linewidth=1.6)
     for n, track in enumerate(tracks):

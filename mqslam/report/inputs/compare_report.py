@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from mqslam.comparison.best import Standing, find_best
 from mqslam.comparison.comparison import Comparison
 from mqslam.comparison.judgement import Judged, Place
 from mqslam.comparison.rows import Row
-from mqslam.config import MapConfig, dump_yaml
+from mqslam.config import dump_yaml
 from mqslam.core.trajectory import Trajectory
 from mqslam.evaluation import Evaluation
 
@@ -35,7 +35,6 @@ class CompareReport:
         settings_yaml: every setting used, as in config.yaml.
         notes: what the reader should know about how the recording was understood.
         ranks: names of the rows, the best first; rows that cannot be told apart share a rank.
-        map: settings that say from when on a trajectory has moved.
     """
 
     title: str
@@ -53,7 +52,6 @@ class CompareReport:
     settings_yaml: str
     notes: tuple[str, ...] = ()
     ranks: tuple[tuple[str, ...], ...] = ()
-    map: MapConfig = field(default_factory=MapConfig)
 
 
 def report_comparison(
@@ -84,7 +82,6 @@ def report_comparison(
         settings_yaml=dump_yaml(comparison.settings),
         notes=recording.notes,
         ranks=rank_rows(tuple(comparison.judged.values()), comparison.settings.verdict.confidence),
-        map=comparison.settings.map,
     )
 
 

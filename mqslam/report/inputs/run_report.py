@@ -112,7 +112,7 @@ def report_run(run: Run, recording: Recording, summary: Mapping[str, Any]) -> Re
         recording: the recording it was made from.
         summary: content of summary.json.
     """
-    moved = select_moving(run.optimised.poses, run.config.map)
+    moved = select_moving(run.optimised.poses)
     return Report(
         title=recording.path.resolve().name,
         summary=summary,

@@ -18,7 +18,7 @@ from mqslam.formats.maps.nav2_map import write_nav2_map
 from mqslam.formats.ply import Clock, write_ply
 from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
-from mqslam.merging.changes import Change
+from mqslam.merging.changes import SURE_M, Change
 from mqslam.merging.map_merge import Merged
 from mqslam.merging.meetings import Meeting
 from mqslam.results.run_log import format_log, list_stages
@@ -46,8 +46,8 @@ def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, An
         ],
         "recognition": [_describe_meeting(meeting) for meeting in merged.meetings],
         "links": {
-            "count": len(links.links),
-            "compared": links.compared,
+            "count": len(links.loops),
+            "compared": links.tried,
             "ambiguous": links.ambiguous,
             "implausible": links.implausible,
             "residual_median": float(np.median(merged.residuals)),
@@ -73,7 +73,7 @@ def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
     before, after = merged.psi.mean(axis=0).tolist()
     is_alike = abs(after - before) < _ALIKE * before
     psi = f"is {after:.3g} per point, as before" if is_alike else f"went from {before:.3g} to {after:.3g} per point"
-    links = count_of(len(merged.links.links), "link")
+    links = count_of(len(merged.links.loops), "link")
     told = f"{len(merged.trajectories)} recordings with {length / 1000.0:.2f} km of path are one map: {links} between them"
     if sure["median_m"] is None:
         return f"{told}, psi across them {psi}"
@@ -90,7 +90,7 @@ def _summarise_sureness(merged: Merged) -> dict[str, float | None]:
     sigmas = apart[np.isfinite(apart)]
     if not len(sigmas):
         return {"median_m": None, "largest_m": None, "share_compared": None}
-    compared = float((sigmas <= merged.config.merge.sure_m).mean())
+    compared = float((sigmas <= SURE_M).mean())
     return {"median_m": float(np.median(sigmas)), "largest_m": float(sigmas.max()), "share_compared": compared}
 
 
@@ -122,7 +122,7 @@ def write_merge(folder: Path, merged: Merged, summary: dict[str, Any]) -> None:
         turn_us = round(1e6 * recordings[0].revolution_s)
         write_ply(folder / "map.ply", merged.map, Clock(min(recording.start_us for recording in recordings), turn_us))
     with tolerate("map.pgm", failures):
-        grid = make_occupancy_grid(merged.map.points, merged.config.map)
+        grid = make_occupancy_grid(merged.map.points, merged.config.map.cell_m)
         write_nav2_map(folder, grid, merged.kept.keyframes.georeference)
     summary["warnings"] += failures
     write_text(folder / "run.log", _format_log(summary))
@@ -145,7 +145,7 @@ def format_links(merged: Merged) -> str:
         scores = {"matched": link.matched, "psi": link.psi, "psi_before": psi[0], "psi_after": psi[1], "residual": residual}
         return row | {name: f"{value:.4f}" for name, value in scores.items()}
 
-    rows = zip(merged.links.links, merged.psi.tolist(), merged.residuals.tolist(), strict=True)
+    rows = zip(merged.links.loops, merged.psi.tolist(), merged.residuals.tolist(), strict=True)
     return format_csv([describe(link, tuple(psi), residual) for link, psi, residual in rows])
 
 

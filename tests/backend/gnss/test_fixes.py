@@ -77,7 +77,7 @@ def joined(receiver: Receiver, scans: int = 800, turned: float = 0.0) -> FixUse:
 def judged(use: FixUse, scans: int = 800, turned: float = 0.0) -> FixUse:
     """Returns the use after its jumps were judged in the graph."""
     config = Config()
-    problem = Problem(measured(scans, turned), [], config.graph, config.loops, fixes=use.edges)
+    problem = Problem(measured(scans, turned), [], config.graph, fixes=use.edges)
     return use.judge_jumps(problem.optimise([])[1].values)
 
 
@@ -85,7 +85,7 @@ def off_m(use: FixUse | None, scans: int, turned: float) -> float:
     """Returns how far the optimised poses are from the true ones, root mean square, once they are laid on each other [m]."""
     config = Config()
     edges = None if use is None else use.edges
-    poses = Problem(measured(scans, turned), [], config.graph, config.loops, fixes=edges).solve_poses([])
+    poses = Problem(measured(scans, turned), [], config.graph, fixes=edges).solve_poses([])
     true = true_poses(scans)
     return float(
         np.sqrt(np.mean(np.sum((true[:, :2] - se2.transform(align(poses[:, :2], true[:, :2]), poses[:, :2])) ** 2, 1)))
@@ -119,7 +119,7 @@ def test_a_trajectory_that_drifts_is_of_no_wrong_scale(turned: float) -> None:
 def test_jumps_are_rejected_and_counted() -> None:
     use, config = joined(Receiver(jump_m=25.0)), Config()
     assert use.edges is not None
-    _, optimum = Problem(measured(800), [], config.graph, config.loops, fixes=use.edges).optimise([])
+    _, optimum = Problem(measured(800), [], config.graph, fixes=use.edges).optimise([])
     jumps = use.edges.count_rejected(optimum.values)
     assert jumps == pytest.approx(30, abs=4)  # five jumps of six fixes each
     assert f"of which {jumps} are jumps and hardly count" in judged(use).statements[0]

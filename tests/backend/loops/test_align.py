@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from support.passes import BEAM, CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, corridor_pass, street_pass
 
-from mqslam.backend.loops.align import Alignment, align, score_at_pose
-from mqslam.backend.loops.submap import Drive, render_submap
+from mqslam.backend.loops.align import RIVAL, Alignment, align, score_at_pose
+from mqslam.backend.loops.passes import MATCHED
+from mqslam.backend.loops.submap import SUBMAP_M, Drive, render_submap
 from mqslam.core import se2
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.references import References, make_references
@@ -17,17 +18,16 @@ WRONG_GUESSES = [(2.5, -1.5, 0.05), (-1.0, 3.0, -0.05), (0.0, 0.0, 0.0)]
 
 
 def submaps(reference: Drive, query: Drive, a: int = MIDDLE, b: int = MIDDLE) -> tuple[References, PointSet]:
-    settings = CONFIG.loops
     return (
-        make_references(render_submap(reference, a, settings.submap_m, settings.spacing_m, BEAM)),
-        render_submap(query, b, 0.5 * settings.submap_m, settings.spacing_m, BEAM),
+        make_references(render_submap(reference, a, SUBMAP_M, BEAM)),
+        render_submap(query, b, 0.5 * SUBMAP_M, BEAM),
     )
 
 
 def aligned(reference: Drive, query: Drive, wrong: tuple[float, float, float]) -> tuple[Alignment, se2.Array]:
     """Returns the alignment from a wrong guess, and the true pose."""
     truth = se2.between(reference.poses[MIDDLE], query.poses[MIDDLE])
-    result = align(*submaps(reference, query), truth + np.array(wrong), REACH, CONFIG.loops, CONFIG.estimator)
+    result = align(*submaps(reference, query), truth + np.array(wrong), REACH, CONFIG.estimator)
     return result, truth
 
 
@@ -43,8 +43,8 @@ def test_two_passes_of_a_street_are_laid_where_they_were(
     result, truth = aligned(street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(*later, 2), wrong)
     error = result.pose - truth
     assert np.hypot(error[0], error[1]) < 0.1 and abs(se2.wrap(error[2])) < 0.005
-    assert result.observed and result.matched > CONFIG.loops.matched
-    assert result.psi * CONFIG.loops.rival <= result.rival
+    assert result.observed and result.matched > MATCHED
+    assert result.psi * RIVAL <= result.rival
 
 
 def test_the_covariance_is_positive_and_fits_the_error() -> None:
@@ -65,8 +65,8 @@ def test_places_that_have_nothing_in_common_are_poorly_matched_or_have_a_rival()
     """Another street of the same city, guessed to be the first one."""
     reference = street_pass(-25.0, LANE_Y, 0.0, 1)
     for other in (street_pass(-25.0, 37.75, 0.0, 3), street_pass(-51.75, -18.0, -np.pi / 2.0, 3)):
-        result = align(*submaps(reference, other), np.zeros(3), REACH, CONFIG.loops, CONFIG.estimator)
-        assert result.matched < CONFIG.loops.matched or result.psi * CONFIG.loops.rival > result.rival
+        result = align(*submaps(reference, other), np.zeros(3), REACH, CONFIG.estimator)
+        assert result.matched < MATCHED or result.psi * RIVAL > result.rival
         right, _ = aligned(reference, street_pass(-22.0, LANE_Y, 0.0, 2), (0.0, 0.0, 0.0))
         assert result.matched < 0.8 * right.matched and result.psi > 2.0 * right.psi
 
@@ -81,10 +81,10 @@ def test_a_truth_outside_the_gate_is_not_found() -> None:
     reference, query = street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(-22.0, LANE_Y, 0.0, 2)
     truth = se2.between(reference.poses[MIDDLE], query.poses[MIDDLE])
     guess = truth + np.array([0.0, 12.0, 0.0])
-    result = align(*submaps(reference, query), guess, REACH, CONFIG.loops, CONFIG.estimator)
+    result = align(*submaps(reference, query), guess, REACH, CONFIG.estimator)
     off = result.pose - guess
     assert np.hypot(off[0], off[1]) <= REACH_M + 1.0 and abs(off[2]) <= REACH_RAD + 0.05
-    assert result.matched < CONFIG.loops.matched
+    assert result.matched < MATCHED
 
 
 def test_the_joint_score_is_least_where_the_passes_belong() -> None:

@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pytest
 from support.chains import fenced_street
 from support.passes import BEAM, CONFIG, joined
 
-from mqslam.backend.loops.closing import close_loops
+from mqslam.backend.loops import passes
 from mqslam.backend.problem import Problem
-from mqslam.config import LoopConfig
+from mqslam.backend.recognition.within_run import find_loops
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, LoopSearch, Measurement
 from mqslam.core.scans import Scans
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.runner import Runner
 
-CLOSE = LoopConfig(least_path_m=50.0)  # a pass is 58 m long
 OFF_M = 6.0
+
+
+@pytest.fixture(scope="module", autouse=True)
+def near_passes() -> Iterator[None]:
+    """Lets passes follow each other so soon that those of the tests count: each is 58 m long."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(passes, "LEAST_PATH_M", 50.0)
+        yield
 
 
 def closed(period_m: float, between_passes_m: float, jobs: int = 1) -> LoopSearch:
@@ -31,9 +38,9 @@ def closed(period_m: float, between_passes_m: float, jobs: int = 1) -> LoopSearc
         sigma_m = between_passes_m if k == len(first.times) - 1 else 0.02
         covariance = np.diag([sigma_m**2, sigma_m**2, (0.01 * sigma_m) ** 2])
         measurements.append(Measurement(float(drive.times[k]), float(drive.times[k + 1]), motion, covariance))
-    problem = Problem(measurements, [], CONFIG.graph, CLOSE)
+    problem = Problem(measurements, [], CONFIG.graph)
     scans = Scans(tuple(drive.scans), 0, 0.25)
-    return close_loops(scans, problem, CONFIG.estimator, BEAM, Runner(LocalEngine(jobs)))
+    return find_loops(scans, problem, CONFIG.estimator, BEAM, Runner(LocalEngine(jobs)), recognising=False)
 
 
 def assert_right(loops: Sequence[Loop]) -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.chains import SURE, chain_of
-from support.passes import CONFIG, path
+from support.passes import path
 
 from mqslam.backend.loops.chain import Chain
 from mqslam.backend.loops.consistency import keep_consistent
+from mqslam.backend.loops.passes import LEAST_PATH_M
 from mqslam.backend.loops.submap import Drive
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
@@ -39,7 +40,7 @@ def drifted(drive: Drive) -> Chain:
 @pytest.mark.parametrize("drive", [TRUTH, BACK], ids=["same heading", "opposite heading"])
 def test_loops_that_agree_all_stay_however_far_the_trajectory_is_off_between_the_passes(drive: Drive) -> None:
     loops = loops_of(drive, range(PASS + 10, PASS + 60, 5))
-    assert keep_consistent(loops, drifted(drive), CONFIG.loops) == loops
+    assert keep_consistent(loops, drifted(drive), LEAST_PATH_M) == loops
 
 
 @pytest.mark.parametrize("drive", [TRUTH, BACK], ids=["same heading", "opposite heading"])
@@ -48,31 +49,31 @@ def test_loops_that_contradict_most_of_their_neighbours_are_left_out(drive: Driv
     right = loops_of(drive, range(PASS + 10, PASS + 60, 5))
     others = loops_of(drive, range(PASS + 32, PASS + 48, 5), *wrong)
     loops = sorted(right + others, key=lambda loop: loop.later)
-    assert keep_consistent(loops, drifted(drive), CONFIG.loops) == right
+    assert keep_consistent(loops, drifted(drive), LEAST_PATH_M) == right
 
 
 def test_of_two_sets_of_equal_size_that_contradict_each_other_none_stays() -> None:
     loops = loops_of(TRUTH, range(PASS + 10, PASS + 30, 5)) + loops_of(TRUTH, range(PASS + 12, PASS + 32, 5), 8.0)
-    assert keep_consistent(loops, drifted(TRUTH), CONFIG.loops) == []
+    assert keep_consistent(loops, drifted(TRUTH), LEAST_PATH_M) == []
 
 
 def test_loops_far_from_each_other_on_the_path_are_not_held_against_each_other() -> None:
     near, far = loops_of(TRUTH, range(PASS + 2, PASS + 10, 2)), loops_of(TRUTH, range(PASS + 80, PASS + 84, 2), 0.6)
-    assert keep_consistent(near + far, drifted(TRUTH), CONFIG.loops) == near + far
+    assert keep_consistent(near + far, drifted(TRUTH), LEAST_PATH_M) == near + far
 
 
 def test_what_the_trajectory_may_be_wrong_between_two_loops_is_allowed_for() -> None:
     loops = [*loops_of(TRUTH, range(PASS + 20, PASS + 21)), *loops_of(TRUTH, range(PASS + 40, PASS + 41), 1.0)]
     wide = (0.1, 0.1, 1e-4)
-    assert keep_consistent(loops, chain_of(TRUTH, wide), CONFIG.loops) == loops
-    assert keep_consistent(loops, chain_of(TRUTH, SURE), CONFIG.loops) == []
+    assert keep_consistent(loops, chain_of(TRUTH, wide), LEAST_PATH_M) == loops
+    assert keep_consistent(loops, chain_of(TRUTH, SURE), LEAST_PATH_M) == []
 
 
 def test_two_loops_of_one_scan_are_held_against_each_other() -> None:
     one, other = (loops_of(TRUTH, range(PASS + 20, PASS + 21), off_m)[0] for off_m in (0.0, 5.0))
-    assert keep_consistent([one, other], chain_of(TRUTH), CONFIG.loops) == []
-    assert keep_consistent([one, one], chain_of(TRUTH), CONFIG.loops) == [one, one]
+    assert keep_consistent([one, other], chain_of(TRUTH), LEAST_PATH_M) == []
+    assert keep_consistent([one, one], chain_of(TRUTH), LEAST_PATH_M) == [one, one]
 
 
 def test_no_loops_are_consistent() -> None:
-    assert keep_consistent([], chain_of(TRUTH), CONFIG.loops) == []
+    assert keep_consistent([], chain_of(TRUTH), LEAST_PATH_M) == []

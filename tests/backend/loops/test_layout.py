@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.chains import chain_of
-from support.passes import CONFIG
 
-from mqslam.backend.loops.layout import compute_layouts
-from mqslam.backend.loops.submap import Drive, pick_around
+from mqslam.backend.loops.chain import compute_layouts
+from mqslam.backend.loops.submap import SPACING_M, SUBMAP_M, Drive, pick_around
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
 
@@ -24,21 +23,21 @@ def drive(poses: se2.Array) -> Drive:
 
 
 def test_a_submap_in_the_middle_is_surer_than_one_at_either_end() -> None:
-    first, middle, last = compute_layouts(chain_of(drive(STRAIGHT), SIGMAS), [(0, 0), (40, 40), (79, 79)], CONFIG.loops)
+    first, middle, last = compute_layouts(chain_of(drive(STRAIGHT), SIGMAS), [(0, 0), (40, 40), (79, 79)])
     for layout in (first, last):
         assert np.all(np.diag(layout.earlier) > 1.4 * np.diag(middle.earlier))
     assert np.all(np.diag(middle.later) < np.diag(middle.earlier))  # it is shorter
 
 
 def test_a_stand_at_the_beginning_makes_the_first_submap_unsure() -> None:
-    moving, standing = (compute_layouts(chain_of(drive(p), SIGMAS), [(0, 0)], CONFIG.loops)[0] for p in (STRAIGHT, STANDING))
+    moving, standing = (compute_layouts(chain_of(drive(p), SIGMAS), [(0, 0)])[0] for p in (STRAIGHT, STANDING))
     assert standing.earlier[2, 2] > 4.0 * moving.earlier[2, 2]
 
 
 @pytest.mark.parametrize("centre", [0, 12, 40])
 def test_errors_of_simulated_motions_are_no_larger_than_stated_and_not_much_smaller(centre: int) -> None:
-    stated = compute_layouts(chain_of(drive(STRAIGHT), SIGMAS), [(centre, centre)], CONFIG.loops)[0].earlier
-    chosen = pick_around(se2.path_lengths(STRAIGHT), centre, CONFIG.loops.submap_m, CONFIG.loops.spacing_m)
+    stated = compute_layouts(chain_of(drive(STRAIGHT), SIGMAS), [(centre, centre)])[0].earlier
+    chosen = pick_around(se2.path_lengths(STRAIGHT), centre, SUBMAP_M, SPACING_M)
     rng, motions = np.random.default_rng(1), se2.between(STRAIGHT[:-1], STRAIGHT[1:])
     means = []
     for _ in range(300):
@@ -51,7 +50,7 @@ def test_errors_of_simulated_motions_are_no_larger_than_stated_and_not_much_smal
 
 
 def test_a_pose_becomes_as_unsure_as_both_submaps() -> None:
-    layout = compute_layouts(chain_of(drive(STRAIGHT), SIGMAS), [(10, 60)], CONFIG.loops)[0]
+    layout = compute_layouts(chain_of(drive(STRAIGHT), SIGMAS), [(10, 60)])[0]
     own, pose = np.diag([0.01, 0.02, 0.001]) ** 2, np.array([3.0, 1.0, np.pi / 2])
     wide = layout.widen(pose, own)
     assert np.allclose(wide, wide.T) and np.all(np.linalg.eigvalsh(wide - own - layout.earlier) >= -1e-15)
@@ -61,4 +60,4 @@ def test_a_pose_becomes_as_unsure_as_both_submaps() -> None:
 
 
 def test_no_pairs_have_no_layout() -> None:
-    assert compute_layouts(chain_of(drive(STRAIGHT), SIGMAS), [], CONFIG.loops) == []
+    assert compute_layouts(chain_of(drive(STRAIGHT), SIGMAS), []) == []

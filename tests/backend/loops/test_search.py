@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 from support.chains import candidate_of, chain_of, fenced_street
 from support.passes import BEAM, CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, joined, street_pass
 
+from mqslam.backend.loops import passes
 from mqslam.backend.loops.align import align, score_at_pose
 from mqslam.backend.loops.candidates import Candidate, find_candidates
 from mqslam.backend.loops.search import Comparison, compare_passes, confirm_by_map
-from mqslam.backend.loops.submap import Drive, render_submap
-from mqslam.config import LoopConfig
+from mqslam.backend.loops.submap import SUBMAP_M, Drive, render_submap
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
 from mqslam.execution.local_engine import HERE, LocalEngine
@@ -28,18 +30,25 @@ def two_passes(later: tuple[float, float, float], wrong: tuple[float, float, flo
 
 
 SAME, OPPOSITE = (-22.0, LANE_Y, 0.0), (15.0, OTHER_LANE_Y, np.pi)
-KEEP = (CONFIG.loops, CONFIG.estimator, BEAM)
-CLOSE = LoopConfig(least_path_m=35.0)  # a pass is 40 m long
+KEEP = (CONFIG.estimator, BEAM)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def near_passes() -> Iterator[None]:
+    """Lets passes follow each other so soon that those of the tests count: each is 40 m long."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(passes, "LEAST_PATH_M", 35.0)
+        yield
 
 
 def compared(drive: Drive, candidates: list[Candidate], jobs: int = 1) -> list[Comparison]:
     """Returns what psi says about candidates of a drive."""
-    return compare_passes(drive, candidates, CLOSE, CONFIG.estimator, BEAM, LocalEngine(jobs), ignore_progress)
+    return compare_passes(drive, candidates, CONFIG.estimator, BEAM, LocalEngine(jobs), ignore_progress)
 
 
 def candidates_of(drive: Drive) -> list[Candidate]:
     """Returns the candidates of a drive that is sure of its motions, but only to 2 m of that between its passes."""
-    return find_candidates(chain_of(drive, between_passes=2.0), CLOSE, set())[0]
+    return find_candidates(chain_of(drive, between_passes=2.0), set())[0]
 
 
 @pytest.mark.parametrize("later", [SAME, OPPOSITE])
@@ -99,9 +108,8 @@ def test_a_street_that_does_not_repeat_within_the_search_holds_a_loop() -> None:
 
 def loop_at(drive: Drive, earlier: int, later: int, pose: se2.Array) -> Loop:
     """Returns a loop at a pose (3,), with the score it has there."""
-    settings = CONFIG.loops
-    reference = render_submap(drive, earlier, settings.submap_m, settings.spacing_m, BEAM)
-    query = render_submap(drive, later, 0.5 * settings.submap_m, settings.spacing_m, BEAM)
+    reference = render_submap(drive, earlier, SUBMAP_M, BEAM)
+    query = render_submap(drive, later, 0.5 * SUBMAP_M, BEAM)
     psi = score_at_pose(make_references(reference), query, pose, CONFIG.estimator)
     return Loop(earlier, later, pose, 1e-4 * np.eye(3), 0.8, psi)
 
@@ -141,11 +149,10 @@ def test_a_loop_that_only_confirms_a_good_map_stays() -> None:
     _, truth = two_passes(SAME, (0.0, 0.0, 0.0))
     drive = two_passes(SAME, (0.0, 0.0, 0.0))[0]
     a, b = MIDDLE, len(street_pass(-25.0, LANE_Y, 0.0, 1).times) + MIDDLE
-    settings = CONFIG.loops
-    reference = render_submap(drive, a, settings.submap_m, settings.spacing_m, BEAM)
-    query = render_submap(drive, b, 0.5 * settings.submap_m, settings.spacing_m, BEAM)
+    reference = render_submap(drive, a, SUBMAP_M, BEAM)
+    query = render_submap(drive, b, 0.5 * SUBMAP_M, BEAM)
     pose = se2.between(truth[a], truth[b])
-    result = align(make_references(reference), query, pose, (3.0, 0.03), CONFIG.loops, CONFIG.estimator)
+    result = align(make_references(reference), query, pose, (3.0, 0.03), CONFIG.estimator)
     loop = Loop(a, b, result.pose, result.covariance, result.matched, result.psi)
     nudged = truth.copy()
     nudged[len(truth) // 2 :, 0] += 0.02  # within what the graph may weigh it against

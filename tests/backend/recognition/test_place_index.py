@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mqslam.backend.recognition.descriptor import describe
 from mqslam.backend.recognition.place_index import PlaceIndex
-from mqslam.config import RecognitionConfig
+from mqslam.backend.recognition.places import RANGE_M, RINGS, SECTORS, describe
 from mqslam.core import se2
 
-SETTINGS = RecognitionConfig()
 PLACES = 8
 
 
@@ -22,23 +20,23 @@ def place(number: int) -> NDArray[np.float64]:
     return np.asarray(np.repeat(centres, 15, axis=0) + rng.normal(0.0, 0.5, (600, 2)))
 
 
-def describe_plainly(points: NDArray[np.float64], settings: RecognitionConfig, aside_m: float) -> NDArray[np.float64]:
+def describe_plainly(points: NDArray[np.float64], aside_m: float) -> NDArray[np.float64]:
     """Describes a place as `describe` does, in NumPy."""
     x, y = points[:, 0], points[:, 1] - aside_m
     ranges = np.hypot(x, y)
-    near = ranges < settings.range_m
-    ring = np.floor(ranges[near] / settings.range_m * settings.rings).astype(int)
+    near = ranges < RANGE_M
+    ring = np.floor(ranges[near] / RANGE_M * RINGS).astype(int)
     turns = np.arctan2(y[near], x[near]) / (2.0 * np.pi) % 1.0
-    sector = np.floor(turns * settings.sectors).astype(int) % settings.sectors
-    counts = np.zeros((settings.rings, settings.sectors))
+    sector = np.floor(turns * SECTORS).astype(int) % SECTORS
+    counts = np.zeros((RINGS, SECTORS))
     np.add.at(counts, (ring, sector), 1.0)
     roots = np.sqrt(counts)
     return np.asarray(roots / np.linalg.norm(roots))
 
 
-def index(places: list[NDArray[np.float64]], settings: RecognitionConfig = SETTINGS) -> PlaceIndex:
+def index(places: list[NDArray[np.float64]]) -> PlaceIndex:
     """Returns the index of places."""
-    return PlaceIndex(np.array([describe(points, settings) for points in places]), settings)
+    return PlaceIndex(np.array([describe(points) for points in places]))
 
 
 def apart(count: int) -> list[NDArray[np.int64]]:
@@ -48,14 +46,14 @@ def apart(count: int) -> list[NDArray[np.int64]]:
 
 @pytest.mark.parametrize("aside_m", [0.0, 3.0, -9.0])
 def test_a_description_is_that_of_its_twin(aside_m: float) -> None:
-    described = describe(place(1), SETTINGS, aside_m)
-    assert described.shape == (SETTINGS.rings, SETTINGS.sectors) and described.dtype == np.float32
-    np.testing.assert_allclose(described, describe_plainly(place(1), SETTINGS, aside_m), atol=1e-6)
+    described = describe(place(1), aside_m)
+    assert described.shape == (RINGS, SECTORS) and described.dtype == np.float32
+    np.testing.assert_allclose(described, describe_plainly(place(1), aside_m), atol=1e-6)
 
 
 def test_a_place_without_returns_in_range_is_described_by_zeros() -> None:
-    assert not describe(np.empty((0, 2)), SETTINGS).any()
-    assert not describe(np.array([[500.0, 0.0]]), SETTINGS).any()
+    assert not describe(np.empty((0, 2))).any()
+    assert not describe(np.array([[500.0, 0.0]])).any()
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.3, -1.2, 3.1])
@@ -67,16 +65,17 @@ def test_a_place_is_found_turned_and_from_the_side(yaw: float, y: float) -> None
     (found,) = index(places).look_up([query], np.ones((1, PLACES), dtype=bool), apart(PLACES))
     off = se2.between(found[0].pose, pose)
     assert found[0].place == 5 and found[0].likeness > 1.2 * found[1].likeness
-    assert np.hypot(*off[:2]) < 1.0 and abs(se2.wrap(off[2])) < 2.0 * np.pi / SETTINGS.sectors
+    assert np.hypot(*off[:2]) < 1.0 and abs(se2.wrap(off[2])) < 2.0 * np.pi / SECTORS
 
 
-def test_without_sideways_shifts_a_place_seen_from_the_side_looks_less_like_itself() -> None:
+def test_without_sideways_shifts_a_place_seen_from_the_side_looks_less_like_itself(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     places = [place(k) for k in range(PLACES)]
     query, everywhere = places[5] - [0.0, 9.0], np.ones((1, PLACES), dtype=bool)
-    straight = RecognitionConfig(aside_m=0.0)
-    (shifted,), (ahead,) = (
-        index(places, settings).look_up([query], everywhere, apart(PLACES)) for settings in (SETTINGS, straight)
-    )
+    (shifted,) = index(places).look_up([query], everywhere, apart(PLACES))
+    monkeypatch.setattr("mqslam.backend.recognition.place_index.ASIDE_M", 0.0)
+    (ahead,) = index(places).look_up([query], everywhere, apart(PLACES))
     assert ahead[0].likeness < 0.7 * shifted[0].likeness
 
 
@@ -106,5 +105,5 @@ def test_many_queries_get_what_each_alone_gets(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_an_index_without_places_finds_none() -> None:
-    empty = PlaceIndex(np.empty((0, SETTINGS.rings, SETTINGS.sectors)), SETTINGS)
+    empty = PlaceIndex(np.empty((0, RINGS, SECTORS)))
     assert len(empty) == 0 and empty.look_up([place(1)], np.empty((1, 0), dtype=bool), []) == [[]]

@@ -6,21 +6,21 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from support.keyframe_maps import BEAM, lap
 
 from mqslam.backend.loops.submap import Drive, MappedDrive, Passes
+from mqslam.backend.recognition import recognise as module
 from mqslam.backend.recognition.place_index import PlaceIndex
-from mqslam.backend.recognition.places import describe_places
-from mqslam.backend.recognition.recognise import Ground, Means, Recognition, recognise
+from mqslam.backend.recognition.places import PLACE_SPACING_M, describe_places
+from mqslam.backend.recognition.recognise import ROW, Ground, Recognition, recognise
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.mapping.keyframing import pick_spaced
 
 CONFIG = Config()
-MEANS = Means(CONFIG.recognition, CONFIG.loops, CONFIG.estimator, BEAM)
-SPACING_M = CONFIG.loops.spacing_m
 
 
 @lru_cache(maxsize=1)
@@ -29,8 +29,8 @@ def first_round() -> Ground:
     _, _, keyframes = lap()
     drive = MappedDrive.of(keyframes)
     with LocalEngine(1) as engine:
-        table = describe_places(drive, CONFIG.recognition, SPACING_M, BEAM, engine)
-    return Ground(drive, table.keyframes, PlaceIndex(table.descriptors, CONFIG.recognition))
+        table = describe_places(drive, BEAM, engine)
+    return Ground(drive, table.keyframes, PlaceIndex(table.descriptors))
 
 
 def elsewhere() -> Drive:
@@ -39,42 +39,40 @@ def elsewhere() -> Drive:
     return Drive.of(scans, se2.compose(np.array([400.0, -900.0, 2.5]), poses))
 
 
-def look_up(
-    drive: Passes, queries: NDArray[np.int64], earlier_m: float = 60.0, jobs: int = 1, means: Means = MEANS
-) -> Recognition:
+def look_up(drive: Passes, queries: NDArray[np.int64], earlier_m: float = 60.0, jobs: int = 1) -> Recognition:
     """Returns what is recognised of earlier places of the lap, at least so much path before."""
     ground = first_round()
     allowed = ground.drive.travelled[ground.places][None] < drive.travelled[queries][:, None] - earlier_m
     with LocalEngine(jobs) as engine:
-        return recognise(drive, queries, ground, allowed, means, engine)
+        return recognise(drive, queries, ground, allowed, CONFIG.estimator, BEAM, engine)
 
 
 def test_the_second_round_is_recognised_where_it_is_without_a_guess() -> None:
     _, poses, keyframes = lap()
     drive = elsewhere()
-    queries = pick_spaced(drive.travelled, CONFIG.recognition.spacing_m)
+    queries = pick_spaced(drive.travelled, PLACE_SPACING_M)
     found = look_up(drive, queries)
     matches = [match for row in found.rows for match in row]
     assert len(matches) >= 5 and found.compared >= len(matches)
     for match in matches:
         off = match.pose - se2.between(keyframes.poses[match.place], poses[match.query])
         assert np.hypot(*off[:2]) < 0.3 and abs(se2.wrap(off[2])) < 0.01
-    assert all(len(row) >= CONFIG.recognition.row for row in found.rows)
+    assert all(len(row) >= ROW for row in found.rows)
     # the first round has no earlier places, so that nothing is recognised of it
     assert min(drive.travelled[match.query] for match in matches) > 300.0
 
 
-def test_fewer_matches_than_a_row_are_nothing() -> None:
+def test_fewer_matches_than_a_row_are_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     drive = elsewhere()
-    queries = pick_spaced(drive.travelled, CONFIG.recognition.spacing_m)
-    longer = replace(MEANS, recognition=CONFIG.recognition.model_copy(update={"row": 40}))
-    found = look_up(drive, queries, means=longer)
+    queries = pick_spaced(drive.travelled, PLACE_SPACING_M)
+    monkeypatch.setattr(module, "ROW", 40)
+    found = look_up(drive, queries)
     assert found.compared > 0 and found.rows == []
 
 
 def test_the_number_of_jobs_changes_nothing() -> None:
     drive = elsewhere()
-    queries = pick_spaced(drive.travelled, CONFIG.recognition.spacing_m)
+    queries = pick_spaced(drive.travelled, PLACE_SPACING_M)
     one, two = look_up(drive, queries), look_up(drive, queries, jobs=2)
     assert (one.ambiguous, one.compared) == (two.ambiguous, two.compared)
     rows = [
@@ -107,10 +105,11 @@ def test_a_place_that_fits_twice_is_ambiguous() -> None:
     )
     twice = MappedDrive.of(doubled)
     with LocalEngine(1) as engine:
-        table = describe_places(twice, CONFIG.recognition, SPACING_M, BEAM, engine)
-        ground = Ground(twice, table.keyframes, PlaceIndex(table.descriptors, CONFIG.recognition))
+        table = describe_places(twice, BEAM, engine)
+        ground = Ground(twice, table.keyframes, PlaceIndex(table.descriptors))
         last = drive.travelled[-1]
-        queries = pick_spaced(drive.travelled, CONFIG.recognition.spacing_m)
+        queries = pick_spaced(drive.travelled, PLACE_SPACING_M)
         queries = queries[drive.travelled[queries] > last - 90.0]
-        found = recognise(drive, queries, ground, np.ones((len(queries), len(table.keyframes)), dtype=bool), MEANS, engine)
+        everywhere = np.ones((len(queries), len(table.keyframes)), dtype=bool)
+        found = recognise(drive, queries, ground, everywhere, CONFIG.estimator, BEAM, engine)
     assert found.rows == [] and len(found.ambiguous) >= 3

@@ -10,11 +10,10 @@ from support.chains import chain_of
 from support.keyframe_maps import BEAM, lap
 from support.passes import path
 
-from mqslam.backend.loops.closing import close_loops
+from mqslam.backend.loops.candidates import GATE_M
+from mqslam.backend.loops.passes import LEAST_PATH_M
 from mqslam.backend.problem import Problem
-from mqslam.backend.recognition.out_of_reach import find_out_of_reach
-from mqslam.backend.recognition.recognise import Means
-from mqslam.backend.recognition.within_run import RunRecogniser
+from mqslam.backend.recognition.within_run import find_loops, find_out_of_reach
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.measurement import LoopSearch, Measurement
@@ -23,7 +22,6 @@ from mqslam.execution.runner import Runner
 from mqslam.mapping.keyframing import pick_spaced
 
 CONFIG = Config()
-MEANS = Means(CONFIG.recognition, CONFIG.loops, CONFIG.estimator, BEAM)
 UNSURE, SURE = (0.1, 0.1, 0.04), (0.01, 0.01, 1e-4)
 BIAS = 1.0 / 170  # [rad] per scan; the end of the lap is off by more than 50 m against its beginning
 
@@ -37,10 +35,9 @@ def closed(sigmas: tuple[float, float, float], jobs: int = 1, *, recognising: bo
     times = scans.start_times
     covariance = np.diag(np.square(sigmas))
     measurements = [Measurement(times[k], times[k + 1], motion, covariance) for k, motion in enumerate(motions)]
-    problem = Problem(measurements, [], CONFIG.graph, CONFIG.loops)
+    problem = Problem(measurements, [], CONFIG.graph)
     with LocalEngine(jobs) as engine:
-        recogniser = RunRecogniser(MEANS, engine) if recognising else None
-        return close_loops(scans, problem, CONFIG.estimator, BEAM, Runner(engine), recogniser)
+        return find_loops(scans, problem, CONFIG.estimator, BEAM, Runner(engine), recognising=recognising)
 
 
 def off_at_the_return() -> float:
@@ -53,7 +50,7 @@ def off_at_the_return() -> float:
 
 def test_a_lap_that_is_far_off_where_it_comes_back_is_closed_there() -> None:
     _, poses, _ = lap()
-    assert off_at_the_return() > CONFIG.loops.gate_m
+    assert off_at_the_return() > GATE_M
     assert closed(UNSURE, recognising=False).loops == []  # without recognition nothing ties it
     search = closed(UNSURE)
     assert len(search.loops) >= 5 and search.tried >= len(search.loops)
@@ -87,14 +84,14 @@ def square(side_m: float) -> np.ndarray:
 def test_where_an_unsure_drive_may_be_is_asked_for_and_nowhere_else() -> None:
     drive = path(square(400.0))
     places = pick_spaced(drive.travelled, 10.0)
-    allowed = find_out_of_reach(chain_of(drive, (0.05, 0.05, 0.004)), places, CONFIG.loops)
+    allowed = find_out_of_reach(chain_of(drive, (0.05, 0.05, 0.004)), places)
     again = drive.travelled[places] > 1610.0
     assert allowed[again].any(axis=1).all()
     for row in np.flatnonzero(again):
         truth = np.argmin(np.hypot(*(drive.poses[places[~again], :2] - drive.poses[places[row], :2]).T))
         assert allowed[row, truth]
     apart = drive.travelled[places][:, None] - drive.travelled[places][None]
-    assert not allowed[apart <= CONFIG.loops.least_path_m].any()
+    assert not allowed[apart <= LEAST_PATH_M].any()
     second_side = (drive.travelled[places] > 420.0) & (drive.travelled[places] < 700.0)
     assert not allowed[second_side].any()  # the square has not come back by then
 
@@ -102,4 +99,4 @@ def test_where_an_unsure_drive_may_be_is_asked_for_and_nowhere_else() -> None:
 def test_a_drive_that_is_sure_of_itself_is_not_asked() -> None:
     drive = path(square(400.0))
     places = pick_spaced(drive.travelled, 10.0)
-    assert not find_out_of_reach(chain_of(drive, SURE), places, CONFIG.loops).any()
+    assert not find_out_of_reach(chain_of(drive, SURE), places).any()

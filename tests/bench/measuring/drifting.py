@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
-from mqslam.backend.loops.closing import close_loops
 from mqslam.backend.loops.consistency import as_relative
 from mqslam.backend.problem import Problem
-from mqslam.backend.recognition.recognise import Means
-from mqslam.backend.recognition.within_run import RunRecogniser
+from mqslam.backend.recognition.within_run import find_loops
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.frontend import Context, measure_motions
@@ -128,15 +126,14 @@ def measure_lost(
     config = Config()
     odometry = Trajectory(scans.stamps_us, lose_way(truth, scans.start_times, seed))
     context = Context(config, revolution_s, scans.start_us, odometry, doppler_beta=doppler_beta)
-    problem = Problem(MotionTable(measure_motions("odometry", context, scans)), [], config.graph, config.loops)
+    problem = Problem(MotionTable(measure_motions("odometry", context, scans)), [], config.graph)
     beam = beam_of(config.estimator, doppler_beta)
-    means = Means(config.recognition, config.loops, config.estimator, beam)
-    search = close_loops(scans, problem, config.estimator, beam, runner, RunRecogniser(means, runner.engine))
+    search = find_loops(scans, problem, config.estimator, beam, runner)
     earlier, later = (
         np.array([getattr(loop, end) for loop in search.loops], dtype=np.int64) for end in ("earlier", "later")
     )
     poses = np.array([loop.pose for loop in search.loops]).reshape(-1, 3)
-    covariances = np.array([as_relative(loop, config.loops).covariance for loop in search.loops]).reshape(-1, 3, 3)
+    covariances = np.array([as_relative(loop).covariance for loop in search.loops]).reshape(-1, 3, 3)
     judged, revisits = judge_poses(truth[earlier], truth[later], poses, covariances), find_revisits(truth)
     travelled = se2.path_lengths(truth)
     found = [np.abs(travelled[later] - travelled[k]).min(initial=np.inf) <= SPACING_M for _, k in revisits]

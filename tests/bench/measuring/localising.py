@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mqslam.backend.measuring import measure
+from mqslam.backend.recognition.places import PLACE_SPACING_M
+from mqslam.backend.recognition.recognise import ROW
 from mqslam.config import load_config
 from mqslam.core import se2
 from mqslam.core.frontend import Context
@@ -100,7 +102,7 @@ def measure_cold_starts(data: Path, mapped: Path, result: Path) -> dict[str, Cel
     found, wrong, tried, seconds = 0, 0, 0, list[float]()
     for k in np.linspace(0, len(scans) - _AHEAD, _STARTS).astype(int).tolist():
         part, true = _cut(scans, k), truth[k : k + _AHEAD]
-        moves = se2.path_lengths(true)[-1] > (config.recognition.row + 1) * config.recognition.spacing_m
+        moves = se2.path_lengths(true)[-1] > (ROW + 1) * PLACE_SPACING_M
         if not moves or tree.query(true[:, :2])[0].max() > 5.0:
             continue
         tried += 1
@@ -108,7 +110,7 @@ def measure_cold_starts(data: Path, mapped: Path, result: Path) -> dict[str, Cel
         context = Context(config, scans.revolution_s, scans.start_us, None, doppler_beta=beam.doppler_beta)
         motions = measure("psi", part, context, beam, Runner())
         try:
-            localised = find_in_map(part, motions, made, config, beam, Runner())
+            localised = find_in_map(part, motions, made, config.estimator, beam, Runner())
         except NotInMapError:
             continue
         seconds.append(time.process_time() - begin)

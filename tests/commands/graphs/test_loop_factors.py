@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import gtsam
 import numpy as np
@@ -11,12 +11,13 @@ from gtsam.symbol_shorthand import A
 from support.chains import fenced_street
 from support.passes import BEAM, joined
 
-from mqslam.backend.loops.closing import close_loops
+from mqslam.backend.loops import passes
 from mqslam.backend.loops.submap import Drive
 from mqslam.backend.problem import Problem
+from mqslam.backend.recognition.within_run import find_loops
 from mqslam.commands.graphs.loop_factors import loop_factors
 from mqslam.commands.work import Work
-from mqslam.config import Config, LoopConfig, OdometryConfig, SensorConfig
+from mqslam.config import Config, OdometryConfig, SensorConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Measurement
 from mqslam.core.scans import Scans
@@ -31,10 +32,17 @@ from mqslam.factors.psi_between import psi_between
 # the clock of the drive stops for a minute between its passes, over which odometry is not sure of its yaw
 CONFIG = Config(
     sensor=SensorConfig(doppler_beta=0.0),
-    loops=LoopConfig(least_path_m=50.0),
     odometry=OdometryConfig(sigma_travel=0.02, sigma_yaw_rate=0.0005),
 )
 OFF_M = 1.0
+
+
+@pytest.fixture(scope="module", autouse=True)
+def near_passes() -> Iterator[None]:
+    """Lets passes follow each other so soon that those of the tests count: each is 58 m long."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(passes, "LEAST_PATH_M", 50.0)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -60,8 +68,8 @@ def motions_of(drive: Drive) -> list[Measurement]:
 
 def known_loops(drive: Drive) -> list[Loop]:
     """Returns the loops that a run finds."""
-    problem = Problem(motions_of(drive), [], CONFIG.graph, CONFIG.loops)
-    return close_loops(scans_of(drive), problem, CONFIG.estimator, BEAM, Runner()).loops
+    problem = Problem(motions_of(drive), [], CONFIG.graph)
+    return find_loops(scans_of(drive), problem, CONFIG.estimator, BEAM, Runner(), recognising=False).loops
 
 
 def graph_of(drive: Drive, pose: type) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
@@ -95,7 +103,7 @@ def test_a_graph_of_ones_own_gets_the_loops_of_a_run(street: Drive, pose: type) 
     assert_same([loop for _, loop in pairs], known_loops(street), 1e-4)
     assert repr(pairs) == f"LoopFactors({len(pairs)} loops)"
     for factor, loop in pairs:
-        known = loop_between(A(loop.earlier), A(loop.later), loop, CONFIG.loops)
+        known = loop_between(A(loop.earlier), A(loop.later), loop)
         expected = known if pose is gtsam.Pose2 else lifted_between(known, CONFIG.graph)
         assert factor.equals(expected, 1e-9)
 

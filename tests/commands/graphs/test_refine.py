@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 import gtsam
@@ -11,11 +12,12 @@ from gtsam.symbol_shorthand import A
 from support.passes import BEAM, noisy_passes
 
 from mqslam.backend import refinement
+from mqslam.backend.loops import passes
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
 from mqslam.backend.sensors.odometry.odometry_edges import reckon
 from mqslam.commands.graphs.refine import RefinedGraph, refine
-from mqslam.config import Config, LoopConfig, RefinementConfig, SensorConfig
+from mqslam.config import Config, SensorConfig
 from mqslam.core.measurement import Loop, Refined
 from mqslam.core.scans import Scans
 from mqslam.errors import EstimationError
@@ -24,16 +26,21 @@ from mqslam.factors.loop_between import loop_between
 from mqslam.factors.prior import prior
 from mqslam.factors.psi_between import psi_between
 
-CONFIG = Config(
-    sensor=SensorConfig(doppler_beta=0.0), loops=LoopConfig(least_path_m=35.0), refinement=RefinementConfig(rounds=1)
-)
-
+CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
 LAST = 19  # the last scan of the first pass
+
+
+@pytest.fixture(scope="module", autouse=True)
+def near_passes() -> Iterator[None]:
+    """Lets passes follow each other so soon that those of the tests count: each is 40 m long."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(passes, "LEAST_PATH_M", 35.0)
+        yield
 
 
 def two_passes() -> tuple[Scans, Problem, Loop]:
     """Returns the scans of two passes over a street, a problem of noisy motions along them, and a loop that is off."""
-    drive, problem, loop = noisy_passes(CONFIG.loops)
+    drive, problem, loop = noisy_passes()
     return Scans(tuple(drive.scans), 0, 0.25), problem, loop
 
 
@@ -41,7 +48,8 @@ def two_passes() -> tuple[Scans, Problem, Loop]:
 def known() -> Refined:
     """Returns what a run makes of the passes."""
     scans, problem, loop = two_passes()
-    return refinement.refine(reckon(scans, problem.measurements), problem, [loop], scans, CONFIG, BEAM, Runner())
+    before = reckon(scans, problem.measurements)
+    return refinement.refine(before, problem, [loop], scans, 1, CONFIG.estimator, BEAM, Runner())
 
 
 def own_graph() -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
@@ -61,7 +69,7 @@ def refined() -> RefinedGraph:
     """Returns the refinement of that graph."""
     scans, _, loop = two_passes()
     graph, values = own_graph()
-    loops = [(loop_between(A(loop.earlier), A(loop.later), loop, CONFIG.loops), loop)]
+    loops = [(loop_between(A(loop.earlier), A(loop.later), loop), loop)]
     return refine(graph, values, scans, A, loops=loops, rounds=1, config=CONFIG)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 from bench.benchmark import Benchmark, Bound, Cell, Column, Goal, Row, label
@@ -11,11 +12,13 @@ from bench.measuring.recordings import twin
 from bench.results import Took
 from numpy.typing import NDArray
 
+from mqslam.backend.loops.passes import LEAST_PATH_M
 from mqslam.backend.loops.submap import Drive
+from mqslam.backend.recognition import place_index
 from mqslam.backend.recognition.place_index import PlaceIndex
-from mqslam.backend.recognition.places import describe_places, render_places
-from mqslam.backend.recognition.recognise import Ground, Means, recognise
-from mqslam.config import Config
+from mqslam.backend.recognition.places import PLACE_SPACING_M, describe_places, render_places
+from mqslam.backend.recognition.recognise import Ground, recognise
+from mqslam.config import Config, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.detection.stage import detect_all
@@ -28,7 +31,7 @@ from mqslam.psi.place import Beam, beam_of
 
 _SEEDS = {"kaist01": 1, "kaist02": 2}  # of the simulated sensor
 _NEAR_M, _WRONG_M, _WRONG_RAD = 10.0, 1.0, 0.03  # what counts as the same place, and as a wrong pose
-_WAYS = {"with sideways shifts": {}, "straight ahead only": {"aside_m": 0.0}}
+_WAYS = {"with sideways shifts": place_index.ASIDE_M, "straight ahead only": 0.0}  # how far to either side [m]
 _PAIRS = (("kaist02", "kaist01"), ("kaist01", "kaist01"))
 
 
@@ -44,10 +47,9 @@ def _measure(out: Path) -> list[Row]:
     with LocalEngine(2) as engine:
         driven = {name: _drive(name, seed, config, engine) for name, seed in _SEEDS.items()}
         for query, ground in _PAIRS:
-            for way, changed in _WAYS.items():
-                settings = config.recognition.model_copy(update=changed)
-                means = Means(settings, config.loops, config.estimator, driven[ground].beam)
-                cells = _look_up(driven[query], driven[ground], means, engine, within=query == ground)
+            for way, aside_m in _WAYS.items():
+                with patch.object(place_index, "ASIDE_M", aside_m):
+                    cells = _look_up(driven[query], driven[ground], config.estimator, engine, within=query == ground)
                 rows.append(Row({"places": f"{query} in {ground}", "way": way, **cells}))
     return rows
 
@@ -61,25 +63,28 @@ def _drive(name: str, seed: int, config: Config, engine: Engine) -> _Driven:
     return _Driven(Drive.of(scans, recording.ground_truth.at(scans.stamps_us)), beam)
 
 
-def _look_up(query: _Driven, ground: _Driven, means: Means, engine: Engine, *, within: bool) -> dict[str, Cell]:
+def _look_up(
+    query: _Driven, ground: _Driven, estimator: EstimatorConfig, engine: Engine, *, within: bool
+) -> dict[str, Cell]:
     """Returns how many places a drive finds among the earlier ones of itself, or among those of another drive."""
-    settings, spacing_m = means.recognition, means.loops.spacing_m
-    table = describe_places(ground.drive, settings, spacing_m, means.beam, engine)
-    index = PlaceIndex(table.descriptors, settings)
-    queries = pick_spaced(query.drive.travelled, settings.spacing_m)
+    beam = ground.beam
+    table = describe_places(ground.drive, beam, engine)
+    index = PlaceIndex(table.descriptors)
+    queries = pick_spaced(query.drive.travelled, PLACE_SPACING_M)
     allowed = np.ones((len(queries), len(index)), dtype=bool)
     if within:
         apart = query.drive.travelled[queries][:, None] - ground.drive.travelled[table.keyframes][None]
-        allowed = apart > means.loops.least_path_m
+        allowed = apart > LEAST_PATH_M
     near = allowed & _are_near(query.drive.poses[queries], ground.drive.poses[table.keyframes])
     again = near.any(axis=1)
-    rendered = render_places(query.drive, queries.tolist(), settings, spacing_m, means.beam, engine)
+    rendered = render_places(query.drive, queries.tolist(), beam, engine)
     began = Took.now()
     guesses = index.look_up([submap.points for submap in rendered], allowed, [np.array([k]) for k in range(len(index))])
     described = Took.now().since(began)
     first = [bool(listed) and bool(near[k, listed[0].place]) for k, listed in enumerate(guesses)]
     began = Took.now()
-    found = recognise(query.drive, queries, Ground(ground.drive, table.keyframes, index), allowed, means, engine)
+    places = Ground(ground.drive, table.keyframes, index)
+    found = recognise(query.drive, queries, places, allowed, estimator, beam, engine)
     verified = Took.now().since(began)
     matches = [match for row in found.rows for match in row]
     true = [se2.between(ground.drive.poses[m.place], query.drive.poses[m.query]) for m in matches]

@@ -16,7 +16,7 @@ from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Measurement
 from mqslam.factors.lifted_between import lifted_between
-from mqslam.factors.loop_between import loop_between
+from mqslam.factors.loop_between import CAUCHY, loop_between
 
 _SEED = 1
 _ROUNDS = 15
@@ -69,7 +69,7 @@ def _native(*, robust: bool) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     graph, values, losses = gtsam.NonlinearFactorGraph(), gtsam.Values(), gtsam.noiseModel.mEstimator
     graph.addPriorPose2(X(0), gtsam.Pose2(), gtsam.noiseModel.Isotropic.Sigma(3, 1e-3))
     edges = [(k, k + 1, motion.pose, losses.Huber.Create(_CONFIG.graph.huber)) for k, motion in enumerate(motions)]
-    edges += [(loop.earlier, loop.later, loop.pose, losses.Cauchy.Create(_CONFIG.loops.cauchy)) for loop in loops]
+    edges += [(loop.earlier, loop.later, loop.pose, losses.Cauchy.Create(CAUCHY)) for loop in loops]
     gaussian = gtsam.noiseModel.Diagonal.Sigmas(np.sqrt(2.0) * _SIGMAS)
     for a, b, pose, loss in edges:
         noise = gtsam.noiseModel.Robust.Create(loss, gaussian) if robust else gaussian
@@ -82,9 +82,9 @@ def _native(*, robust: bool) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
 def _own(pose: type) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """Returns a graph with the factors that `psi_factors` and `loop_factors` make of the same drive, and with places."""
     motions, loops = _drive()
-    problem = Problem(motions, [], _CONFIG.graph, _CONFIG.loops)
+    problem = Problem(motions, [], _CONFIG.graph)
     factors = problem.make_factors(X, M)
-    factors += [loop_between(X(loop.earlier), X(loop.later), loop, _CONFIG.loops) for loop in loops]
+    factors += [loop_between(X(loop.earlier), X(loop.later), loop) for loop in loops]
     chain, graph, values = se2.chain(motion.pose for motion in motions), gtsam.NonlinearFactorGraph(), gtsam.Values()
     is_planar = pose is gtsam.Pose2
     lift = (lambda factor: factor) if is_planar else partial(lifted_between, config=_CONFIG.graph)
