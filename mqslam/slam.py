@@ -73,7 +73,7 @@ class Slam:
         with runner.time_stage("total"):
             context = Context.of(recording, config, odometry, sensors)
             frontends.create(self._name, context)  # raises before the recording is read, if it lacks anything
-            scans, detected = detect_all(recording, config.detector, runner, strict=self._strict, chirps=config.chirps)
+            scans, detected = detect_all(recording, config.detector, runner, strict=self._strict, with_velocities=True)
             runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
             try:
                 beta, sigma = find_doppler(scans, config, runner)

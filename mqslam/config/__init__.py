@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict
 
 from mqslam.config.audit_config import AuditConfig, CompareConfig, MendConfig, VerdictConfig
 from mqslam.config.check_config import CheckConfig
-from mqslam.config.detector_config import ChirpConfig, DetectorConfig
+from mqslam.config.detector_config import DetectorConfig
 from mqslam.config.estimator_config import EstimatorConfig
 from mqslam.config.fields import is_expert
 from mqslam.config.frontend_config import (
@@ -36,7 +36,6 @@ __all__ = [
     "AuditConfig",
     "CalibrationConfig",
     "CheckConfig",
-    "ChirpConfig",
     "CompareConfig",
     "Config",
     "DetectorConfig",
@@ -80,7 +79,6 @@ class Config(BaseModel):
     reading: ReadingConfig = ReadingConfig()
     sensor: SensorConfig = SensorConfig()
     detector: DetectorConfig = DetectorConfig()
-    chirps: ChirpConfig = ChirpConfig()
     psi: PsiConfig = PsiConfig()
     estimator: EstimatorConfig = EstimatorConfig()
     tracker: TrackerConfig = TrackerConfig()
