@@ -120,11 +120,11 @@ class Slam:
                 measurements = straighten(measurements, scans, config, beam, runner)
         with runner.time_stage("optimise"):
             odometry, fault = hold_odometry(scans, context, self._name, measurements)
-            edges = make_odometry_edges(odometry, measurements, config.odometry, config.graph, context.sensors.mount)
+            edges = make_odometry_edges(odometry, measurements, config.odometry, context.sensors.mount)
             before = reckon(scans, odometry or measurements)
-            problem, used = Problem(measurements, edges, config.graph, config.loops), SensorUse(odometry=fault)
+            problem, used = Problem(measurements, edges, config.loops), SensorUse(odometry=fault)
             with runner.tolerate("the sensors beside the radar"):
-                sections = SensorSettings(config.gyroscope, config.gnss, config.velocity, config.odometry)
+                sections = SensorSettings(config.gyroscope, config.velocity, config.odometry)
                 sensors, velocities = context.sensors, context.velocities
                 problem, used = join_sensors(problem, odometry, sensors, velocities, scans.start_us, sections, fault)
         search = LoopSearch([], 0)

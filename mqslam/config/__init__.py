@@ -22,12 +22,11 @@ from mqslam.config.frontend_config import (
     Open3dIcpConfig,
     ScanMatchingConfig,
 )
-from mqslam.config.graph_config import GraphConfig
 from mqslam.config.loop_config import LoopConfig, PassConfig, RefinementConfig
 from mqslam.config.map_config import LocalisationConfig, MapConfig, MergeConfig, RecognitionConfig
 from mqslam.config.psi_config import PsiConfig
 from mqslam.config.reading_config import ReadingConfig
-from mqslam.config.sensor_config import GnssConfig, GyroscopeConfig, SensorConfig, VelocityConfig
+from mqslam.config.sensor_config import GyroscopeConfig, SensorConfig, VelocityConfig
 from mqslam.config.tracker_config import TrackerConfig
 from mqslam.config.yaml_file import parse_yaml
 from mqslam.errors import ConfigError, suggest, untrusted
@@ -40,8 +39,6 @@ __all__ = [
     "Config",
     "DetectorConfig",
     "EstimatorConfig",
-    "GnssConfig",
-    "GraphConfig",
     "GyroscopeConfig",
     "KissIcpConfig",
     "LocalisationConfig",
@@ -87,9 +84,7 @@ class Config(BaseModel):
     open3d_icp: Open3dIcpConfig = Open3dIcpConfig()
     odometry: OdometryConfig = OdometryConfig()
     gyroscope: GyroscopeConfig = GyroscopeConfig()
-    gnss: GnssConfig = GnssConfig()
     velocity: VelocityConfig = VelocityConfig()
-    graph: GraphConfig = GraphConfig()
     recognition: RecognitionConfig = RecognitionConfig()
     loops: LoopConfig = LoopConfig()
     refinement: RefinementConfig = RefinementConfig()

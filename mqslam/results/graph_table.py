@@ -10,6 +10,7 @@ from typing import Final
 import gtsam
 
 from mqslam.config import Config
+from mqslam.factors.noise import HUBER
 from mqslam.formats.graphs.g2o import list_edges
 from mqslam.solution import Run
 
@@ -56,4 +57,4 @@ def _describe_loss(noise: gtsam.noiseModel.Base, config: Config) -> tuple[str, f
         return "none", ""
     if isinstance(noise.robust(), gtsam.noiseModel.mEstimator.Cauchy):
         return "cauchy", config.loops.cauchy
-    return "huber", config.graph.huber
+    return "huber", HUBER

@@ -91,8 +91,8 @@ def refine(
         asked = settings.model_copy(update={"refinement": settings.refinement.model_copy(update={"rounds": rounds})})
         listed = list_keys(keys, len(scans))
         before = Trajectory(scans.stamps_us, read_poses(values, listed))
-        lift = choose_lift(find_pose_kind(values, listed[0]), settings.graph)
-        problem = GivenGraph(graph, values, listed, lift, settings.graph, settings.loops)
+        lift = choose_lift(find_pose_kind(values, listed[0]))
+        problem = GivenGraph(graph, values, listed, lift, settings.loops)
         refined = refinement.refine(before, problem, [loop for _, loop in loops], scans, asked, radar.beam, radar.runner)
     whole, optimum = problem.optimise(refined.loops, refined.ties)
     return RefinedGraph(

@@ -37,7 +37,7 @@ def closed(sigmas: tuple[float, float, float], jobs: int = 1, *, recognising: bo
     times = scans.start_times
     covariance = np.diag(np.square(sigmas))
     measurements = [Measurement(times[k], times[k + 1], motion, covariance) for k, motion in enumerate(motions)]
-    problem = Problem(measurements, [], CONFIG.graph, CONFIG.loops)
+    problem = Problem(measurements, [], CONFIG.loops)
     with LocalEngine(jobs) as engine:
         recogniser = RunRecogniser(MEANS, engine) if recognising else None
         return close_loops(scans, problem, CONFIG.estimator, BEAM, Runner(engine), recogniser)

@@ -128,7 +128,7 @@ def measure_lost(
     config = Config()
     odometry = Trajectory(scans.stamps_us, lose_way(truth, scans.start_times, seed))
     context = Context(config, revolution_s, scans.start_us, odometry, doppler_beta=doppler_beta)
-    problem = Problem(MotionTable(measure_motions("odometry", context, scans)), [], config.graph, config.loops)
+    problem = Problem(MotionTable(measure_motions("odometry", context, scans)), [], config.loops)
     beam = beam_of(config.estimator, doppler_beta)
     means = Means(config.recognition, config.loops, config.estimator, beam)
     search = close_loops(scans, problem, config.estimator, beam, runner, RunRecogniser(means, runner.engine))
