@@ -9,11 +9,13 @@ import numpy as np
 
 from mqslam.core import se2
 
+# Residual beyond which a fix is a jump and hardly counts [standard deviations].
+REACH = 3.0
 _NO_TURN: Final = 1e-6  # numerical: the plane wanders and does not turn [rad]
 _UNKNOWN_YAW: Final = 1e3  # a fix says nothing of the yaw: far more than a turn [rad]
 
 
-def gnss_position(plane: int, key: int, pose: se2.Array, sigma_m: float, reach: float) -> gtsam.BetweenFactorPose2:
+def gnss_position(plane: int, key: int, pose: se2.Array, sigma_m: float) -> gtsam.BetweenFactorPose2:
     """Returns the factor of a fix; one that jumps away hardly pulls (Geman and McClure's weights).
 
     Args:
@@ -21,10 +23,9 @@ def gnss_position(plane: int, key: int, pose: se2.Array, sigma_m: float, reach: 
         key: of the pose that was fixed (Pose2).
         pose: (3,) of it in the tangent plane: the position that was fixed [m], and about its yaw [rad].
         sigma_m: standard deviation along each axis [m].
-        reach: residual beyond which a fix hardly counts [standard deviations].
     """
     sigmas = gtsam.noiseModel.Diagonal.Sigmas(np.array([sigma_m, sigma_m, _UNKNOWN_YAW]))
-    robust = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.GemanMcClure.Create(reach), sigmas)
+    robust = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.GemanMcClure.Create(REACH), sigmas)
     return gtsam.BetweenFactorPose2(plane, key, gtsam.Pose2(*pose), robust)
 
 

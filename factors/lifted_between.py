@@ -5,12 +5,15 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 
-from mqslam.config import GraphConfig
-
+# Standard deviation [m] of z in a factor between poses in space, about which the radar says nothing: where a road bends, a
+# vehicle leaves the plane in which it stands by no more within a submap.
+_LIFTED_M = 0.1
+# The same of roll and pitch [rad]: roads bend, and springs give way, by about as much within a submap.
+_LIFTED_RAD = 0.03
 _PLANAR = np.ix_([3, 4, 2], [3, 4, 2])  # x, y and yaw of a pose in space, whose errors are roll, pitch, yaw, x, y, z
 
 
-def lifted_between(planar: gtsam.BetweenFactorPose2, config: GraphConfig) -> gtsam.BetweenFactorPose3:
+def lifted_between(planar: gtsam.BetweenFactorPose2) -> gtsam.BetweenFactorPose3:
     """Returns the factor of a planar motion between two poses in space.
 
     Both poses are taken to lie in one plane, that of the first one, but for weak noise on z, roll and pitch. The loss stays
@@ -18,13 +21,12 @@ def lifted_between(planar: gtsam.BetweenFactorPose2, config: GraphConfig) -> gts
 
     Args:
         planar: the factor of the motion between poses in the plane.
-        config: settings of the graph, which say how weak that noise is.
     """
     a, b = planar.keys()
     motion, noise = planar.measured(), planar.noiseModel()
     gaussian = noise.noise() if isinstance(noise, gtsam.noiseModel.Robust) else noise
     assert isinstance(gaussian, gtsam.noiseModel.Gaussian)
-    covariance = np.diag(np.square([config.lifted_rad] * 3 + [config.lifted_m] * 3))
+    covariance = np.diag(np.square([_LIFTED_RAD] * 3 + [_LIFTED_M] * 3))
     covariance[_PLANAR] = gaussian.covariance()
     spatial: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(covariance)
     if isinstance(noise, gtsam.noiseModel.Robust):

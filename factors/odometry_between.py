@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import gtsam
 
-from mqslam.config import GraphConfig
 from mqslam.core.measurement import Measurement
 from mqslam.factors.noise import between_noise
 
 
-def odometry_between(a: int, b: int, motion: Measurement, config: GraphConfig) -> gtsam.BetweenFactorPose2:
+def odometry_between(a: int, b: int, motion: Measurement) -> gtsam.BetweenFactorPose2:
     """Returns the factor of an odometry motion with its own covariance.
 
     Args:
         a: key of the pose at the motion's begin.
         b: key of the pose at its end.
         motion: the measurement.
-        config: settings of the graph.
     """
-    noise = between_noise(motion.covariance, motion.pose[2], config.huber)
+    noise = between_noise(motion.covariance, motion.pose[2])
     return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*motion.pose), noise)

@@ -6,14 +6,11 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import GraphConfig
 from mqslam.core import se2
 from mqslam.factors.noise import between_noise
 
 
-def psi_between(
-    a: int, b: int, pose: se2.Array, covariance: NDArray[np.float64], config: GraphConfig
-) -> gtsam.BetweenFactorPose2:
+def psi_between(a: int, b: int, pose: se2.Array, covariance: NDArray[np.float64]) -> gtsam.BetweenFactorPose2:
     """Returns the factor of a measured relative pose: of a scan in its submap, or of a scan in another's frame.
 
     Args:
@@ -21,6 +18,5 @@ def psi_between(
         b: key of the later scan or submap.
         pose: (3,) of b in the frame of a [m, m, rad].
         covariance: (3, 3) of it, in the frame of a, as the score's curvature gives it.
-        config: settings of the graph.
     """
-    return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*pose), between_noise(covariance, pose[2], config.huber))
+    return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*pose), between_noise(covariance, pose[2]))

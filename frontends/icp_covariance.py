@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import ScanMatchingConfig
 from mqslam.core import se2
 from mqslam.psi.scoring.nearest import find_nearest
 from mqslam.psi.scoring.neighbours import mark_near, sort_into_cells
@@ -23,13 +22,12 @@ class Surface:
 
     Args:
         points: (M, 2) m, map frame.
-        settings: how its direction is found.
+        cell_m: side of the cells in which they are searched [m].
     """
 
-    def __init__(self, points: NDArray[np.float64], settings: ScanMatchingConfig) -> None:
+    def __init__(self, points: NDArray[np.float64], cell_m: float) -> None:
         self._points = points
-        self._settings = settings
-        self._grid = sort_into_cells(points, settings.voxel_size_m)
+        self._grid = sort_into_cells(points, cell_m)
 
     def count_matched(self, scan: NDArray[np.float64], pose: se2.Array, reach: float) -> int:
         """Returns how many points (N, 2) [m] of a scan at a pose (3,) have a map point within reach [m]."""

@@ -52,7 +52,7 @@ class KissIcpFrontEnd:
         Raises:
             EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
         """
-        return match_scans(scans, lambda: _KissIcpMatcher(self._config, self._settings), self._context, self._settings)
+        return match_scans(scans, lambda: _KissIcpMatcher(self._config, self._settings), self._context)
 
 
 class _KissIcpMatcher:
@@ -77,7 +77,7 @@ class _KissIcpMatcher:
         scan, predicted = source[:, :2], se2.compose(before, motion)
         kernel = kiss.adaptive_threshold.get_threshold()
         reach = _REACH * kernel
-        surface = None if kiss.local_map.empty() else Surface(kiss.local_map.point_cloud()[:, :2], settings)
+        surface = None if kiss.local_map.empty() else Surface(kiss.local_map.point_cloud()[:, :2], settings.voxel_size_m)
         # with no more than a few correspondences its linear system is singular, and it aborts the process
         if surface is None or surface.count_matched(scan, predicted, reach) < FEWEST_MATCHED:
             kiss.local_map.update(joining, to_matrix(predicted))

@@ -13,6 +13,9 @@ from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError, Remedy
 
+# Standard deviation of the position over a scan at rest [m]: what a wheel's encoder and its slack leave unknown.
+SIGMA_REST_M = 0.01
+
 
 class OdometryFrontEnd:
     """Reads motions off the odometry of the context.
@@ -44,6 +47,6 @@ class OdometryFrontEnd:
             raise EstimationError(f"the odometry does not cover {t0:.2f} s to {scan.t0:.2f} s of the recording")
         first, last = self._odometry.at(stamps)
         pose = se2.wrapped_between(first, last)
-        along = self._settings.sigma_rest_m + self._settings.sigma_travel * float(np.hypot(pose[0], pose[1]))
+        along = SIGMA_REST_M + self._settings.sigma_travel * float(np.hypot(pose[0], pose[1]))
         yaw = self._settings.sigma_yaw_rate * (scan.t0 - t0)
         return Measurement(t0, scan.t0, pose, np.diag([along**2, along**2, yaw**2]), points=len(scan.returns))

@@ -22,9 +22,19 @@ from mqslam.frontends.scan_matching import FEWEST_MATCHED, match_scans
 from mqslam.frontends.scan_track import Match
 from mqslam.frontends.spatial import from_matrix, lift, to_matrix
 
+# Longest distance between corresponding points [m], the side of the map's voxels by default.
+_REACH_M = 1.0
+# Number of scans that the map holds.
+_KEYFRAMES = 20
+# A scan joins the map after this much travel [m].
+_KEYFRAME_M = 2.0
+# Most iterations of one registration.
+_ITERATIONS = 30
+# Squared residual at which generalized ICP gives a pair a quarter of the weight [m^2].
+_LOSS = 1.0
 # A scan also joins the map after this much turning [rad].
 _KEYFRAME_RAD = 0.1
-# Reach of the first registration of a scan, in units of reach_m, which is that of the second.
+# Reach of the first registration of a scan, in units of _REACH_M, which is that of the second.
 _FIRST_REACH = 3.0
 # Side of a scan's voxels, as a share of the map's.
 _SCAN_VOXEL = 0.5
@@ -48,7 +58,7 @@ class Open3dIcpFrontEnd:
         Raises:
             EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
         """
-        return match_scans(scans, lambda: _Open3dMatcher(self._open3d, self._settings), self._context, self._settings)
+        return match_scans(scans, lambda: _Open3dMatcher(self._open3d, self._settings), self._context)
 
 
 class _Open3dMatcher:
@@ -64,7 +74,7 @@ class _Open3dMatcher:
     def __init__(self, open3d: Any, settings: Open3dIcpConfig) -> None:
         self._open3d = open3d
         self._settings = settings
-        self._keyframes: deque[NDArray[np.float64]] = deque(maxlen=settings.keyframes)
+        self._keyframes: deque[NDArray[np.float64]] = deque(maxlen=_KEYFRAMES)
         self._last_keyframe: se2.Array | None = None
         self._map: tuple[Any, Surface] | None = None
 
@@ -81,7 +91,7 @@ class _Open3dMatcher:
 
     def _register(self, placed: NDArray[np.float64], predicted: se2.Array) -> Match | None:
         """Places a scan in the map, at first with a wide reach; returns None where hardly anything matches."""
-        reach, first_reach = self._settings.reach_m, _FIRST_REACH * self._settings.reach_m
+        reach, first_reach = _REACH_M, _FIRST_REACH * _REACH_M
         if self._map is None:
             return None
         target, surface = self._map
@@ -100,9 +110,9 @@ class _Open3dMatcher:
     def _run_icp(self, source: Any, target: Any, distance: float, begin: se2.Array) -> NDArray[np.float64]:
         """Returns where Open3D puts a scan that begins at a pose (3,), as a (4, 4) matrix."""
         registration = self._open3d.pipelines.registration
-        criteria = registration.ICPConvergenceCriteria(max_iteration=self._settings.iterations)
+        criteria = registration.ICPConvergenceCriteria(max_iteration=_ITERATIONS)
         if self._settings.method == "generalized":
-            estimation = registration.TransformationEstimationForGeneralizedICP(registration.GMLoss(self._settings.loss))
+            estimation = registration.TransformationEstimationForGeneralizedICP(registration.GMLoss(_LOSS))
             register = registration.registration_generalized_icp
         else:
             estimation = registration.TransformationEstimationPointToPoint()
@@ -114,7 +124,7 @@ class _Open3dMatcher:
         """Adds a scan to the map, where the last keyframe is far away."""
         if self._last_keyframe is not None:
             moved = se2.between(self._last_keyframe, pose)
-            near = np.hypot(moved[0], moved[1]) < self._settings.keyframe_m
+            near = np.hypot(moved[0], moved[1]) < _KEYFRAME_M
             if near and abs(se2.wrap(moved[2])) < _KEYFRAME_RAD:
                 return
         if not len(placed):
@@ -122,7 +132,7 @@ class _Open3dMatcher:
         self._keyframes.append(se2.transform(pose, placed))
         self._last_keyframe = pose
         cloud = self._cloud(np.concatenate(self._keyframes), self._settings.voxel_size_m)
-        self._map = cloud, Surface(np.asarray(cloud.points)[:, :2], self._settings)
+        self._map = cloud, Surface(np.asarray(cloud.points)[:, :2], self._settings.voxel_size_m)
 
     def _cloud(self, points: NDArray[np.float64], voxel_size: float) -> Any:
         """Returns points (N, 2) [m] as a downsampled cloud with z = 0, and covariances where the method needs them."""
@@ -130,7 +140,7 @@ class _Open3dMatcher:
         cloud = self._open3d.geometry.PointCloud(vectors).voxel_down_sample(voxel_size)
         if self._settings.method == "generalized" and len(cloud.points):
             planar = np.asarray(cloud.points)[:, :2]
-            flatness, axes = Surface(planar, self._settings).find_directions(planar)
+            flatness, axes = Surface(planar, self._settings.voxel_size_m).find_directions(planar)
             variances = np.stack([flatness, np.ones(len(flatness))], axis=1)
             covariances = np.tile(np.eye(3), (len(planar), 1, 1))
             covariances[:, :2, :2] = (axes * variances[:, None, :]) @ np.swapaxes(axes, 1, 2)

@@ -9,7 +9,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import ScanMatchingConfig
 from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
@@ -35,6 +34,12 @@ _START_AS_GOOD = 0.95
 _COAST_VY = 0.3
 # Standard deviation of the yaw rate where it is only predicted [rad/s].
 _COAST_OMEGA = 0.1
+# Number of scans in a row that are followed backwards in time, too, to learn how large errors are.
+_BACKWARD_SCANS = 80
+# One such stretch is followed in every so many scans; errors are as large everywhere.
+_BACKWARD_EVERY = 1000
+# Number of scans by which such a stretch begins earlier, while its map is still thin.
+_BACKWARD_WARM_UP = 20
 # Missing time between two scans from which it counts as a gap, in turns of the radar.
 _GAP_TURNS = 0.5
 
@@ -42,9 +47,7 @@ _GAP_TURNS = 0.5
 NewTrack = Callable[[float, se2.Array], ScanTrack]  # a track from a time [s] on, that begins with a twist (3,)
 
 
-def match_scans(
-    scans: Iterable[Scan], new_matcher: Callable[[], Matcher], context: Context, settings: ScanMatchingConfig
-) -> Iterator[Measurement]:
+def match_scans(scans: Iterable[Scan], new_matcher: Callable[[], Matcher], context: Context) -> Iterator[Measurement]:
     """Yields the motion from the start of each scan to the start of the next.
 
     A matcher predicts by its last motion, so that it has to begin with one. It finds its own: over the first scans it runs
@@ -58,7 +61,6 @@ def match_scans(
         scans: in order.
         new_matcher: makes a matcher that has seen nothing.
         context: of the front end; its odometry serves the start and nothing else.
-        settings: of the front end.
 
     Raises:
         EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
@@ -67,14 +69,14 @@ def match_scans(
     head = _take_head(scans)
 
     def new_track(time: float, twist: se2.Array) -> ScanTrack:
-        return ScanTrack(new_matcher(), time, twist, settings, context.doppler_beta)
+        return ScanTrack(new_matcher(), time, twist, context.doppler_beta)
 
     twist, start = _find_start(head, new_track, context)
     track, followed = new_track(head[0].t0, twist), []
     for motion, unseen_s in _follow(scans, track, start):
         followed.append((motion, unseen_s))
         context.preview(motion)
-    backward = _measure_backwards(scans, [motion for motion, _ in followed], new_track, settings)
+    backward = _measure_backwards(scans, [motion for motion, _ in followed], new_track)
     twice = [
         Twice(m.pose, se2.subtract(b, m.pose), 2.0 * np.diag(m.covariance))
         for (m, unseen_s), b in zip(followed, backward, strict=True)
@@ -118,33 +120,30 @@ def _follow(scans: Sequence[Scan], track: ScanTrack, start: Step) -> Iterator[tu
         before, begin, coasted_s, step = scan, end, step.coasted_s, after
 
 
-def _measure_backwards(
-    scans: Sequence[Scan], motions: Sequence[Measurement], new_track: NewTrack, settings: ScanMatchingConfig
-) -> list[se2.Array | None]:
+def _measure_backwards(scans: Sequence[Scan], motions: Sequence[Measurement], new_track: NewTrack) -> list[se2.Array | None]:
     """Returns the motions (3,) between the scans as tracks backwards measure them; None stands where none did.
 
     Args:
         scans: all of them.
         motions: those between them, as the track forwards measured them.
         new_track: makes a track.
-        settings: how many scans are followed backwards.
     """
     backward: list[se2.Array | None] = [None] * len(motions)
-    for first, last in _pick_stretches(len(scans), settings):
+    for first, last in _pick_stretches(len(scans)):
         after = motions[last - 1]
         twist = se2.log(after.pose) / (after.t1 - after.t0)
         measured = _follow_backwards(scans[first : last + 1], new_track(scans[last].t1, twist))
-        grown = last if last == len(motions) and first == 0 else last - settings.backward_warm_up
+        grown = last if last == len(motions) and first == 0 else last - _BACKWARD_WARM_UP
         backward[first:grown] = measured[: grown - first]
     return backward
 
 
-def _pick_stretches(count: int, settings: ScanMatchingConfig) -> list[tuple[int, int]]:
+def _pick_stretches(count: int) -> list[tuple[int, int]]:
     """Returns the first and the last scan of each stretch that is followed backwards, evenly spread over all scans."""
-    length = settings.backward_scans + settings.backward_warm_up
+    length = _BACKWARD_SCANS + _BACKWARD_WARM_UP
     if count <= length:
         return [(0, count - 1)]
-    ends = np.linspace(0, count - 1, -(-count // settings.backward_every) + 1)[1:].astype(int).tolist()
+    ends = np.linspace(0, count - 1, -(-count // _BACKWARD_EVERY) + 1)[1:].astype(int).tolist()
     return [(end - length, end) for end in ends if end >= length]
 
 

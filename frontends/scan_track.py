@@ -9,9 +9,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import ScanMatchingConfig
 from mqslam.core import se2
 from mqslam.core.scans import Scan
+
+# A longer gap is a pause or a jump of the clock [s]. After it the sensor is taken to be at rest.
+_LONGEST_COAST_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,15 +81,11 @@ class ScanTrack:
         matcher: one that has seen nothing yet.
         time: when the track begins [s].
         twist: (3,) the motion that it begins with [m/s, m/s, rad/s].
-        settings: of the front end.
         doppler_beta: range shift per closing speed [s], which is taken out of the ranges.
     """
 
-    def __init__(
-        self, matcher: Matcher, time: float, twist: se2.Array, settings: ScanMatchingConfig, doppler_beta: float
-    ) -> None:
+    def __init__(self, matcher: Matcher, time: float, twist: se2.Array, doppler_beta: float) -> None:
         self._matcher = matcher
-        self._settings = settings
         self._doppler_beta = doppler_beta
         self.twist = twist
         self.last = Step(time, np.zeros(3), np.zeros((3, 3)), 0.0, 0.0)
@@ -103,7 +101,7 @@ class ScanTrack:
         first, last = (scan.t1, scan.t0) if backwards else (scan.t0, scan.t1)
         time = first + self._matcher.reference * (last - first)
         elapsed, duration = time - self.last.time, last - first
-        if abs(elapsed) > self._settings.longest_coast_s:
+        if abs(elapsed) > _LONGEST_COAST_S:
             self.twist = np.zeros(3)
         motion = se2.exp(self.twist, duration)
         before = se2.compose(self.last.pose, se2.exp(self.twist, elapsed - duration))  # across a gap, if there is one

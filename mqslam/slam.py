@@ -73,7 +73,7 @@ class Slam:
         with runner.time_stage("total"):
             context = Context.of(recording, config, odometry, sensors)
             frontends.create(self._name, context)  # raises before the recording is read, if it lacks anything
-            scans, detected = detect_all(recording, config.detector, runner, strict=self._strict, chirps=config.chirps)
+            scans, detected = detect_all(recording, config.detector, runner, strict=self._strict, with_velocities=True)
             runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
             try:
                 beta, sigma = find_doppler(scans, config, runner)
@@ -121,11 +121,11 @@ class Slam:
                 measurements = straighten(measurements, scans, config, beam, runner)
         with runner.time_stage("optimise"):
             odometry, fault = hold_odometry(scans, context, self._name, measurements)
-            edges = make_odometry_edges(odometry, measurements, config.odometry, config.graph, context.sensors.mount)
+            edges = make_odometry_edges(odometry, measurements, config.odometry, context.sensors.mount)
             before = reckon(scans, odometry or measurements)
-            problem, used = Problem(measurements, edges, config.graph), SensorUse(odometry=fault)
+            problem, used = Problem(measurements, edges), SensorUse(odometry=fault)
             with runner.tolerate("the sensors beside the radar"):
-                sections = SensorSettings(config.gyroscope, config.gnss, config.velocity, config.odometry)
+                sections = SensorSettings(config.gyroscope, config.velocity, config.odometry)
                 sensors, velocities = context.sensors, context.velocities
                 problem, used = join_sensors(problem, odometry, sensors, velocities, scans.start_us, sections, fault)
         search = LoopSearch([], 0)

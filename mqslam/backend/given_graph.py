@@ -9,7 +9,6 @@ import gtsam
 
 from mqslam.backend.pose_graph import Optimum, PoseGraph
 from mqslam.backend.problem import GraphProblem
-from mqslam.config import GraphConfig
 from mqslam.core.measurement import Loop
 from mqslam.errors import EstimationError
 from mqslam.factors.loop_between import loop_between
@@ -25,14 +24,12 @@ class GivenGraph(GraphProblem):
         values: of all variables.
         keys: (N,) key of the pose of each scan.
         lift: makes a factor between planar poses one between poses of the graph.
-        graph_settings: settings of the ties.
     """
 
     factors: gtsam.NonlinearFactorGraph
     values: gtsam.Values
     keys: Sequence[int]
     lift: Callable[[gtsam.BetweenFactorPose2], gtsam.NonlinearFactor]
-    graph_settings: GraphConfig
 
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
         """Returns the graph with the given loops and ties of the refinement; it starts from the given values."""
@@ -48,10 +45,8 @@ class GivenGraph(GraphProblem):
 
     def make_tie_factors(self, ties: Sequence[Loop]) -> list[gtsam.NonlinearFactor]:
         """Returns the factors of ties of the refinement."""
-        keys, settings = self.keys, self.graph_settings
-        return [
-            self.lift(psi_between(keys[tie.earlier], keys[tie.later], tie.pose, tie.covariance, settings)) for tie in ties
-        ]
+        keys = self.keys
+        return [self.lift(psi_between(keys[tie.earlier], keys[tie.later], tie.pose, tie.covariance)) for tie in ties]
 
     def optimise(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> tuple[PoseGraph, Optimum]:
         """Returns the graph with the given loops and ties, and its optimum.

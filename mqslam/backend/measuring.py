@@ -82,5 +82,5 @@ def _find_help(name: str, scans: Scans, context: Context, measurements: Sequence
     gyroscope, config = context.sensors.gyroscope, context.config
     if gyroscope is None or not getattr(frontends.load(name), "takes_turning", False):
         return None
-    drift = Problem(measurements, [], config.graph).yaw_drift
+    drift = Problem(measurements, []).yaw_drift
     return find_turning(gyroscope, scans.start_us, measurements, drift, config.gyroscope)

@@ -10,7 +10,6 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import M, X
 
-from mqslam.config import GraphConfig
 from mqslam.core import se2
 from mqslam.errors import describe_error, raise_interrupt
 from mqslam.factors.prior import prior
@@ -62,14 +61,13 @@ class Optimum:
 
 
 def build_pose_graph(
-    initial: se2.Array, between: Iterable[gtsam.NonlinearFactor], config: GraphConfig, submaps: Iterable[se2.Array] = ()
+    initial: se2.Array, between: Iterable[gtsam.NonlinearFactor], submaps: Iterable[se2.Array] = ()
 ) -> PoseGraph:
     """Returns a graph of between-factors in which the first pose is held where it starts.
 
     Args:
         initial: (n, 3) poses of scans to start from, x [m], y [m], yaw [rad].
         between: factors over keys X(0) .. X(n-1) of scans and M(0) .. M(m-1) of submaps.
-        config: settings of the graph.
         submaps: m poses (3,) of submaps to start from.
     """
     factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
@@ -77,7 +75,7 @@ def build_pose_graph(
         values.insert(X(k), gtsam.Pose2(*pose))
     for j, pose in enumerate(submaps):
         values.insert(M(j), gtsam.Pose2(*pose))
-    factors.push_back(prior(X(0), initial[0], config))
+    factors.push_back(prior(X(0), initial[0]))
     for factor in between:
         factors.push_back(factor)
     return PoseGraph(factors, values, len(initial))

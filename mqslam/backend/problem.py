@@ -19,7 +19,6 @@ from mqslam.backend.pose_graph import Optimum, PoseGraph, build_pose_graph, opti
 from mqslam.backend.sensors.gnss.fix_use import FixEdges
 from mqslam.backend.sensors.gyroscope.turn_edges import TurnEdges
 from mqslam.backend.submaps import Submaps, split_into_submaps
-from mqslam.config import GraphConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Measurement
 from mqslam.factors.loop_between import loop_between
@@ -70,7 +69,6 @@ class Problem(GraphProblem):
     Args:
         measurements: the front end's motions between successive scans.
         odometry: the odometry's motions between the same scans, calibrated, or none.
-        graph_settings: settings of the edges between successive scans.
         turns: the turns of a gyroscope between the same scans, or None.
         fixes: positions of scans that a GNSS receiver has fixed, or None.
         travels: motions that say nothing of the turn, by the number of the scan that each starts at, or None.
@@ -78,24 +76,22 @@ class Problem(GraphProblem):
 
     measurements: Sequence[Measurement]
     odometry: Sequence[Measurement]
-    graph_settings: GraphConfig
     turns: TurnEdges | None = None
     fixes: FixEdges | None = None
     travels: Mapping[int, Measurement] | None = None
 
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
         """Returns the graph with the given loops and ties of the refinement; it starts from the chained measurements."""
-        settings = self.graph_settings
         factors: list[gtsam.NonlinearFactor] = [*self.make_factors(X, M)]
         factors += [loop_between(X(loop.earlier), X(loop.later), loop) for loop in loops]
-        factors += [psi_between(X(tie.earlier), X(tie.later), tie.pose, tie.covariance, settings) for tie in ties]
+        factors += [psi_between(X(tie.earlier), X(tie.later), tie.pose, tie.covariance) for tie in ties]
         chain = se2.chain(m.pose for m in self.measurements)
-        factors += [odometry_between(X(k), X(k + 1), travel, settings) for k, travel in (self.travels or {}).items()]
+        factors += [odometry_between(X(k), X(k + 1), travel) for k, travel in (self.travels or {}).items()]
         if self.turns is not None:
             factors += self.turns.list_factors(chain)
         if self.fixes is not None:
             factors += self.fixes.list_factors()
-        graph = build_pose_graph(chain, factors, settings, chain[self.submaps.first_scans])
+        graph = build_pose_graph(chain, factors, chain[self.submaps.first_scans])
         if self.turns is not None:
             self.turns.insert_into(graph.initial)
         if self.fixes is not None:
@@ -109,11 +105,11 @@ class Problem(GraphProblem):
             scan: returns the key of a scan by its number.
             submap: returns the key of a submap by its number.
         """
-        settings, submaps = self.graph_settings, self.submaps
-        factors = [psi_between(submap(p.submap), scan(p.number), p.pose, p.covariance, settings) for p in submaps.placements]
-        factors += [psi_between(submap(t.submap), submap(t.number), t.pose, t.covariance, settings) for t in submaps.ties]
-        factors += [psi_between(scan(k), scan(k + 1), m.pose, m.covariance, settings) for k, m in self._list_apart()]
-        factors += [odometry_between(scan(k), scan(k + 1), m, settings) for k, m in enumerate(self.odometry)]
+        submaps = self.submaps
+        factors = [psi_between(submap(p.submap), scan(p.number), p.pose, p.covariance) for p in submaps.placements]
+        factors += [psi_between(submap(t.submap), submap(t.number), t.pose, t.covariance) for t in submaps.ties]
+        factors += [psi_between(scan(k), scan(k + 1), m.pose, m.covariance) for k, m in self._list_apart()]
+        factors += [odometry_between(scan(k), scan(k + 1), m) for k, m in enumerate(self.odometry)]
         return factors
 
     def list_statements(self) -> list[Measurement]:
@@ -143,8 +139,8 @@ class Problem(GraphProblem):
     @cached_property
     def submaps(self) -> Submaps:
         """The submaps of the drive, tied to each other as surely as the run shows that its map drifts."""
-        submaps = split_into_submaps(self.measurements, self.graph_settings)
-        return widen_ties(submaps, self.measurements, self.graph_settings)
+        submaps = split_into_submaps(self.measurements)
+        return widen_ties(submaps, self.measurements)
 
     @property
     def yaw_drift(self) -> float:

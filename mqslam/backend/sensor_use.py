@@ -16,7 +16,7 @@ from mqslam.backend.sensors.gnss.fix_use import FixUse, join_fixes
 from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse, join_gyroscope
 from mqslam.backend.sensors.mount_use import MountUse, find_mount
 from mqslam.backend.sensors.odometry.odometry_fault import OdometryFault
-from mqslam.config import GnssConfig, GyroscopeConfig, OdometryConfig, VelocityConfig
+from mqslam.config import GyroscopeConfig, OdometryConfig, VelocityConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Refined
 from mqslam.core.sensors.sensors import Sensors
@@ -29,7 +29,6 @@ class SensorSettings(NamedTuple):
     """The settings of the sensors beside the radar's returns."""
 
     gyroscope: GyroscopeConfig
-    gnss: GnssConfig
     velocity: VelocityConfig
     odometry: OdometryConfig
 
@@ -149,13 +148,13 @@ def join_sensors(
         The problem with the sensors that agree, and what became of all.
     """
     turning, placing, moving, mount = None, None, None, sensors.mount
-    mounted = find_mount(mount, odometry, problem.measurements, settings.odometry, problem.graph_settings)
+    mounted = find_mount(mount, odometry, problem.measurements, settings.odometry)
     if sensors.gyroscope is not None and problem.measurements:
         turning = join_gyroscope(sensors.gyroscope, start_us, problem.measurements, problem.yaw_drift, settings.gyroscope)
         problem = replace(problem, turns=turning.edges)
     if sensors.fixes is not None and problem.measurements:
         antenna = None if mount is None else se2.inverse(mount.pose)[:2]  # at the origin of the vehicle's frame
-        placing = join_fixes(sensors.fixes, start_us, problem.measurements, antenna, settings.gnss)
+        placing = join_fixes(sensors.fixes, start_us, problem.measurements, antenna)
         if placing.edges is not None:
             _, optimum = replace(problem, fixes=placing.edges).optimise([])
             placing = placing.judge_jumps(optimum.values)

@@ -15,10 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import GraphConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 
+# Path [m] along which scans are taken to be matched to the same map. After it the map has taken a keyframe more, and is off
+# by as much as a scan may be.
+_SUBMAP_M = 4.0
 _LEAST = np.diag([1e-8, 1e-8, 1e-12])  # numerical: keeps the covariance of an error of zero from being singular
 
 
@@ -54,14 +56,13 @@ class Submaps:
     ties: Sequence[Placement]
 
 
-def split_into_submaps(measurements: Sequence[Measurement], settings: GraphConfig) -> Submaps:
+def split_into_submaps(measurements: Sequence[Measurement]) -> Submaps:
     """Splits a drive into submaps.
 
     Motions between scans that were not both matched to one map belong to no submap: they tie the scans themselves.
 
     Args:
         measurements: motions between successive scans.
-        settings: of the graph.
     """
     errors = _estimate_errors(measurements)
     first_scans: list[int] = []
@@ -74,7 +75,7 @@ def split_into_submaps(measurements: Sequence[Measurement], settings: GraphConfi
         motion = measurements[k - 1] if k and measurements[k - 1].on_map else None
         if motion is not None:
             within = se2.compose(within, motion.pose)
-        if motion is None or np.hypot(within[0], within[1]) >= settings.submap_m:
+        if motion is None or np.hypot(within[0], within[1]) >= _SUBMAP_M:
             if motion is not None:
                 placed = se2.rotate_covariance(covariance, within[2])
                 ties.append(Placement(len(first_scans) - 1, len(first_scans), within, placed))

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict
 
 from mqslam.config.audit_config import AuditConfig, CompareConfig, MendConfig, VerdictConfig
 from mqslam.config.check_config import CheckConfig
-from mqslam.config.detector_config import ChirpConfig, DetectorConfig
+from mqslam.config.detector_config import DetectorConfig
 from mqslam.config.estimator_config import EstimatorConfig
 from mqslam.config.fields import is_expert
 from mqslam.config.frontend_config import (
@@ -22,12 +22,11 @@ from mqslam.config.frontend_config import (
     Open3dIcpConfig,
     ScanMatchingConfig,
 )
-from mqslam.config.graph_config import GraphConfig
 from mqslam.config.loop_config import LoopConfig, RefinementConfig
 from mqslam.config.map_config import MapConfig, MergeConfig
 from mqslam.config.psi_config import PsiConfig
 from mqslam.config.reading_config import ReadingConfig
-from mqslam.config.sensor_config import GnssConfig, GyroscopeConfig, SensorConfig, VelocityConfig
+from mqslam.config.sensor_config import GyroscopeConfig, SensorConfig, VelocityConfig
 from mqslam.config.tracker_config import TrackerConfig
 from mqslam.config.yaml_file import parse_yaml
 from mqslam.errors import ConfigError, suggest, untrusted
@@ -36,13 +35,10 @@ __all__ = [
     "AuditConfig",
     "CalibrationConfig",
     "CheckConfig",
-    "ChirpConfig",
     "CompareConfig",
     "Config",
     "DetectorConfig",
     "EstimatorConfig",
-    "GnssConfig",
-    "GraphConfig",
     "GyroscopeConfig",
     "KissIcpConfig",
     "LoopConfig",
@@ -77,7 +73,6 @@ class Config(BaseModel):
     reading: ReadingConfig = ReadingConfig()
     sensor: SensorConfig = SensorConfig()
     detector: DetectorConfig = DetectorConfig()
-    chirps: ChirpConfig = ChirpConfig()
     psi: PsiConfig = PsiConfig()
     estimator: EstimatorConfig = EstimatorConfig()
     tracker: TrackerConfig = TrackerConfig()
@@ -86,9 +81,7 @@ class Config(BaseModel):
     open3d_icp: Open3dIcpConfig = Open3dIcpConfig()
     odometry: OdometryConfig = OdometryConfig()
     gyroscope: GyroscopeConfig = GyroscopeConfig()
-    gnss: GnssConfig = GnssConfig()
     velocity: VelocityConfig = VelocityConfig()
-    graph: GraphConfig = GraphConfig()
     loops: LoopConfig = LoopConfig()
     refinement: RefinementConfig = RefinementConfig()
     merge: MergeConfig = MergeConfig()

@@ -34,25 +34,6 @@ class ScanMatchingConfig(BaseModel):
     )
     max_range_m: float = Field(100.0, gt=0.0, description="Farther returns are dropped [m].")
 
-    longest_coast_s: float = expert(
-        60.0,
-        gt=0.0,
-        description="A longer gap is a pause or a jump of the clock [s]. After it the sensor is taken to be at rest.",
-    )
-    backward_scans: int = expert(
-        80,
-        ge=2,
-        description="Number of scans in a row that are followed backwards in time, too, to learn how large errors are.",
-    )
-    backward_every: int = expert(
-        1000,
-        ge=10,
-        description="One such stretch is followed in every so many scans; errors are as large everywhere.",
-    )
-    backward_warm_up: int = expert(
-        20, ge=0, description="Number of scans by which such a stretch begins earlier, while its map is still thin."
-    )
-
 
 class KissIcpConfig(ScanMatchingConfig):
     """Settings of the KISS-ICP front end."""
@@ -72,13 +53,6 @@ class Open3dIcpConfig(ScanMatchingConfig):
         "point_to_point",
         description="Open3D's registration to use; generalized takes three times as long and drifts no less.",
     )
-    reach_m: float = Field(1.0, gt=0.0, description="Longest distance between corresponding points [m].")
-    keyframes: int = Field(20, ge=1, description="Number of scans that the map holds.")
-    keyframe_m: float = Field(2.0, ge=0.0, description="A scan joins the map after this much travel [m].")
-    iterations: int = expert(30, ge=1, description="Most iterations of one registration.")
-    loss: float = expert(
-        1.0, gt=0.0, description="Squared residual at which generalized ICP gives a pair a quarter of the weight [m^2]."
-    )
 
 
 class OdometryConfig(BaseModel):
@@ -91,14 +65,4 @@ class OdometryConfig(BaseModel):
         ge=0.0,
         description="Standard deviation of travel, as a share of it. The graph estimates it better where it can.",
     )
-    sigma_rest_m: float = Field(0.01, gt=0.0, description="Standard deviation of the position over a scan at rest [m].")
     sigma_yaw_rate: float = Field(0.02, gt=0.0, description="Standard deviation of the yaw rate [rad/s].")
-    mount_common_m: float = expert(
-        0.03,
-        ge=0.0,
-        description="Standard deviation of what psi itself gets wrong in all turns alike, as a place of the radar [m]: "
-        "0.015 to 0.028 was found in simulated streets. An estimate states it beside what scatters from motion to motion.",
-    )
-    mount_common_rad: float = expert(
-        0.0005, ge=0.0, description="The same of the yaw [rad]: 0.0001 to 0.0005 was found in these streets."
-    )

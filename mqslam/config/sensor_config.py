@@ -79,19 +79,6 @@ class GyroscopeConfig(BaseModel):
     sigma_scale: float = expert(0.1, gt=0.0, description="Standard deviation of an unknown scale.")
 
 
-class GnssConfig(BaseModel):
-    """How the fixes of a GNSS receiver are held against the trajectory, and what makes them unfit."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    fewest: int = expert(10, ge=3, description="With fewer fixes than this within the recording they are not used.")
-    reach: float = Field(
-        3.0,
-        gt=0.0,
-        description="Distance from the trajectory beyond which a fix is a jump and hardly counts [standard deviations].",
-    )
-
-
 class VelocityConfig(BaseModel):
     """How velocities that chirps measure are held against psi, and what makes them unfit."""
 

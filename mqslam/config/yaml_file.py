@@ -24,37 +24,51 @@ _GONE = {
     "sensor": "doppler_gain doppler_least",
     "detector": (
         "join_bins ring_contrast ring_cells saturation_bins noise_azimuths fixed_range_m fixed_sectors "
-        "fixed_share fixed_most most_unread fixed_scans"
+        "fixed_share fixed_most most_unread fixed_scans strongest smoothing_m "
+        "join_m saturation ring_share"
     ),
-    "chirps": "background_m step_mps window_mps outlier_spreads",
+    "chirps": (
+        "background_m step_mps window_mps outlier_spreads doppler_beta min_range_m max_range_m cell_m smoothing_m "
+        "contrast fastest_mps clear acceleration sectors fewest_azimuths"
+    ),
+    "psi": "alpha_s xi",
     "estimator": (
         "stabiliser basins difference_step unknown_speed unknown_yaw_rate search_blur search_extent shrink "
-        "aspect_rad distinct_sigmas"
+        "aspect_rad distinct_sigmas c c_start steps beta_t xi apart_share apart_blur correlation observed_share "
+        "rival different search_pixel search_same search_peaks"
     ),
     "tracker": (
         "keyframe_rad sigma_position_m sigma_yaw sigma_vy persistence omega_max lost_share foresight_share "
         "least_matched least_share usual_memory beside_turn beside_turns start_speeds start_yaw_step "
         "rest_speed rest_slip rest_omega steady_s steady_turns search_sigmas search_least_m search_least_rad "
         "search_most_m search_most_rad grown_keyframes young_least unsteady_scans unsteady_least sigma_vx "
-        "sigma_ax longest_coast_s young_scans foresight_scans held_scans"
+        "sigma_ax longest_coast_s young_scans foresight_scans held_scans keyframe_m keyframes speed_min sigma_scale "
+        "final_width start_omega start_alpha matching_steps settled first_step foresight_margin fewest_returns "
+        "least_sector doubtful_psi start_scans patience warm_up_scans shared_scans"
     ),
     "calibration": "trusted gross moved_m",
     "kiss_icp": (
         "fewest_matched surface_points flattest start_returns start_step_m start_as_good coast_vy coast_omega "
-        "gap_turns coast_vx start_scans"
+        "gap_turns coast_vx start_scans longest_coast_s backward_scans backward_every backward_warm_up"
     ),
     "open3d_icp": (
         "fewest_matched surface_points flattest start_returns start_step_m start_as_good coast_vy coast_omega "
-        "gap_turns keyframe_rad first_reach scan_voxel coast_vx start_scans"
+        "gap_turns keyframe_rad first_reach scan_voxel coast_vx start_scans longest_coast_s backward_scans "
+        "backward_every backward_warm_up reach_m keyframes keyframe_m iterations loss"
     ),
-    "odometry": "sigma_mount_m sigma_mount_rad mount_known_m mount_known_rad",
+    "odometry": ("sigma_mount_m sigma_mount_rad mount_known_m mount_known_rad sigma_rest_m mount_common_m mount_common_rad"),
     "gyroscope": (
         "longest_delay_s least_correlation largest_scale usual_delay_s far_correlation most_wild told_sigmas "
         "delay_tolerance_s scale_tolerance largest_scale_sigma likely_scale knot_s first_walk sigma_bias"
     ),
-    "gnss": "longest_delay_s most_jumps alike_s knot_s largest_walk_m largest_share antenna_apart least_spread",
+    "gnss": (
+        "longest_delay_s most_jumps alike_s knot_s largest_walk_m largest_share antenna_apart least_spread fewest reach"
+    ),
     "velocity": "largest_scale most_wild told_sigmas scale_tolerance sigma_bias_mps span_s",
-    "graph": "drift_submaps drift_trusted drift_gross odometry_bias_walk",
+    "graph": (
+        "drift_submaps drift_trusted drift_gross odometry_bias_walk submap_m common_drift_m common_drift_rad huber "
+        "odometry_span_s odometry_fewest prior_m prior_rad lifted_m lifted_rad"
+    ),
     "recognition": (
         "aside_step_m gap_m agree_m agree_rad agree_share spacing_m submap_m range_m rings sectors aside_m guesses "
         "search_m search_rad row"

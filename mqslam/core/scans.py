@@ -198,9 +198,10 @@ class PeakCounts:
         """Advice where there are too few returns: it names the step that dropped most of them."""
         if 2 * self.unused_azimuths > self.azimuths:
             left_out = f"{self.unused_azimuths} of {self.azimuths} azimuths are marked invalid or count as saturated"
-            return f"{left_out}; raise detector.saturation if they are not"
+            return f"{left_out}; check the radar's gain and which azimuths its driver marks as invalid"
         if 2 * self.ring_peaks > self.peaks:
-            return f"{self.ring_peaks} of {self.peaks} peaks count as parts of a ring; raise detector.ring_share"
+            rings = f"{self.ring_peaks} of {self.peaks} peaks lie on rings around the radar"
+            return f"{rings}; look for something on its mount that reflects in all directions"
         if self.peaks_out_of_range > self.peaks:
             outside = f"{self.peaks_out_of_range} peaks lie out of range, where only {self.peaks} are within"
             return f"{outside}; raise detector.max_range_m or lower detector.min_range_m"

@@ -15,14 +15,28 @@ from numpy.typing import NDArray
 from scipy import fft
 from scipy.ndimage import gaussian_filter1d
 
-from mqslam.config import ChirpConfig
 from mqslam.core.recording import PolarScan
+from mqslam.core.sensors.velocity import CHIRP_BETA
 
+# Largest speed that is searched [m/s]: 160 km/h.
+FASTEST_MPS = 45.0
+# Nearer power is of the vehicle itself [m], which stands still in the sensor's frame.
+_MIN_RANGE_M = 2.5
+# Farther power is left out [m], because noise outweighs it.
+_MAX_RANGE_M = 150.0
+# Power is averaged over as many range bins as fit into this length [m]. It is shorter than an echo is wide, so that only
+# computing time is saved.
+_CELL_M = 0.09
+# Standard deviation of the Gaussian that smooths power along range [m]: half the width of an echo.
+_SMOOTHING_M = 0.1
+# Power counts as an echo from here on, above an azimuth's median and in units of the noise's spread (median minus 10th
+# percentile).
+_CONTRAST = 2.0
 # Standard deviation of the Gaussian whose average is taken off the power [m]. What is wider, such as haze behind strong
 # targets, keeps its range whatever the speed is.
 _BACKGROUND_M = 0.5
 
-_SPREAD = (10.0, 50.0)  # the percentiles between which the spread of the noise lies: the definition of chirps.contrast
+_SPREAD = (10.0, 50.0)  # the percentiles between which the spread of the noise lies: the definition of _CONTRAST
 _NEAR = 1.5  # azimuths farther apart than this many usual steps are no neighbours: one between them is missing
 _EVERY = 4  # step between the cells from which an azimuth's noise is taken, which saves time
 
@@ -49,14 +63,18 @@ class ChirpCorrelation:
         """The largest shift [cells], L."""
         return int(self.values.shape[1]) // 2
 
+    @property
+    def cell_mps(self) -> float:
+        """The closing speed that shifts echoes by one cell [m/s]."""
+        return self.cell / (2.0 * CHIRP_BETA)
 
-def correlate_chirps(polar_scan: PolarScan, range_resolution: float, config: ChirpConfig) -> ChirpCorrelation | None:
+
+def correlate_chirps(polar_scan: PolarScan, range_resolution: float) -> ChirpCorrelation | None:
     """Correlates the up-chirps of a polar scan with the down-chirps beside them; None where there are no such neighbours.
 
     Args:
         polar_scan: power of the up-chirps, and of the down-chirps in `down`.
         range_resolution: length of a range bin [m].
-        config: settings.
     """
     if polar_scan.down is None or not len(polar_scan.down.times):
         return None
@@ -71,10 +89,10 @@ def correlate_chirps(polar_scan: PolarScan, range_resolution: float, config: Chi
     taken = np.flatnonzero(paired[:-2] & paired[1:-1] & paired[2:]) + 1
     if not len(taken):
         return None
-    cells = max(1, int(config.cell_m / range_resolution))
+    cells = max(1, int(_CELL_M / range_resolution))
     cell = cells * range_resolution
-    echoes = np.concatenate([find_echoes(part.power, range_resolution, cells, config) for part in parts])[order]
-    values = _correlate_neighbours(echoes, rising, math.ceil(2.0 * config.doppler_beta * config.fastest_mps / cell) + 2)
+    echoes = np.concatenate([find_echoes(part.power, range_resolution, cells) for part in parts])[order]
+    values = _correlate_neighbours(echoes, rising, math.ceil(2.0 * CHIRP_BETA * FASTEST_MPS / cell) + 2)
     return ChirpCorrelation(
         azimuths=0.5 * (azimuths[taken] + azimuths[taken + 1]),
         times=0.5 * (times[taken] + times[taken + 1]),
@@ -83,26 +101,25 @@ def correlate_chirps(polar_scan: PolarScan, range_resolution: float, config: Chi
     )
 
 
-def find_echoes(power: NDArray[np.uint8], range_resolution: float, cells: int, config: ChirpConfig) -> NDArray[np.float32]:
+def find_echoes(power: NDArray[np.uint8], range_resolution: float, cells: int) -> NDArray[np.float32]:
     """Returns how much power (A, C) stands out of the noise and of the power around, per azimuth and range cell.
 
     Args:
         power: (A, B) uint8.
         range_resolution: length of a range bin [m].
         cells: range bins in a cell.
-        config: settings.
     """
     length = cells * range_resolution
-    count = min(power.shape[1] // cells, math.ceil(config.max_range_m / length))
-    first = min(count, math.ceil(config.min_range_m / length))
+    count = min(power.shape[1] // cells, math.ceil(_MAX_RANGE_M / length))
+    first = min(count, math.ceil(_MIN_RANGE_M / length))
     pooled = np.zeros((len(power), count), dtype=np.float32)
     for bin in range(cells):
         pooled += power[:, bin : count * cells : cells] / np.float32(cells)
-    smooth = gaussian_filter1d(pooled, config.smoothing_m / length, axis=1)
+    smooth = gaussian_filter1d(pooled, _SMOOTHING_M / length, axis=1)
     if first == count:
         return np.zeros_like(smooth)
     low, median = np.percentile(smooth[:, first::_EVERY], _SPREAD, axis=1)[..., None]
-    echoes = np.maximum(smooth - (median + config.contrast * (median - low)).astype(np.float32), np.float32(0.0))
+    echoes = np.maximum(smooth - (median + _CONTRAST * (median - low)).astype(np.float32), np.float32(0.0))
     echoes[:, :first] = 0.0
     echoes -= gaussian_filter1d(echoes, _BACKGROUND_M / length, axis=1)
     echoes[:, :first] = 0.0

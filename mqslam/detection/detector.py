@@ -26,7 +26,18 @@ from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan
 from mqslam.core.scans import PeakCounts, Returns
 
-# Least value of join_m in range bins. A peak's range is known to half a bin on either side, so neighbours of one target
+# Number of peaks that are kept per azimuth. More of them are mostly speckle, and the beam seldom meets as many objects.
+_PEAKS_PER_AZIMUTH = 12
+# An azimuth is saturated where its median power exceeds that of the polar scan by this much [0..255].
+_SATURATION = 12.0
+# A range counts as a ring of the sensor itself if this share of all azimuths has a peak there, and _RING_CONTRAST times as
+# many as at the ranges around it. A wall seldom surrounds so much of the sensor at one range.
+_RING_SHARE = 0.3
+# Half width of the window that smooths power along range [m]: about the length of an echo.
+_SMOOTHING_M = 0.2
+# Peaks of neighbouring azimuths that are this close in range are one target [m].
+_JOIN_M = 0.6
+# Least value of _JOIN_M in range bins. A peak's range is known to half a bin on either side, so neighbours of one target
 # differ by up to a bin.
 _JOIN_BINS = 1.5
 # Factor by which more azimuths peak in a ring than at the ranges around it.
@@ -61,20 +72,20 @@ def detect_and_count(polar_scan: PolarScan, range_resolution: float, config: Det
     bins = power.shape[1]
     first = max(1, math.floor(config.min_range_m / range_resolution))
     last = min(bins - 1, math.ceil(config.max_range_m / range_resolution))
-    half = min(round(config.smoothing_m / range_resolution), max(0, (bins - 3) // 2))
-    usable = polar_scan.valid & ~_find_saturated(power, config)
+    half = min(round(_SMOOTHING_M / range_resolution), max(0, (bins - 3) // 2))
+    usable = polar_scan.valid & ~_find_saturated(power)
     above_noise = _threshold_above_noise(power[usable, first:last], half, config)
     threshold = min(config.threshold, above_noise)
 
     def find_peaks(begin: int, end: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         peaks: tuple[NDArray[np.float64], NDArray[np.float64]] = _find_peaks(
-            power, usable, begin, end, (half + 1) // 2, half // 2, config.strongest, threshold
+            power, usable, begin, end, (half + 1) // 2, half // 2, _PEAKS_PER_AZIMUTH, threshold
         )
         return peaks
 
     ranges, values = find_peaks(first, last)
     peaks = np.count_nonzero(values)
-    _drop_rings(ranges, values, 2.0 * max(half, 1), config)
+    _drop_rings(ranges, values, 2.0 * max(half, 1))
     out_of_range = 0
     if peaks < len(power):
         beside = [find_peaks(begin, end)[1] for begin, end in ((1, first), (last, bins - 1)) if begin < end]
@@ -87,7 +98,7 @@ def detect_and_count(polar_scan: PolarScan, range_resolution: float, config: Det
         peaks_out_of_range=out_of_range,
     )
     ranges *= range_resolution
-    join_m = max(config.join_m, _JOIN_BINS * range_resolution)
+    join_m = max(_JOIN_M, _JOIN_BINS * range_resolution)
     rows = _join_peaks(ranges, values, polar_scan.azimuths, polar_scan.times, join_m)
     kept = max(config.most_returns, np.count_nonzero(rows[:, 3] >= above_noise))
     rows = rows[np.argsort(-rows[:, 3], kind="stable")[:kept]]
@@ -95,10 +106,10 @@ def detect_and_count(polar_scan: PolarScan, range_resolution: float, config: Det
     return Returns(*(np.ascontiguousarray(rows[:, column]) for column in range(4))), counts
 
 
-def _find_saturated(power: NDArray[np.uint8], config: DetectorConfig) -> NDArray[np.bool_]:
+def _find_saturated(power: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Returns which azimuths (A,) have their whole row of power lifted above the rest of the polar scan."""
     floor = np.median(power[:, ::_SATURATION_BINS], axis=1)
-    return np.asarray(floor > np.median(floor) + config.saturation)
+    return np.asarray(floor > np.median(floor) + _SATURATION)
 
 
 def _threshold_above_noise(power: NDArray[np.uint8], half: int, config: DetectorConfig) -> float:
@@ -173,7 +184,7 @@ def _sum_around(values: NDArray[np.float64], half: int, out: NDArray[np.float64]
             total += values[b + half + 1] - values[b - half]
 
 
-def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width: float, config: DetectorConfig) -> None:
+def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width: float) -> None:
     """Sets the power of peaks to 0 at ranges where many azimuths peak at once.
 
     Where peaks are dense, as they are in long range bins, many may peak at any range: in a ring they are more than at the
@@ -183,7 +194,6 @@ def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width:
         ranges: (A, K) of the peaks [bins].
         values: (A, K) their power, 0 where there is no peak.
         width: width of a ring [bins].
-        config: settings.
     """
     is_peak = values > 0.0
     if not is_peak.any():
@@ -196,7 +206,7 @@ def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width:
     peaking[cells[is_peak] + 1, azimuth[is_peak]] = True  # half of a ring may lie in the next cell
     shares = peaking.mean(axis=1)
     around = median_filter(shares, _RING_CELLS, mode="nearest")
-    ring = (shares > config.ring_share) & (shares > _RING_CONTRAST * around)
+    ring = (shares > _RING_SHARE) & (shares > _RING_CONTRAST * around)
     values[is_peak & (ring[cells] | ring[cells + 1])] = 0.0
 
 

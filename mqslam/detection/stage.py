@@ -10,11 +10,11 @@ from socket import gethostname
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import ChirpConfig, DetectorConfig
+from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.scans import PeakCounts, Returns, Scan, Scans, ScanStore, StoredScans
 from mqslam.core.sensors.detected import Detected
-from mqslam.core.sensors.velocity import Outcome, Velocities
+from mqslam.core.sensors.velocity import CHIRP_BETA, Outcome, Velocities
 from mqslam.detection.artefacts import drop_cells, find_fixed
 from mqslam.detection.detector import detect_and_count
 from mqslam.detection.velocity_fit import Velocity, measure_velocity
@@ -40,7 +40,7 @@ def detect_stretch(
     stop: int,
     *,
     strict: bool = True,
-    chirps: ChirpConfig | None = None,
+    with_velocities: bool = False,
 ) -> Detected:
     """Reads the polar scans start <= k < stop, and detects their returns and the sensor's velocities.
 
@@ -50,7 +50,7 @@ def detect_stretch(
         start: number of the first polar scan.
         stop: number of the first polar scan after the stretch.
         strict: whether a polar scan that cannot be read is an error, rather than one without returns.
-        chirps: settings of the velocities; None measures none.
+        with_velocities: whether the sensor's velocity is measured, which chirps that alternate tell.
 
     Raises:
         DataError: a polar scan cannot be read, if strict, or the whole recording cannot.
@@ -67,9 +67,9 @@ def detect_stretch(
             returns, counted = detect_and_count(polar_scan, recording.range_resolution, config)
             scans.append(returns)
             counts += counted
-            if chirps is not None:
+            if with_velocities:
                 middle = _find_middle(recording, k)
-                velocities.append(measure_velocity(polar_scan, recording.range_resolution, middle, chirps))
+                velocities.append(measure_velocity(polar_scan, recording.range_resolution, middle))
         elif strict:
             raise polar_scan
         elif not recording.path.exists():  # all of them are out of reach of this worker
@@ -80,7 +80,7 @@ def detect_stretch(
             velocities.append(Velocity.none(Outcome.UNREAD))
         done = time.perf_counter()
         read_s, detect_s, mark = read_s + read - mark, detect_s + done - read, done
-    measured = None if chirps is None else _gather(recording, start, velocities, chirps)
+    measured = _gather(recording, start, velocities) if with_velocities else None
     return Detected(scans, unread, read_s, detect_s, counts, measured)
 
 
@@ -89,14 +89,14 @@ def _find_middle(recording: Recording, k: int) -> float:
     return float(recording.stamps_us[k] - recording.start_us + 0.5 * recording.turns_us[k]) * 1e-6
 
 
-def _gather(recording: Recording, start: int, velocities: list[Velocity], config: ChirpConfig) -> Velocities:
+def _gather(recording: Recording, start: int, velocities: list[Velocity]) -> Velocities:
     """Returns the velocities of the polar scans from number `start` on as one."""
     return Velocities(
         times=np.array([_find_middle(recording, start + k) for k in range(len(velocities))], dtype=np.float64),
         velocities=np.array([v.velocity for v in velocities]).reshape(-1, 2),
         covariances=np.array([v.covariance for v in velocities]).reshape(-1, 2, 2),
         outcomes=np.array([v.outcome for v in velocities], dtype=np.int64),
-        doppler_beta=config.doppler_beta,
+        doppler_beta=CHIRP_BETA,
     )
 
 
@@ -119,7 +119,7 @@ def detect_all(
     runner: Runner | None = None,
     *,
     strict: bool = False,
-    chirps: ChirpConfig | None = None,
+    with_velocities: bool = False,
 ) -> tuple[Scans, Detected]:
     """Returns one scan per polar scan, empty where it cannot be read, and what was detected.
 
@@ -128,7 +128,7 @@ def detect_all(
         config: settings of the detector.
         runner: where polar scans are read and detected; None does it here, one after the other.
         strict: whether one polar scan that cannot be read is an error.
-        chirps: settings of the sensor's velocities, which a recording tells whose chirps alternate; None measures none.
+        with_velocities: whether the sensor's velocity is measured, which chirps that alternate tell.
 
     Raises:
         DataError: over half of the polar scans cannot be read, or one if strict.
@@ -137,7 +137,7 @@ def detect_all(
     parts = (runner or Runner()).map(
         "detect",
         _detect_span,
-        (recording, config, strict, chirps),
+        (recording, config, strict, with_velocities),
         [(k, min(k + _CHUNK, total)) for k in range(0, total, _CHUNK)],
         kept=lambda span: describe_kept_stretch(*span),
         accept=lambda part: not (strict and part.unread),
@@ -190,9 +190,9 @@ def _drop_cells(scans: StoredScans, fixed: NDArray[np.bool_]) -> StoredScans:
     return store.close(scans.spans)
 
 
-def _detect_span(shared: tuple[Recording, DetectorConfig, bool, ChirpConfig | None], span: tuple[int, int]) -> Detected:
-    recording, config, strict, chirps = shared
-    return detect_stretch(recording, config, *span, strict=strict, chirps=chirps)
+def _detect_span(shared: tuple[Recording, DetectorConfig, bool, bool], span: tuple[int, int]) -> Detected:
+    recording, config, strict, with_velocities = shared
+    return detect_stretch(recording, config, *span, strict=strict, with_velocities=with_velocities)
 
 
 def warn_of_unread(unread: dict[int, DataError]) -> list[str]:

@@ -18,11 +18,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from mqslam.config import ChirpConfig
 from mqslam.core.recording import PolarScan
 from mqslam.core.sensors.velocity import Outcome
-from mqslam.detection.chirp_correlation import ChirpCorrelation, correlate_chirps
+from mqslam.detection.chirp_correlation import FASTEST_MPS, ChirpCorrelation, correlate_chirps
 
+# The best velocity must fit the echoes better than the median of those tried by this many spreads of theirs (median absolute
+# deviations as standard deviations). The best of thousands fits noise better by four.
+_CLEAR = 8.0
+# Standard deviation of the acceleration during a turn along each axis [m/s^2]. A vehicle seldom brakes harder than this, and
+# without acceleration 1 m/s^2 would turn the velocity of a quarter second by 0.02 m/s.
+_ACCELERATION = 3.0
+# Number of sectors of a turn that are left out in turn to find the covariance. They are wider than the beam, so that their
+# errors are independent.
+_SECTORS = 20
+# A scan measures no velocity if fewer of its azimuths than this share hold echoes.
+_FEWEST_AZIMUTHS = 0.1
 # Residual at which an azimuth's shift counts a quarter (Geman-McClure), in units of the residuals' spread in the scan.
 # Traffic and chance peaks are beyond it.
 _OUTLIER_SPREADS = 3.0
@@ -76,28 +86,27 @@ class Shifts:
     weights: Array
 
 
-def measure_velocity(polar_scan: PolarScan, range_resolution: float, middle: float, config: ChirpConfig) -> Velocity:
+def measure_velocity(polar_scan: PolarScan, range_resolution: float, middle: float) -> Velocity:
     """Measures the sensor's velocity by a polar scan whose chirps go up and down in turn.
 
     Args:
         polar_scan: power of the up-chirps, and of the down-chirps in `down`.
         range_resolution: length of a range bin [m].
         middle: time in the middle of the scan [s since the recording's start], for which the velocity holds.
-        config: settings.
     """
-    correlation = correlate_chirps(polar_scan, range_resolution, config)
+    correlation = correlate_chirps(polar_scan, range_resolution)
     if correlation is None:
         return Velocity.none(Outcome.ONE_DIRECTION)
     seen = np.any(correlation.values != 0.0, axis=1)
-    if np.count_nonzero(seen) < config.fewest_azimuths * len(seen):
+    if np.count_nonzero(seen) < _FEWEST_AZIMUTHS * len(seen):
         return Velocity.none(Outcome.DARK)
-    first = _search(correlation, config)
-    return Velocity.none(Outcome.UNCLEAR) if first is None else _fit(correlation, first, middle, config)
+    first = _search(correlation)
+    return Velocity.none(Outcome.UNCLEAR) if first is None else _fit(correlation, first, middle)
 
 
-def read_shifts(correlation: ChirpCorrelation, expected: Array, config: ChirpConfig) -> Shifts:
+def read_shifts(correlation: ChirpCorrelation, expected: Array) -> Shifts:
     """Reads the radial speed of every azimuth off the highest peak of its correlation near an expected speed (K,) [m/s]."""
-    per_cell = correlation.cell / (2.0 * config.doppler_beta)
+    per_cell = correlation.cell_mps
     half = max(2, math.ceil(_WINDOW_MPS / per_cell))
     reach, rows = correlation.reach, np.arange(len(expected))
     middle = np.clip(np.round(expected / per_cell).astype(np.int64) + reach, half, 2 * reach - half)
@@ -111,12 +120,12 @@ def read_shifts(correlation: ChirpCorrelation, expected: Array, config: ChirpCon
     return Shifts(speeds, np.where(is_peak, bend, 0.0) / per_cell**2)
 
 
-def _search(correlation: ChirpCorrelation, config: ChirpConfig) -> Array | None:
+def _search(correlation: ChirpCorrelation) -> Array | None:
     """Searches the velocity (2,) [m/s] at which the correlations add up best; None where it hardly differs from others."""
-    per_cell = correlation.cell / (2.0 * config.doppler_beta)
-    line = np.arange(-config.fastest_mps, config.fastest_mps + _STEP_MPS, _STEP_MPS)
+    per_cell = correlation.cell_mps
+    line = np.arange(-FASTEST_MPS, FASTEST_MPS + _STEP_MPS, _STEP_MPS)
     tried = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
-    tried = tried[np.hypot(*tried.T) <= config.fastest_mps]
+    tried = tried[np.hypot(*tried.T) <= FASTEST_MPS]
     smooth = gaussian_filter1d(correlation.values, max(0.5 * _STEP_MPS / per_cell, 0.5), axis=1)
     sums = np.zeros(len(tried))
     for azimuth, row in zip(correlation.azimuths.tolist(), smooth, strict=True):
@@ -124,24 +133,24 @@ def _search(correlation: ChirpCorrelation, config: ChirpConfig) -> Array | None:
         sums += row[np.round(shift).astype(np.int64) + correlation.reach]
     best, median = int(np.argmax(sums)), float(np.median(sums))
     spread = _TO_DEVIATION * float(np.median(np.abs(sums - median)))
-    return tried[best] if sums[best] - median > config.clear * spread else None
+    return tried[best] if sums[best] - median > _CLEAR * spread else None
 
 
-def _fit(correlation: ChirpCorrelation, first: Array, middle: float, config: ChirpConfig) -> Velocity:
+def _fit(correlation: ChirpCorrelation, first: Array, middle: float) -> Velocity:
     """Fits velocity and acceleration to the shifts of all azimuths, from a first velocity (2,) [m/s] on.
 
     An acceleration would else pass for a sideways velocity, since the beam looks ahead at other times than aside.
     """
     rays = np.column_stack([np.cos(correlation.azimuths), np.sin(correlation.azimuths)])
     jacobian = np.hstack([rays, rays * (correlation.times - middle)[:, None]])
-    prior = np.diag([0.0, 0.0, config.acceleration**-2, config.acceleration**-2])
+    prior = np.diag([0.0, 0.0, _ACCELERATION**-2, _ACCELERATION**-2])
     state = np.append(first, [0.0, 0.0])
     for _ in range(_ROUNDS):
-        shifts = read_shifts(correlation, jacobian @ state, config)
-        if np.count_nonzero(shifts.weights) < config.fewest_azimuths * len(rays):
+        shifts = read_shifts(correlation, jacobian @ state)
+        if np.count_nonzero(shifts.weights) < _FEWEST_AZIMUTHS * len(rays):
             return Velocity.none(Outcome.DARK)
         state, width = _fit_robustly(jacobian, shifts, state, prior)
-    covariance = _leave_out_sectors(jacobian, shifts, state, width, prior, config)
+    covariance = _leave_out_sectors(jacobian, shifts, state, width, prior)
     if covariance is None:
         return Velocity.none(Outcome.ONE_SIDED)
     return Velocity(state[:2], covariance[:2, :2], Outcome.MEASURED)
@@ -172,9 +181,7 @@ def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array) -
     return state, width
 
 
-def _leave_out_sectors(
-    jacobian: Array, shifts: Shifts, state: Array, width: float, prior: Array, config: ChirpConfig
-) -> Array | None:
+def _leave_out_sectors(jacobian: Array, shifts: Shifts, state: Array, width: float, prior: Array) -> Array | None:
     """Returns the covariance (4, 4) of a state by a jackknife over sectors; None where one sector alone determines it.
 
     Each sector's absence moves the state by one Newton step. Sectors are successive azimuths, whose errors are correlated.
@@ -185,7 +192,6 @@ def _leave_out_sectors(
         state: (4,) that fits best.
         width: of the loss [m/s].
         prior: (4, 4) information of the prior.
-        config: settings.
     """
     residuals = shifts.speeds - jacobian @ state
     certain, square = _normalise(shifts.weights, width / _OUTLIER_SPREADS), (residuals / width) ** 2
@@ -196,12 +202,12 @@ def _leave_out_sectors(
         return None
     inverse = np.linalg.inv(hessian)
     covariance = inverse @ prior @ inverse
-    for sector in np.array_split(np.arange(len(residuals)), config.sectors):
+    for sector in np.array_split(np.arange(len(residuals)), _SECTORS):
         rest = hessian - (jacobian[sector] * curvatures[sector, None]).T @ jacobian[sector]
         if np.linalg.eigvalsh(rest)[0] <= 0.0:
             return None
         moved = np.linalg.solve(rest, scores[sector].sum(axis=0))
-        covariance += (config.sectors - 1.0) / config.sectors * np.outer(moved, moved)
+        covariance += (_SECTORS - 1.0) / _SECTORS * np.outer(moved, moved)
     return covariance
 
 

@@ -48,11 +48,11 @@ def join_graphs(parts: Sequence[Part], frames: Sequence[se2.Array], config: Conf
         for key, pose in zip(numbers.tolist(), poses, strict=True):
             values.insert(key, gtsam.Pose2(*pose))
         if not keys:
-            factors.push_back(prior(0, poses[0], config.graph))
+            factors.push_back(prior(0, poses[0]))
         for factor in list_factors(part, numbers.tolist(), config):
             factors.push_back(factor)
         keys += numbers[part.map.keyframes.scans].tolist()
-    return GivenGraph(factors, values, keys, lambda factor: factor, config.graph)
+    return GivenGraph(factors, values, keys, lambda factor: factor)
 
 
 def join_keyframes(parts: Sequence[Part]) -> Keyframes:

@@ -17,6 +17,7 @@ from mqslam.core import se2
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.errors import DataError
 from mqslam.factors.loop_between import CAUCHY
+from mqslam.factors.noise import HUBER
 from mqslam.factors.prior import prior
 from mqslam.formats.graphs.g2o import list_edges
 from mqslam.formats.graphs.stored_graph import StoredGraph
@@ -100,7 +101,7 @@ def list_factors(part: Part, keys: Sequence[int], config: Config) -> list[gtsam.
         config: all settings.
     """
     ends = np.cumsum([len(stamps) for stamps in part.stamps_us])
-    huber = gtsam.noiseModel.mEstimator.Huber.Create(config.graph.huber)
+    huber = gtsam.noiseModel.mEstimator.Huber.Create(HUBER)
     cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(CAUCHY)
     factors = []
     for edge in list_edges(part.graph.factors):
@@ -117,7 +118,7 @@ def build_alone(part: Part, config: Config) -> PoseGraph:
     """Returns the graph of a part by itself, over the poses of its keyframes, held at its first pose."""
     keys = list(range(len(part.graph.keys)))
     factors, values, poses = gtsam.NonlinearFactorGraph(), gtsam.Values(), part.poses
-    factors.push_back(prior(0, poses[0], config.graph))
+    factors.push_back(prior(0, poses[0]))
     for factor in list_factors(part, keys, config):
         factors.push_back(factor)
     for key in keys:

@@ -11,6 +11,7 @@ import gtsam
 
 from mqslam.config import Config
 from mqslam.factors.loop_between import CAUCHY
+from mqslam.factors.noise import HUBER
 from mqslam.formats.graphs.g2o import list_edges
 from mqslam.solution import Run
 
@@ -57,4 +58,4 @@ def _describe_loss(noise: gtsam.noiseModel.Base, config: Config) -> tuple[str, f
         return "none", ""
     if isinstance(noise.robust(), gtsam.noiseModel.mEstimator.Cauchy):
         return "cauchy", CAUCHY
-    return "huber", config.graph.huber
+    return "huber", HUBER

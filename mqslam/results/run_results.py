@@ -241,14 +241,13 @@ def _log_text(summary: dict[str, Any], notes: Sequence[str]) -> str:
 def _describe_last_pose(run: Run) -> dict[str, Any] | None:
     """Returns how sure the run is of its last pose in the frame of the first; None where the covariances are not known.
 
-    What the pieces of the map drift in common is a prior, unless a loop or GNSS measures it or the settings leave it out.
+    What the pieces of the map drift in common is a prior, unless a loop or GNSS measures it.
     """
     sure = run.covariances
     if sure.failure is not None or not len(sure.indices) or sure.indices[-1] != len(run.optimised) - 1:
         return None
     along, across, yaw = np.sqrt(np.diag(sure.covariances[-1])).tolist()
     pieces = count_submaps(run.values)  # two are tied by how far the running map may drift
-    prior = run.config.graph.common_drift_m > 0.0 or run.config.graph.common_drift_rad > 0.0
     is_placed = run.sensors.fixes is not None and run.sensors.fixes.edges is not None
-    drift_is_prior = prior and pieces > 1 and not run.loops and not is_placed
+    drift_is_prior = pieces > 1 and not run.loops and not is_placed
     return {"sigma_along_m": along, "sigma_across_m": across, "sigma_yaw_rad": yaw, "drift_is_prior": drift_is_prior}

@@ -3,13 +3,14 @@
 `simulate_recording` renders a drive in memory, `simulate` writes the same drive as a recording in the Oxford layout.
 """
 
+from mqslam.core.sensors.velocity import CHIRP_BETA
 from mqslam.simulator.city import give_way, make_city_drive, make_city_scene
 from mqslam.simulator.drive import ConstantDrive, Drive, SampledDrive, clear_way, make_loop_drive, make_tunnel_drive
 from mqslam.simulator.in_memory import SimulatedRecording, simulate_recording
 from mqslam.simulator.inertial import GRADES, GyroscopeModel, simulate_gyroscope
 from mqslam.simulator.satellites import ReceiverModel, simulate_fixes
 from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene, make_tunnel_scene, make_yard_scene
-from mqslam.simulator.sensor import CHIRP_BETA, SensorModel, render_polar_scan
+from mqslam.simulator.sensor import SensorModel, render_polar_scan
 from mqslam.simulator.wheels import OdometryModel, WheelOdometry, simulate_wheel_odometry
 from mqslam.simulator.write import SCENES, simulate
 

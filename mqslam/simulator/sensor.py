@@ -14,14 +14,6 @@ from mqslam.simulator.scene import Scene
 
 ENCODER = 5600
 """Encoder steps per turn, clockwise, as the Oxford layout stores azimuths."""
-CHIRP_BETA = 0.0502
-"""Range shift per closing speed [s] of the radar of Boreas-RT, a Navtech RAS6 whose chirps go up and down in turn.
-
-Source: f / (bandwidth * azimuths per second), 0.944 * 76.04 GHz / (893 MHz * 1600 / s), as the authors of "Are Doppler
-Velocity Measurements Useful for Spinning Radar Odometry?" (Lisus et al., RA-L 2025) and of "DRO: Doppler-Aware Direct Radar
-Odometry" (Le Gentil et al., RSS 2025) calibrated it: config/doppler_config.yaml of
-github.com/utiasASRL/spinning-radar-doppler.
-"""
 _MOST_READINGS = 64_000_000  # size of the largest polar scan: readers take no larger images
 _PATTERN_WIDTHS = 3.0  # beam widths that the cells of a beam span: beyond them hardly anything comes back
 

@@ -7,14 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mqslam.backend import drift, submaps
 from mqslam.backend.drift import learn_drift, widen_ties
 from mqslam.backend.submaps import split_into_submaps
-from mqslam.config import GraphConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 
-SETTINGS = GraphConfig(submap_m=3.5)
 ERROR = np.diag([4e-4, 1e-4, 1e-6])  # of a scan's place in the map, of which a submap begins with every second one
+
+
+@pytest.fixture(autouse=True)
+def short_submaps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Begins a submap with every second scan."""
+    monkeypatch.setattr(submaps, "_SUBMAP_M", 3.5)
 
 
 def drive(count: int, factors: tuple[float, float, float], bend: float = 0.02, seed: int = 1) -> list[Measurement]:
@@ -35,8 +40,8 @@ def drive(count: int, factors: tuple[float, float, float], bend: float = 0.02, s
     ]
 
 
-def learn(motions: list[Measurement], settings: GraphConfig = SETTINGS) -> np.ndarray:
-    return learn_drift(split_into_submaps(motions, settings), motions)
+def learn(motions: list[Measurement]) -> np.ndarray:
+    return learn_drift(split_into_submaps(motions), motions)
 
 
 @pytest.mark.parametrize("factors", [(1.0, 1.0, 1.0), (0.3, 0.3, 0.3), (5.0, 5.0, 5.0), (0.5, 1.0, 4.0)])
@@ -66,13 +71,13 @@ def test_no_span_leads_over_a_motion_that_one_direction_alone_has_measured() -> 
     np.testing.assert_allclose(learn(motions), 1.0, rtol=1e-3)
 
 
-def test_what_both_directions_drift_together_grows_with_the_path() -> None:
-    settings = SETTINGS.model_copy(update={"common_drift_m": 0.3, "common_drift_rad": 0.02})
+def test_what_both_directions_drift_together_grows_with_the_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drift, "COMMON_DRIFT_M", 0.3)
+    monkeypatch.setattr(drift, "COMMON_DRIFT_RAD", 0.02)
     alone = [replace(m, apart=np.full(3, np.nan)) for m in drive(100, (1.0, 1.0, 1.0), bend=0.0)]
-    before = split_into_submaps(alone, settings)
+    before = split_into_submaps(alone)
     grown = [
-        after.covariance - tie.covariance
-        for after, tie in zip(widen_ties(before, alone, settings).ties, before.ties, strict=True)
+        after.covariance - tie.covariance for after, tie in zip(widen_ties(before, alone).ties, before.ties, strict=True)
     ]
     path = se2.path_lengths(se2.chain(m.pose for m in alone))[before.first_scans[-1]]
     np.testing.assert_allclose(np.sum(grown, axis=0), np.diag([0.09, 0.09, 4e-4]) * path / 100.0, rtol=1e-3, atol=1e-9)

@@ -6,7 +6,7 @@ import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import A, V
-from support.graphs import COVARIANCE, FLAT, TURNS, graph_of
+from support.graphs import COVARIANCE, TURNS, graph_of
 
 from mqslam.backend.given_graph import GivenGraph
 from mqslam.backend.linear.marginals import Uncertainty
@@ -15,7 +15,7 @@ from mqslam.core.measurement import Loop
 from mqslam.errors import EstimationError
 from mqslam.factors import loop_between
 from mqslam.factors.lifted_between import lifted_between
-from mqslam.factors.prior import prior
+from mqslam.factors.prior import PRIOR_M, PRIOR_RAD, prior
 from mqslam.factors.psi_between import psi_between
 
 CHAIN = se2.chain(TURNS)
@@ -27,21 +27,21 @@ def given_graph(pose: type) -> GivenGraph:
     """Returns a graph of successive motions over the poses a0, a1, ..., and of a speed, which ties to none of them."""
     is_planar = pose is gtsam.Pose2
     factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    held = gtsam.noiseModel.Diagonal.Sigmas(np.array([FLAT.prior_rad] * 3 + [FLAT.prior_m] * 3))
+    held = gtsam.noiseModel.Diagonal.Sigmas(np.array([PRIOR_RAD] * 3 + [PRIOR_M] * 3))
     factors.push_back(
-        prior(A(0), CHAIN[0], FLAT) if is_planar else gtsam.PriorFactorPose3(A(0), gtsam.Pose3(gtsam.Pose2(*CHAIN[0])), held)
+        prior(A(0), CHAIN[0]) if is_planar else gtsam.PriorFactorPose3(A(0), gtsam.Pose3(gtsam.Pose2(*CHAIN[0])), held)
     )
 
     def lift(factor: gtsam.BetweenFactorPose2) -> gtsam.NonlinearFactor:
-        return factor if is_planar else lifted_between(factor, FLAT)
+        return factor if is_planar else lifted_between(factor)
 
     for k, motion in enumerate(TURNS):
-        factors.push_back(lift(psi_between(A(k), A(k + 1), motion, COVARIANCE, FLAT)))
+        factors.push_back(lift(psi_between(A(k), A(k + 1), motion, COVARIANCE)))
     for k, at in enumerate(CHAIN):
         values.insert(A(k), gtsam.Pose2(*at) if is_planar else gtsam.Pose3(gtsam.Pose2(*at)))
     values.insert(V(0), np.ones(3))
     factors.push_back(gtsam.PriorFactorVector(V(0), np.zeros(3), gtsam.noiseModel.Isotropic.Sigma(3, 1.0)))
-    return GivenGraph(factors, values, [A(k) for k in range(len(CHAIN))], lift, FLAT)
+    return GivenGraph(factors, values, [A(k) for k in range(len(CHAIN))], lift)
 
 
 @pytest.mark.parametrize("pose", [gtsam.Pose2, gtsam.Pose3])

@@ -5,16 +5,15 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import M, X
 from support.exact_marginals import find_largest_error
-from support.graphs import COVARIANCE, FLAT, TURNS, graph_of, unequal
+from support.graphs import COVARIANCE, TURNS, graph_of, unequal
 
 from mqslam.backend.linear.elimination_kernel import Blocks, eliminate, triangulate
 from mqslam.backend.linear.marginal_recursion import project_all
 from mqslam.backend.linear.marginals import compute_all_marginals
 from mqslam.backend.pose_graph import PoseGraph, build_pose_graph, optimise
-from mqslam.config import GraphConfig
 from mqslam.core import se2
+from mqslam.factors.prior import PRIOR_M, PRIOR_RAD
 
-CONFIG = GraphConfig()
 NOISE = gtsam.noiseModel.Diagonal.Sigmas(np.array([0.05, 0.02, 0.002]))
 
 
@@ -26,7 +25,7 @@ def make_laps(laps: int, scans: int) -> PoseGraph:
     """Returns round trips through the same places, with a loop between each pass of every fifth place and the one before."""
     poses = se2.chain(np.tile([2.0, 0.0, 2.0 * np.pi / scans], (laps * scans - 1, 1)))
     pairs = [(k, k + 1) for k in range(len(poses) - 1)] + [(k - scans, k) for k in range(scans, len(poses), 5)]
-    return build_pose_graph(poses, [between(X(a), X(b), se2.between(poses[a], poses[b])) for a, b in pairs], CONFIG)
+    return build_pose_graph(poses, [between(X(a), X(b), se2.between(poses[a], poses[b])) for a, b in pairs])
 
 
 def list_gtsams(graph: PoseGraph, values: gtsam.Values) -> np.ndarray:
@@ -52,9 +51,9 @@ def test_all_marginals_of_passes_tied_by_loops_are_gtsams(scans: int) -> None:
 
 
 def test_a_single_pose_is_as_sure_as_it_is_held() -> None:
-    graph = build_pose_graph(np.zeros((1, 3)), [], CONFIG)
+    graph = build_pose_graph(np.zeros((1, 3)), [])
     (result,) = compute_all_marginals(graph, graph.initial).covariances
-    np.testing.assert_allclose(result, np.diag([CONFIG.prior_m, CONFIG.prior_m, CONFIG.prior_rad]) ** 2)
+    np.testing.assert_allclose(result, np.diag([PRIOR_M, PRIOR_M, PRIOR_RAD]) ** 2)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -134,9 +133,7 @@ def test_marginals_are_covariances_that_grow_away_from_the_held_pose() -> None:
     np.testing.assert_array_equal(result.indices, np.arange(graph.size))
     np.testing.assert_array_equal(result.covariances, result.covariances.transpose(0, 2, 1))
     np.testing.assert_array_less(0.0, np.linalg.eigvalsh(result.covariances))
-    np.testing.assert_allclose(
-        np.sqrt(np.diag(result.covariances[0])), [FLAT.prior_m, FLAT.prior_m, FLAT.prior_rad], rtol=1e-6
-    )
+    np.testing.assert_allclose(np.sqrt(np.diag(result.covariances[0])), [PRIOR_M, PRIOR_M, PRIOR_RAD], rtol=1e-6)
     assert np.all(np.diff(np.linalg.det(result.covariances)) > 0.0)
 
 

@@ -10,10 +10,11 @@ import pytest
 from support.mounted import MountedDrive
 
 from mqslam.backend.sensors.mount_use import _tell_estimate, find_mount
+from mqslam.backend.sensors.odometry import mount_estimate
 from mqslam.backend.sensors.odometry.mount_estimate import MountEstimate, estimate_mount
-from mqslam.backend.sensors.odometry.odometry_calibration import make_design
+from mqslam.backend.sensors.odometry.odometry_calibration import FEWEST, make_design
 from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges
-from mqslam.config import GraphConfig, OdometryConfig
+from mqslam.config import OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.sensors.mount import Mount
@@ -22,8 +23,7 @@ from mqslam.simulator.wheels import OdometryModel, simulate_wheel_odometry
 
 TURN_S, SCANS = 0.25, 240
 ERROR = np.array([0.02, 0.02, 0.001])  # of psi's pose of a scan, whose errors cancel along a chain
-STATED, SETTINGS = OdometryConfig(), GraphConfig()
-SCATTER_ALONE = OdometryConfig(mount_common_m=0.0, mount_common_rad=0.0)
+STATED = OdometryConfig()
 AHEAD = (1.8, -0.3, 0.03)
 STRAIGHT = ConstantDrive(8.0, 0.0)
 
@@ -55,7 +55,10 @@ def psi(vehicle: Drive, mount: se2.Array, seed: int) -> list[Measurement]:
 
 def estimate(mount: se2.Array, seed: int = 1, vehicle: Drive | None = None) -> MountEstimate:
     vehicle = vehicle or rounds()
-    found = estimate_mount(wheels(vehicle, np.zeros(3), seed), psi(vehicle, mount, seed), SCATTER_ALONE, SETTINGS)
+    with pytest.MonkeyPatch.context() as scatter_alone:
+        for name in ("_COMMON_M", "_COMMON_RAD"):
+            scatter_alone.setattr(mount_estimate, name, 0.0)
+        found = estimate_mount(wheels(vehicle, np.zeros(3), seed), psi(vehicle, mount, seed), STATED)
     assert found is not None
     return found
 
@@ -84,14 +87,14 @@ def test_wheels_that_report_too_much_turn_move_the_place_by_little() -> None:
 
 def test_without_turns_the_place_is_not_told_but_the_yaw_is() -> None:
     mount = np.array(AHEAD)
-    use = find_mount(None, wheels(STRAIGHT, np.zeros(3), 1), psi(STRAIGHT, mount, 1), STATED, SETTINGS)
+    use = find_mount(None, wheels(STRAIGHT, np.zeros(3), 1), psi(STRAIGHT, mount, 1), STATED)
     assert use is not None and np.isnan(use.pose[:2]).all() and np.isnan(use.sigmas[:2]).all()
     assert abs(use.pose[2] - AHEAD[2]) < 3.0 * use.sigmas[2] < np.deg2rad(1.0)
     assert use.statements[0].endswith("where it sits cannot be told, since the drive turns too little")
 
 
 def test_an_estimate_is_told_with_the_extrinsics_that_would_use_it() -> None:
-    use = find_mount(None, wheels(rounds(), np.zeros(3), 1), psi(rounds(), np.array(AHEAD), 1), STATED, SETTINGS)
+    use = find_mount(None, wheels(rounds(), np.zeros(3), 1), psi(rounds(), np.array(AHEAD), 1), STATED)
     assert use is not None and use.source == "estimated from odometry" and use.contradiction is None
     assert use.statements[0].startswith("odometry says that the radar sits 1.")
     assert "ahead of the vehicle's origin" in use.statements[0] and "m) to the right" in use.statements[0]
@@ -100,7 +103,7 @@ def test_an_estimate_is_told_with_the_extrinsics_that_would_use_it() -> None:
 
 
 def test_a_radar_that_may_be_at_the_origin_is_said_to_be_there() -> None:
-    use = find_mount(None, wheels(rounds(), np.zeros(3), 1), psi(rounds(), np.zeros(3), 1), STATED, SETTINGS)
+    use = find_mount(None, wheels(rounds(), np.zeros(3), 1), psi(rounds(), np.zeros(3), 1), STATED)
     assert use is not None and np.all(np.abs(use.pose) < 3.0 * use.sigmas)
     assert use.statements[0].startswith("odometry says that the radar sits at the vehicle's origin (± ")
     assert use.statements[0].endswith(" deg)") and "give extrinsics" not in use.statements[0]
@@ -113,22 +116,22 @@ def test_no_part_of_the_extrinsics_is_minus_zero() -> None:
 
 def test_nothing_is_told_where_there_is_no_odometry_or_too_little() -> None:
     measured = psi(STRAIGHT, np.zeros(3), 1)
-    assert find_mount(None, [], measured, STATED, SETTINGS) is None
-    few = SETTINGS.odometry_fewest - 1
-    assert find_mount(None, wheels(STRAIGHT, np.zeros(3), 1)[:few], measured[:few], STATED, SETTINGS) is None
+    assert find_mount(None, [], measured, STATED) is None
+    few = FEWEST - 1
+    assert find_mount(None, wheels(STRAIGHT, np.zeros(3), 1)[:few], measured[:few], STATED) is None
 
 
 @pytest.mark.parametrize(("given", "source"), [(True, "given"), (False, "recording")])
 def test_a_stated_mount_is_taken_as_it_is_and_agrees(given: bool, source: str) -> None:
     mount = Mount(np.array(AHEAD), "calibration.txt", given=given)
-    use = find_mount(mount, wheels(rounds(), mount.pose, 1), psi(rounds(), mount.pose, 1), STATED, SETTINGS)
+    use = find_mount(mount, wheels(rounds(), mount.pose, 1), psi(rounds(), mount.pose, 1), STATED)
     assert use is not None and use.source == source and use.contradiction is None and np.isnan(use.sigmas).all()
     np.testing.assert_array_equal(use.pose, AHEAD)
 
 
 def test_a_stated_mount_that_odometry_contradicts_is_told() -> None:
     wrong = Mount(np.array([-1.8, -0.3, 0.03]), "given", given=True)
-    use = find_mount(wrong, wheels(rounds(), wrong.pose, 1), psi(rounds(), np.array(AHEAD), 1), STATED, SETTINGS)
+    use = find_mount(wrong, wheels(rounds(), wrong.pose, 1), psi(rounds(), np.array(AHEAD), 1), STATED)
     assert use is not None and use.contradiction is not None
     assert use.contradiction.startswith("the radar sits 1.8 m behind the vehicle's origin, 0.3 m to the right")
     assert "but odometry says 1." in use.contradiction and "one of the two is wrong" in use.contradiction
@@ -141,7 +144,7 @@ def test_with_a_known_mount_odometry_is_right_where_psi_finds_nothing() -> None:
 
     def missed(taken: Mount | None) -> float:
         carried = wheels(rounds(), np.zeros(3) if taken is None else taken.pose, 1)
-        edges = make_odometry_edges(carried, measured, STATED, SETTINGS, taken)
+        edges = make_odometry_edges(carried, measured, STATED, taken)
         off = np.array([edge.pose for edge in edges]) - se2.between(truth[:-1], truth[1:])
         return float(np.sqrt(np.mean(np.square(off[:, :2]))))
 

@@ -6,16 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mqslam.backend.sensors.odometry import odometry_edges
 from mqslam.backend.sensors.odometry.odometry_calibration import fit, make_design, make_prior_information
 from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges
-from mqslam.config import GraphConfig, OdometryConfig
+from mqslam.config import OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
+from mqslam.frontends.odometry import SIGMA_REST_M
 
 TURN_S = 0.25
 ERROR = np.array([0.02, 0.01, 0.001])  # of psi's pose of a scan, whose errors cancel along a chain
 STATED = OdometryConfig()
-SETTINGS = GraphConfig()
 
 
 def drive(scans: int = 800) -> np.ndarray:
@@ -33,7 +34,7 @@ def motions_of(twists: np.ndarray, scans: int = 800, late: int = 0) -> np.ndarra
 
 
 def stated(motions: np.ndarray) -> list[Measurement]:
-    rest, travel, rate = STATED.sigma_rest_m, STATED.sigma_travel, STATED.sigma_yaw_rate
+    rest, travel, rate = SIGMA_REST_M, STATED.sigma_travel, STATED.sigma_yaw_rate
     covariances = [np.diag(np.square([rest + travel * x, rest + travel * x, rate * TURN_S])) for x in motions[:, 0]]
     return [
         Measurement(TURN_S * k, TURN_S * (k + 1), motion, covariance)
@@ -54,7 +55,7 @@ def wheels(twists: np.ndarray, scale: float = 0.0, bias: float = 0.0, seed: int 
 
 
 def make(odometry: np.ndarray, psi: Sequence[Measurement]) -> list[Measurement]:
-    return make_odometry_edges(stated(odometry), psi, STATED, SETTINGS)
+    return make_odometry_edges(stated(odometry), psi, STATED)
 
 
 def poses_of(edges: Sequence[Measurement]) -> np.ndarray:
@@ -219,11 +220,11 @@ def test_odometry_that_agrees_exactly_is_no_surer_than_psi_can_tell() -> None:
 
 
 @pytest.mark.parametrize("span_s", [0.01, 10.0, 1e6])
-def test_the_span_may_be_shorter_than_an_edge_or_longer_than_the_run(span_s: float) -> None:
+def test_the_span_may_be_shorter_than_an_edge_or_longer_than_the_run(span_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
     twists = drive(60)
     truth = motions_of(twists, scans=60)
-    settings = GraphConfig(odometry_span_s=span_s)
-    edges = make_odometry_edges(stated(motions_of(wheels(twists), scans=60)), measured(truth), STATED, settings)
+    monkeypatch.setattr(odometry_edges, "SPAN_S", span_s)
+    edges = make_odometry_edges(stated(motions_of(wheels(twists), scans=60)), measured(truth), STATED)
     assert np.isfinite(poses_of(edges)).all()
     np.testing.assert_array_less(0.0, sigmas_of(edges))
 
@@ -236,7 +237,7 @@ def test_a_pause_of_weeks_costs_no_more_than_any_other() -> None:
         return [replace(m, t0=m.t0 + pause * (k > 400), t1=m.t1 + pause * (k >= 400)) for k, m in enumerate(motions)]
 
     odometry = stated(motions_of(wheels(twists, scale=0.03)))
-    edges = make_odometry_edges(paused(odometry), paused(psi), STATED, SETTINGS)
+    edges = make_odometry_edges(paused(odometry), paused(psi), STATED)
     errors = (poses_of(edges) - motions_of(twists))[:, 0]
     assert abs(np.delete(errors, 400).mean()) < 0.01
 

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mqslam.config import ChirpConfig
 from mqslam.core.recording import PolarScan
-from mqslam.detection.chirp_correlation import _correlate_neighbours, correlate_chirps, find_echoes
+from mqslam.detection.chirp_correlation import _MIN_RANGE_M, _correlate_neighbours, correlate_chirps, find_echoes
 
 BIN_M = 0.08
-CONFIG = ChirpConfig(max_range_m=60.0)
 AZIMUTHS, BINS = 80, 700
 RISING = np.arange(AZIMUTHS) % 2 == 0
 
@@ -34,7 +32,7 @@ def scan_of(power: NDArray[np.uint8], invalid: tuple[int, ...] = (), kept: NDArr
 
 def find_peaks(power: NDArray[np.uint8], **changes: tuple[int, ...]) -> NDArray[np.float64]:
     """Returns how much farther [m] down-chirps lie than up-chirps, per azimuth."""
-    correlation = correlate_chirps(scan_of(power, **changes), BIN_M, CONFIG)
+    correlation = correlate_chirps(scan_of(power, **changes), BIN_M)
     assert correlation is not None
     rows, best = np.arange(len(correlation.values)), np.argmax(correlation.values, axis=1)
     before, here, after = (correlation.values[rows, best + step] for step in (-1, 0, 1))
@@ -55,8 +53,8 @@ def test_the_range_of_an_oblique_and_bent_wall_does_not_pass_for_a_shift() -> No
 
 def test_pairs_with_azimuths_that_are_invalid_or_missing_are_left_out() -> None:
     power = render(np.full(AZIMUTHS, 20.0))
-    whole, invalid = correlate_chirps(scan_of(power), BIN_M, CONFIG), correlate_chirps(scan_of(power, (30,)), BIN_M, CONFIG)
-    cut = correlate_chirps(scan_of(power, kept=np.delete(np.arange(AZIMUTHS), [30, 31])), BIN_M, CONFIG)
+    whole, invalid = correlate_chirps(scan_of(power), BIN_M), correlate_chirps(scan_of(power, (30,)), BIN_M)
+    cut = correlate_chirps(scan_of(power, kept=np.delete(np.arange(AZIMUTHS), [30, 31])), BIN_M)
     assert whole is not None and invalid is not None and cut is not None
     assert len(whole.azimuths) == AZIMUTHS - 3
     gone = np.setdiff1d(np.round(whole.times, 9), np.round(invalid.times, 9))
@@ -68,8 +66,8 @@ def test_pairs_with_azimuths_that_are_invalid_or_missing_are_left_out() -> None:
 def test_without_neighbours_of_both_directions_there_is_no_correlation(rising: NDArray[np.bool_]) -> None:
     turn = np.arange(AZIMUTHS) / AZIMUTHS
     whole = PolarScan(0.25 * turn, -2.0 * np.pi * turn, render(np.full(AZIMUTHS, 20.0)), np.ones(AZIMUTHS, dtype=bool))
-    assert correlate_chirps(whole, BIN_M, CONFIG) is None
-    assert correlate_chirps(whole.split(rising), BIN_M, CONFIG) is None
+    assert correlate_chirps(whole, BIN_M) is None
+    assert correlate_chirps(whole.split(rising), BIN_M) is None
 
 
 def test_correlations_are_those_of_plain_sums() -> None:
@@ -89,9 +87,9 @@ def test_correlations_are_those_of_plain_sums() -> None:
 def test_echoes_are_what_stands_out_of_the_noise_beyond_the_vehicle() -> None:
     power = render(np.full(AZIMUTHS, 20.0))
     power[:, : int(2.0 / BIN_M)] = 200
-    echoes = find_echoes(power, BIN_M, 1, CONFIG)
+    echoes = find_echoes(power, BIN_M, 1)
     place = (np.arange(echoes.shape[1]) + 0.5) * BIN_M
-    assert not echoes[:, place < CONFIG.min_range_m - BIN_M].any()
+    assert not echoes[:, place < _MIN_RANGE_M - BIN_M].any()
     np.testing.assert_allclose(place[np.argmax(echoes, axis=1)], 20.0, atol=BIN_M)
     assert np.percentile(np.abs(echoes), 95) < 0.1 * echoes.max()
 
@@ -99,6 +97,6 @@ def test_echoes_are_what_stands_out_of_the_noise_beyond_the_vehicle() -> None:
 def test_haze_that_is_wide_hardly_counts_beside_an_echo() -> None:
     power = render(np.full(AZIMUTHS, 20.0)).astype(float)
     haze = 60.0 * np.exp(-0.5 * (((np.arange(BINS) + 0.5) * BIN_M - 40.0) / 5.0) ** 2)
-    echoes = find_echoes(np.maximum(power, haze).astype(np.uint8), BIN_M, 1, CONFIG)
+    echoes = find_echoes(np.maximum(power, haze).astype(np.uint8), BIN_M, 1)
     place = (np.arange(echoes.shape[1]) + 0.5) * BIN_M
     assert np.abs(echoes[:, np.abs(place - 40.0) < 2.0]).max() < 0.05 * echoes[:, np.abs(place - 20.0) < 0.2].max()

@@ -11,6 +11,7 @@ from support.detector_reference import peaks_reference, targets_reference
 from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan
 from mqslam.core.scans import PeakCounts, Returns
+from mqslam.detection import detector
 from mqslam.detection.detector import _find_peaks, _join_peaks, detect, detect_and_count
 
 BIN_M = 0.1
@@ -126,12 +127,13 @@ def test_noise_and_what_is_too_near_or_too_far_give_no_returns() -> None:
     assert len(detect_in(power, SETTINGS.model_copy(update={"max_range_m": 50.0}))) == 0
 
 
-def test_only_the_strongest_of_an_azimuth_are_kept() -> None:
+def test_only_the_strongest_of_an_azimuth_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     power = quiet()
     levels = {5.0 * k: 100.0 + 10.0 * k for k in range(1, 9)}
     for range_m, level in levels.items():
         add(power, 17, range_m, level)
-    returns = detect_in(power, SETTINGS.model_copy(update={"strongest": 3}))
+    monkeypatch.setattr(detector, "_PEAKS_PER_AZIMUTH", 3)
+    returns = detect_in(power)
     assert sorted(np.round(returns.ranges)) == [30.0, 35.0, 40.0]
 
 
@@ -210,8 +212,8 @@ def test_neighbours_of_one_target_are_joined_across_half_a_long_bin() -> None:
 @pytest.mark.parametrize(
     ("counts", "step"),
     [
-        (PeakCounts(400, 300, 900, 10), "detector.saturation"),
-        (PeakCounts(400, 3, 900, 890), "detector.ring_share"),
+        (PeakCounts(400, 300, 900, 10), "check the radar's gain"),
+        (PeakCounts(400, 3, 900, 890), "on its mount"),
         (PeakCounts(400, 3, 12, 1), "detector.threshold"),
         (PeakCounts(400, 3, 12, 1, 500), "detector.max_range_m"),
         (PeakCounts(), "detector.threshold"),

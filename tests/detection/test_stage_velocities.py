@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mqslam.config import ChirpConfig, DetectorConfig
+from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan
 from mqslam.core.sensors.velocity import Outcome, Velocities
 from mqslam.detection import stage
@@ -22,7 +22,7 @@ from mqslam.simulator import CHIRP_BETA, ConstantDrive, SensorModel, make_yard_s
 from mqslam.simulator.in_memory import SimulatedRecording
 
 SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=60.0, doppler_beta=CHIRP_BETA, chirps=True)
-DETECTOR, CHIRPS = DetectorConfig(), ChirpConfig()
+DETECTOR = DetectorConfig()
 
 
 @lru_cache(maxsize=1)
@@ -38,14 +38,14 @@ def assert_equal(one: Velocities | None, other: Velocities | None) -> None:
 
 
 def test_every_scan_has_the_velocity_of_its_middle() -> None:
-    velocities = detect_all(drive(), DETECTOR, chirps=CHIRPS)[1].velocities
+    velocities = detect_all(drive(), DETECTOR, with_velocities=True)[1].velocities
     assert velocities is not None and velocities.measured.all() and not velocities.reasons
     np.testing.assert_allclose(velocities.times, drive().start_times + 0.125)
     np.testing.assert_allclose(velocities.velocities, np.tile([6.0, 0.0], (10, 1)), atol=0.3)
 
 
 def test_returns_are_those_of_the_up_chirps_alone() -> None:
-    detected = detect_stretch(drive(), DETECTOR, 0, 2, chirps=CHIRPS)
+    detected = detect_stretch(drive(), DETECTOR, 0, 2, with_velocities=True)
     for turn, returns in zip(drive().polar_scans(0, 2), detected.returns, strict=True):
         alone = detect(PolarScan(turn.times, turn.azimuths, turn.power, turn.valid), SENSOR.range_resolution, DETECTOR)
         np.testing.assert_array_equal(returns.ranges, alone.ranges)
@@ -56,27 +56,27 @@ def test_velocities_are_measured_only_where_they_are_asked_for_and_chirps_altern
     assert detect_all(drive(), DETECTOR)[1].velocities is None
     plain = SensorModel(azimuths=200, range_resolution=0.175, max_range=60.0)
     recording = simulate_recording(make_yard_scene(1), ConstantDrive(6.0, 0.2), duration_s=0.5, sensor=plain)
-    assert detect_all(recording, DETECTOR, chirps=CHIRPS)[1].velocities is None
+    assert detect_all(recording, DETECTOR, with_velocities=True)[1].velocities is None
 
 
 def test_workers_do_not_change_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    alone = detect_all(drive(), DETECTOR, chirps=CHIRPS)[1].velocities
+    alone = detect_all(drive(), DETECTOR, with_velocities=True)[1].velocities
     monkeypatch.setattr(stage, "_CHUNK", 3)
-    assert_equal(detect_all(drive(), DETECTOR, Runner(LocalEngine(2)), chirps=CHIRPS)[1].velocities, alone)
+    assert_equal(detect_all(drive(), DETECTOR, Runner(LocalEngine(2)), with_velocities=True)[1].velocities, alone)
 
 
-@pytest.mark.parametrize("chirps", [CHIRPS, None])
+@pytest.mark.parametrize("with_velocities", [True, False])
 def test_a_resumed_run_finds_them_in_its_checkpoint(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chirps: ChirpConfig | None
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, with_velocities: bool
 ) -> None:
     def run(resume: bool) -> Velocities | None:
         runner = Runner(checkpoint=Checkpoint(tmp_path / "out", "key", resume=resume))
-        return detect_all(drive(), DETECTOR, runner, chirps=chirps)[1].velocities
+        return detect_all(drive(), DETECTOR, runner, with_velocities=with_velocities)[1].velocities
 
     monkeypatch.setattr(stage, "_CHUNK", 4)
     made = run(resume=False)
     monkeypatch.setattr(stage, "detect_stretch", lambda *_, **__: pytest.fail("detected again"))
-    if chirps is None:
+    if not with_velocities:
         assert made is None and run(resume=True) is None
     else:
         assert_equal(run(resume=True), made)
@@ -95,7 +95,7 @@ def cut(image: Path) -> None:
 def test_a_polar_scan_that_cannot_be_read_measures_none(written: Path, caplog: pytest.LogCaptureFixture) -> None:
     cut(sorted((written / "radar").iterdir())[2])
     with caplog.at_level("INFO", "mqslam.detection.stage"):
-        velocities = detect_all(open_recording(written), DETECTOR, chirps=CHIRPS)[1].velocities
+        velocities = detect_all(open_recording(written), DETECTOR, with_velocities=True)[1].velocities
     assert velocities is not None and velocities.reasons == {Outcome.UNREAD.reason: 1}
     assert np.flatnonzero(~velocities.measured).tolist() == [2] and np.isnan(velocities.velocities[2]).all()
     assert "5 of 6 scans measured the velocity, 1 not: the polar scan could not be read" in caplog.text
@@ -105,13 +105,13 @@ def test_a_stretch_of_which_nothing_can_be_read_joins_the_others(written: Path, 
     for image in sorted((written / "radar").iterdir())[2:4]:
         cut(image)
     monkeypatch.setattr(stage, "_CHUNK", 2)
-    velocities = detect_all(open_recording(written), DETECTOR, chirps=CHIRPS)[1].velocities
+    velocities = detect_all(open_recording(written), DETECTOR, with_velocities=True)[1].velocities
     assert velocities is not None and velocities.measured.tolist() == [True, True, False, False, True, True]
 
 
 def test_a_stretch_has_the_velocities_that_the_whole_recording_has() -> None:
-    whole = detect_all(drive(), DETECTOR, chirps=CHIRPS)[1].velocities
-    part = detect_stretch(drive(), DETECTOR, 4, 7, chirps=CHIRPS).velocities
+    whole = detect_all(drive(), DETECTOR, with_velocities=True)[1].velocities
+    part = detect_stretch(drive(), DETECTOR, 4, 7, with_velocities=True).velocities
     assert whole is not None and part is not None
     stretch = slice(4, 7)
     assert_equal(

@@ -10,12 +10,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from mqslam.config import ChirpConfig
 from mqslam.core.recording import PolarScan
 from mqslam.core.sensors.velocity import Outcome
+from mqslam.detection import chirp_correlation, velocity_fit
 from mqslam.detection.chirp_correlation import correlate_chirps
 from mqslam.detection.velocity_fit import (
     _OUTLIER_SPREADS,
+    _SECTORS,
     Shifts,
     Velocity,
     _fit_robustly,
@@ -39,7 +40,6 @@ from mqslam.simulator import (
     simulate_recording,
 )
 
-CONFIG = ChirpConfig()
 SENSOR = SensorModel(range_resolution=0.175, max_range=80.0, doppler_beta=CHIRP_BETA, chirps=True)
 
 
@@ -64,9 +64,9 @@ def record(scene: Scene, drive: Drive, duration_s: float, realism: str = "kind")
     return simulate_recording(scene, drive, duration_s=duration_s, sensor=SENSOR, realism=realism)
 
 
-def measure(recording: SimulatedRecording, k: int, config: ChirpConfig = CONFIG) -> Velocity:
+def measure(recording: SimulatedRecording, k: int) -> Velocity:
     middle = float(recording.start_times[k] + recording.end_times[k]) / 2.0
-    return measure_velocity(recording[k], recording.range_resolution, middle, config)
+    return measure_velocity(recording[k], recording.range_resolution, middle)
 
 
 def measure_some(recording: SimulatedRecording, step: int) -> Measured:
@@ -107,14 +107,17 @@ def test_at_rest_the_velocity_is_zero() -> None:
     np.testing.assert_allclose(still.velocity, 0.0, atol=0.1)
 
 
-def test_braking_does_not_pass_for_sliding() -> None:
+def test_braking_does_not_pass_for_sliding(monkeypatch: pytest.MonkeyPatch) -> None:
     speeds = np.array([[12.0, 0.0, 0.0], [12.0 - 6.0 * 0.25, 0.0, 0.0]])
     poses = np.array([[0.0, 0.0, 0.0], [12.0 * 0.25 - 3.0 * 0.25**2, 0.0, 0.0]])
     braking = SampledDrive(np.array([0.0, 0.25]), poses, speeds)
-    aside = []
+    aside: list[list[float]] = []
     for seed in range(1, 9):
         recording = record(make_yard_scene(seed), braking, 0.25)
-        aside.append([measure(recording, 0, ChirpConfig(acceleration=a)).velocity[1] for a in (3.0, 1e-3)])
+        aside.append([])
+        for acceleration in (3.0, 1e-3):
+            monkeypatch.setattr(velocity_fit, "_ACCELERATION", acceleration)
+            aside[-1].append(measure(recording, 0).velocity[1])
     with_acceleration, without = np.abs(np.mean(aside, axis=0))
     assert with_acceleration < 0.05 < 0.08 < without
 
@@ -140,18 +143,19 @@ def test_where_nothing_is_seen_no_velocity_is_made_up() -> None:
     thermal = np.clip(20.0 * np.log10(rng.exponential(1.0, (400, 600))) + 18.0, 0.0, 255.0).astype(np.uint8)
     expected = {Outcome.UNCLEAR: bright, Outcome.DARK: thermal}
     for outcome, power in expected.items():
-        found = measure_velocity(scan_of(power), 0.175, 0.125, CONFIG)
+        found = measure_velocity(scan_of(power), 0.175, 0.125)
         assert found.outcome is outcome and np.isnan(found.velocity).all() and np.isnan(found.covariance).all()
 
 
 def test_chirps_that_all_go_the_same_way_tell_no_velocity() -> None:
     one = scan_of(np.zeros((400, 600), dtype=np.uint8)).down
-    assert one is not None and measure_velocity(one, 0.175, 0.125, CONFIG).outcome is Outcome.ONE_DIRECTION
+    assert one is not None and measure_velocity(one, 0.175, 0.125).outcome is Outcome.ONE_DIRECTION
 
 
-def test_what_only_a_narrow_sector_shows_is_uncertain_across_it() -> None:
+def test_what_only_a_narrow_sector_shows_is_uncertain_across_it(monkeypatch: pytest.MonkeyPatch) -> None:
     wall = Scene(np.array([[20.0, -8.0, 20.0, 8.0, 1.0, 0.9], [26.0, -9.0, 24.0, 9.0, 1.0, 0.9]]))
-    found = measure(record(wall, ConstantDrive(6.0, 0.0), 0.25), 0, ChirpConfig(fewest_azimuths=0.05))
+    monkeypatch.setattr(velocity_fit, "_FEWEST_AZIMUTHS", 0.05)
+    found = measure(record(wall, ConstantDrive(6.0, 0.0), 0.25), 0)
     if found.outcome is Outcome.MEASURED:
         sigmas = np.sqrt(np.diag(found.covariance))
         assert abs(found.velocity[0] - 6.0) < 4.0 * sigmas[0] and sigmas[1] > 2.0 * sigmas[0]
@@ -159,9 +163,13 @@ def test_what_only_a_narrow_sector_shows_is_uncertain_across_it() -> None:
         assert found.outcome is Outcome.ONE_SIDED
 
 
-def test_twice_the_shift_per_speed_means_half_the_velocity() -> None:
+def test_twice_the_shift_per_speed_means_half_the_velocity(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = record(make_yard_scene(1), ConstantDrive(5.0, 0.2), 0.25)
-    one, half = measure(recording, 0), measure(recording, 0, ChirpConfig(doppler_beta=2.0 * CHIRP_BETA, fastest_mps=22.5))
+    one = measure(recording, 0)
+    monkeypatch.setattr(chirp_correlation, "CHIRP_BETA", 2.0 * CHIRP_BETA)
+    monkeypatch.setattr(chirp_correlation, "FASTEST_MPS", 22.5)
+    monkeypatch.setattr(velocity_fit, "FASTEST_MPS", 22.5)
+    half = measure(recording, 0)
     np.testing.assert_allclose(half.velocity, 0.5 * one.velocity, atol=0.02)
 
 
@@ -197,11 +205,11 @@ def test_the_robust_fit_is_the_minimum_of_its_loss() -> None:
 def test_the_covariance_is_that_of_fits_without_each_sector() -> None:
     jacobian, shifts = some_shifts()
     state, width = _fit_robustly(jacobian, shifts, np.array([7.0, 0.0, 0.0, 0.0]), PRIOR)
-    found = _leave_out_sectors(jacobian, shifts, state, width, PRIOR, CONFIG)
+    found = _leave_out_sectors(jacobian, shifts, state, width, PRIOR)
     assert found is not None
     usual = np.average(shifts.weights, weights=shifts.weights)
     moves = []
-    for sector in np.array_split(np.arange(300), CONFIG.sectors):
+    for sector in np.array_split(np.arange(300), _SECTORS):
         weights = np.delete(shifts.weights, sector)  # scaled so that the width's information stays that of all
         scale = np.average(weights, weights=weights) / usual
         rest = Shifts(np.delete(shifts.speeds, sector), weights)
@@ -215,7 +223,7 @@ def test_the_covariance_is_that_of_fits_without_each_sector() -> None:
             options={"gtol": 1e-8},
         ).x
         moves.append(left - state)
-    expected = (CONFIG.sectors - 1) / CONFIG.sectors * np.einsum("si,sj->ij", np.array(moves), np.array(moves))
+    expected = (_SECTORS - 1) / _SECTORS * np.einsum("si,sj->ij", np.array(moves), np.array(moves))
     np.testing.assert_allclose(found[:2, :2], expected[:2, :2], rtol=0.15, atol=2e-5)
 
 
@@ -223,7 +231,7 @@ def test_one_sector_that_alone_decides_gives_no_covariance() -> None:
     jacobian, shifts = some_shifts()
     alone = np.where(np.arange(300) < 15, shifts.weights, 0.0)
     state = np.array([8.0, 0.0, 0.0, 0.0])
-    assert _leave_out_sectors(jacobian, Shifts(jacobian @ state, alone), state, 0.3, 0.0 * PRIOR, CONFIG) is None
+    assert _leave_out_sectors(jacobian, Shifts(jacobian @ state, alone), state, 0.3, 0.0 * PRIOR) is None
 
 
 def test_the_real_scan_splits_and_shows_a_vehicle_at_rest(boreas_rt: Path) -> None:
@@ -232,12 +240,12 @@ def test_the_real_scan_splits_and_shows_a_vehicle_at_rest(boreas_rt: Path) -> No
     assert polar_scan.down is not None and len(polar_scan.times) == len(polar_scan.down.times) == 200
     np.testing.assert_allclose(np.abs(np.diff(polar_scan.down.azimuths)), 2.0 * np.pi * 28 / 5600)
     np.testing.assert_allclose(polar_scan.times - polar_scan.down.times, 625e-6, atol=2e-6)
-    found = measure_velocity(polar_scan, recording.range_resolution, 0.125, CONFIG)
+    found = measure_velocity(polar_scan, recording.range_resolution, 0.125)
     assert found.outcome is Outcome.MEASURED
     assert np.all(np.abs(found.velocity) < 0.35) and np.all(np.sqrt(np.diag(found.covariance)) < 0.15)
-    correlation = correlate_chirps(polar_scan, recording.range_resolution, CONFIG)
+    correlation = correlate_chirps(polar_scan, recording.range_resolution)
     assert correlation is not None
-    shifts = read_shifts(correlation, np.zeros(len(correlation.azimuths)), CONFIG)
+    shifts = read_shifts(correlation, np.zeros(len(correlation.azimuths)))
     for sector in np.array_split(np.arange(len(correlation.azimuths)), 12):  # smooth: no direction stands out
         order = sector[np.argsort(shifts.speeds[sector])]
         sums = np.cumsum(shifts.weights[order])

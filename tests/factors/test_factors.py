@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
 
-from mqslam.config import GraphConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
-from mqslam.factors.noise import between_noise
+from mqslam.factors.noise import HUBER, between_noise
 from mqslam.factors.odometry_between import odometry_between
-from mqslam.factors.prior import prior
+from mqslam.factors.prior import PRIOR_M, PRIOR_RAD, prior
 from mqslam.factors.psi_between import psi_between
 
-DEFAULT = GraphConfig()
 COVARIANCE = np.array([[0.04, 0.01, 0.002], [0.01, 0.01, -0.001], [0.002, -0.001, 0.0009]])
 MOTION = Measurement(0.0, 0.25, np.array([3.0, 0.4, 1.1]), COVARIANCE)
 
@@ -25,11 +23,11 @@ def gaussian(factor: gtsam.BetweenFactorPose2) -> np.ndarray:
 
 
 def of_psi(a: int, b: int) -> gtsam.BetweenFactorPose2:
-    return psi_between(a, b, MOTION.pose, MOTION.covariance, DEFAULT)
+    return psi_between(a, b, MOTION.pose, MOTION.covariance)
 
 
 def of_odometry(a: int, b: int) -> gtsam.BetweenFactorPose2:
-    return odometry_between(a, b, MOTION, DEFAULT)
+    return odometry_between(a, b, MOTION)
 
 
 @pytest.mark.parametrize("make", [of_psi, of_odometry])
@@ -52,7 +50,7 @@ def test_the_noise_is_the_covariance_in_the_frame_in_which_gtsam_states_errors()
     draws = rng.multivariate_normal(np.zeros(3), small, 20000)
     truth = gtsam.Pose2(*MOTION.pose)
     local = np.array([truth.localCoordinates(gtsam.Pose2(*(MOTION.pose + d))) for d in draws])
-    noise = between_noise(small, MOTION.pose[2], 1.345)
+    noise = between_noise(small, MOTION.pose[2])
     sampled, stated = np.cov(local.T), np.asarray(noise.noise().covariance())
     scale = np.sqrt(np.outer(np.diag(stated), np.diag(stated)))
     np.testing.assert_allclose(sampled / scale, stated / scale, atol=0.04)
@@ -66,7 +64,7 @@ def test_the_noise_is_the_covariance_of_the_measurement_and_nothing_else(
 
 
 def test_a_residual_beyond_huber_pulls_only_linearly() -> None:
-    factor = psi_between(X(0), X(1), np.zeros(3), np.eye(3), DEFAULT)
+    factor = psi_between(X(0), X(1), np.zeros(3), np.eye(3))
 
     def error(x: float) -> float:
         values = gtsam.Values()
@@ -75,11 +73,11 @@ def test_a_residual_beyond_huber_pulls_only_linearly() -> None:
         return float(factor.error(values))
 
     assert error(1.0) == pytest.approx(0.5)
-    assert error(12.0) - error(11.0) == pytest.approx(DEFAULT.huber, rel=1e-6)
+    assert error(12.0) - error(11.0) == pytest.approx(HUBER, rel=1e-6)
 
 
 def test_the_prior_holds_the_pose_it_is_given() -> None:
-    factor = prior(X(0), np.array([1.0, 2.0, 0.3]), DEFAULT)
+    factor = prior(X(0), np.array([1.0, 2.0, 0.3]))
     at = factor.prior()
     np.testing.assert_allclose([at.x(), at.y(), at.theta()], [1.0, 2.0, 0.3])
-    np.testing.assert_allclose(factor.noiseModel().sigmas(), [DEFAULT.prior_m, DEFAULT.prior_m, DEFAULT.prior_rad])
+    np.testing.assert_allclose(factor.noiseModel().sigmas(), [PRIOR_M, PRIOR_M, PRIOR_RAD])

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mqslam.config import ScanMatchingConfig
 from mqslam.core import se2
 from mqslam.frontends.icp_covariance import Surface
 
@@ -12,7 +11,7 @@ POSE = np.array([3.0, -1.0, 0.5 * np.pi])  # heads along y of the map
 
 
 def surface(points: NDArray[np.float64]) -> Surface:
-    return Surface(points, ScanMatchingConfig())
+    return Surface(points, 1.0)
 
 
 def scene(rng: np.random.Generator, thick: float) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from support.drives import drive, street_drive
 
-from mqslam.config import Config, ScanMatchingConfig
+from mqslam.config import Config
 from mqslam.core import frontend, se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
@@ -21,6 +21,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError
 from mqslam.formats.recordings import open_recording
+from mqslam.frontends import scan_matching
 from mqslam.frontends.scan_matching import _COAST_VX, match_scans
 from mqslam.frontends.scan_track import Match
 from mqslam.simulator import ConstantDrive, SimulatedRecording, make_corridor_scene, make_street_scene
@@ -181,7 +182,7 @@ def through_recorder(doppler_beta: float = 0.0) -> tuple[Recorder, Scans, list[M
         return recorders[-1]
 
     context = Context(Config(), recording.revolution_s, recording.start_us, odometry, doppler_beta)
-    motions = list(match_scans(scans[:3], new, context, ScanMatchingConfig()))
+    motions = list(match_scans(scans[:3], new, context))
     return recorders[-2], scans[:3], motions  # the last recorder is the one that goes backwards
 
 
@@ -204,11 +205,12 @@ def test_a_scan_is_handed_on_with_its_times_and_the_last_motion() -> None:
         np.testing.assert_allclose(motion.pose, step, atol=1e-9)
 
 
-def test_only_some_stretches_are_followed_backwards() -> None:
+def test_only_some_stretches_are_followed_backwards(monkeypatch: pytest.MonkeyPatch) -> None:
     recording, scans = street_drive()
     context = Context(Config(), recording.revolution_s, recording.start_us, None)
-    settings = ScanMatchingConfig(backward_scans=4, backward_warm_up=2, backward_every=12)
-    motions = list(match_scans(scans[:24], Recorder, context, settings))
+    for name, count in {"_BACKWARD_SCANS": 4, "_BACKWARD_WARM_UP": 2, "_BACKWARD_EVERY": 12}.items():
+        monkeypatch.setattr(scan_matching, name, count)
+    motions = list(match_scans(scans[:24], Recorder, context))
     twice = [k for k, motion in enumerate(motions) if np.isfinite(motion.apart).all()]
     assert twice == [5, 6, 7, 8, 17, 18, 19, 20]
 
@@ -238,7 +240,7 @@ def test_how_far_the_way_back_is_from_the_way_there_shows_how_large_the_errors_a
             return replace(match, pose=match.pose + np.array([next(sides), 0.0, 0.0]))
 
     context = Context(Config(), recording.revolution_s, recording.start_us, None)
-    motions = list(match_scans(scans, Wavering, context, ScanMatchingConfig()))
+    motions = list(match_scans(scans, Wavering, context))
     stated = np.median([m.covariance[0, 0] for m in motions[5:]])
     assert 0.4 * off**2 < stated
 

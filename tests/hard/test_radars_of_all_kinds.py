@@ -22,7 +22,7 @@ SLOW = TrackerConfig(speed_max=10.0)  # makes the first search cheap
 MARINE_WORLD = poles(150, 1200.0)
 MARINE_REACH_M = (40.0, 690.0)
 MARINE = EstimatorConfig(s=12.0, s_start=50.0, beta_s=5.0, beta_s_start=25.0, blur_m=3.0, sigma_range_m=3.0)
-FAR = DetectorConfig(max_range_m=690.0, min_range_m=50.0, smoothing_m=8.0, join_m=12.0)
+FAR = DetectorConfig(max_range_m=690.0, min_range_m=50.0)
 
 
 def run(recording: Recording, config: Config) -> Run:

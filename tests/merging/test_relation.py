@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gtsam
 import numpy as np
-from support.passes import CONFIG
 
 from mqslam.backend.loops.chain import Chain
 from mqslam.backend.loops.submap import Drive
@@ -22,7 +21,7 @@ def make_chain() -> Chain:
     """Returns a drive of straight metres, of each of which its graph is sure."""
     poses = np.column_stack([np.arange(COUNT), np.zeros(COUNT), np.zeros(COUNT)]).astype(np.float64)
     factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    factors.push_back(prior(0, poses[0], CONFIG.graph))
+    factors.push_back(prior(0, poses[0]))
     noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([0.01, 0.01, 1e-4]))
     for k, pose in enumerate(poses):
         values.insert(k, gtsam.Pose2(*pose))

@@ -25,16 +25,16 @@ POSE, COVARIANCE = np.array([1.0, 0.0, 0.0]), 1e-2 * np.eye(3)
 
 
 def test_each_edge_has_a_row_that_says_what_it_is() -> None:
-    graph_settings, loop = CONFIG.graph, Loop(0, 2, POSE, COVARIANCE, 0.9, 0.5)
+    loop = Loop(0, 2, POSE, COVARIANCE, 0.9, 0.5)
     plain = gtsam.BetweenFactorPose2(X(1), X(2), gtsam.Pose2(*POSE), gtsam.noiseModel.Isotropic.Sigma(3, 0.1))
     factors = [
-        psi_between(M(0), X(1), POSE, COVARIANCE, graph_settings),
-        psi_between(M(0), M(1), POSE, COVARIANCE, graph_settings),
+        psi_between(M(0), X(1), POSE, COVARIANCE),
+        psi_between(M(0), M(1), POSE, COVARIANCE),
         plain,
         loop_between(X(0), X(2), loop),
-        psi_between(X(0), X(2), POSE, COVARIANCE, graph_settings),
+        psi_between(X(0), X(2), POSE, COVARIANCE),
     ]
-    graph = build_pose_graph(np.zeros((3, 3)), factors, graph_settings, np.zeros((2, 3)))
+    graph = build_pose_graph(np.zeros((3, 3)), factors, np.zeros((2, 3)))
     track = Trajectory(np.array([100, 200, 300]), np.zeros((3, 3)))
     run = cast(Any, SimpleNamespace(graph=graph, optimised=track, config=CONFIG))
     rows = list(csv.DictReader(io.StringIO(format_graph_table(run))))

@@ -7,7 +7,6 @@ from itertools import pairwise
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
-from support.passes import CONFIG
 
 from mqslam.backend.loops.candidates import Candidate
 from mqslam.backend.loops.chain import Chain, Layout, Relative
@@ -34,7 +33,7 @@ def chain_of(drive: Drive, sigmas: tuple[float, float, float] = SURE, between_pa
         known = np.array([1.0, 1.0, 0.01]) * (between_passes or 0.0) if late else np.array(sigmas)
         noise = gtsam.noiseModel.Diagonal.Sigmas(known)
         factors.append(gtsam.BetweenFactorPose2(X(k), X(k + 1), gtsam.Pose2(*se2.between(a, b)), noise))
-    graph = build_pose_graph(poses, factors, CONFIG.graph)
+    graph = build_pose_graph(poses, factors)
     return Chain(drive, graph, graph.initial)
 
 

@@ -7,11 +7,9 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 
 from mqslam.backend.pose_graph import PoseGraph, build_pose_graph
-from mqslam.config import GraphConfig
 from mqslam.core import se2
 from mqslam.factors.psi_between import psi_between
 
-FLAT = GraphConfig()
 COVARIANCE = np.diag([0.01, 0.0025, 1e-4])
 TURNS = np.tile([2.0, 0.1, 0.3], (30, 1))  # more than a full turn in all
 
@@ -21,8 +19,7 @@ def graph_of(motions: np.ndarray, initial: np.ndarray, loops: dict[tuple[int, in
     edges = {(k, k + 1): motion for k, motion in enumerate(motions)} | (loops or {})
     return build_pose_graph(
         initial,
-        [psi_between(X(a), X(b), motion, COVARIANCE, FLAT) for (a, b), motion in edges.items()],
-        FLAT,
+        [psi_between(X(a), X(b), motion, COVARIANCE) for (a, b), motion in edges.items()],
     )
 
 
@@ -39,6 +36,4 @@ def unequal(count: int, lowest: float, highest: float, loops: int = 0, seed: int
         return gtsam.BetweenFactorPose2(X(a), X(b), gtsam.Pose2(*se2.between(poses[a], poses[b])), noise)
 
     edges = [edge(k, k + 1) for k in range(count)]
-    return build_pose_graph(
-        poses, edges + [edge(*sorted(rng.choice(count + 1, 2, replace=False))) for _ in range(loops)], FLAT
-    )
+    return build_pose_graph(poses, edges + [edge(*sorted(rng.choice(count + 1, 2, replace=False))) for _ in range(loops)])

@@ -67,7 +67,7 @@ def noisy_passes() -> tuple[Drive, Problem, Loop]:
     first, second = 10, 10 + len(earlier.times)
     pose = se2.between(drive.poses[first], drive.poses[second]) + np.array([0.08, -0.06, 0.003])
     loop = Loop(first, second, pose, np.diag([1e-3, 1e-3, 1e-6]), 0.7, 0.5)
-    return drive, Problem(motions, [], CONFIG.graph), loop
+    return drive, Problem(motions, []), loop
 
 
 def path(xy: np.ndarray) -> Drive:

@@ -31,7 +31,7 @@ def check_radar(format: str) -> Callable[[Path], None]:
         recording = open_recording(path, format=format)
         check_recording(recording)
         config, checked = Config(), _Checked(recording)
-        detected = detect_stretch(checked, config.detector, 0, len(recording), strict=False, chirps=config.chirps)  # type: ignore[arg-type]
+        detected = detect_stretch(checked, config.detector, 0, len(recording), strict=False, with_velocities=True)  # type: ignore[arg-type]
         assert len(detected.returns) == len(recording)
         assert detected.velocities is not None and len(detected.velocities) == len(recording)
         assert np.array_equal(np.isfinite(detected.velocities.covariances).all(axis=(1, 2)), detected.velocities.measured)

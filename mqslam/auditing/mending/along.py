@@ -72,7 +72,7 @@ def straighten(measurements: MotionTable, scans: Scans, config: Config, beam: Be
         beam: the sensor's errors.
         runner: where scans are laid; it keeps the ties.
     """
-    alone = Problem(measurements, [], config.graph)
+    alone = Problem(measurements, [])
     track = Trajectory(scans.stamps_us, alone.solve_poses([]))
     ties = runner.make_once(ALONG, lambda: measure_along(scans, track, config, beam, runner))
     poses = alone.solve_poses([], weigh_ties(ties, measurements))

@@ -226,7 +226,7 @@ class _Mender:
         plausible = self._keep_plausible([*allow_for_walk(windows, self._noise), *beside], variances)
         ties = [*self._across.values(), *plausible]
         loops = [as_loop(r, sweeps) for r in audit.revisits if r.revisit.sure]
-        chain = TiedChain(self._steps, variances, ties, sweeps.poses, config.graph, config.audit.least_path_m)
+        chain = TiedChain(self._steps, variances, ties, sweeps.poses, config.audit.least_path_m)
         poses, kept = chain.solve(loops)
         return poses, len(ties), len(kept)
 

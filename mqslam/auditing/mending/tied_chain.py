@@ -15,7 +15,6 @@ from mqslam.backend.loops.chain import Chain
 from mqslam.backend.loops.consistency import as_relative, compute_chi_square, keep_consistent
 from mqslam.backend.loops.submap import Drive
 from mqslam.backend.pose_graph import build_pose_graph, optimise, poses_of
-from mqslam.config import GraphConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
 from mqslam.factors.loop_between import loop_between
@@ -50,7 +49,6 @@ class TiedChain:
         variances: (N - 1, 3) of these motions' errors, in the frames that they begin in.
         ties: measured poses.
         initial: (N, 3) poses to start from; the first is held.
-        graph_settings: settings of steps and ties.
         least_path_m: path [m] within which two loops are neighbours, which must agree.
     """
 
@@ -58,7 +56,6 @@ class TiedChain:
     variances: NDArray[np.float64]
     ties: Sequence[Tie]
     initial: se2.Array
-    graph_settings: GraphConfig
     least_path_m: float
 
     def solve(self, loops: Sequence[Loop]) -> tuple[se2.Array, list[Loop]]:
@@ -95,14 +92,13 @@ class TiedChain:
 
     def _optimise(self, loops: Sequence[Loop]) -> Chain:
         """Returns the poses that steps, ties and given loops lead to, and how sure they are."""
-        settings = self.graph_settings
         factors = [
-            psi_between(X(k), X(k + 1), step, np.diag(own), settings)
+            psi_between(X(k), X(k + 1), step, np.diag(own))
             for k, (step, own) in enumerate(zip(self.steps, self.variances, strict=True))
         ]
-        factors += [psi_between(X(tie.a), X(tie.b), tie.pose, tie.covariance, settings) for tie in self.ties]
+        factors += [psi_between(X(tie.a), X(tie.b), tie.pose, tie.covariance) for tie in self.ties]
         factors += [loop_between(X(loop.earlier), X(loop.later), loop) for loop in loops]
-        graph = build_pose_graph(self.initial, factors, settings)
+        graph = build_pose_graph(self.initial, factors)
         values = optimise(graph).values
         poses = poses_of(values, graph.size)
         drive = Drive((), np.arange(len(poses), dtype=np.float64), poses, se2.path_lengths(poses))

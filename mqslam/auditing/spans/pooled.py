@@ -20,15 +20,13 @@ from mqslam.auditing.spans import effects
 from mqslam.auditing.spans.delay import Delay, estimate_delay
 from mqslam.auditing.spans.lever import Lever, estimate_lever, find_turns
 from mqslam.auditing.spans.robust import HUBER, judge_by_jackknife, measure_spread, split_into_blocks
-from mqslam.config import GraphConfig
+from mqslam.backend.drift import COMMON_DRIFT_RAD
 
 # Fewest such pairs that show a bias, or how far off such a pair usually is.
 SPAN_FEWEST = 15
 
 _FEWEST: Final = 10  # a spread of fewer places may be small by chance
-_COMMON_YAW: Final = (
-    GraphConfig().common_drift_rad / 10.0
-)  # [rad] over the root of a metre: the graph's is over that of 100 m
+_COMMON_YAW: Final = COMMON_DRIFT_RAD / 10.0  # [rad] over the root of a metre: the graph's is over that of 100 m
 
 
 @dataclass(frozen=True, slots=True)

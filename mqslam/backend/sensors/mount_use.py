@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mqslam.backend.sensors.odometry.mount_estimate import MountEstimate, estimate_mount
 from mqslam.backend.sensors.odometry.odometry_calibration import AT_ORIGIN, SIGMA_MOUNT_M, SIGMA_MOUNT_RAD
-from mqslam.config import GraphConfig, OdometryConfig
+from mqslam.config import OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.sensors.mount import Mount
@@ -51,7 +51,6 @@ def find_mount(
     odometry: Sequence[Measurement],
     measured: Sequence[Measurement],
     stated: OdometryConfig,
-    settings: GraphConfig,
 ) -> MountUse | None:
     """Finds where the radar sits: where it is stated to be, or else where odometry says; None where nothing says anything.
 
@@ -60,9 +59,8 @@ def find_mount(
         odometry: motions of odometry, carried to the radar by the stated mount.
         measured: motions of the front end over the same scans.
         stated: the errors of odometry and of a stated mount.
-        settings: of the graph.
     """
-    estimate = estimate_mount(odometry, measured, stated, settings, AT_ORIGIN if mount is None else mount.pose)
+    estimate = estimate_mount(odometry, measured, stated, AT_ORIGIN if mount is None else mount.pose)
     limits = np.array([_MOUNT_KNOWN_M, _MOUNT_KNOWN_M, _MOUNT_KNOWN_RAD])
     if mount is not None:
         told = f"the radar sits {_describe_pose(mount.pose)} ({mount.source})"

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import TypeAlias
 
 import gtsam
 import numpy as np
 
 from mqslam.backend.pose_graph import pose_of
-from mqslam.config import GraphConfig
 from mqslam.core import se2
 from mqslam.errors import ConfigError
 from mqslam.factors.lifted_between import lifted_between
@@ -48,12 +46,11 @@ def check_apart(keys: Sequence[int]) -> None:
         seen.add(key)
 
 
-def choose_lift(pose: Pose, settings: GraphConfig) -> Callable[[gtsam.BetweenFactorPose2], Between]:
+def choose_lift(pose: Pose) -> Callable[[gtsam.BetweenFactorPose2], Between]:
     """Returns what makes a factor between planar poses one between poses of the graph.
 
     Args:
         pose: what the poses of the graph are.
-        settings: of the graph.
 
     Raises:
         ConfigError: they are neither planar poses nor poses in space.
@@ -61,7 +58,7 @@ def choose_lift(pose: Pose, settings: GraphConfig) -> Callable[[gtsam.BetweenFac
     if pose is gtsam.Pose2:
         return lambda factor: factor
     if pose is gtsam.Pose3:
-        return partial(lifted_between, config=settings)
+        return lifted_between
     raise ConfigError(f"pose: {pose} is no pose of a scan; give gtsam.Pose2 or gtsam.Pose3")
 
 

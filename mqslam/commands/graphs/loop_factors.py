@@ -59,7 +59,7 @@ def loop_factors(
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
             Loops are looked for whatever `loops.enabled` says.
         pose: what the poses of the graph are, where no values tell it: `gtsam.Pose2`, or `gtsam.Pose3`, whose factors state
-            weak noise on z, roll and pitch (`graph.lifted_m`, `graph.lifted_rad` of the settings).
+            weak noise on z (0.1 m), roll and pitch (0.03 rad).
         work: where the work is done, and who is told about it, also about pairs of passes that could not be tied.
 
     Returns:
@@ -82,13 +82,13 @@ def loop_factors(
         if isinstance(trajectory, gtsam.Values):
             poses = read_poses(trajectory, listed)
             pose = find_pose_kind(trajectory, listed[0])
-        lift = choose_lift(pose, settings.graph)
+        lift = choose_lift(pose)
         problem: GraphProblem
         if graph is None:
             track = Trajectory(scans.stamps_us, poses) if isinstance(trajectory, gtsam.Values) else trajectory
             problem = _state_as_odometry(radar, track)
         elif isinstance(trajectory, gtsam.Values):
-            problem = GivenGraph(graph, trajectory, listed, lift, settings.graph)
+            problem = GivenGraph(graph, trajectory, listed, lift)
         else:
             raise ConfigError("graph: comes without the values that it is optimised at; give gtsam.Values as the trajectory")
         search = find_loops(scans, problem, settings.estimator, radar.beam, runner, recognising=False)
@@ -100,4 +100,4 @@ def loop_factors(
 def _state_as_odometry(radar: Radar, trajectory: Trajectory) -> Problem:
     """Returns a trajectory as a problem in which its steps err as odometry does."""
     motions = MotionTable(measure_motions(ODOMETRY, radar.make_context(trajectory), radar.scans))
-    return Problem(motions, [], radar.config.graph)
+    return Problem(motions, [])

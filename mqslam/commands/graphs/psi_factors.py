@@ -133,8 +133,8 @@ def psi_factors(
         frontend: name of the front end.
         odometry: dead-reckoned poses that cover the recording, or None. They guide the front end, and their motions,
             calibrated by psi, come as factors too, as in a run. Leave them out of a graph with factors of the same wheels.
-        pose: `gtsam.Pose2`, or `gtsam.Pose3` for a graph of poses in space. There the factors state weak noise on z, roll
-            and pitch (`graph.lifted_m`, `graph.lifted_rad` of the settings).
+        pose: `gtsam.Pose2`, or `gtsam.Pose3` for a graph of poses in space. There the factors state weak noise on z
+            (0.1 m), roll and pitch (0.03 rad).
         submap_keys: returns the key of a submap by its number (0, 1, ...); by default `gtsam.symbol("m", j)`.
         work: where the work is done, and who is told about it.
 
@@ -157,7 +157,7 @@ def psi_factors(
     find_entry_point(frontend)  # raises before the recording is read
     with look_at(recording, config, work) as radar:
         settings, scans = radar.config, radar.scans
-        lift, scan_keys = choose_lift(pose, settings.graph), list_keys(keys, len(scans))
+        lift, scan_keys = choose_lift(pose), list_keys(keys, len(scans))
         context = radar.make_context(odometry)
         measurements = MotionTable(radar.runner.follow("windows", measure_motions(frontend, context, scans), len(scans) - 1))
         if frontend == PSI:
@@ -168,8 +168,8 @@ def psi_factors(
         motions, fault = hold_odometry(scans, context, frontend, measurements)
         if fault is not None:
             work.tell(fault.statement)
-        edges = make_odometry_edges(motions, measurements, settings.odometry, settings.graph)
-    problem = Problem(measurements, edges, settings.graph)
+        edges = make_odometry_edges(motions, measurements, settings.odometry)
+    problem = Problem(measurements, edges)
     first_scans = problem.submaps.first_scans.tolist()
     own_keys = [int(submap_keys(j)) for j in range(len(first_scans))]
     check_apart([*scan_keys, *own_keys])

@@ -90,8 +90,8 @@ def refine(
         scans, settings = radar.scans, radar.config
         listed = list_keys(keys, len(scans))
         before = Trajectory(scans.stamps_us, read_poses(values, listed))
-        lift = choose_lift(find_pose_kind(values, listed[0]), settings.graph)
-        problem = GivenGraph(graph, values, listed, lift, settings.graph)
+        lift = choose_lift(find_pose_kind(values, listed[0]))
+        problem = GivenGraph(graph, values, listed, lift)
         found = [loop for _, loop in loops]
         refined = refinement.refine(before, problem, found, scans, rounds, settings.estimator, radar.beam, radar.runner)
     whole, optimum = problem.optimise(refined.loops, refined.ties)

@@ -156,7 +156,7 @@ def _find(job: Job, made: KeyframeMap, runner: Runner) -> tuple[Localised, dict[
     beam = beam_of(settings.estimator, beta)
     context = Context.of(recording, settings, job.odometry, job.sensors, doppler_beta=beta)
     frontends.create(job.frontend, context)  # raises before the recording is read, if it lacks anything
-    scans, detected = detect_all(recording, settings.detector, runner, strict=job.strict, chirps=settings.chirps)
+    scans, detected = detect_all(recording, settings.detector, runner, strict=job.strict, with_velocities=True)
     runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
     try:
         with runner.time_stage("windows"):

@@ -13,6 +13,17 @@ from mqslam.core import se2
 
 Array = NDArray[np.float64]
 
+CHIRP_BETA = 0.0502
+"""Range shift per closing speed [s] of the chirps that go up.
+
+It is that of the radar of Boreas-RT, a Navtech RAS6, which is the only one whose chirps are known to go up and down in turn.
+
+Source: f / (bandwidth * azimuths per second), 0.944 * 76.04 GHz / (893 MHz * 1600 / s), as the authors of "Are Doppler
+Velocity Measurements Useful for Spinning Radar Odometry?" (Lisus et al., RA-L 2025) and of "DRO: Doppler-Aware Direct Radar
+Odometry" (Le Gentil et al., RSS 2025) calibrated it: config/doppler_config.yaml of
+github.com/utiasASRL/spinning-radar-doppler.
+"""
+
 
 class Outcome(IntEnum):
     """Whether a scan measured the sensor's velocity, or why it did not."""

@@ -134,8 +134,7 @@ def _draw_ellipses(report: Report) -> tuple[Lines, tuple[str, ...]]:
         )
         if section_of(report.summary, "last_pose").get("drift_is_prior"):
             explained.append(
-                "Drift that both directions of time have in common cannot be measured in one pass; a prior stands for it "
-                "(graph.common_drift_m and graph.common_drift_rad)."
+                "Drift that both directions of time have in common cannot be measured in one pass; a prior stands for it."
             )
     shown = len(shapes) > 0 and largest <= max(_COVERING * side, 1.0)
     return Lines(name, _ELLIPSE_COLOUR, drawn, 1.2, shown), tuple(explained)

@@ -8,7 +8,6 @@ import pytest
 from mqslam.backend.sensors.gnss.antenna import Antenna, estimate_antenna
 from mqslam.backend.sensors.gnss.fix_noise import FixNoise
 from mqslam.backend.sensors.gnss.fix_use import FixUse, join_fixes
-from mqslam.config import GnssConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.sensors.fixes import Fixes
@@ -39,7 +38,7 @@ def fix(poses: se2.Array, antenna: tuple[float, float], noise: FixNoise, seed: i
 
 def estimate(poses: se2.Array, antenna: tuple[float, float], seed: int, jump_m: float = 0.0) -> Antenna:
     times = TURN_S * np.arange(SCANS)[::4]
-    return estimate_antenna(times, poses[::4], fix(poses, antenna, SOUND, seed, jump_m), SOUND, 3.0)
+    return estimate_antenna(times, poses[::4], fix(poses, antenna, SOUND, seed, jump_m), SOUND)
 
 
 def join(antenna: tuple[float, float], turning: float) -> FixUse:
@@ -53,7 +52,7 @@ def join(antenna: tuple[float, float], turning: float) -> FixUse:
         Measurement(TURN_S * k, TURN_S * (k + 1), motion, covariance, on_map=True)
         for k, motion in enumerate(se2.between(poses[:-1], poses[1:]))
     ]
-    return join_fixes(fixes, 0, motions, None, GnssConfig())
+    return join_fixes(fixes, 0, motions, None)
 
 
 def test_the_antenna_is_found_as_well_as_it_says() -> None:

@@ -10,7 +10,6 @@ import pytest
 
 from mqslam.backend.sensors.gnss.fix_mistakes import SWAPPED
 from mqslam.backend.sensors.gnss.fix_use import FixUse, join_fixes
-from mqslam.config import GnssConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.sensors.clock_offsets import find_offset
@@ -45,7 +44,7 @@ def joined(fixes: Fixes) -> FixUse:
         Measurement(TURN_S * k, TURN_S * (k + 1), se2.between(a, b), covariance, on_map=True)
         for k, (a, b) in enumerate(pairwise(true_poses()))
     ]
-    return join_fixes(fixes, START_US, motions, np.zeros(2), GnssConfig())
+    return join_fixes(fixes, START_US, motions, np.zeros(2))
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,6 @@ from mqslam.backend.problem import Problem
 from mqslam.backend.sensors.gnss.alignment import align
 from mqslam.backend.sensors.gnss.fix_noise import measure_fix_noise
 from mqslam.backend.sensors.gnss.fix_use import FixUse, join_fixes
-from mqslam.config import Config, GnssConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.sensors.fixes import Fixes
@@ -27,7 +26,6 @@ from mqslam.factors.gnss_position import gnss_position
 START_US = 1_560_000_000_000_000
 TURN_S = 0.25
 PLANE, LIES = TangentPlane(48.1, 11.5), np.array([30.0, -20.0, 1.2])  # where the map's origin lies in the plane
-SETTINGS = GnssConfig()
 
 
 class Receiver(NamedTuple):
@@ -71,21 +69,19 @@ def fixed(receiver: Receiver, scans: int, seed: int = 1) -> Fixes:
 
 def joined(receiver: Receiver, scans: int = 800, turned: float = 0.0) -> FixUse:
     antenna = np.array(receiver.antenna)
-    return join_fixes(fixed(receiver, scans), START_US, measured(scans, turned), antenna, SETTINGS)
+    return join_fixes(fixed(receiver, scans), START_US, measured(scans, turned), antenna)
 
 
 def judged(use: FixUse, scans: int = 800, turned: float = 0.0) -> FixUse:
     """Returns the use after its jumps were judged in the graph."""
-    config = Config()
-    problem = Problem(measured(scans, turned), [], config.graph, fixes=use.edges)
+    problem = Problem(measured(scans, turned), [], fixes=use.edges)
     return use.judge_jumps(problem.optimise([])[1].values)
 
 
 def off_m(use: FixUse | None, scans: int, turned: float) -> float:
     """Returns how far the optimised poses are from the true ones, root mean square, once they are laid on each other [m]."""
-    config = Config()
     edges = None if use is None else use.edges
-    poses = Problem(measured(scans, turned), [], config.graph, fixes=edges).solve_poses([])
+    poses = Problem(measured(scans, turned), [], fixes=edges).solve_poses([])
     true = true_poses(scans)
     return float(
         np.sqrt(np.mean(np.sum((true[:, :2] - se2.transform(align(poses[:, :2], true[:, :2]), poses[:, :2])) ** 2, 1)))
@@ -104,7 +100,7 @@ def test_fixes_mend_the_drift_of_a_trajectory(receiver: Receiver) -> None:
 @pytest.mark.parametrize("scale", [0.7, 0.85, 1.2])
 def test_a_trajectory_of_a_wrong_scale_is_not_blamed_on_the_fixes(scale: float) -> None:
     motions = [replace(m, pose=m.pose * [scale, scale, 1.0]) for m in measured(800)]
-    use = join_fixes(fixed(Receiver(jump_m=20.0), 800), START_US, motions, np.zeros(2), SETTINGS)
+    use = join_fixes(fixed(Receiver(jump_m=20.0), 800), START_US, motions, np.zeros(2))
     assert use.stretch == pytest.approx(1.0 / scale, rel=0.02)
     if use.edges is None:
         assert f"they lie {use.stretch:.3g} times as far apart as the trajectory has them" in use.statements[0]
@@ -117,9 +113,9 @@ def test_a_trajectory_that_drifts_is_of_no_wrong_scale(turned: float) -> None:
 
 
 def test_jumps_are_rejected_and_counted() -> None:
-    use, config = joined(Receiver(jump_m=25.0)), Config()
+    use = joined(Receiver(jump_m=25.0))
     assert use.edges is not None
-    _, optimum = Problem(measured(800), [], config.graph, fixes=use.edges).optimise([])
+    _, optimum = Problem(measured(800), [], fixes=use.edges).optimise([])
     jumps = use.edges.count_rejected(optimum.values)
     assert jumps == pytest.approx(30, abs=4)  # five jumps of six fixes each
     assert f"of which {jumps} are jumps and hardly count" in judged(use).statements[0]
@@ -134,7 +130,7 @@ def test_jumps_are_rejected_and_counted() -> None:
 def test_mirrored_fixes_are_not_used() -> None:
     fixes = fixed(Receiver(), 800)
     mirrored = replace(fixes, latitudes=2.0 * np.median(fixes.latitudes) - fixes.latitudes)
-    use = judged(join_fixes(mirrored, START_US, measured(800), np.zeros(2), SETTINGS))
+    use = judged(join_fixes(mirrored, START_US, measured(800), np.zeros(2)))
     assert use.edges is None and "not used" in use.statements[0]
     assert use.is_mirrored and "they fit the mirror image of the trajectory" in use.statements[0]
     assert not joined(Receiver()).is_mirrored
@@ -189,7 +185,7 @@ def test_half_of_the_fixes_may_be_wrong() -> None:
 
 
 def test_the_factor_counts_the_distance() -> None:
-    factor = gnss_position(E(0), X(0), np.array([5.0, 1.0, 0.3]), 2.0, 3.0)
+    factor = gnss_position(E(0), X(0), np.array([5.0, 1.0, 0.3]), 2.0)
     values = gtsam.Values()
     values.insert(E(0), gtsam.Pose2(1.0, 2.0, 0.5))
     values.insert(X(0), gtsam.Pose2(1.0, 2.0, 0.5).compose(gtsam.Pose2(6.0, 3.0, 0.29)))
@@ -227,6 +223,6 @@ def test_jumps_are_not_taken_for_wandering() -> None:
 
 def test_fixes_of_another_clock_are_refused_where_the_drive_does_not_show_how_far_it_is_off() -> None:
     fixes, motions = fixed(Receiver(), 800), measured(800)
-    assert join_fixes(fixes, START_US, motions, np.zeros(2), SETTINGS).edges is not None
-    use = join_fixes(replace(fixes, own_clock=True), START_US, motions, np.zeros(2), SETTINGS)
+    assert join_fixes(fixes, START_US, motions, np.zeros(2)).edges is not None
+    use = join_fixes(replace(fixes, own_clock=True), START_US, motions, np.zeros(2))
     assert use.edges is None and "their clock is not that of the radar" in use.statements[0]

@@ -38,7 +38,7 @@ def closed(period_m: float, between_passes_m: float, jobs: int = 1) -> LoopSearc
         sigma_m = between_passes_m if k == len(first.times) - 1 else 0.02
         covariance = np.diag([sigma_m**2, sigma_m**2, (0.01 * sigma_m) ** 2])
         measurements.append(Measurement(float(drive.times[k]), float(drive.times[k + 1]), motion, covariance))
-    problem = Problem(measurements, [], CONFIG.graph)
+    problem = Problem(measurements, [])
     scans = Scans(tuple(drive.scans), 0, 0.25)
     return find_loops(scans, problem, CONFIG.estimator, BEAM, Runner(LocalEngine(jobs)), recognising=False)
 

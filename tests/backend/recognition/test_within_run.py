@@ -35,7 +35,7 @@ def closed(sigmas: tuple[float, float, float], jobs: int = 1, *, recognising: bo
     times = scans.start_times
     covariance = np.diag(np.square(sigmas))
     measurements = [Measurement(times[k], times[k + 1], motion, covariance) for k, motion in enumerate(motions)]
-    problem = Problem(measurements, [], CONFIG.graph)
+    problem = Problem(measurements, [])
     with LocalEngine(jobs) as engine:
         return find_loops(scans, problem, CONFIG.estimator, BEAM, Runner(engine), recognising=recognising)
 

@@ -126,7 +126,7 @@ def measure_lost(
     config = Config()
     odometry = Trajectory(scans.stamps_us, lose_way(truth, scans.start_times, seed))
     context = Context(config, revolution_s, scans.start_us, odometry, doppler_beta=doppler_beta)
-    problem = Problem(MotionTable(measure_motions("odometry", context, scans)), [], config.graph)
+    problem = Problem(MotionTable(measure_motions("odometry", context, scans)), [])
     beam = beam_of(config.estimator, doppler_beta)
     search = find_loops(scans, problem, config.estimator, beam, runner)
     earlier, later = (

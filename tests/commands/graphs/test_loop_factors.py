@@ -68,7 +68,7 @@ def motions_of(drive: Drive) -> list[Measurement]:
 
 def known_loops(drive: Drive) -> list[Loop]:
     """Returns the loops that a run finds."""
-    problem = Problem(motions_of(drive), [], CONFIG.graph)
+    problem = Problem(motions_of(drive), [])
     return find_loops(scans_of(drive), problem, CONFIG.estimator, BEAM, Runner(), recognising=False).loops
 
 
@@ -77,13 +77,13 @@ def graph_of(drive: Drive, pose: type) -> tuple[gtsam.NonlinearFactorGraph, gtsa
     graph, values, is_planar = gtsam.NonlinearFactorGraph(), gtsam.Values(), pose is gtsam.Pose2
     held = gtsam.noiseModel.Isotropic.Sigma(6, 1e-3)
     graph.push_back(
-        prior(A(0), drive.poses[0], CONFIG.graph)
+        prior(A(0), drive.poses[0])
         if is_planar
         else gtsam.PriorFactorPose3(A(0), gtsam.Pose3(gtsam.Pose2(*drive.poses[0])), held)
     )
     for k, m in enumerate(motions_of(drive)):
-        step = psi_between(A(k), A(k + 1), m.pose, m.covariance, CONFIG.graph)
-        graph.push_back(step if is_planar else lifted_between(step, CONFIG.graph))
+        step = psi_between(A(k), A(k + 1), m.pose, m.covariance)
+        graph.push_back(step if is_planar else lifted_between(step))
     for k, at in enumerate(drive.poses):
         values.insert(A(k), gtsam.Pose2(*at) if is_planar else gtsam.Pose3(gtsam.Pose2(*at)))
     return graph, values
@@ -104,7 +104,7 @@ def test_a_graph_of_ones_own_gets_the_loops_of_a_run(street: Drive, pose: type) 
     assert repr(pairs) == f"LoopFactors({len(pairs)} loops)"
     for factor, loop in pairs:
         known = loop_between(A(loop.earlier), A(loop.later), loop)
-        expected = known if pose is gtsam.Pose2 else lifted_between(known, CONFIG.graph)
+        expected = known if pose is gtsam.Pose2 else lifted_between(known)
         assert factor.equals(expected, 1e-9)
 
 

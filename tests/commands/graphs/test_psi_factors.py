@@ -19,7 +19,7 @@ from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import ConfigError, EstimationError
-from mqslam.factors.prior import prior
+from mqslam.factors.prior import PRIOR_M, PRIOR_RAD, prior
 from mqslam.simulator import SensorModel, make_loop_drive, make_street_scene, simulate_recording
 from mqslam.slam import Slam
 from mqslam.solution import Solution
@@ -74,7 +74,7 @@ def solve(factors: PsiFactors, held: gtsam.NonlinearFactor) -> tuple[gtsam.Nonli
 @pytest.mark.parametrize("wheels", [False, True])
 def test_the_optimum_and_its_covariances_are_those_of_a_run_without_loops(street: Street, wheels: bool) -> None:
     run = street.runs[wheels]
-    graph, values = solve(street.factors(wheels=wheels), prior(A(0), np.zeros(3), CONFIG.graph))
+    graph, values = solve(street.factors(wheels=wheels), prior(A(0), np.zeros(3)))
     np.testing.assert_allclose(poses_of(values, SCANS, A), run.optimised.poses, atol=1e-6)
     marginals = gtsam.Marginals(graph, values)
     for k, known in zip(run.covariances.indices, run.covariances.covariances, strict=True):
@@ -92,7 +92,7 @@ def test_factors_are_printed_in_a_line(street: Street) -> None:
 
 
 def test_poses_in_space_lie_where_the_planar_ones_do_and_are_as_sure(street: Street) -> None:
-    weak = np.array([CONFIG.graph.prior_rad] * 3 + [CONFIG.graph.prior_m] * 3)
+    weak = np.array([PRIOR_RAD] * 3 + [PRIOR_M] * 3)
     held = gtsam.PriorFactorPose3(A(0), gtsam.Pose3(), gtsam.noiseModel.Diagonal.Sigmas(weak))
     graph, values = solve(street.factors(wheels=False, pose=gtsam.Pose3), held)
     run, last = street.runs[False], values.atPose3(A(SCANS - 1))

@@ -56,9 +56,9 @@ def own_graph() -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """Returns the graph of the motions over the poses a0, a1, ..., and where they lead."""
     scans, problem, _ = two_passes()
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    graph.push_back(prior(A(0), np.zeros(3), CONFIG.graph))
+    graph.push_back(prior(A(0), np.zeros(3)))
     for k, m in enumerate(problem.measurements):
-        graph.push_back(psi_between(A(k), A(k + 1), m.pose, m.covariance, CONFIG.graph))
+        graph.push_back(psi_between(A(k), A(k + 1), m.pose, m.covariance))
     for k, pose in enumerate(reckon(scans, problem.measurements).poses):
         values.insert(A(k), gtsam.Pose2(*pose))
     return graph, values
@@ -117,6 +117,6 @@ def test_without_loops_the_graph_is_optimised_and_nothing_is_tied() -> None:
 def test_values_that_are_missing_are_told_in_one_line() -> None:
     scans, _, _ = two_passes()
     graph, values = own_graph()
-    graph.push_back(psi_between(A(3), 77, np.zeros(3), np.eye(3), CONFIG.graph))
+    graph.push_back(psi_between(A(3), 77, np.zeros(3), np.eye(3)))
     with pytest.raises(EstimationError, match=r"the graph could not be optimised .* give values for all its variables"):
         refine(graph, values, scans, A, loops=[], config=CONFIG)

@@ -26,7 +26,7 @@ def test_steps_lead_where_a_run_does() -> None:
     run = Slam(CONFIG).solve(scans, Context(CONFIG, scans.revolution_s, scans.start_us, None))
     factors = psi_factors(scans, A, config=CONFIG, submap_keys=B)
     graph = gtsam.NonlinearFactorGraph()
-    graph.push_back(prior(A(0), np.zeros(3), CONFIG.graph))
+    graph.push_back(prior(A(0), np.zeros(3)))
     for factor, _ in factors:
         graph.push_back(factor)
     values = gtsam.LevenbergMarquardtOptimizer(graph, factors.make_initial()).optimize()

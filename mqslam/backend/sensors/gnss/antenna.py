@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mqslam.backend.sensors.gnss.fix_noise import FixNoise
 from mqslam.backend.sensors.odometry.odometry_calibration import DELAY_S, MOUNT_M, Design, fit
 from mqslam.core import se2
+from mqslam.factors.gnss_position import REACH
 
 _ROUNDS: Final = 5  # of fit and choice of the differences that are no jumps, which settle in fewer
 _TURNED_RAD: Final = 1.0  # numerical: the map lies on the fixes already, so that it is turned by far less
@@ -47,7 +48,7 @@ class Antenna:
 
 
 def estimate_antenna(
-    times: NDArray[np.float64], sensor: se2.Array, positions: NDArray[np.float64], noise: FixNoise, reach: float
+    times: NDArray[np.float64], sensor: se2.Array, positions: NDArray[np.float64], noise: FixNoise
 ) -> Antenna:
     """Estimates where an antenna sits.
 
@@ -56,7 +57,6 @@ def estimate_antenna(
         sensor: (F, 3) poses of the radar then, in the tangent plane [m, m, rad].
         positions: (F, 2) that were fixed, in the tangent plane [m].
         noise: of the fixes.
-        reach: residual beyond which a difference is a jump [standard deviations].
     """
     lasts = np.diff(times)
     moved, seen = np.diff(sensor[:, :2], axis=0), np.diff(positions, axis=0)
@@ -72,7 +72,7 @@ def estimate_antenna(
     prior = np.diag(1.0 / np.square([MOUNT_M, MOUNT_M, _TURNED_RAD, _TURNED_RAD, _SCALED, DELAY_S]))
     measured = np.full((len(lasts), 3), 2.0 * noise.white_m**2)
     walked = np.repeat(noise.walk_m**2 * lasts[:, None], 3, axis=1)
-    limits = reach * np.sqrt(measured[:, :2] + walked[:, :2])
+    limits = REACH * np.sqrt(measured[:, :2] + walked[:, :2])
     misses = np.column_stack([seen - moved, np.zeros(len(lasts))])
     parameters = np.zeros(len(columns))
     for _ in range(_ROUNDS):

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.backend.sensors.gnss.alignment import measure_residual
-from mqslam.config import GnssConfig
 from mqslam.core import se2
 from mqslam.core.sensors.clock_offsets import KNOWN_S, describe_offset
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.tangent_plane import TangentPlane
 
+# With fewer fixes than this within the recording they are not used: so few fit many trajectories.
+FEWEST = 10
 # Fixes are not used if half of them lie farther from the trajectory than this share of its path: no trajectory drifts so
 # much.
 LARGEST_SHARE = 0.05
@@ -26,9 +27,7 @@ _BETTER: Final = 0.5  # what a mistake must leave at most of the differences, as
 SWAPPED: Final = "they fit if their latitude is the longitude and the other way round"
 
 
-def find_mistake(
-    fixes: Fixes, times: NDArray[np.float64], starts: NDArray[np.float64], chain: se2.Array, settings: GnssConfig
-) -> str:
+def find_mistake(fixes: Fixes, times: NDArray[np.float64], starts: NDArray[np.float64], chain: se2.Array) -> str:
     """Finds with which usual mistake fixes would fit a trajectory far better; "" where there is none.
 
     Args:
@@ -36,14 +35,13 @@ def find_mistake(
         times: (F,) of the fixes [s], increasing.
         starts: (N,) of the scans [s], increasing.
         chain: (N, 3) their poses.
-        settings: of GNSS.
     """
     path_m = float(se2.step_lengths(chain).sum())
 
     def misfit(times: NDArray[np.float64], positions: NDArray[np.float64], *, must_fit: bool = True) -> float:
         """Returns how far from the trajectory half of the fixes lie at least [m]; inf where that is no fit, but must be."""
         inside = np.flatnonzero((starts[0] <= times) & (times <= starts[-1]))
-        if len(inside) < settings.fewest:
+        if len(inside) < FEWEST:
             return np.inf
         inside = inside[:: 1 + len(inside) // _MOST_FIXES]
         points = se2.interpolate(starts, chain, times[inside])[:, :2]

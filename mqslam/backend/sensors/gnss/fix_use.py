@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from mqslam.backend.sensors.gnss.alignment import align, is_mirrored, measure_stretch
 from mqslam.backend.sensors.gnss.antenna import Antenna, estimate_antenna
 from mqslam.backend.sensors.gnss.fix_clock import find_fix_delay
-from mqslam.backend.sensors.gnss.fix_mistakes import LARGEST_SHARE, LEAST_SPREAD, find_mistake
+from mqslam.backend.sensors.gnss.fix_mistakes import FEWEST, LARGEST_SHARE, LEAST_SPREAD, find_mistake
 from mqslam.backend.sensors.gnss.fix_noise import FixNoise, measure_fix_noise
-from mqslam.config import GnssConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.sensors.fixes import Fixes
@@ -24,7 +23,7 @@ from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.sensors.tangent_plane import TangentPlane
 from mqslam.core.wording import describe_delay, left_or_right
 from mqslam.errors import Remedy
-from mqslam.factors.gnss_position import gnss_position, plane_walk
+from mqslam.factors.gnss_position import REACH, gnss_position, plane_walk
 
 # Largest error of the receiver's clock, late or early, that is looked for [s].
 _LONGEST_DELAY_S = 3.0
@@ -61,7 +60,6 @@ class FixEdges:
         walks_m: (K - 1,) standard deviations by which each of these poses wanders from the one before it [m].
         plane: the tangent plane.
         origin: (3,) pose of the tangent plane in the map, about.
-        reach: residual beyond which a fix hardly counts [standard deviations].
     """
 
     scans: NDArray[np.int64]
@@ -71,12 +69,11 @@ class FixEdges:
     walks_m: NDArray[np.float64]
     plane: TangentPlane
     origin: se2.Array
-    reach: float
 
     def list_factors(self) -> Iterator[gtsam.NonlinearFactor]:
         """Yields the factor of every fix, from the tangent plane e0 .. at its time to its scan, and of the plane's walk."""
         for j, k, pose in zip(self.knots.tolist(), self.scans.tolist(), self.poses, strict=True):
-            yield gnss_position(E(j), X(k), pose, self.noise.white_m, self.reach)
+            yield gnss_position(E(j), X(k), pose, self.noise.white_m)
         for j, walk_m in enumerate(self.walks_m.tolist()):
             yield plane_walk(E(j), E(j + 1), walk_m)
 
@@ -92,13 +89,13 @@ class FixEdges:
         return Georeference(self.plane, se2.inverse(poses.mean(axis=0)))
 
     def count_rejected(self, values: gtsam.Values) -> int:
-        """Returns how many fixes lie farther from an optimised trajectory than the reach."""
+        """Returns how many fixes lie farther from an optimised trajectory than jumps begin."""
         planes, scans = (
             [values.atPose2(key(int(k))) for k in numbers] for key, numbers in ((E, self.knots), (X, self.scans))
         )
         origins, placed = (np.array([(p.x(), p.y(), p.theta()) for p in poses]) for poses in (planes, scans))
         off = np.hypot(*(se2.between(origins, placed)[:, :2] - self.poses[:, :2]).T)
-        return int(np.count_nonzero(off > self.reach * self.noise.white_m))
+        return int(np.count_nonzero(off > REACH * self.noise.white_m))
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,9 +153,7 @@ class FixUse:
         return replace(self, statements=(counted, *self.statements))
 
 
-def join_fixes(
-    fixes: Fixes, start_us: int, motions: Sequence[Measurement], antenna: NDArray[np.float64] | None, settings: GnssConfig
-) -> FixUse:
+def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], antenna: NDArray[np.float64] | None) -> FixUse:
     """Holds fixes against the chained motions, and returns them as positions of scans if they agree.
 
     Which of them are jumps is still to be judged, in the graph that they join.
@@ -171,7 +166,6 @@ def join_fixes(
         start_us: stamp [us] of the recording's time zero.
         motions: between successive scans, as the front end measured them.
         antenna: (2,) where the antenna is in the radar's frame [m], or None.
-        settings: of GNSS.
     """
 
     def refuse(why: str, stretch: float | None = None) -> FixUse:
@@ -184,17 +178,17 @@ def join_fixes(
     times: NDArray[np.float64] = np.asarray((fixes.stamps_us - start_us) * 1e-6)
     plane = TangentPlane.at_middle(fixes)
     positions = plane.project(fixes.latitudes, fixes.longitudes)
-    mistake = find_mistake(fixes, times, starts, chain, settings)
+    mistake = find_mistake(fixes, times, starts, chain)
     there = (starts[0] <= times) & (times <= starts[-1])
-    if not mistake and np.count_nonzero(there) >= settings.fewest:
+    if not mistake and np.count_nonzero(there) >= FEWEST:
         mirrored = is_mirrored(se2.interpolate(starts, chain, times[there])[:, :2], positions[there])
     delay_s = find_fix_delay(times, positions, starts, chain, _LONGEST_DELAY_S)
     if fixes.own_clock and not delay_s:
         return refuse("their clock is not that of the radar, and the drive does not show by how much it is off")
     times = times - delay_s
     inside = (starts[0] <= times) & (times <= starts[-1])
-    if np.count_nonzero(inside) < settings.fewest:
-        return refuse(f"{np.count_nonzero(inside)} of them lie within the recording, and {settings.fewest} are needed")
+    if np.count_nonzero(inside) < FEWEST:
+        return refuse(f"{np.count_nonzero(inside)} of them lie within the recording, and {FEWEST} are needed")
     times, positions = times[inside], positions[inside]
     sensor = se2.interpolate(starts, chain, times)
     on_map, lies, residuals = _lay(sensor, np.zeros(2) if antenna is None else antenna, positions)
@@ -211,7 +205,7 @@ def join_fixes(
     found: Antenna | None = None
     if antenna is None:
         for _ in range(_ROUNDS):  # the swings of an antenna that is not at the radar look like noise at first
-            found = estimate_antenna(times, se2.compose(lies, sensor), positions, noise, settings.reach)
+            found = estimate_antenna(times, se2.compose(lies, sensor), positions, noise)
             if found.significance > _ANTENNA_APART:
                 on_map, lies, residuals = _lay(sensor, found.place, positions)
                 noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside], _ALIKE_S)
@@ -229,7 +223,7 @@ def join_fixes(
     scans = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, len(starts) - 1)
     from_scan = _turn(-chain[scans, :2] + on_map, lies[2])
     poses = np.column_stack([positions - from_scan, se2.wrap(chain[scans, 2] + lies[2])])
-    edges = FixEdges(scans, poses, knots, noise, walks_m, plane, se2.inverse(lies), settings.reach)
+    edges = FixEdges(scans, poses, knots, noise, walks_m, plane, se2.inverse(lies))
     told = []
     if delay_s:
         told.append(f"the clock of the GNSS fixes is {describe_delay(delay_s)}, which is put right")

@@ -25,6 +25,11 @@ from mqslam.config import OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 
+# With fewer motions than this that psi found itself, odometry is not calibrated, and as good as it states itself.
+FEWEST = 20
+# Longest span [s] over which odometry is compared with psi to find its noise, and the time between two values of its yaw
+# rate's bias.
+SPAN_S = 10.0
 # Standard deviation [rad/s] by which the bias of odometry's yaw rate may change in a second; it grows with the root of
 # time.
 _ODOMETRY_BIAS_WALK = 0.001

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from mqslam.backend.sensors.odometry.odometry_calibration import (
     AT_ORIGIN,
+    FEWEST,
+    SPAN_S,
     Calibration,
     Design,
     fit,
@@ -20,7 +22,7 @@ from mqslam.backend.sensors.odometry.odometry_calibration import (
 )
 from mqslam.backend.sensors.odometry.odometry_fault import OdometryFault, find_odometry_fault
 from mqslam.backend.sensors.odometry.odometry_noise import measure_disagreement, measure_noise
-from mqslam.config import GraphConfig, OdometryConfig
+from mqslam.config import OdometryConfig
 from mqslam.core import frontend as frontends
 from mqslam.core import se2
 from mqslam.core.frontend import Context
@@ -62,7 +64,6 @@ def make_odometry_edges(
     odometry: Sequence[Measurement],
     measured: Sequence[Measurement],
     stated: OdometryConfig,
-    settings: GraphConfig,
     mount: Mount | None = None,
 ) -> list[Measurement]:
     """Returns the motions of odometry, calibrated where psi found the motion itself, with noise to match.
@@ -70,7 +71,7 @@ def make_odometry_edges(
     The edges of a graph err independently, while an error of the calibration is common to all of them. Over a stretch of
     n edges it grows with n, independent errors only with its root. Each edge therefore states so much more that the whole
     stretch comes out as uncertain as it is. A stretch lasts for as long as psi finds the motion itself, or does not, and
-    for a span of the settings at least.
+    for `SPAN_S` at least.
 
     Where psi did not find a motion it took odometry's, so that such motions show nothing about odometry. Where too few
     motions show anything, odometry is as good as it states itself.
@@ -79,15 +80,14 @@ def make_odometry_edges(
         odometry: motions of odometry, carried to the radar where it is known how that is mounted.
         measured: motions of the front end over the same scans.
         stated: the errors that odometry states.
-        settings: settings of the graph.
         mount: by which the motions were carried; None where they were not.
     """
     converged = np.array([motion.status is Status.CONVERGED for motion in measured], dtype=bool)
     if not odometry:
         return []
     lasts = odometry[-1].t1 - odometry[0].t0
-    span = max(1, min(len(odometry), round(len(odometry) * settings.odometry_span_s / max(lasts, 1e-9))))
-    if converged.sum() < settings.odometry_fewest:
+    span = max(1, min(len(odometry), round(len(odometry) * SPAN_S / max(lasts, 1e-9))))
+    if converged.sum() < FEWEST:
         own = np.sqrt([np.diag(motion.covariance) for motion in odometry])
         return _state(odometry, np.zeros_like(own), spread_common(own, converged, span))
     design = make_design(odometry, span, AT_ORIGIN if mount is None else mount.pose)

@@ -77,8 +77,8 @@ def _measure_drive(drive: _Drive, out: Path) -> list[Row]:
 
 def _make_row(drive: _Drive, out: Path, name: str, sensors: Sensors) -> Row:
     """Returns the row of some sensors."""
-    settings = SensorSettings(_CONFIG.gyroscope, _CONFIG.gnss, _CONFIG.velocity, _CONFIG.odometry)
-    problem = Problem(drive.motions, [], _CONFIG.graph)
+    settings = SensorSettings(_CONFIG.gyroscope, _CONFIG.velocity, _CONFIG.odometry)
+    problem = Problem(drive.motions, [])
     problem, used = join_sensors(problem, [], sensors, None, drive.scans.start_us, settings)
     write_tum(out / "trajectory.tum", Trajectory(drive.scans.stamps_us, problem.solve_poses([])))
     scored: Score = score(out / "trajectory.tum", drive.recording.path / TRUTH)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from functools import partial
 from pathlib import Path
 
 import gtsam
@@ -17,6 +16,7 @@ from mqslam.core import se2
 from mqslam.core.measurement import Loop, Measurement
 from mqslam.factors.lifted_between import lifted_between
 from mqslam.factors.loop_between import CAUCHY, loop_between
+from mqslam.factors.noise import HUBER
 
 _SEED = 1
 _ROUNDS = 15
@@ -68,7 +68,7 @@ def _native(*, robust: bool) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     motions, loops = _drive()
     graph, values, losses = gtsam.NonlinearFactorGraph(), gtsam.Values(), gtsam.noiseModel.mEstimator
     graph.addPriorPose2(X(0), gtsam.Pose2(), gtsam.noiseModel.Isotropic.Sigma(3, 1e-3))
-    edges = [(k, k + 1, motion.pose, losses.Huber.Create(_CONFIG.graph.huber)) for k, motion in enumerate(motions)]
+    edges = [(k, k + 1, motion.pose, losses.Huber.Create(HUBER)) for k, motion in enumerate(motions)]
     edges += [(loop.earlier, loop.later, loop.pose, losses.Cauchy.Create(CAUCHY)) for loop in loops]
     gaussian = gtsam.noiseModel.Diagonal.Sigmas(np.sqrt(2.0) * _SIGMAS)
     for a, b, pose, loss in edges:
@@ -82,12 +82,12 @@ def _native(*, robust: bool) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
 def _own(pose: type) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """Returns a graph with the factors that `psi_factors` and `loop_factors` make of the same drive, and with places."""
     motions, loops = _drive()
-    problem = Problem(motions, [], _CONFIG.graph)
+    problem = Problem(motions, [])
     factors = problem.make_factors(X, M)
     factors += [loop_between(X(loop.earlier), X(loop.later), loop) for loop in loops]
     chain, graph, values = se2.chain(motion.pose for motion in motions), gtsam.NonlinearFactorGraph(), gtsam.Values()
     is_planar = pose is gtsam.Pose2
-    lift = (lambda factor: factor) if is_planar else partial(lifted_between, config=_CONFIG.graph)
+    lift = (lambda factor: factor) if is_planar else lifted_between
     for factor in factors:
         graph.push_back(lift(factor))
     places = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 from bench.benchmark import Benchmark, Bound, Column, Goal, Row, label
@@ -13,6 +14,7 @@ from bench.measuring.recordings import simulate_short_city
 from mqslam.config import Config, DetectorConfig, PsiConfig
 from mqslam.core.motion import CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
+from mqslam.detection import detector
 from mqslam.detection.stage import detect_stretch
 from mqslam.formats.recordings import open_recording
 from mqslam.psi.place import PointSet, beam_of, place
@@ -25,15 +27,15 @@ _SEED = 11  # of a drive that `heading` measures too
 _FIRST, _SCANS = 100, 3
 _MOTION = np.array([8.0, 0.03])  # near the motions that a search tries [m/s, rad/s]
 _ROUNDS, _REPEATS = 7, 25
-_DETECTORS = {"default": DetectorConfig(), "without non-maximum suppression": DetectorConfig(join_m=0.0)}
+_JOINS_M = {"default": detector._JOIN_M, "without non-maximum suppression": 0.0}  # one target within so much range
 
 
 def _measure(out: Path) -> list[Row]:
-    return [_measure_detector(name, detector) for name, detector in _DETECTORS.items()]
+    return [_measure_detector(name, join_m) for name, join_m in _JOINS_M.items()]
 
 
-def _measure_detector(name: str, detector: DetectorConfig) -> Row:
-    points, turn_s = _make_window(detector)
+def _measure_detector(name: str, join_m: float) -> Row:
+    points, turn_s = _make_window(join_m)
     config = PsiConfig()
     lists = find_candidates(sort_into_cells(points.points, config.s), points.points, config.s)
     calls: list[Callable[[], object]] = [
@@ -57,10 +59,11 @@ def _measure_detector(name: str, detector: DetectorConfig) -> Row:
     )
 
 
-def _make_window(detector: DetectorConfig) -> tuple[PointSet, float]:
+def _make_window(join_m: float) -> tuple[PointSet, float]:
     """Returns the points of a window under a motion, and the time of a turn [s]."""
     recording = open_recording(simulate_short_city("hard", _SEED))
-    returns = Returns.concatenate(detect_stretch(recording, detector, _FIRST, _FIRST + _SCANS).returns)
+    with patch.object(detector, "_JOIN_M", join_m):
+        returns = Returns.concatenate(detect_stretch(recording, DetectorConfig(), _FIRST, _FIRST + _SCANS).returns)
     beam, t0 = beam_of(Config().estimator, 0.0), float(recording.start_times[_FIRST])
     return drop_start(place(returns, t0, np.zeros(3), _MOTION, CONSTANT_VELOCITY, beam)), recording.revolution_s
 
