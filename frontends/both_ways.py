@@ -30,7 +30,7 @@ _NO_MATCH = (False, np.zeros((), MOTION).item(), np.zeros((3, 3)))
 _PAUSE = 0.5  # time between two scans, in turns, beyond which the end of one is not the start of the next
 
 
-class Match(NamedTuple):
+class DirectedMotion(NamedTuple):
     """A motion that was measured in one direction of time.
 
     Args:
@@ -43,14 +43,14 @@ class Match(NamedTuple):
     unseen: NDArray[np.float64]
 
 
-class MatchTable(Sequence[Match | None]):
+class MatchTable(Sequence[DirectedMotion | None]):
     """Matches of successive motions as rows of a table, or None where there is none.
 
     Args:
         matches: the matches.
     """
 
-    def __init__(self, matches: Iterable[Match | None] = ()) -> None:
+    def __init__(self, matches: Iterable[DirectedMotion | None] = ()) -> None:
         self._rows = TableRows(_MATCH)
         self.extend(matches)
 
@@ -58,18 +58,18 @@ class MatchTable(Sequence[Match | None]):
         return len(self._rows)
 
     @overload
-    def __getitem__(self, k: int) -> Match | None: ...
+    def __getitem__(self, k: int) -> DirectedMotion | None: ...
 
     @overload
-    def __getitem__(self, k: slice) -> list[Match | None]: ...
+    def __getitem__(self, k: slice) -> list[DirectedMotion | None]: ...
 
-    def __getitem__(self, k: int | slice) -> Match | list[Match | None] | None:
+    def __getitem__(self, k: int | slice) -> DirectedMotion | list[DirectedMotion | None] | None:
         if isinstance(k, slice):
             return [self[n] for n in range(*k.indices(len(self)))]
         row = self._rows[k]
-        return Match(row_to_motion(row["motion"]), row["unseen"].copy()) if row["known"] else None
+        return DirectedMotion(row_to_motion(row["motion"]), row["unseen"].copy()) if row["known"] else None
 
-    def extend(self, matches: Iterable[Match | None], begin: int | None = None) -> None:
+    def extend(self, matches: Iterable[DirectedMotion | None], begin: int | None = None) -> None:
         """Appends matches, in the place of those from number `begin` on if it is given."""
         if begin is not None:
             self._rows.truncate(begin)
@@ -118,7 +118,7 @@ def reverse_settings(settings: TrackerConfig) -> TrackerConfig:
     return settings.model_copy(update={"speed_min": -settings.speed_max, "speed_max": -settings.speed_min})
 
 
-def turn_back(scans: Sequence[Scan], backward: Sequence[Match | None]) -> MatchTable:
+def turn_back(scans: Sequence[Scan], backward: Sequence[DirectedMotion | None]) -> MatchTable:
     """Returns motions that were measured backward as those that were driven, in the order of the recording.
 
     There is none, and None in its place, where no backward motion leads to the start of a scan from the end of the next:
@@ -135,7 +135,7 @@ def turn_back(scans: Sequence[Scan], backward: Sequence[Match | None]) -> MatchT
 
 
 def join(
-    forward: Sequence[Match | None], backward: Sequence[Match | None], settings: CalibrationConfig
+    forward: Sequence[DirectedMotion | None], backward: Sequence[DirectedMotion | None], settings: CalibrationConfig
 ) -> Sequence[Measurement]:
     """Joins motions that were measured in both directions of time, with covariances that show how far the two are apart.
 
@@ -161,7 +161,9 @@ def join(
     )
 
 
-def _pair(forward: Sequence[Match | None], backward: Sequence[Match | None]) -> Iterator[tuple[Match, Match | None]]:
+def _pair(
+    forward: Sequence[DirectedMotion | None], backward: Sequence[DirectedMotion | None]
+) -> Iterator[tuple[DirectedMotion, DirectedMotion | None]]:
     """Yields the matches of the same motions in both directions of time; every motion has a forward one."""
     for f, b in zip(forward, backward, strict=True):
         if f is not None:
@@ -173,7 +175,7 @@ def follows_at_once(scan: Scan, after: Scan) -> bool:
     return abs(after.t0 - scan.t1) <= _PAUSE * (scan.t1 - scan.t0)
 
 
-def _compare(forward: Match, backward: Match, shared: float) -> Twice:
+def _compare(forward: DirectedMotion, backward: DirectedMotion, shared: float) -> Twice:
     """Returns how far two measurements of one motion are apart along the axes of which psi's curvature tells both."""
     f, b = forward.motion, backward.motion
     variances = (1.0 - shared) * np.diag(f.covariance + b.covariance)
@@ -184,7 +186,7 @@ def _compare(forward: Match, backward: Match, shared: float) -> Twice:
     return Twice(f.pose, se2.subtract(b.pose, f.pose), np.where(np.all(told, axis=0), variances, np.nan))
 
 
-def _scale(match: Match, scale: NDArray[np.float64]) -> Measurement:
+def _scale(match: DirectedMotion, scale: NDArray[np.float64]) -> Measurement:
     """Returns a motion whose variances (3,) of x, y and yaw are scaled as far as psi's curvature shows them."""
     seen = match.motion.covariance - match.unseen
     return replace(match.motion, covariance=se2.scale_covariance(seen, scale) + match.unseen)
@@ -200,11 +202,11 @@ def _reverse_returns(returns: Returns, end: float) -> Returns:
     return Returns(returns.ranges[::-1], returns.azimuths[::-1], end - returns.times[::-1], returns.intensities[::-1])
 
 
-def _turn(match: Match) -> Match:
+def _turn(match: DirectedMotion) -> DirectedMotion:
     """Returns a motion that was measured backward as the one that was driven."""
     motion, pose = match.motion, match.motion.pose
     covariance, unseen = (se2.covariance_of_inverse(pose, c) for c in (motion.covariance, match.unseen))
-    return Match(replace(motion, pose=se2.inverse(pose), covariance=covariance), unseen)
+    return DirectedMotion(replace(motion, pose=se2.inverse(pose), covariance=covariance), unseen)
 
 
 def _find_regaining(motions: Iterable[tuple[Measurement, Measurement | None]], shared: float) -> list[tuple[bool, bool]]:

@@ -20,7 +20,7 @@ from mqslam.core.scans import Scan
 from mqslam.errors import ConfigError, untrusted
 from mqslam.frontends.icp_covariance import Surface
 from mqslam.frontends.scan_matching import FEWEST_MATCHED, match_scans
-from mqslam.frontends.scan_track import Match
+from mqslam.frontends.scan_track import PlacedScan
 from mqslam.frontends.spatial import from_matrix, lift, to_matrix
 
 _FAR_M = 1e6  # beyond every range that KISS-ICP keeps
@@ -67,8 +67,8 @@ class _KissIcpMatcher:
 
     def match(
         self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
-    ) -> Match | None:
-        """Matches a scan, and adds it to the map, as `scan_track.Matcher` has it."""
+    ) -> PlacedScan | None:
+        """Matches a scan, and adds it to the map, as `scan_track.ScanMatcher` has it."""
         kiss, settings = self._kiss, self._settings
         # KISS-ICP takes the first and the last time of a scan for its ends: points too far to be kept mark those
         frame = lift(np.vstack([points, [[_FAR_M, 0.0], [_FAR_M, 0.0]]]))
@@ -91,7 +91,7 @@ class _KissIcpMatcher:
         if surface.count_matched(scan, pose, reach) < FEWEST_MATCHED:
             return None
         near = surface.count_matched(scan, pose, kiss.config.mapping.voxel_size) / len(scan)
-        return Match(pose, partial(surface.compute_covariance, scan, pose, reach, kernel), near)
+        return PlacedScan(pose, partial(surface.compute_covariance, scan, pose, reach, kernel), near)
 
 
 def _make_config(settings: KissIcpConfig) -> Any:

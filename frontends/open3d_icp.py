@@ -19,7 +19,7 @@ from mqslam.errors import ConfigError
 from mqslam.execution.extras import describe_missing
 from mqslam.frontends.icp_covariance import Surface
 from mqslam.frontends.scan_matching import FEWEST_MATCHED, match_scans
-from mqslam.frontends.scan_track import Match
+from mqslam.frontends.scan_track import PlacedScan
 from mqslam.frontends.spatial import from_matrix, lift, to_matrix
 
 # Longest distance between corresponding points [m], the side of the map's voxels by default.
@@ -80,8 +80,8 @@ class _Open3dMatcher:
 
     def match(
         self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
-    ) -> Match | None:
-        """Matches a scan, and adds it to the map, as `scan_track.Matcher` has it."""
+    ) -> PlacedScan | None:
+        """Matches a scan, and adds it to the map, as `scan_track.ScanMatcher` has it."""
         near = np.hypot(points[:, 0], points[:, 1]) < self._settings.max_range_m
         placed = _deskew(points[near], fractions[near], motion)
         predicted = se2.compose(before, motion)
@@ -89,7 +89,7 @@ class _Open3dMatcher:
         self._join(placed, predicted if match is None else match.pose)
         return match
 
-    def _register(self, placed: NDArray[np.float64], predicted: se2.Array) -> Match | None:
+    def _register(self, placed: NDArray[np.float64], predicted: se2.Array) -> PlacedScan | None:
         """Places a scan in the map, at first with a wide reach; returns None where hardly anything matches."""
         reach, first_reach = _REACH_M, _FIRST_REACH * _REACH_M
         if self._map is None:
@@ -105,7 +105,7 @@ class _Open3dMatcher:
         matched = surface.count_matched(scan, pose, reach)
         if matched < FEWEST_MATCHED:
             return None
-        return Match(pose, partial(surface.compute_covariance, scan, pose, reach, reach**2), matched / len(scan))
+        return PlacedScan(pose, partial(surface.compute_covariance, scan, pose, reach, reach**2), matched / len(scan))
 
     def _run_icp(self, source: Any, target: Any, distance: float, begin: se2.Array) -> NDArray[np.float64]:
         """Returns where Open3D puts a scan that begins at a pose (3,), as a (4, 4) matrix."""

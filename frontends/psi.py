@@ -13,7 +13,7 @@ from mqslam.core.frontend import Context, ignore_motion
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
 from mqslam.execution.local_engine import HERE
-from mqslam.frontends.both_ways import Match, MatchTable, join, turn_back
+from mqslam.frontends.both_ways import DirectedMotion, MatchTable, join, turn_back
 from mqslam.frontends.psi_track import track_backward, track_forward
 from mqslam.frontends.segments import Segment, extend, split_into_segments
 from mqslam.psi.unsteadiness import estimate_unsteadiness
@@ -63,7 +63,7 @@ class PsiFrontEnd:
         context = self._context
         tracks = {is_backward: MatchTable() for is_backward in _DIRECTIONS}
 
-        def collect(number: int, matches: Sequence[Match | None]) -> None:
+        def collect(number: int, matches: Sequence[DirectedMotion | None]) -> None:
             segment = segments[number - 1]
             track = tracks[segment.is_backward]
             before = len(track)
@@ -87,7 +87,7 @@ def _track_segment(shared: tuple[Context, Sequence[Scan]], segment: Segment) -> 
     """Returns the motions of a segment, of which those that only led up to it are left out."""
     context, scans = shared
     tracked = scans[segment.first : segment.last + 1]
-    matches: Sequence[Match | None]
+    matches: Sequence[DirectedMotion | None]
     if segment.is_backward:
         matches = turn_back(tracked, list(track_backward(tracked, context)))
     else:

@@ -14,15 +14,15 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
-from mqslam.frontends.both_ways import Match, reverse_settings, reverse_time
+from mqslam.frontends.both_ways import DirectedMotion, reverse_settings, reverse_time
 from mqslam.psi.place import beam_of
 from mqslam.psi.tracking.state import State
-from mqslam.psi.tracking.track import Followed, ToldTwist, follow_scans
+from mqslam.psi.tracking.track import FollowedScan, ToldTwist, follow_scans
 from mqslam.psi.tracking.tracked import Tracked
 from mqslam.psi.tracking.tracker import Tracker
 
 
-def track_forward(scans: Sequence[Scan], context: Context) -> Iterator[Match]:
+def track_forward(scans: Sequence[Scan], context: Context) -> Iterator[DirectedMotion]:
     """Yields the motions between successive scans, each scan matched to what was seen before it.
 
     Raises:
@@ -32,7 +32,7 @@ def track_forward(scans: Sequence[Scan], context: Context) -> Iterator[Match]:
     return _track(scans, context, _choose_settings(context), context.doppler_beta, context.told_twist)
 
 
-def track_backward(scans: Sequence[Scan], context: Context) -> Iterator[Match]:
+def track_backward(scans: Sequence[Scan], context: Context) -> Iterator[DirectedMotion]:
     """Yields the motions between the scans as `reverse_time` gives them, each scan matched to what was seen after it.
 
     Raises:
@@ -59,17 +59,17 @@ def _choose_settings(context: Context) -> TrackerConfig:
 
 def _track(
     scans: Sequence[Scan], context: Context, settings: TrackerConfig, doppler_beta: float, told: ToldTwist
-) -> Iterator[Match]:
+) -> Iterator[DirectedMotion]:
     """Yields the motions of a track in one direction of time."""
     estimator = context.config.estimator
     tracker = Tracker(settings, estimator, beam_of(estimator, doppler_beta), context.revolution_s)
     return chain.from_iterable(_steps(follow_scans(scans, tracker, told)))
 
 
-def _steps(scans: Iterator[Followed]) -> Iterator[list[Match]]:
+def _steps(scans: Iterator[FollowedScan]) -> Iterator[list[DirectedMotion]]:
     """Yields the motions from each matched scan to the next matched one."""
     matched = next(scans)
-    lost: list[Followed] = []  # scans since the last matched one
+    lost: list[FollowedScan] = []  # scans since the last matched one
     for scan in scans:
         lost.append(scan)
         if scan.tracked.status is Status.LOST and not scan.tracked.begins_map:
@@ -79,7 +79,7 @@ def _steps(scans: Iterator[Followed]) -> Iterator[list[Match]]:
     yield _bridge(matched.tracked, lost)
 
 
-def _bridge(begin: Tracked, then: list[Followed]) -> list[Match]:
+def _bridge(begin: Tracked, then: list[FollowedScan]) -> list[DirectedMotion]:
     """Returns the motions from one scan through those after it.
 
     Where the track was lost on the way to the last of them, the motion to that one is shared over the time, as a constant
@@ -98,7 +98,7 @@ def _move(tracked: Tracked, pose: se2.Array) -> Tracked:
     return replace(tracked, state=State.of(pose, tracked.state.motion))
 
 
-def _relate(a: Tracked, b: Tracked, psi_odometry: float) -> Match:
+def _relate(a: Tracked, b: Tracked, psi_odometry: float) -> DirectedMotion:
     """Returns the motion between two tracked scans; their errors given the map are taken as independent."""
     pose = se2.wrapped_between(a.pose, b.pose)
     c, s = np.cos(a.state.yaw), np.sin(a.state.yaw)
@@ -126,7 +126,7 @@ def _relate(a: Tracked, b: Tracked, psi_odometry: float) -> Match:
         matched=float(evaluation.matched.mean()) if len(evaluation.matched) else 0.0,
         on_map=a.status is Status.CONVERGED and status is Status.CONVERGED and b.arrival is None,
     )
-    return Match(motion, unseen)
+    return DirectedMotion(motion, unseen)
 
 
 def _compare_measurements(a: Tracked, b: Tracked, pose: se2.Array) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError
 from mqslam.frontends.calibration import Twice, learn_scale
-from mqslam.frontends.scan_track import Matcher, ScanTrack, Step
+from mqslam.frontends.scan_track import ScanMatcher, ScanTrack, Step
 
 # Standard deviation of the forward speed where it is only predicted [m/s].
 _COAST_VX = 1.0
@@ -47,7 +47,7 @@ _GAP_TURNS = 0.5
 NewTrack = Callable[[float, se2.Array], ScanTrack]  # a track from a time [s] on, that begins with a twist (3,)
 
 
-def match_scans(scans: Iterable[Scan], new_matcher: Callable[[], Matcher], context: Context) -> Iterator[Measurement]:
+def match_scans(scans: Iterable[Scan], new_matcher: Callable[[], ScanMatcher], context: Context) -> Iterator[Measurement]:
     """Yields the motion from the start of each scan to the start of the next.
 
     A matcher predicts by its last motion, so that it has to begin with one. It finds its own: over the first scans it runs

@@ -17,7 +17,7 @@ _LONGEST_COAST_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
-class Match:
+class PlacedScan:
     """A scan placed in the map.
 
     Args:
@@ -32,7 +32,7 @@ class Match:
     matched: float
 
 
-class Matcher(Protocol):
+class ScanMatcher(Protocol):
     """Places scans in a map that it builds of them."""
 
     reference: float
@@ -40,7 +40,7 @@ class Matcher(Protocol):
 
     def match(
         self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
-    ) -> Match | None:
+    ) -> PlacedScan | None:
         """Matches a scan, and adds it to the map.
 
         Args:
@@ -84,7 +84,7 @@ class ScanTrack:
         doppler_beta: range shift per closing speed [s], which is taken out of the ranges.
     """
 
-    def __init__(self, matcher: Matcher, time: float, twist: se2.Array, doppler_beta: float) -> None:
+    def __init__(self, matcher: ScanMatcher, time: float, twist: se2.Array, doppler_beta: float) -> None:
         self._matcher = matcher
         self._doppler_beta = doppler_beta
         self.twist = twist

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mqslam.config import TrackerConfig
 from mqslam.core import se2
 from mqslam.core.scans import Scan
-from mqslam.frontends.both_ways import Match, follows_at_once
+from mqslam.frontends.both_ways import DirectedMotion, follows_at_once
 from mqslam.psi.tracking.plausibility import is_usable
 
 
@@ -90,7 +90,9 @@ def _choose_borders(count: int, first: int, able: Sequence[int], size: int) -> l
     return list(zip(borders, [*borders[1:], count], strict=True))
 
 
-def extend(matches: Sequence[Match | None], begin: int, more: Sequence[Match | None]) -> list[Match | None]:
+def extend(
+    matches: Sequence[DirectedMotion | None], begin: int, more: Sequence[DirectedMotion | None]
+) -> list[DirectedMotion | None]:
     """Extends the motions of a track by those of the next one, and passes from one to the other by and by.
 
     Args:
@@ -106,7 +108,7 @@ def extend(matches: Sequence[Match | None], begin: int, more: Sequence[Match | N
     return [*matches[:begin], *passed, *more[shared:]]
 
 
-def _blend(earlier: Match | None, later: Match | None, share: float) -> Match | None:
+def _blend(earlier: DirectedMotion | None, later: DirectedMotion | None, share: float) -> DirectedMotion | None:
     """Returns a motion of two tracks in which the later one has a share; one whose scans were both matched counts alone."""
     if earlier is None or later is None:
         return earlier or later
@@ -116,4 +118,4 @@ def _blend(earlier: Match | None, later: Match | None, share: float) -> Match | 
     pose = a.pose + share * se2.subtract(b.pose, a.pose)
     covariance = (1.0 - share) * a.covariance + share * b.covariance
     unseen = (1.0 - share) * earlier.unseen + share * later.unseen
-    return Match(replace(a, pose=pose, covariance=covariance), unseen)
+    return DirectedMotion(replace(a, pose=pose, covariance=covariance), unseen)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mqslam.backend.loops.align import score_among
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import TrackedRun
 from mqslam.config import EstimatorConfig
 from mqslam.core.engine import Engine
 from mqslam.core.scans import Returns
@@ -44,7 +44,7 @@ class Crossing:
     earlier: NDArray[np.int64]
 
 
-def find_crossings(drive: Drive, spacing_m: float, least_path_m: float) -> list[Crossing]:
+def find_crossings(drive: TrackedRun, spacing_m: float, least_path_m: float) -> list[Crossing]:
     """Finds the stretches of a drive's path around which the drive had been before.
 
     Later passes are compared with earlier ones only, so that no two returns are compared twice.
@@ -70,7 +70,7 @@ def find_crossings(drive: Drive, spacing_m: float, least_path_m: float) -> list[
 
 
 def measure_psi_across(
-    drive: Drive, crossings: Sequence[Crossing], estimator: EstimatorConfig, beam: Beam, engine: Engine
+    drive: TrackedRun, crossings: Sequence[Crossing], estimator: EstimatorConfig, beam: Beam, engine: Engine
 ) -> float | None:
     """Returns psi per point of the later passes' returns among those of the earlier passes; None without any.
 
@@ -87,18 +87,18 @@ def measure_psi_across(
     return sum(psi for psi, _ in parts) / points if points else None
 
 
-def render_earlier(drive: Drive, crossing: Crossing, beam: Beam) -> References:
+def render_earlier(drive: TrackedRun, crossing: Crossing, beam: Beam) -> References:
     """Renders the returns of a crossing's earlier passes in the world frame."""
     return make_references(render_scans(drive, crossing.earlier, beam))
 
 
-def render_scans(drive: Drive, scans: Sequence[int] | NDArray[np.int64], beam: Beam) -> PointSet:
+def render_scans(drive: TrackedRun, scans: Sequence[int] | NDArray[np.int64], beam: Beam) -> PointSet:
     """Renders the returns of some scans of a drive in the world frame."""
     returns = Returns.concatenate([drive.scans[k].returns for k in scans])
     return place_along(returns, drive.times, drive.poses, beam)
 
 
-def _score_crossing(shared: tuple[Drive, EstimatorConfig, Beam], crossing: Crossing) -> tuple[float, int]:
+def _score_crossing(shared: tuple[TrackedRun, EstimatorConfig, Beam], crossing: Crossing) -> tuple[float, int]:
     """Returns psi of a crossing's later returns among its earlier ones, and the number of the later returns."""
     drive, estimator, beam = shared
     earlier = render_earlier(drive, crossing, beam)

@@ -24,7 +24,7 @@ from mqslam.backend.crossings import SAMPLE_M, Crossing, find_crossings, measure
 from mqslam.backend.loops import passes
 from mqslam.backend.loops.align import TOLERANCES, observes_all
 from mqslam.backend.loops.rigid import minimise_rigidly, move_rigidly
-from mqslam.backend.loops.submap import SUBMAP_M, Drive
+from mqslam.backend.loops.submap import SUBMAP_M, TrackedRun
 from mqslam.backend.problem import GraphProblem
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
@@ -59,7 +59,7 @@ class _Setting:
         beam: the sensor's errors.
     """
 
-    drive: Drive
+    drive: TrackedRun
     own: NDArray[np.float64]
     estimator: EstimatorConfig
     beam: Beam
@@ -88,7 +88,7 @@ def refine(
         runner: does the work.
     """
     apart_m, engine = passes.LEAST_PATH_M, runner.engine
-    drive = Drive.of(scans, problem.solve_poses(loops))
+    drive = TrackedRun.of(scans, problem.solve_poses(loops))
     places = find_crossings(drive, SAMPLE_M, apart_m)
 
     def psi_under(poses: se2.Array) -> float | None:
@@ -113,13 +113,13 @@ def refine(
             break
         best = replace(best, loops=left, ties=ties, psi_across=psi)
         settled = _is_settled(ties, drive.poses, poses)
-        drive = Drive.of(scans, poses)
+        drive = TrackedRun.of(scans, poses)
         if settled:
             break
     return best
 
 
-def select_tied(crossings: Sequence[Crossing], drive: Drive, loops: Sequence[Loop], reach_m: float) -> list[Crossing]:
+def select_tied(crossings: Sequence[Crossing], drive: TrackedRun, loops: Sequence[Loop], reach_m: float) -> list[Crossing]:
     """Returns crossings with those scans of earlier passes only that a loop ties to the later pass.
 
     Args:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from mqslam.check.finding import Finding
+from mqslam.check.finding import CheckFinding
 from mqslam.check.following import follow
 from mqslam.check.motion_checks import check_mirror, check_order, check_scale, check_stamp
 from mqslam.check.stretches import read_stretches
@@ -24,7 +24,7 @@ class Checked(NamedTuple):
         read: number of polar scans that were read for them.
     """
 
-    findings: tuple[Finding, ...]
+    findings: tuple[CheckFinding, ...]
     read: int
 
 

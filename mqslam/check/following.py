@@ -47,7 +47,7 @@ class Steps:
 
 
 @dataclass(frozen=True, slots=True)
-class Followed:
+class FollowedStretches:
     """The stretches of a recording as psi follows them.
 
     Args:
@@ -70,7 +70,7 @@ def follow(
     tracker: TrackerConfig,
     estimator: EstimatorConfig,
     beam: Beam,
-) -> Followed:
+) -> FollowedStretches:
     """Tracks the stretches by psi, as they are and with their azimuths in the opposite order.
 
     Args:
@@ -107,7 +107,7 @@ def follow(
             backward.append(_psi_per_point(two))
     stamps = recording.start_us + np.round(np.array(edges).reshape(-1, 2) * 1e6).astype(np.int64)
     steps = Steps(stamps[:, 0], stamps[:, 1], np.array(twists).reshape(-1, 3))
-    return Followed(
+    return FollowedStretches(
         steps,
         np.array(forward),
         np.array(backward),

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import wilcoxon
 
-from mqslam.check.finding import Finding, Verdict
-from mqslam.check.following import FEWEST_STEPS, Followed, Steps
+from mqslam.check.finding import CheckFinding, CheckVerdict
+from mqslam.check.following import FEWEST_STEPS, FollowedStretches, Steps
 from mqslam.config import CheckConfig
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
@@ -43,7 +43,7 @@ _LEAST_SLOPE = 1e-9  # numerical [rad/s^2]: keeps the error of a shift finite wh
 _LEAST_RATIO = 0.1  # below this ratio of speeds the two have little in common, and no length of a range bin would fit
 
 
-def check_order(followed: Followed) -> Finding:
+def check_order(followed: FollowedStretches) -> CheckFinding:
     """Checks whether psi prefers the azimuths of the polar scans in the order they are stored in.
 
     Args:
@@ -53,23 +53,28 @@ def check_order(followed: Followed) -> Finding:
     usable = (followed.psi > 0.0) & (followed.psi_backward > 0.0)  # NaN where no motion was found
     gain = np.log(followed.psi_backward[usable] / followed.psi[usable])
     if len(gain) < FEWEST_STEPS:
-        return Finding(name, Verdict.UNTOLD, followed.shortage)
+        return CheckFinding(name, CheckVerdict.UNTOLD, followed.shortage)
     middle = float(np.median(gain))
     chance = float(wilcoxon(gain).pvalue) if gain.any() else 1.0  # a test by ranks, since turns gain many times as much
     psi, backward = float(followed.psi[usable].mean()), float(followed.psi_backward[usable].mean())
     numbers = {"psi": psi, "psi_backward": backward, "log_ratio": middle, "chance": chance}
     both = f"psi per point is {psi:.3f} as recorded and {backward:.3f} with every turn taken backward"
     if abs(middle) < _ORDER_GAIN or chance > _ORDER_CHANCE:
-        return Finding(
-            name, Verdict.UNTOLD, f"{both}, which is about the same; a faster drive or one with turns would tell", numbers
+        return CheckFinding(
+            name,
+            CheckVerdict.UNTOLD,
+            f"{both}, which is about the same; a faster drive or one with turns would tell",
+            numbers,
         )
     if middle > 0.0:
-        return Finding(name, Verdict.OK, both, numbers)
+        return CheckFinding(name, CheckVerdict.OK, both, numbers)
     remedy = "azimuths seem to be stored against the direction of rotation: store them in the order of measurement"
-    return Finding(name, Verdict.SUSPICIOUS, f"{both}; {remedy}", numbers)
+    return CheckFinding(name, CheckVerdict.SUSPICIOUS, f"{both}; {remedy}", numbers)
 
 
-def check_mirror(recording: Recording, followed: Followed, odometry: Trajectory | None, settings: CheckConfig) -> Finding:
+def check_mirror(
+    recording: Recording, followed: FollowedStretches, odometry: Trajectory | None, settings: CheckConfig
+) -> CheckFinding:
     """Checks whether the radar turns left where odometry does.
 
     Args:
@@ -81,24 +86,29 @@ def check_mirror(recording: Recording, followed: Followed, odometry: Trajectory 
     name = "direction of rotation"
     if odometry is None or len(followed.steps) < FEWEST_STEPS:
         reason = "psi is the same for a recording and its mirror image"
-        return Finding(name, Verdict.UNTOLD, _explain_untold(followed, odometry, reason))
+        return CheckFinding(name, CheckVerdict.UNTOLD, _explain_untold(followed, odometry, reason))
     measured, _, given = _yaw_rates(recording, followed.steps, odometry, settings)
     same, opposite = (float(np.min(np.mean((measured - sign * given) ** 2, axis=1))) for sign in (1.0, -1.0))
     numbers = {"rms_as_assumed_rad_s": same**0.5, "rms_mirrored_rad_s": opposite**0.5}
     turning = float(np.sqrt(np.mean(followed.steps.of(odometry)[:, 2] ** 2)))
     ratio = opposite / max(same, _YAW_RATE_FLOOR**2)
     if turning < _LEAST_TURN or 1.0 / settings.mirrored < ratio < settings.mirrored:
-        return Finding(
-            name, Verdict.UNTOLD, f"odometry turns by {turning:.3f} rad/s, too little to tell or unlike the radar", numbers
+        return CheckFinding(
+            name,
+            CheckVerdict.UNTOLD,
+            f"odometry turns by {turning:.3f} rad/s, too little to tell or unlike the radar",
+            numbers,
         )
     both = f"yaw rates differ from odometry's by {same**0.5:.3f} rad/s, mirrored by {opposite**0.5:.3f} rad/s"
     if ratio > 1.0:
-        return Finding(name, Verdict.OK, both, numbers)
+        return CheckFinding(name, CheckVerdict.OK, both, numbers)
     remedy = "the radar seems to turn the other way round: see sensor.clockwise, or odometry's sign of yaw"
-    return Finding(name, Verdict.SUSPICIOUS, f"{both}; {remedy}", numbers)
+    return CheckFinding(name, CheckVerdict.SUSPICIOUS, f"{both}; {remedy}", numbers)
 
 
-def check_stamp(recording: Recording, followed: Followed, odometry: Trajectory | None, settings: CheckConfig) -> Finding:
+def check_stamp(
+    recording: Recording, followed: FollowedStretches, odometry: Trajectory | None, settings: CheckConfig
+) -> CheckFinding:
     """Checks whether odometry's yaw rate fits the radar's best at the stamps as they are.
 
     Args:
@@ -110,7 +120,7 @@ def check_stamp(recording: Recording, followed: Followed, odometry: Trajectory |
     name = "stamp convention"
     if odometry is None or len(followed.steps) < FEWEST_STEPS:
         reason = "only a motion measured by another clock shows a shift"
-        return Finding(name, Verdict.UNTOLD, _explain_untold(followed, odometry, reason))
+        return CheckFinding(name, CheckVerdict.UNTOLD, _explain_untold(followed, odometry, reason))
     measured, shifts, given = _yaw_rates(recording, followed.steps, odometry, settings)
     given *= 1.0 if np.sum(given @ measured) >= 0.0 else -1.0  # another check looks for a mirrored recording
     rest = given - measured
@@ -124,17 +134,21 @@ def check_stamp(recording: Recording, followed: Followed, odometry: Trajectory |
     numbers = {"shift_s": shift, "shift_error_s": error, "explained": explained}
     unsure = 3.0 * error > _SHIFT_ERROR * recording.revolution_s or best in (0, len(shifts) - 1)
     if explained < _EXPLAINED or unsure:
-        return Finding(name, Verdict.UNTOLD, "odometry's yaw rate changes too little, or differs from the radar's", numbers)
+        return CheckFinding(
+            name, CheckVerdict.UNTOLD, "odometry's yaw rate changes too little, or differs from the radar's", numbers
+        )
     fits = f"odometry's yaw rate fits best {abs(shift):.2f} s {'later' if shift > 0.0 else 'earlier'}"
     if abs(shift) < _SHIFT_OK * recording.revolution_s:
         allowed = f"within {_SHIFT_OK:g} of a turn of {recording.revolution_s:.2f} s"
-        return Finding(name, Verdict.OK, f"{fits}, {allowed}", numbers)
+        return CheckFinding(name, CheckVerdict.OK, f"{fits}, {allowed}", numbers)
     meant = "the start of the turn, not the end" if shift > 0.0 else "the end of the turn, not the start"
     remedy = f"stamps seem to mean {meant} (sensor.stamp), or the clocks differ"
-    return Finding(name, Verdict.SUSPICIOUS, f"{fits}; {remedy}", numbers)
+    return CheckFinding(name, CheckVerdict.SUSPICIOUS, f"{fits}; {remedy}", numbers)
 
 
-def check_scale(recording: Recording, followed: Followed, odometry: Trajectory | None, settings: CheckConfig) -> Finding:
+def check_scale(
+    recording: Recording, followed: FollowedStretches, odometry: Trajectory | None, settings: CheckConfig
+) -> CheckFinding:
     """Checks whether the radar's speed is odometry's, which a wrong length of a range bin would change.
 
     Args:
@@ -145,26 +159,28 @@ def check_scale(recording: Recording, followed: Followed, odometry: Trajectory |
     """
     name = "range resolution"
     if odometry is None or len(followed.steps) < FEWEST_STEPS:
-        return Finding(
-            name, Verdict.UNTOLD, _explain_untold(followed, odometry, "psi is the same for a map and a scaled copy of it")
+        return CheckFinding(
+            name,
+            CheckVerdict.UNTOLD,
+            _explain_untold(followed, odometry, "psi is the same for a map and a scaled copy of it"),
         )
     measured, given = followed.steps.twists[:, 0], followed.steps.of(odometry)[:, 0]
     fast = np.abs(given) > LEAST_SPEED
     if np.count_nonzero(fast) < FEWEST_STEPS:
-        return Finding(name, Verdict.UNTOLD, f"odometry is hardly ever faster than {LEAST_SPEED:g} m/s")
+        return CheckFinding(name, CheckVerdict.UNTOLD, f"odometry is hardly ever faster than {LEAST_SPEED:g} m/s")
     ratio = float(np.sum(measured[fast] * given[fast]) / np.sum(given[fast] ** 2))
     numbers = {"speed_ratio": ratio, "range_resolution_m": recording.range_resolution}
     speeds = f"the radar's speed is {ratio:.3f} times odometry's"
     if abs(ratio - 1.0) < settings.wrong_scale:
-        return Finding(name, Verdict.OK, f"{speeds} with bins of {recording.range_resolution:.4g} m", numbers)
+        return CheckFinding(name, CheckVerdict.OK, f"{speeds} with bins of {recording.range_resolution:.4g} m", numbers)
     resolution = recording.range_resolution / ratio if ratio > _LEAST_RATIO else None
     fitting = "they have little in common" if resolution is None else f"bins of {resolution:.4g} m would fit"
     advice = "state the right length of a range bin, unless odometry's scale is off"
     remedy = f"with bins of {recording.range_resolution:.4g} m; {fitting}: {advice}"
-    return Finding(name, Verdict.SUSPICIOUS, f"{speeds} {remedy}", numbers)
+    return CheckFinding(name, CheckVerdict.SUSPICIOUS, f"{speeds} {remedy}", numbers)
 
 
-def _explain_untold(followed: Followed, odometry: Trajectory | None, reason: str) -> str:
+def _explain_untold(followed: FollowedStretches, odometry: Trajectory | None, reason: str) -> str:
     """Returns why a check against odometry cannot be made: there is none, or too little was followed."""
     return f"no odometry: {reason}" if odometry is None else followed.shortage
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mqslam.check.finding import Finding, Verdict
+from mqslam.check.finding import CheckFinding, CheckVerdict
 from mqslam.check.stretches import Stretch
 from mqslam.config import CheckConfig, ReadingConfig
 from mqslam.core.recording import Recording
@@ -27,7 +27,7 @@ _UNMEASURED_SHARE = 0.05
 
 def check_stamps(
     recording: Recording, stretches: Sequence[Stretch], settings: CheckConfig, reading: ReadingConfig
-) -> Finding:
+) -> CheckFinding:
     """Checks whether polar scans follow one another: none doubled, backward, missing or of another duration.
 
     Args:
@@ -62,12 +62,14 @@ def check_stamps(
         faults.append(f"a polar scan cannot be read: {unread[0]}{others}")
     numbers = {"gaps": len(gaps), "missing_s": missing, "turn_s": turn_s, "unsteady": unsteady}
     if faults:
-        return Finding("stamps", Verdict.SUSPICIOUS, "; ".join(faults), numbers)
+        return CheckFinding("stamps", CheckVerdict.SUSPICIOUS, "; ".join(faults), numbers)
     steady = f"nine tenths of them within {unsteady:.1%}" if shown else "too few to tell how steady turns are"
-    return Finding("stamps", Verdict.OK, f"{count_of(len(recording), 'turn')} of {turn_s:.4f} s, {steady}, no gaps", numbers)
+    return CheckFinding(
+        "stamps", CheckVerdict.OK, f"{count_of(len(recording), 'turn')} of {turn_s:.4f} s, {steady}, no gaps", numbers
+    )
 
 
-def check_azimuths(stretches: Sequence[Stretch]) -> Finding:
+def check_azimuths(stretches: Sequence[Stretch]) -> CheckFinding:
     """Checks whether every polar scan is a whole turn of azimuths that were measured.
 
     Args:
@@ -75,7 +77,7 @@ def check_azimuths(stretches: Sequence[Stretch]) -> Finding:
     """
     turns = [turn for stretch in stretches for turn in stretch.turns]
     if not turns:
-        return Finding("azimuths", Verdict.UNTOLD, "no polar scan could be read")
+        return CheckFinding("azimuths", CheckVerdict.UNTOLD, "no polar scan could be read")
     counts = sorted({turn.azimuths for turn in turns})
     share = sum(turn.unmeasured for turn in turns) / sum(turn.azimuths for turn in turns)
     step = float(np.median([turn.step for turn in turns]))
@@ -90,6 +92,6 @@ def check_azimuths(stretches: Sequence[Stretch]) -> Finding:
         faults.append(f"polar scans are up to {np.rad2deg(off):.1f} deg off a whole turn")
     numbers = {"fewest": counts[0], "most": counts[-1], "unmeasured": share, "off_turn_rad": off}
     if faults:
-        return Finding("azimuths", Verdict.SUSPICIOUS, "; ".join(faults), numbers)
+        return CheckFinding("azimuths", CheckVerdict.SUSPICIOUS, "; ".join(faults), numbers)
     many = f"{counts[0]} to {counts[-1]}" if len(counts) > 1 else f"{counts[0]}"
-    return Finding("azimuths", Verdict.OK, f"{many} in every turn, {share:.1%} of them not measured", numbers)
+    return CheckFinding("azimuths", CheckVerdict.OK, f"{many} in every turn, {share:.1%} of them not measured", numbers)

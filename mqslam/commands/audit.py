@@ -10,7 +10,7 @@ import numpy as np
 
 from mqslam.auditing import judge
 from mqslam.auditing.gyroscope_check import GyroscopeCheck, check_gyroscope
-from mqslam.auditing.mending.rounds import Judged, Mended
+from mqslam.auditing.mending.rounds import AuditedTrajectory, Mended
 from mqslam.auditing.mending.rounds import mend as mend_trajectory
 from mqslam.auditing.sources import LIDAR_CONFIG, Source, divide_cloud, is_cloud, make_lidar_source, move_cloud, place_source
 from mqslam.auditing.sweeps import Sweeps, require_covered
@@ -168,7 +168,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
                 return judge.audit(shown, *sections, work.engine, work.progress)
 
             mended = mend_trajectory(
-                Judged(track, sweeps, judged), place, judge_mended, settings, work.engine, work.progress
+                AuditedTrajectory(track, sweeps, judged), place, judge_mended, settings, work.engine, work.progress
             )
             summary["mended"] = summarise_mended(mended, summary, settings)
         with write_folder_aside(out) as folder:

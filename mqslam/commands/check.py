@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from mqslam.check.checks import CheckSettings, check_recording
-from mqslam.check.finding import Finding, Verdict
+from mqslam.check.finding import CheckFinding, CheckVerdict
 from mqslam.check.statistics import Statistics, measure_statistics
 from mqslam.commands.inputs.opening import choose_odometry, choose_settings, open_data
 from mqslam.commands.work import QUIET, Work
@@ -26,7 +26,7 @@ class Check:
         scans: number of polar scans in the recording.
     """
 
-    findings: tuple[Finding, ...]
+    findings: tuple[CheckFinding, ...]
     notes: tuple[str, ...]
     read: int
     scans: int
@@ -34,12 +34,12 @@ class Check:
     @property
     def suspicious(self) -> bool:
         """Whether anything contradicts what was assumed."""
-        return any(finding.verdict is Verdict.SUSPICIOUS for finding in self.findings)
+        return any(finding.verdict is CheckVerdict.SUSPICIOUS for finding in self.findings)
 
     @property
     def warning(self) -> str | None:
         """A sentence for the user where most of the checks cannot be told; None where most can."""
-        untold = sum(finding.verdict is Verdict.UNTOLD for finding in self.findings)
+        untold = sum(finding.verdict is CheckVerdict.UNTOLD for finding in self.findings)
         if 2 * untold <= len(self.findings):
             return None
         missed = f"{untold} of {len(self.findings)} checks cannot be told, so that most mistakes would go unnoticed here"

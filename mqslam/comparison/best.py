@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 from mqslam.auditing.revisits import share_torn_revisits
 from mqslam.auditing.verdict import Share
 from mqslam.auditing.windows.windows import share_torn
-from mqslam.comparison.judgement import Judged
+from mqslam.comparison.judgement import JudgedRow
 
 _FIGURES: Final = ".3f"  # errors that read the same in the table are taken to be the same
 
@@ -37,7 +37,7 @@ class Standing:
     revisits: Share
 
     @classmethod
-    def of(cls, judged: Judged) -> Standing:
+    def of(cls, judged: JudgedRow) -> Standing:
         """Returns what a judged row is ranked by."""
         return cls(
             name=judged.row.name,

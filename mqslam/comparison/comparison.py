@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mqslam.comparison.best import Best
-from mqslam.comparison.judgement import Judged, Place
+from mqslam.comparison.judgement import JudgedRow, Place
 from mqslam.comparison.rows import Row
 from mqslam.config import Config
 from mqslam.core.recording import Recording
@@ -35,7 +35,7 @@ class Comparison:
     settings: Config
     doppler_beta: float
     rows: tuple[Row, ...]
-    judged: dict[str, Judged]
+    judged: dict[str, JudgedRow]
     best: Best | None
     psi_across: dict[str, float]
     compared: int

@@ -64,7 +64,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedRow:
     """A row and its judgement.
 
     Args:
@@ -164,7 +164,7 @@ def judge_rows(
     beam: Beam,
     engine: Engine,
     progress: Progress,
-) -> tuple[list[Row], dict[str, Judged]]:
+) -> tuple[list[Row], dict[str, JudgedRow]]:
     """Judges every row that has a trajectory, as `judge` does.
 
     Args:
@@ -181,7 +181,7 @@ def judge_rows(
     Returns:
         the rows, with a failure where one could not be judged, and the judgement of the others by name.
     """
-    judged: dict[str, Judged] = {}
+    judged: dict[str, JudgedRow] = {}
     shown = []
     truth = None if truth is None else _cut_to_scans(truth, scans)
     for row in rows:
@@ -202,7 +202,7 @@ def judge(
     beam: Beam,
     engine: Engine,
     progress: Progress,
-) -> Judged:
+) -> JudgedRow:
     """Judges one row.
 
     Args:
@@ -218,7 +218,7 @@ def judge(
     assert row.trajectory is not None and row.odometry is not None
     sweeps, _ = place_sweeps(scans, row.trajectory, beam)
     rendered = render(scans, sweeps.poses, settings.estimator, beam, engine)
-    return Judged(
+    return JudgedRow(
         row=row,
         map=rendered.take(pick_thinned(rendered.points, _MAP_POINTS)),
         psi_per_point=rendered.psi_per_point,

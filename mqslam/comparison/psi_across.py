@@ -7,9 +7,9 @@ from dataclasses import replace
 
 from mqslam.backend.crossings import SAMPLE_M, find_crossings, measure_psi_across
 from mqslam.backend.loops import passes
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import TrackedRun
 from mqslam.comparison.best import Best
-from mqslam.comparison.judgement import Judged
+from mqslam.comparison.judgement import JudgedRow
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
@@ -18,7 +18,7 @@ from mqslam.psi.place import Beam
 
 
 def measure_rows_across(
-    judged: Mapping[str, Judged], best: Best | None, scans: Scans, estimator: EstimatorConfig, beam: Beam, engine: Engine
+    judged: Mapping[str, JudgedRow], best: Best | None, scans: Scans, estimator: EstimatorConfig, beam: Beam, engine: Engine
 ) -> dict[str, float]:
     """Measures psi per point across passes of every row.
 
@@ -40,7 +40,7 @@ def measure_rows_across(
     if not poses:
         return {}
     guide = best.rows[0] if best else next(iter(poses))
-    drive = Drive.of(scans, poses[guide])
+    drive = TrackedRun.of(scans, poses[guide])
     crossings = find_crossings(drive, SAMPLE_M, passes.LEAST_PATH_M)
     across = {}
     for name, own in poses.items():
@@ -50,7 +50,7 @@ def measure_rows_across(
     return across
 
 
-def _place_scans(judged: Judged, scans: Scans) -> se2.Array:
+def _place_scans(judged: JudgedRow, scans: Scans) -> se2.Array:
     """Returns the pose (len(scans), 3) of every scan under a row's trajectory."""
     assert judged.row.trajectory is not None
     return judged.row.trajectory.at(scans.stamps_us)

@@ -21,7 +21,7 @@ _HEADER_BYTES: Final = 1 << 16  # size limit: the comments that are looked throu
 
 
 @dataclass(frozen=True, slots=True)
-class Clock:
+class MapClock:
     """How the times of a run's point map relate to the stamps of its trajectory.
 
     Args:
@@ -33,7 +33,7 @@ class Clock:
     scan_us: int
 
 
-def write_ply(path: Path, pointmap: PointMap, clock: Clock | None = None) -> None:
+def write_ply(path: Path, pointmap: PointMap, clock: MapClock | None = None) -> None:
     """Writes a binary little-endian PLY with the vertex properties x, y, z, intensity, time and psi; z is 0.
 
     Open3D's tensor reader (`open3d.t.io.read_point_cloud`) keeps all of them; time is a double, the rest are floats.
@@ -59,7 +59,7 @@ def write_ply(path: Path, pointmap: PointMap, clock: Clock | None = None) -> Non
             file.write(vertices.data)
 
 
-def _format_header(count: int, clock: Clock | None) -> str:
+def _format_header(count: int, clock: MapClock | None) -> str:
     """Returns the header of a file with so many points."""
     lines = ["ply", "format binary_little_endian 1.0"]
     if clock is not None:
@@ -69,7 +69,7 @@ def _format_header(count: int, clock: Clock | None) -> str:
     return "\n".join([*lines, "end_header", ""])
 
 
-def read_clock(path: Path) -> Clock | None:
+def read_clock(path: Path) -> MapClock | None:
     """Reads the clock that a PLY states in a comment; returns None where it states none.
 
     Raises:
@@ -80,7 +80,7 @@ def read_clock(path: Path) -> Clock | None:
     for line in header.decode("latin-1").splitlines() if end else ():
         match = _CLOCK.fullmatch(line.removeprefix("comment ").strip())
         if match is not None and int(match[2]) > 0:
-            return Clock(int(match[1]), int(match[2]))
+            return MapClock(int(match[1]), int(match[2]))
     return None
 
 

@@ -19,7 +19,7 @@ from mqslam.core.engine import Engine
 from mqslam.core.statistics.chances import find_usual_scale
 from mqslam.localisation.localised import PlaceStatus
 from mqslam.localisation.registering import MapAround, Prediction, Registered, register
-from mqslam.localisation.scan_by_scan import Setting, Table
+from mqslam.localisation.scan_by_scan import LocalisedScans, Setting
 from mqslam.mapping.keyframing import pick_spaced
 
 # Path [m] between the scans that show by which factors the covariances are too small.
@@ -36,7 +36,7 @@ _USUAL_SCALE = 10.0
 _BATCH: Final = 64  # pairs that one call compares: a matter of speed only
 
 
-def measure_scale(setting: Setting, table: Table, engine: Engine) -> tuple[NDArray[np.float64], int]:
+def measure_scale(setting: Setting, table: LocalisedScans, engine: Engine) -> tuple[NDArray[np.float64], int]:
     """Returns the factors (3,) that psi's variances need, and the number of pairs of scans that show them.
 
     Args:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mqslam.backend.loops.submap import Drive, MappedDrive
+from mqslam.backend.loops.submap import MappedDrive, TrackedRun
 from mqslam.backend.recognition.place_index import PlaceIndex
 from mqslam.backend.recognition.places import PLACE_SPACING_M, describe_map
 from mqslam.backend.recognition.recognise import ROW, Ground, PlaceMatch, recognise
@@ -29,7 +29,7 @@ from mqslam.execution.runner import Runner
 from mqslam.localisation.covariance_scale import FEWEST_PAIRS, measure_scale
 from mqslam.localisation.localised import Localised, PlaceStatus
 from mqslam.localisation.registering import REACH_M, MapAround, Prediction, register
-from mqslam.localisation.scan_by_scan import Setting, Table, follow
+from mqslam.localisation.scan_by_scan import LocalisedScans, Setting, follow
 from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam
 
@@ -73,8 +73,8 @@ def localise(
         NotInMapError: no place of the map was recognised.
     """
     poses = se2.chain(motion.pose for motion in motions)
-    setting = Setting(Drive.of(scans, poses), motions, made.keyframes, estimator, beam)
-    table, rows, looked_up, ambiguous, conflicts = Table(len(scans), runner.progress), 0, 0, 0, 0
+    setting = Setting(TrackedRun.of(scans, poses), motions, made.keyframes, estimator, beam)
+    table, rows, looked_up, ambiguous, conflicts = LocalisedScans(len(scans), runner.progress), 0, 0, 0, 0
     with runner.time_stage("recognise"):
         wanted = np.ones(len(scans), dtype=np.bool_)
         parts = _look_up(setting, made, runner.engine, wanted)
@@ -134,7 +134,7 @@ def _look_up(setting: Setting, made: KeyframeMap, engine: Engine, wanted: NDArra
             yield _Found(found.rows, len(fresh), len(set(found.ambiguous) & set(fresh.tolist())))
 
 
-def _seed(setting: Setting, table: Table, row: Sequence[PlaceMatch]) -> bool:
+def _seed(setting: Setting, table: LocalisedScans, row: Sequence[PlaceMatch]) -> bool:
     """Follows the scans along a row of recognised places, and returns whether enough of them lie on the map.
 
     Where they do not, the table is left as it was.
@@ -157,14 +157,14 @@ def _seed(setting: Setting, table: Table, row: Sequence[PlaceMatch]) -> bool:
     return False
 
 
-def _follow_on(setting: Setting, table: Table, row: Sequence[PlaceMatch]) -> int:
+def _follow_on(setting: Setting, table: LocalisedScans, row: Sequence[PlaceMatch]) -> int:
     """Follows scans on from both ends of a row; returns at how many ends they meet scans that lie elsewhere."""
     along = row[0].query + np.flatnonzero(table.on_map[row[0].query : row[-1].query + 1])
     ends = ((int(along[-1]), 1, len(table.tried) - 1), (int(along[0]), -1, 0))
     return sum(follow(setting, table, start, way, limit) for start, way, limit in ends)
 
 
-def _fill_in(setting: Setting, table: Table, covariances: NDArray[np.float64]) -> None:
+def _fill_in(setting: Setting, table: LocalisedScans, covariances: NDArray[np.float64]) -> None:
     """Predicts the scans that do not lie on the map from the nearest one that does, with its covariance (N, 3, 3)."""
     travelled, known = setting.drive.travelled, table.on_map.copy()
     table.covariances[:] = covariances
@@ -188,7 +188,7 @@ def _fill_in(setting: Setting, table: Table, covariances: NDArray[np.float64]) -
         table.statuses[k] = PlaceStatus.OUTSIDE if is_outside else PlaceStatus.LOST
 
 
-def _say_what_was_tried(drive: Drive, made: KeyframeMap, looked_up: int, ambiguous: int) -> tuple[str, str]:
+def _say_what_was_tried(drive: TrackedRun, made: KeyframeMap, looked_up: int, ambiguous: int) -> tuple[str, str]:
     """Returns why a recording is nowhere in a map, with what was tried, and what the user can do."""
     path_m = float(drive.travelled[-1])
     if looked_up < ROW:

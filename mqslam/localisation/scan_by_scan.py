@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import TrackedRun
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.keyframes import Keyframes
@@ -34,7 +34,7 @@ class Setting:
         beam: the sensor's errors.
     """
 
-    drive: Drive
+    drive: TrackedRun
     motions: Sequence[Measurement]
     keyframes: Keyframes
     estimator: EstimatorConfig
@@ -57,7 +57,7 @@ class Setting:
         return Prediction(se2.compose(known.pose, step), grown)
 
 
-class Table:
+class LocalisedScans:
     """Where each scan of a recording lies in the map, as far as it is known.
 
     Args:
@@ -96,7 +96,7 @@ class Table:
         self.tried[part] = self.on_map[part] = False
 
 
-def follow(setting: Setting, table: Table, start: int, way: int, limit: int) -> bool:
+def follow(setting: Setting, table: LocalisedScans, start: int, way: int, limit: int) -> bool:
     """Follows scans from one that lies on the map, until too long a way lies on nothing or another one is reached that does.
 
     Scans at the end of which none lies on the map are left as not tried, so that they can be reached from the other side.

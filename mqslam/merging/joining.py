@@ -15,10 +15,10 @@ from mqslam.core import se2
 from mqslam.core.keyframes import KEYFRAME_POINT, Keyframes, PlaceTable
 from mqslam.core.stored import make_stored, release
 from mqslam.factors.prior import prior
-from mqslam.merging.part import Part, list_factors
+from mqslam.merging.part import Session, list_factors
 
 
-def number_vertices(parts: Sequence[Part]) -> list[NDArray[np.int64]]:
+def number_vertices(parts: Sequence[Session]) -> list[NDArray[np.int64]]:
     """Returns the numbers that the vertices of each part have in the joint graph."""
     scans = [part.scans for part in parts]
     others = [len(part.graph.keys) - part.scans for part in parts]
@@ -30,7 +30,7 @@ def number_vertices(parts: Sequence[Part]) -> list[NDArray[np.int64]]:
     ]
 
 
-def join_graphs(parts: Sequence[Part], frames: Sequence[se2.Array], config: Config) -> GivenGraph:
+def join_graphs(parts: Sequence[Session], frames: Sequence[se2.Array], config: Config) -> GivenGraph:
     """Joins the graphs of all parts; only the first pose of the first one is held.
 
     Args:
@@ -55,7 +55,7 @@ def join_graphs(parts: Sequence[Part], frames: Sequence[se2.Array], config: Conf
     return GivenGraph(factors, values, keys, lambda factor: factor)
 
 
-def join_keyframes(parts: Sequence[Part]) -> Keyframes:
+def join_keyframes(parts: Sequence[Session]) -> Keyframes:
     """Returns the keyframes of all parts, those of each still under its own poses.
 
     Their scans are numbered as the vertices of the joint graph. The first part says where the map lies on the Earth.
@@ -82,7 +82,7 @@ def join_keyframes(parts: Sequence[Part]) -> Keyframes:
     )
 
 
-def join_places(parts: Sequence[Part]) -> PlaceTable:
+def join_places(parts: Sequence[Session]) -> PlaceTable:
     """Returns the places of all parts, which have been described with the same settings."""
     firsts = np.cumsum([0, *(len(part.map.keyframes) for part in parts)])
     return PlaceTable(

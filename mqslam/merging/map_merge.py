@@ -33,7 +33,7 @@ from mqslam.execution.runner import Runner
 from mqslam.merging.changes import Change, find_changes, measure_relative_uncertainty
 from mqslam.merging.joining import join_graphs, join_keyframes, join_places
 from mqslam.merging.meetings import Meeting, introduce, lay_out
-from mqslam.merging.part import Part, build_alone
+from mqslam.merging.part import Session, build_alone
 from mqslam.merging.rendering import render_keyframes
 from mqslam.psi.place import Beam, beam_of
 from mqslam.psi.scoring.references import make_references
@@ -66,7 +66,7 @@ class Merged:
     """
 
     config: Config
-    parts: tuple[Part, ...]
+    parts: tuple[Session, ...]
     meetings: tuple[Meeting, ...]
     links: LoopSearch
     psi: NDArray[np.float64]
@@ -82,7 +82,7 @@ class Merged:
     warnings: tuple[str, ...]
 
 
-def merge_parts(parts: Sequence[Part], config: Config, runner: Runner) -> Merged:
+def merge_parts(parts: Sequence[Session], config: Config, runner: Runner) -> Merged:
     """Makes one map of several parts, in the frame of the first one.
 
     Args:
@@ -154,20 +154,20 @@ def merge_parts(parts: Sequence[Part], config: Config, runner: Runner) -> Merged
     )
 
 
-def _optimise_alone(part: Part, config: Config) -> Chain:
+def _optimise_alone(part: Session, config: Config) -> Chain:
     """Returns a part's own trajectory and how sure its graph is of it."""
     graph = build_alone(part, config)
     optimum = optimise(graph)
     return Chain(MappedDrive.of(part.map.keyframes), graph, optimum.values)
 
 
-def _measure_move(part: Part, chain: Chain) -> float:
+def _measure_move(part: Session, chain: Chain) -> float:
     """Returns how far the optimum of a part's edges is from where its keyframes lie, at most [m]."""
     off = chain.graph.poses_at(chain.values)[:, :2] - part.map.keyframes.poses[:, :2]
     return float(np.hypot(off[:, 0], off[:, 1]).max())
 
 
-def _warn_of_moves(parts: Sequence[Part], moved_m: Sequence[float]) -> list[str]:
+def _warn_of_moves(parts: Sequence[Session], moved_m: Sequence[float]) -> list[str]:
     """Returns a warning for each part that was held by what its file lacks."""
     return [
         f"{part.folder}: the edges in its graph.g2o alone move it by up to {far:.2f} m; the gyroscope or GNSS that has held "
@@ -177,7 +177,7 @@ def _warn_of_moves(parts: Sequence[Part], moved_m: Sequence[float]) -> list[str]
     ]
 
 
-def _warn_of_ambiguity(parts: Sequence[Part], meetings: Sequence[Meeting]) -> list[str]:
+def _warn_of_ambiguity(parts: Sequence[Session], meetings: Sequence[Meeting]) -> list[str]:
     """Returns a warning for each two parts of which more submaps match several places than match one."""
     return [
         f"several places fit: {m.ambiguous} submaps of {parts[m.later].folder} match more than one place of "
@@ -187,7 +187,7 @@ def _warn_of_ambiguity(parts: Sequence[Part], meetings: Sequence[Meeting]) -> li
     ]
 
 
-def _check_joined(parts: Sequence[Part], links: Sequence[Loop], groups: NDArray[np.int64]) -> None:
+def _check_joined(parts: Sequence[Session], links: Sequence[Loop], groups: NDArray[np.int64]) -> None:
     """Raises EstimationError unless the links that the map has kept still join all parts."""
     joined = {0}
     for _ in parts:
@@ -252,7 +252,7 @@ def _measure_residuals(links: Sequence[Loop], poses: se2.Array) -> NDArray[np.fl
     return np.sqrt(squares)
 
 
-def _list_trajectories(parts: Sequence[Part], values: gtsam.Values) -> tuple[Trajectory, ...]:
+def _list_trajectories(parts: Sequence[Session], values: gtsam.Values) -> tuple[Trajectory, ...]:
     """Returns the trajectory of each recording, all scans of it."""
     trajectories, first = [], 0
     for stamps in (stamps for part in parts for stamps in part.stamps_us):

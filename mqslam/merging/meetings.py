@@ -25,7 +25,7 @@ from mqslam.core.measurement import Loop
 from mqslam.errors import EstimationError
 from mqslam.execution.runner import Runner
 from mqslam.mapping.keyframing import pick_spaced
-from mqslam.merging.part import Part
+from mqslam.merging.part import Session
 from mqslam.psi.place import Beam
 
 # Least number of matches of places that must agree on how two recordings lie to each other.
@@ -139,7 +139,7 @@ class Meeting:
 
 
 def introduce(
-    parts: Sequence[Part], chains: Sequence[Chain], estimator: EstimatorConfig, beam: Beam, runner: Runner
+    parts: Sequence[Session], chains: Sequence[Chain], estimator: EstimatorConfig, beam: Beam, runner: Runner
 ) -> list[Meeting]:
     """Looks each part up in every part before it."""
     meetings = []
@@ -157,7 +157,7 @@ def introduce(
 
 
 def lay_out(
-    parts: Sequence[Part], chains: Sequence[Chain], meetings: Sequence[Meeting]
+    parts: Sequence[Session], chains: Sequence[Chain], meetings: Sequence[Meeting]
 ) -> tuple[list[se2.Array], list[Loop]]:
     """Lays the parts on each other, at each step the one of which the most matches agree.
 
@@ -199,7 +199,7 @@ def _find_middle(meeting: Meeting, lies: se2.Array, poses: se2.Array) -> int:
     return int(np.argmin(off))
 
 
-def _explain(parts: Sequence[Part], joined: set[int], meetings: Sequence[Meeting]) -> EstimationError:
+def _explain(parts: Sequence[Session], joined: set[int], meetings: Sequence[Meeting]) -> EstimationError:
     """Returns the error that says why a part could not be joined."""
     apart = [n for n in range(len(parts)) if n not in joined]
     own = [m for m in meetings if (m.earlier in joined) != (m.later in joined)]

@@ -27,7 +27,7 @@ _REMEDY: Final = "give the folder of a result as `mqslam run` or `mqslam merge` 
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class Session:
     """One of the results that become one map.
 
     Args:
@@ -56,7 +56,7 @@ class Part:
         return se2.compose(self.frame, poses)
 
 
-def make_part(folder: Path, kept: KeyframeMap, stamps_us: Sequence[NDArray[np.int64]], graph: StoredGraph) -> Part:
+def make_part(folder: Path, kept: KeyframeMap, stamps_us: Sequence[NDArray[np.int64]], graph: StoredGraph) -> Session:
     """Makes a part of what the files of a result hold.
 
     Args:
@@ -87,10 +87,10 @@ def make_part(folder: Path, kept: KeyframeMap, stamps_us: Sequence[NDArray[np.in
     off = se2.compose(frame, vertices) - keyframes.poses
     if np.hypot(off[:, 0], off[:, 1]).max() > _OFF_M:
         raise DataError(folder, "has keyframes that do not lie where its graph.g2o has them", _REMEDY)
-    return Part(folder, kept, tuple(stamps_us), graph, frame)
+    return Session(folder, kept, tuple(stamps_us), graph, frame)
 
 
-def list_factors(part: Part, keys: Sequence[int], config: Config) -> list[gtsam.BetweenFactorPose2]:
+def list_factors(part: Session, keys: Sequence[int], config: Config) -> list[gtsam.BetweenFactorPose2]:
     """Returns the edges of a part under other keys, with the losses that a run gives them, which its file lacks.
 
     Edges between scans that do not follow each other are loops; all others are motions.
@@ -114,7 +114,7 @@ def list_factors(part: Part, keys: Sequence[int], config: Config) -> list[gtsam.
     return factors
 
 
-def build_alone(part: Part, config: Config) -> PoseGraph:
+def build_alone(part: Session, config: Config) -> PoseGraph:
     """Returns the graph of a part by itself, over the poses of its keyframes, held at its first pose."""
     keys = list(range(len(part.graph.keys)))
     factors, values, poses = gtsam.NonlinearFactorGraph(), gtsam.Values(), part.poses

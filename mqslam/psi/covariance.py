@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.psi.scoring.estimator import Evaluation
+from mqslam.psi.scoring.estimator import PsiEvaluation
 
 # Neither number tunes anything: the first stands for "unknown", the second keeps the inverse of the curvature finite.
 _UNKNOWN = 1e6  # variance, over that of the curvature alone, where there are no more objects than variables
@@ -25,7 +25,7 @@ _LEAST = 1e-3  # share of Gauss-Newton's curvature below which a direction count
 
 
 def estimate_covariance(
-    evaluation: Evaluation, points: NDArray[np.float64], cluster_m: float, known: NDArray[np.float64] | None = None
+    evaluation: PsiEvaluation, points: NDArray[np.float64], cluster_m: float, known: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
     """Returns the covariance (Q, Q) of the state at a minimum: a sandwich over clusters of returns.
 
@@ -53,7 +53,7 @@ def estimate_covariance(
 
 
 def estimate_covariance_by_differences(
-    evaluation: Evaluation,
+    evaluation: PsiEvaluation,
     points: NDArray[np.float64],
     cluster_m: float,
     gradient: Callable[[NDArray[np.float64]], NDArray[np.float64]],

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig
 from mqslam.psi.place import PointSet
-from mqslam.psi.scoring.estimator import Evaluation, Kernel, Scale, evaluate, find_reach
+from mqslam.psi.scoring.estimator import Kernel, PsiEvaluation, Scale, evaluate, find_reach
 from mqslam.psi.scoring.neighbours import NeighbourCache, find_candidates, sort_into_cells
 from mqslam.psi.scoring.references import Pairs, References, Surroundings, do_serve, evaluate_against, list_pairs
 
@@ -90,13 +90,13 @@ class Minimum:
     """
 
     state: NDArray[np.float64]
-    evaluation: Evaluation
+    evaluation: PsiEvaluation
     converged: bool
 
 
 def score_against(
     queries: PointSet, references: References, scale: Scale, revolution_s: float, config: EstimatorConfig
-) -> Evaluation:
+) -> PsiEvaluation:
     """Scores points against references, as the settings say.
 
     Args:
@@ -122,7 +122,7 @@ def kernel_of(config: EstimatorConfig, revolution_s: float) -> Kernel:
     )
 
 
-def score_itself(points: PointSet, scale: Scale, revolution_s: float, config: EstimatorConfig) -> Evaluation:
+def score_itself(points: PointSet, scale: Scale, revolution_s: float, config: EstimatorConfig) -> PsiEvaluation:
     """Scores points against each other, with candidates looked up anew."""
     kernel = kernel_of(config, revolution_s)
     reach = find_reach(scale, kernel)
@@ -217,7 +217,7 @@ class Rendered:
         """Returns how far a step (Q,) from the last state moves the points [m], root mean square; without any, inf."""
         return _measure_move(self._jacobians, move) if len(self._jacobians) else np.inf
 
-    def evaluate(self, state: NDArray[np.float64], scale: Scale) -> Evaluation:
+    def evaluate(self, state: NDArray[np.float64], scale: Scale) -> PsiEvaluation:
         """Returns the score at a state (Q,), point by point."""
         queries = self._render(state)
         self._jacobians = queries.jacobians

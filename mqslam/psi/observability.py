@@ -12,12 +12,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.psi.scoring.estimator import Evaluation
+from mqslam.psi.scoring.estimator import PsiEvaluation
 
 _SHOWN = 1e-9  # correlated eigenvalues below this share of the largest one are rounding
 
 
-def find_weak_directions(wide: Evaluation, size: int, observed_share: float) -> NDArray[np.float64]:
+def find_weak_directions(wide: PsiEvaluation, size: int, observed_share: float) -> NDArray[np.float64]:
     """Finds the directions (K, size) that psi does not observe, scaled to unit information.
 
     Where the points do not even show all directions under Gauss-Newton, as returns of a single bearing do, nothing is

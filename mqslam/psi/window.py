@@ -23,7 +23,7 @@ from mqslam.psi.many_twists import score_twists
 from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, kernel_of, minimise, score_itself
 from mqslam.psi.observability import find_weak_directions, spread_along
 from mqslam.psi.place import Beam, PointSet, place
-from mqslam.psi.scoring.estimator import Evaluation
+from mqslam.psi.scoring.estimator import PsiEvaluation
 
 # Number of basins of a window's exhaustive search that are refined, the best ones first.
 _BASINS = 3
@@ -243,7 +243,7 @@ def score_all_twists(
 
 def score_window(
     returns: Returns, t0: float, revolution_s: float, config: EstimatorConfig, beam: Beam, twist: se2.Array
-) -> Evaluation:
+) -> PsiEvaluation:
     """Scores a window under a constant twist (3,), at the widest scale.
 
     It is the readable twin of `mqslam.psi.many_twists.score_twists`, which an exhaustive search calls.

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from mqslam.auditing.judge import Audit
-from mqslam.auditing.mending.rounds import Judged
+from mqslam.auditing.mending.rounds import AuditedTrajectory
 from mqslam.auditing.revisits import share_torn_revisits
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.windows.windows import share_torn, torn_threshold
@@ -22,14 +22,14 @@ from mqslam.report.content import (
     Frame,
     Gallery,
     Numbers,
-    Part,
-    Row,
+    PagePart,
     Section,
     Table,
+    TableRow,
     Tile,
 )
 from mqslam.report.explorers.audit_explorer import explore_audit
-from mqslam.report.explorers.scene_data import Scene, make_scene
+from mqslam.report.explorers.scene_data import ExplorerScene, make_scene
 from mqslam.report.figures.audit_figures import EXPECTED, draw_heat_map, draw_inflation, draw_revisits
 from mqslam.report.formatting import ABSENT, format_length, format_three_digits, format_value
 from mqslam.report.inputs.audit_report import AuditReport
@@ -54,15 +54,15 @@ _COMPARED: Final = (  # what is shown before and after mending: its name, where 
 class AuditParts:
     """The parts of the page, as audit.html shows them."""
 
-    tiles: Part[tuple[Tile, ...]]
-    tests: Part[Section]
-    mended: Part[Section]
-    map: Part[Section]
-    explorer: Part[Scene]
-    worst: Part[Section]
-    unmatched: Part[Section]
-    crops: Part[Gallery]
-    numbers: Part[Numbers]
+    tiles: PagePart[tuple[Tile, ...]]
+    tests: PagePart[Section]
+    mended: PagePart[Section]
+    map: PagePart[Section]
+    explorer: PagePart[ExplorerScene]
+    worst: PagePart[Section]
+    unmatched: PagePart[Section]
+    crops: PagePart[Gallery]
+    numbers: PagePart[Numbers]
 
 
 def write_audit_pages(
@@ -72,7 +72,7 @@ def write_audit_pages(
     sweeps: Sweeps,
     config: Config,
     summary: Mapping[str, Any],
-    mended: Judged | None = None,
+    mended: AuditedTrajectory | None = None,
 ) -> list[str]:
     """Writes an audit's heat map, its bad places as files, and its page into an existing folder.
 
@@ -227,10 +227,10 @@ def _show_mended(report: AuditReport) -> Section | None:
         Figure(draw_heat_map(report.sweeps, report.audit, settings, opaque=False), "As it was given"),
         Figure(draw_heat_map(report.mended.sweeps, report.mended.audit, settings, opaque=False), "Mended"),
     )
-    rows = [Row("verdict", tuple(section_of(shown, "verdict")["status"] for shown in (before, after)))]
+    rows = [TableRow("verdict", tuple(section_of(shown, "verdict")["status"] for shown in (before, after)))]
     for label, section, key, unit in _COMPARED:
         values = (section_of(shown, section).get(key) for shown in (before, after))
-        rows.append(Row(label, tuple(format_value(value, unit) for value in values)))
+        rows.append(TableRow(label, tuple(format_value(value, unit) for value in values)))
     table = Table(("", "as it was given", "mended"), tuple(rows))
     verdict = section_of(after, "verdict")
     why = f"The mended trajectory is judged {verdict['status']}: {'; '.join(verdict['reasons'])}."

@@ -13,7 +13,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import tolerate
 from mqslam.formats.tum import read_tum
-from mqslam.report.content import Fold, Frame, Part, Row, Section, Table, Thumbnail, Tile
+from mqslam.report.content import Fold, Frame, PagePart, Section, Table, TableRow, Thumbnail, Tile
 from mqslam.report.figures.canvas import BLUE, INK, encode_png, find_common_view, make_square
 from mqslam.report.formatting import ABSENT, NOT_JUDGED, format_length, format_matched, format_value
 from mqslam.report.page import collect, version_in, write_page
@@ -37,9 +37,9 @@ _NUMBERS: Final = (
 class BatchParts:
     """The parts of the page, as batch.html shows them."""
 
-    tiles: Part[tuple[Tile, ...]]
-    runs: Part[Section]
-    trajectories: Part[tuple[Thumbnail, ...]]
+    tiles: PagePart[tuple[Tile, ...]]
+    runs: PagePart[Section]
+    trajectories: PagePart[tuple[Thumbnail, ...]]
 
 
 def write_batch_pages(out: Path, title: str, summary: Mapping[str, Any], plan: str) -> list[str]:
@@ -133,13 +133,15 @@ def _tabulate_runs(summary: Mapping[str, Any]) -> Section:
     return Section("Runs", notes, table=table, folded=folded)
 
 
-def _describe_run(run: Mapping[str, Any]) -> Row:
+def _describe_run(run: Mapping[str, Any]) -> TableRow:
     """Returns a run in words."""
     if run["failure"]:
-        return Row(run["name"], (f"failed: {run['failure']}", *[""] * (len(_WORDS) - 2)), _link_to(run))
+        return TableRow(run["name"], (f"failed: {run['failure']}", *[""] * (len(_WORDS) - 2)), _link_to(run))
     verdict = VerdictStatus(run["verdict"])
     why = "no test speaks against the map" if verdict is VerdictStatus.PASS else run["reasons"] or ABSENT
-    return Row(run["name"], (verdict, why, _describe_drive(run), _describe_map(run), _describe_errors(run)), _link_to(run))
+    return TableRow(
+        run["name"], (verdict, why, _describe_drive(run), _describe_map(run), _describe_errors(run)), _link_to(run)
+    )
 
 
 def _describe_drive(run: Mapping[str, Any]) -> str:
@@ -172,7 +174,7 @@ def _describe_errors(run: Mapping[str, Any]) -> str:
     return f"{format_length(run['ate_rmse_m'])} off (ATE, RMSE){drift}"
 
 
-def _list_numbers(run: Mapping[str, Any]) -> Row:
+def _list_numbers(run: Mapping[str, Any]) -> TableRow:
     values = (
         format_value(run["revolutions"]),
         format_value(run["duration_s"], " s"),
@@ -184,7 +186,7 @@ def _list_numbers(run: Mapping[str, Any]) -> Row:
         format_value(run["ate_rmse_m"], " m"),
         format_value(run["drift_percent"], " %"),
     )
-    return Row(run["name"], values)
+    return TableRow(run["name"], values)
 
 
 def _show_trajectories(summary: Mapping[str, Any], tracks: Mapping[str, Trajectory]) -> tuple[Thumbnail, ...]:

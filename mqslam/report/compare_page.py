@@ -15,17 +15,17 @@ from mqslam.report.content import (
     Frame,
     Gallery,
     Numbers,
-    Part,
+    PagePart,
     RankedCard,
-    Row,
     Section,
     Table,
+    TableRow,
     Thumbnail,
     ThumbnailCard,
     Values,
 )
 from mqslam.report.explorers.compare_explorer import explore_comparison
-from mqslam.report.explorers.scene_data import Scene, make_scene
+from mqslam.report.explorers.scene_data import ExplorerScene, make_scene
 from mqslam.report.figures.compare_figures import draw_inflation, draw_overlay, draw_place, draw_revisits
 from mqslam.report.formatting import ABSENT, format_length
 from mqslam.report.inputs.compare_report import CompareReport
@@ -40,12 +40,12 @@ _RANKED_BY: Final = ("drift", "ATE", "windows torn", "revisits apart", "time")  
 class CompareParts:
     """The parts of the page, as compare.html shows them."""
 
-    ranks: Part[tuple[RankedCard, ...]]
-    rows: Part[Section]
-    trajectories: Part[Section]
-    explorer: Part[Scene]
-    places: Part[Gallery]
-    numbers: Part[Numbers]
+    ranks: PagePart[tuple[RankedCard, ...]]
+    rows: PagePart[Section]
+    trajectories: PagePart[Section]
+    explorer: PagePart[ExplorerScene]
+    places: PagePart[Gallery]
+    numbers: PagePart[Numbers]
 
 
 def write_compare_pages(folder: Path, report: CompareReport) -> list[str]:
@@ -105,7 +105,7 @@ def write_compare_report(path: Path, report: CompareReport) -> list[str]:
     return failures
 
 
-def _make_scene(report: CompareReport, threshold: float) -> Scene | None:
+def _make_scene(report: CompareReport, threshold: float) -> ExplorerScene | None:
     places = (*report.places, *report.stations)
     moving = select_moving_windows(report.rows, report.start_us)
     shown = select_moving_places(report.rows, places, report.start_us)
@@ -139,7 +139,7 @@ def _tabulate_rows(report: CompareReport) -> Section | None:
     head, *lines = report.table
     rows = []
     for k, (name, *values) in enumerate(lines, 1):
-        rows.append(Row(name, tuple(values), best=frozenset(column - 1 for line, column in report.marked if line == k)))
+        rows.append(TableRow(name, tuple(values), best=frozenset(column - 1 for line, column in report.marked if line == k)))
     judges = "against ground truth and without it" if report.ground_truth is not None else "without ground truth"
     note = f"The same returns and the same judges for every row, {judges}. "
     note += "The best value of a column is bold and green; ↓ less is better, ↑ more, → 1 nearer to 1."
@@ -191,7 +191,7 @@ def _list_numbers(report: CompareReport) -> Numbers:
 
 def _tabulate_agreement(report: CompareReport) -> Table | None:
     rows = tuple(
-        Row(
+        TableRow(
             f"{a} – {b}",
             (
                 f"{e.ate_rmse_m:.3f} m",

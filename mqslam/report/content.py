@@ -9,7 +9,7 @@ Content = TypeVar("Content")
 
 
 @dataclass(frozen=True, slots=True)
-class Part(Generic[Content]):
+class PagePart(Generic[Content]):
     """A part of a page.
 
     Args:
@@ -22,7 +22,7 @@ class Part(Generic[Content]):
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class PageVerdict:
     """The verdict on a map, with its reasons, and apart from these what could not be judged.
 
     Args:
@@ -57,7 +57,7 @@ class Frame:
     version: str
     warnings: tuple[str, ...]
     notes: tuple[str, ...] = ()
-    verdict: Verdict | None = None
+    verdict: PageVerdict | None = None
     conclusion: str = ""
 
 
@@ -96,7 +96,7 @@ class Thumbnail:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class TableRow:
     """A row of a table.
 
     Args:
@@ -128,14 +128,14 @@ class Table:
     """
 
     head: tuple[str, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[TableRow, ...]
     holds_words: bool = False
 
     def turn(self) -> Table:
         """Returns the same table with rows and columns exchanged."""
         columns = [row.values for row in self.rows]
         rows = (
-            Row(
+            TableRow(
                 name,
                 tuple(values[k] if k < len(values) else "" for values in columns),
                 best=frozenset(n for n, row in enumerate(self.rows) if k in row.best),

@@ -19,7 +19,7 @@ from mqslam.errors import tolerate
 from mqslam.execution.extras import list_versions
 from mqslam.execution.files import write_text
 from mqslam.execution.guards.memory import return_free_memory
-from mqslam.report.content import Content, Fold, Frame, Part, Row, Section, Table, Values, Verdict
+from mqslam.report.content import Content, Fold, Frame, PagePart, PageVerdict, Section, Table, TableRow, Values
 from mqslam.report.figures.svg import is_svg
 from mqslam.report.formatting import ABSENT, format_p_value, format_value
 
@@ -52,7 +52,7 @@ _TESTS: Final = {  # the tests of a map, and what they cannot see
 _TEST_HEAD: Final = ("test", "verdict", "p-value", "what it found", "what it cannot see")
 
 
-def collect(name: str, make: Callable[[], Content | None], failures: list[str]) -> Part[Content]:
+def collect(name: str, make: Callable[[], Content | None], failures: list[str]) -> PagePart[Content]:
     """Collects a part of a page; where that fails, the part says so and the other parts stand.
 
     Args:
@@ -66,7 +66,7 @@ def collect(name: str, make: Callable[[], Content | None], failures: list[str]) 
         content = make()
     return_free_memory()
     failures += tried
-    return Part(content, *tried)
+    return PagePart(content, *tried)
 
 
 def write_page(path: Path, template: str, frame: Frame, parts: object) -> None:
@@ -106,14 +106,14 @@ def section_of(summary: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     return value if isinstance(value, Mapping) else {}
 
 
-def verdict_in(summary: Mapping[str, Any]) -> Verdict:
+def verdict_in(summary: Mapping[str, Any]) -> PageVerdict:
     """Returns the verdict that a summary holds, or the verdict that there is none."""
     verdict = section_of(summary, "verdict")
     given = verdict.get("reasons"), summary.get("not_judged")
     reasons, unjudged = ([str(line) for line in lines or ()] for lines in given)
     status = str(verdict.get("status") or "no verdict")
     meaning = _PARTLY if status == VerdictStatus.PASS and unjudged else _MEANINGS.get(status, "")
-    return Verdict(status, tuple(list_judged(reasons, unjudged)), tuple(unjudged), meaning)
+    return PageVerdict(status, tuple(list_judged(reasons, unjudged)), tuple(unjudged), meaning)
 
 
 def version_in(summary: Mapping[str, Any]) -> str:
@@ -147,7 +147,7 @@ def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
     """
     found = section_of(summary, "tests")
     rows = tuple(
-        Row(label, (test["status"], format_p_value(test.get("p_value")), "; ".join(test["reasons"]), blind))
+        TableRow(label, (test["status"], format_p_value(test.get("p_value")), "; ".join(test["reasons"]), blind))
         for name, (label, blind) in _TESTS.items()
         if (test := found.get(name)) is not None
     )

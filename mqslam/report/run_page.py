@@ -15,9 +15,9 @@ from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
 from mqslam.evaluation import align_positions
-from mqslam.report.content import Figure, Frame, Numbers, Part, Section, Tile
+from mqslam.report.content import Figure, Frame, Numbers, PagePart, Section, Tile
 from mqslam.report.explorers.run_explorer import explore_run
-from mqslam.report.explorers.scene_data import Scene, make_scene
+from mqslam.report.explorers.scene_data import ExplorerScene, make_scene
 from mqslam.report.figures import run_figures
 from mqslam.report.figures.canvas import OUTERMOST
 from mqslam.report.formatting import NOT_JUDGED, format_change, format_share, format_value
@@ -34,13 +34,13 @@ _SAME_PATH_M: Final = 1e-3  # positions nearer than this are the same in print
 class RunParts:
     """The parts of the page, as run.html shows them."""
 
-    tiles: Part[tuple[Tile, ...]]
-    maps: Part[Section]
-    trajectories: Part[Section]
-    explorer: Part[Scene]
-    tests: Part[Section]
-    along: Part[Section]
-    numbers: Part[Numbers]
+    tiles: PagePart[tuple[Tile, ...]]
+    maps: PagePart[Section]
+    trajectories: PagePart[Section]
+    explorer: PagePart[ExplorerScene]
+    tests: PagePart[Section]
+    along: PagePart[Section]
+    numbers: PagePart[Numbers]
 
 
 def write_run_pages(folder: Path, run: Run, recording: Recording, summary: Mapping[str, Any]) -> list[str]:

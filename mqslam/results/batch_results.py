@@ -44,7 +44,7 @@ class Order:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RunOutcome:
     """The result of a run.
 
     Args:
@@ -77,7 +77,7 @@ def check_batch(out: Path, *, force: bool) -> None:
         raise OutputError(f"{out}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
 
 
-def summarise(orders: Sequence[Order], outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def summarise(orders: Sequence[Order], outcomes: Sequence[RunOutcome]) -> dict[str, Any]:
     """Returns the content of batch.json."""
     runs = [_list_run(order, outcome) for order, outcome in zip(orders, outcomes, strict=True)]
     states = [run["verdict"] or "failed" for run in runs]
@@ -93,7 +93,7 @@ def summarise(orders: Sequence[Order], outcomes: Sequence[Outcome]) -> dict[str,
     }
 
 
-def _list_run(order: Order, outcome: Outcome) -> dict[str, Any]:
+def _list_run(order: Order, outcome: RunOutcome) -> dict[str, Any]:
     """Returns a run's numbers; None for all that a failed run lacks."""
     summary = outcome.summary or {}
     dataset, psi, factors = summary.get("dataset", {}), summary.get("psi", {}), summary.get("factors", {})

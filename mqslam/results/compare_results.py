@@ -14,7 +14,7 @@ from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.windows import WindowAudit, torn_threshold
 from mqslam.comparison.best import Standing
 from mqslam.comparison.comparison import Comparison
-from mqslam.comparison.judgement import Judged
+from mqslam.comparison.judgement import JudgedRow
 from mqslam.comparison.rows import Row
 from mqslam.config import Config, dump_yaml
 from mqslam.execution.files import write_json, write_text
@@ -96,7 +96,7 @@ def summarise(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def _list_row(row: Row, judged: Judged | None, across: float | None, scans: int, settings: Config) -> dict[str, Any]:
+def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: int, settings: Config) -> dict[str, Any]:
     """Returns a row's numbers; a row that failed has its name and failure only."""
     if judged is None:
         return {"name": row.name, "failure": row.failure}

@@ -30,7 +30,7 @@ from mqslam.formats.maps.geojson import write_geojson
 from mqslam.formats.maps.geotiff import write_geotiff
 from mqslam.formats.maps.keyframe_folder import FOLDER, write_keyframes
 from mqslam.formats.maps.nav2_map import write_nav2_map
-from mqslam.formats.ply import Clock, write_ply
+from mqslam.formats.ply import MapClock, write_ply
 from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
 from mqslam.results.audit_results import summarise_tests
@@ -161,7 +161,7 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
     with tolerate("map.ply", failures):
         stamps_us = run.optimised.stamps_us
         scan_us = int(np.median(np.diff(stamps_us))) if len(stamps_us) > 1 else 0
-        write_ply(folder / "map.ply", run.map_optimised, Clock(int(stamps_us[0]), scan_us))
+        write_ply(folder / "map.ply", run.map_optimised, MapClock(int(stamps_us[0]), scan_us))
     with tolerate("map.pgm", failures):
         grid = make_occupancy_grid(run.map_optimised.points, run.config.map.cell_m)
         write_nav2_map(folder, grid, run.georeference)

@@ -88,7 +88,7 @@ class Pattern(NamedTuple):
     width: float
 
 
-class Radar(NamedTuple):
+class SimulatedRadar(NamedTuple):
     """What the radar makes of the echoes; powers are linear.
 
     Args:
@@ -129,7 +129,7 @@ class Hits(NamedTuple):
 
 
 @nb.njit(cache=True, nogil=True)
-def render_power(things: Things, sweep: Sweep, pattern: Pattern, radar: Radar, seed: int) -> NDArray[np.uint8]:
+def render_power(things: Things, sweep: Sweep, pattern: Pattern, radar: SimulatedRadar, seed: int) -> NDArray[np.uint8]:
     """Renders the received power of one turn as counts (A, B) uint8, as `render_polar_scan` describes it."""
     np.random.seed(seed)
     things = _keep_near(things, sweep.poses, radar.bins * radar.resolution)
@@ -175,7 +175,7 @@ def _is_near(x0: float, y0: float, x1: float, y1: float, x: float, y: float, rea
 
 
 @nb.njit(cache=True, nogil=True)
-def _cast_beam(things: Things, sweep: Sweep, k: int, pattern: Pattern, radar: Radar, hits: Hits) -> None:
+def _cast_beam(things: Things, sweep: Sweep, k: int, pattern: Pattern, radar: SimulatedRadar, hits: Hits) -> None:
     """Adds everything that the beam of azimuth k meets to the hits."""
     pose, twist, angle = sweep.poses[k], sweep.twists[k], sweep.angles[k]
     heading = pose[2] + angle
@@ -210,7 +210,7 @@ def _cast_wall(
         end: the other end.
         material: the wall's reflectivity, and the share of the beam that it takes.
         velocity: of the sensor relative to the wall [m/s], along the beam and to its left.
-        wall_echo: as in `Radar`.
+        wall_echo: as in `SimulatedRadar`.
         pattern: of the beam.
         hits: extended.
     """
@@ -278,7 +278,7 @@ def _cast_pole(
         radius: [m].
         reflectivity: of the pole.
         velocity: of the sensor relative to the pole [m/s], along the beam and to its left.
-        pole_echo: as in `Radar`.
+        pole_echo: as in `SimulatedRadar`.
         pattern: of the beam.
         hits: extended.
     """
@@ -317,7 +317,7 @@ def _cast_mover(
         pose: (3,) of the sensor, scene frame.
         velocity: of the sensor [m/s], along the beam and to its left.
         axis: unit vector of the beam, scene frame.
-        wall_echo: as in `Radar`.
+        wall_echo: as in `SimulatedRadar`.
         pattern: of the beam.
         hits: extended.
     """
@@ -351,7 +351,7 @@ def _cast_plant(
         radius: [m].
         density: share of the beam taken per metre.
         velocity: of the sensor relative to the plant [m/s], along the beam and to its left.
-        wall_echo: as in `Radar`.
+        wall_echo: as in `SimulatedRadar`.
         pattern: of the beam.
         hits: extended.
     """
@@ -378,7 +378,7 @@ def _cast_plant(
 
 
 @nb.njit(cache=True, nogil=True)
-def _add_echoes(hits: Hits, radar: Radar, beta: float, row: Array) -> None:
+def _add_echoes(hits: Hits, radar: SimulatedRadar, beta: float, row: Array) -> None:
     """Adds all hits of a beam to its row of power (B,), each seen through what stands before it in its cell.
 
     Args:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.errors import ConfigError
-from mqslam.simulator.beam import COUNTS_PER_DECADE, Pattern, Radar, Sweep, Things, render_power
+from mqslam.simulator.beam import COUNTS_PER_DECADE, Pattern, SimulatedRadar, Sweep, Things, render_power
 from mqslam.simulator.scene import Scene
 
 ENCODER = 5600
@@ -125,7 +125,7 @@ def render_polar_scan(
     width = np.deg2rad(sensor.beam_width_deg)
     borders = np.linspace(-0.5 * _PATTERN_WIDTHS * width, 0.5 * _PATTERN_WIDTHS * width, sensor.cells + 1)
     gains = np.exp(-8.0 * np.log(2.0) * (0.5 * (borders[1:] + borders[:-1]) / width) ** 2)
-    radar = Radar(
+    radar = SimulatedRadar(
         bins=sensor.bins,
         resolution=sensor.range_resolution,
         spread=sensor.spread_bins,

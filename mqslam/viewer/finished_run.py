@@ -21,7 +21,7 @@ _REMEDY = "give the folder of a finished run"
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class RunScene:
     """A map, the trajectory through it and its loop closures.
 
     Args:
@@ -46,7 +46,7 @@ class Scene:
         return self.trajectory.seconds(int(self.trajectory.stamps_us[0]))
 
 
-def read_scene(run: Path) -> Scene:
+def read_scene(run: Path) -> RunScene:
     """Reads the map, trajectory and loop closures of a run from its map.ply, trajectory.tum and graph.g2o.
 
     Where there is no map.ply, the scene shows the keyframes in the folder.
@@ -66,7 +66,7 @@ def read_scene(run: Path) -> Scene:
     clock = read_clock(run / "map.ply")
     if clock is not None and clock.start_us == 0:
         columns["time"] -= 1e-6 * trajectory.stamps_us[0]
-    return Scene(
+    return RunScene(
         name=run.resolve().name,
         points=np.column_stack([columns.pop("x"), columns.pop("y")]),
         values=columns,
@@ -75,11 +75,11 @@ def read_scene(run: Path) -> Scene:
     )
 
 
-def _show_keyframes(name: str, keyframes: Keyframes) -> Scene:
+def _show_keyframes(name: str, keyframes: Keyframes) -> RunScene:
     """Returns keyframes as a scene; the time of each recording goes on where that of the one before has ended."""
     points = render_keyframes(keyframes)
     starts = np.flatnonzero(np.diff(keyframes.origins)) + 1
-    return Scene(
+    return RunScene(
         name=name,
         points=points.points,
         values={"intensity": points.intensities, "time": points.times},

@@ -13,14 +13,14 @@ from mqslam.errors import Remedy, ViewerError
 from mqslam.execution.extras import describe_missing
 from mqslam.viewer.colours import GROUND, LOOPS, TRAJECTORY, colour_over_span
 from mqslam.viewer.display import has_display
-from mqslam.viewer.finished_run import Scene
+from mqslam.viewer.finished_run import RunScene
 
 KEYS = {"psi": "P", "intensity": "I", "time": "T"}
 _FRAME_S = 0.02  # time between two frames
 _ABOVE_M = 0.05  # height of lines above the points, which would hide them otherwise
 
 
-def show(scene: Scene, colour: str) -> None:
+def show(scene: RunScene, colour: str) -> None:
     """Shows a scene until its window is closed.
 
     Args:
@@ -37,7 +37,7 @@ def show(scene: Scene, colour: str) -> None:
     shown.destroy_window()
 
 
-def open_window(scene: Scene, colour: str) -> Any:
+def open_window(scene: RunScene, colour: str) -> Any:
     """Opens an Open3D visualizer that shows a scene from above and reacts to the keys.
 
     Args:
@@ -81,7 +81,7 @@ def open_window(scene: Scene, colour: str) -> Any:
     return shown
 
 
-def _make_lines(scene: Scene) -> list[Any]:
+def _make_lines(scene: RunScene) -> list[Any]:
     """Returns the trajectory and the loop closures as lines."""
     import open3d as o3d
 

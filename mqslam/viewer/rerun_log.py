@@ -19,7 +19,7 @@ from mqslam.execution.extras import describe_missing
 from mqslam.execution.files import write_aside
 from mqslam.viewer.colours import GROUND, LOOPS, TRAJECTORY, colour_between, colour_over_span
 from mqslam.viewer.display import has_display
-from mqslam.viewer.finished_run import Scene
+from mqslam.viewer.finished_run import RunScene
 
 TIMELINE = "time"
 _POINT_M = 0.15  # radius of a point
@@ -63,7 +63,7 @@ class RerunLog:
             self._recording.log("map", rr.Points3D(_lift(points), colors=colours, radii=_POINT_M))
         self._last = pose
 
-    def add_scene(self, scene: Scene, colour: str) -> None:
+    def add_scene(self, scene: RunScene, colour: str) -> None:
         """Adds a finished map, scan by scan, and its loop closures.
 
         Args:

@@ -14,7 +14,7 @@ from mqslam.commands.result import JudgedResult
 from mqslam.config import Config
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
-from mqslam.formats.ply import Clock, write_ply
+from mqslam.formats.ply import MapClock, write_ply
 from mqslam.psi.place import beam_of
 
 CONFIG = Config()
@@ -30,7 +30,7 @@ def audit_cloud(folder: Path, displaced_m: float, *, tracked: bool) -> JudgedRes
     points, times = sweeps.points.copy(), sweeps.turns * sweeps.revolution_s
     points[times > times[-1] / 2.0] += displaced_m * np.array([0.6, 0.8])
     ones = np.ones(len(points))
-    clock = Clock(int(scans.stamps_us[inside[0]]), round(sweeps.revolution_s * 1e6))
+    clock = MapClock(int(scans.stamps_us[inside[0]]), round(sweeps.revolution_s * 1e6))
     write_ply(folder / "map.ply", PointMap(points, times, ones, ones, ones.astype(np.bool_)), clock)
     trajectory: Trajectory | str = truth if tracked else "recording"
     return mqslam.audit(folder / "map.ply", folder / "audited", trajectory=trajectory)

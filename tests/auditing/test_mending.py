@@ -16,7 +16,7 @@ from mqslam.auditing.judge import Audit, audit
 from mqslam.auditing.laying import Laid
 from mqslam.auditing.mending.along import measure_along, weigh_ties
 from mqslam.auditing.mending.evidence import allow_for_turns, tie_spans
-from mqslam.auditing.mending.rounds import Judged, Mended, carry, mend
+from mqslam.auditing.mending.rounds import AuditedTrajectory, Mended, carry, mend
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
@@ -44,12 +44,12 @@ def judge(sweeps: Sweeps, jobs: int = 2) -> Audit:
     return audit(sweeps, *sections, LocalEngine(jobs), ignore_progress)
 
 
-def distorted(distort: Distort) -> Judged:
+def distorted(distort: Distort) -> AuditedTrajectory:
     """Returns the lap under its true trajectory made wrong, and its audit."""
     truth = block_drive()[0].ground_truth
     trajectory = Trajectory(truth.stamps_us, distort(truth.poses))
     sweeps = place(trajectory)
-    return Judged(trajectory, sweeps, judge(sweeps))
+    return AuditedTrajectory(trajectory, sweeps, judge(sweeps))
 
 
 def absolute_error(trajectory: Trajectory) -> float:
@@ -102,7 +102,7 @@ def turn_at_random(poses: se2.Array) -> se2.Array:
     return se2.chain(steps, poses[0])
 
 
-def mended(given: Judged, jobs: int = 2) -> Mended:
+def mended(given: AuditedTrajectory, jobs: int = 2) -> Mended:
     return mend(given, place, lambda sweeps: judge(sweeps, jobs), CONFIG, LocalEngine(jobs), ignore_progress)
 
 

@@ -12,7 +12,7 @@ from mqslam.auditing.findings import judge_revisits
 from mqslam.auditing.revisits import RevisitAudit, audit_revisits
 from mqslam.auditing.sweeps import place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import TrackedRun
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
@@ -39,12 +39,12 @@ def fenced_street(*, repeats: bool) -> Scene:
 
 
 @lru_cache(maxsize=4)
-def one_pass(seed: int, *, repeats: bool) -> Drive:
+def one_pass(seed: int, *, repeats: bool) -> TrackedRun:
     """Returns 64 m along the street under their true poses."""
     motion = ConstantDrive(8.0, 0.0, (0.0, 0.0, 0.0))
     recording = simulate_recording(fenced_street(repeats=repeats), motion, duration_s=8.0, sensor=SENSOR, seed=seed)
     scans, _ = detect_all(recording, CONFIG.detector)
-    return Drive.of(scans, recording.ground_truth.poses[: len(scans)])
+    return TrackedRun.of(scans, recording.ground_truth.poses[: len(scans)])
 
 
 def judged(shift_m: float, *, repeats: bool) -> list[RevisitAudit]:

@@ -11,7 +11,7 @@ from support.passes import BEAM, LANE_Y, noisy_passes, path, street_pass
 from mqslam.backend import refinement
 from mqslam.backend.crossings import find_crossings, measure_psi_across
 from mqslam.backend.loops import passes
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import TrackedRun
 from mqslam.backend.problem import Problem
 from mqslam.backend.refinement import drop_replaced, refine, select_tied
 from mqslam.backend.sensors.odometry.odometry_edges import reckon
@@ -34,7 +34,7 @@ def near_passes() -> Iterator[None]:
         yield
 
 
-def two_passes() -> tuple[Drive, Problem, tuple[Loop, ...]]:
+def two_passes() -> tuple[TrackedRun, Problem, tuple[Loop, ...]]:
     """Returns two true passes over a street, a problem of noisy motions along them, and a loop that is somewhat off."""
     drive, problem, loop = noisy_passes()
     return drive, problem, (loop,)
@@ -126,7 +126,7 @@ def test_psi_across_passes_sees_a_torn_map_and_nothing_else() -> None:
     moved = se2.compose(np.array([100.0, 50.0, 1.0]), drive.poses)
 
     def psi(poses: se2.Array) -> float:
-        value = measure_psi_across(Drive.of(drive.scans, poses), crossings, ESTIMATOR, BEAM, HERE)
+        value = measure_psi_across(TrackedRun.of(drive.scans, poses), crossings, ESTIMATOR, BEAM, HERE)
         assert value is not None
         return value
 

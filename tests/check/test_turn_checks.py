@@ -13,8 +13,8 @@ from support.conversions import convert, spinning
 from support.layouts import left_turn
 from support.recordings import START_US, TURN_US, oxford_rows, with_metadata, write_oxford, write_png
 
-from mqslam.check.finding import Finding, Verdict
-from mqslam.check.following import Followed, Steps, follow
+from mqslam.check.finding import CheckFinding, CheckVerdict
+from mqslam.check.following import FollowedStretches, Steps, follow
 from mqslam.check.motion_checks import check_order
 from mqslam.check.stretches import read_stretches
 from mqslam.check.turn_checks import check_azimuths, check_stamps
@@ -29,7 +29,7 @@ CONFIG = Config()
 BEAM = beam_of(CONFIG.estimator, 0.0)
 
 
-def findings(recording: Recording) -> tuple[Finding, Finding]:
+def findings(recording: Recording) -> tuple[CheckFinding, CheckFinding]:
     stretches = read_stretches(recording, None, CONFIG.check, DetectorConfig(), lambda done, total: None)
     return check_stamps(recording, stretches, CONFIG.check, CONFIG.reading), check_azimuths(stretches)
 
@@ -56,13 +56,13 @@ def spread(folder: Path, begins_us: list[int], *, turn_us: int = TURN_US, swept:
 
 def test_a_steady_recording_is_ok(oxford: Path) -> None:
     stamps, azimuths = findings(open_recording(oxford))
-    assert (stamps.verdict, azimuths.verdict) == (Verdict.OK, Verdict.OK)
+    assert (stamps.verdict, azimuths.verdict) == (CheckVerdict.OK, CheckVerdict.OK)
     assert "6 turns of 0.2500 s" in stamps.text and "40 in every turn" in azimuths.text
 
 
 def test_gaps_are_counted(tmp_path: Path) -> None:
     stamps, _ = findings(open_recording(write_oxford(tmp_path / "d", polar_scans=20, skip=(4, 5, 12))))
-    assert stamps.verdict is Verdict.SUSPICIOUS and "followed by a gap, 0.75 s in all: 2" in stamps.text
+    assert stamps.verdict is CheckVerdict.SUSPICIOUS and "followed by a gap, 0.75 s in all: 2" in stamps.text
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_turns_that_do_not_follow_one_another_are_named(
     tmp_path: Path, begins: list[int], turn_us: int, problem: str
 ) -> None:
     stamps, _ = findings(spread(tmp_path / "d", begins, turn_us=turn_us))
-    assert stamps.verdict is Verdict.SUSPICIOUS and problem in stamps.text
+    assert stamps.verdict is CheckVerdict.SUSPICIOUS and problem in stamps.text
 
 
 def test_a_polar_scan_that_comes_twice_is_noticed(oxford: Path) -> None:
@@ -86,30 +86,30 @@ def test_a_polar_scan_that_comes_twice_is_noticed(oxford: Path) -> None:
     stamps = START_US + 3 * TURN_US + rows * TURN_US // 40
     write_png(oxford, with_metadata(oxford_rows(2)[:, 11:], stamps, 140 * rows, np.ones(40, bool)))
     stamps, _ = findings(open_recording(oxford))
-    assert stamps.verdict is Verdict.SUSPICIOUS and "equal to the one before, byte by byte: 1" in stamps.text
+    assert stamps.verdict is CheckVerdict.SUSPICIOUS and "equal to the one before, byte by byte: 1" in stamps.text
 
 
 def test_faults_that_the_reader_found_are_passed_on(oxford: Path) -> None:
     recording = open_recording(oxford)
-    assert findings(recording)[0].verdict is Verdict.OK
+    assert findings(recording)[0].verdict is CheckVerdict.OK
     stamps, _ = findings(replace(recording, faults=("the stamps of 2 messages repeat or run backward: left out",)))
-    assert stamps.verdict is Verdict.SUSPICIOUS and "2 messages repeat or run backward" in stamps.text
+    assert stamps.verdict is CheckVerdict.SUSPICIOUS and "2 messages repeat or run backward" in stamps.text
 
 
 def test_polar_scans_that_cannot_be_read_are_named_and_the_others_looked_at(oxford: Path) -> None:
     image = oxford / "radar" / f"{START_US + 3 * TURN_US}.png"
     image.write_bytes(image.read_bytes()[:2000])
     stamps, azimuths = findings(open_recording(oxford))
-    assert stamps.verdict is Verdict.SUSPICIOUS
+    assert stamps.verdict is CheckVerdict.SUSPICIOUS
     assert f"a polar scan cannot be read: {image}: is not a readable PNG" in stamps.text
-    assert azimuths.verdict is Verdict.OK
+    assert azimuths.verdict is CheckVerdict.OK
 
 
 def test_part_of_a_turn_and_holes_are_noticed(tmp_path: Path) -> None:
     _, azimuths = findings(spread(tmp_path / "d", list(range(0, 2_000_000, TURN_US)), swept=0.8))
-    assert azimuths.verdict is Verdict.SUSPICIOUS and "72.0 deg off a whole turn" in azimuths.text
+    assert azimuths.verdict is CheckVerdict.SUSPICIOUS and "72.0 deg off a whole turn" in azimuths.text
     _, azimuths = findings(Holed(**{name: getattr(left_turn(), name) for name in left_turn().__dataclass_fields__}))
-    assert azimuths.verdict is Verdict.SUSPICIOUS and "holes of up to 54.0 deg between azimuths" in azimuths.text
+    assert azimuths.verdict is CheckVerdict.SUSPICIOUS and "holes of up to 54.0 deg between azimuths" in azimuths.text
 
 
 def test_azimuths_that_were_not_measured_are_counted(tmp_path: Path) -> None:
@@ -119,7 +119,7 @@ def test_azimuths_that_were_not_measured_are_counted(tmp_path: Path) -> None:
         rows[:5, 10] = 0
         write_png(tmp_path, rows)
     _, azimuths = findings(open_recording(tmp_path, format="oxford"))
-    assert azimuths.verdict is Verdict.SUSPICIOUS and "12% of the azimuths were not measured" in azimuths.text
+    assert azimuths.verdict is CheckVerdict.SUSPICIOUS and "12% of the azimuths were not measured" in azimuths.text
 
 
 def test_stretches_are_short_few_and_apart_and_lie_where_odometry_turns(tmp_path: Path) -> None:
@@ -152,8 +152,8 @@ def test_where_gaps_leave_no_long_stretch_the_longest_is_looked_at(tmp_path: Pat
         if len(expected) == 1:
             assert [w.t0 / 0.25 for w in stretches[0].scans] == pytest.approx(list(expected[0]))
         stamps, azimuths = findings(recording)
-        assert stamps.verdict is Verdict.SUSPICIOUS and "followed by a gap" in stamps.text
-        assert azimuths.verdict is Verdict.OK
+        assert stamps.verdict is CheckVerdict.SUSPICIOUS and "followed by a gap" in stamps.text
+        assert azimuths.verdict is CheckVerdict.OK
 
 
 @pytest.mark.parametrize("skip", [(), (1, 2, 3)])
@@ -162,19 +162,19 @@ def test_one_and_two_polar_scans_say_what_they_cannot_tell(tmp_path: Path, skip:
         recording = open_recording(write_oxford(tmp_path / f"{polar_scans}", polar_scans=polar_scans, skip=skip))
         stretches = read_stretches(recording, None, CONFIG.check, DetectorConfig(), lambda done, total: None)
         stamps, azimuths = findings(recording)
-        assert azimuths.verdict is Verdict.OK
+        assert azimuths.verdict is CheckVerdict.OK
         assert "too few to tell how steady turns are" in stamps.text or recording.gaps()
         order = check_order(follow(recording, stretches, CONFIG.check, CONFIG.tracker, CONFIG.estimator, BEAM))
         longest = 1 if skip else min(polar_scans, 2)
-        assert order.verdict is Verdict.UNTOLD
+        assert order.verdict is CheckVerdict.UNTOLD
         assert order.text == f"it takes 7 polar scans without a gap to tell, and there are no more than {longest}"
 
 
 def test_polar_scans_that_are_swept_alike_in_both_orders_cannot_tell_the_order() -> None:
     same = np.full(9, 1.5)
     none = np.zeros(0, dtype=np.int64)
-    finding = check_order(Followed(Steps(none, none, np.zeros((0, 3))), same, same, shortage=""))
-    assert finding.verdict is Verdict.UNTOLD and all(np.isfinite(value) for value in finding.numbers.values())
+    finding = check_order(FollowedStretches(Steps(none, none, np.zeros((0, 3))), same, same, shortage=""))
+    assert finding.verdict is CheckVerdict.UNTOLD and all(np.isfinite(value) for value in finding.numbers.values())
 
 
 def test_a_radar_that_turns_faster_from_some_moment_on_is_only_called_unsteady(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from mqslam.execution.checkpoint import FOLDER, hash_run
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import write_tum
 from mqslam.report.batch_page import write_batch_pages
-from mqslam.results.batch_results import Order, Outcome, summarise, write_batch
+from mqslam.results.batch_results import Order, RunOutcome, summarise, write_batch
 from mqslam.results.summary_files import add_warnings
 from mqslam.simulator import SensorModel, simulate
 
@@ -328,7 +328,7 @@ def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(tmp_path: Pa
     names = ("kept", "damaged")
     orders = [Order(name, tmp_path / "drive", "psi", "none", Config()) for name in names]
     verdict = {"status": "not judged", "reasons": ["2 scans"]}
-    summary = summarise(orders, [Outcome({"verdict": verdict, "psi": {"per_point_optimised": float("nan")}})] * 2)
+    summary = summarise(orders, [RunOutcome({"verdict": verdict, "psi": {"per_point_optimised": float("nan")}})] * 2)
     (tmp_path / "kept").mkdir()
     track = Trajectory(np.arange(5), np.arange(15.0).reshape(5, 3))
     write_tum(tmp_path / "kept" / "trajectory.tum", track)

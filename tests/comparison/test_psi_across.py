@@ -12,10 +12,10 @@ from support.reported import audit_of
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.backend.crossings import find_crossings, measure_psi_across
 from mqslam.backend.loops import passes
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import TrackedRun
 from mqslam.comparison import psi_across
 from mqslam.comparison.best import Best
-from mqslam.comparison.judgement import Judged
+from mqslam.comparison.judgement import JudgedRow
 from mqslam.comparison.psi_across import measure_rows_across
 from mqslam.comparison.rows import make_given_row
 from mqslam.config import EstimatorConfig
@@ -38,19 +38,19 @@ def near_passes() -> Iterator[None]:
         yield
 
 
-def judged(name: str, scans: Scans, poses: np.ndarray) -> Judged:
+def judged(name: str, scans: Scans, poses: np.ndarray) -> JudgedRow:
     nothing = PointMap(np.empty((0, 2)), *(np.empty(0) for _ in range(3)), np.empty(0, bool))
     row = make_given_row(name, Trajectory(scans.stamps_us, poses))
-    return Judged(row, None, None, audit_of([], [], VerdictStatus.NOT_JUDGED), None, None, None, (), nothing)
+    return JudgedRow(row, None, None, audit_of([], [], VerdictStatus.NOT_JUDGED), None, None, None, (), nothing)
 
 
-def measured(drive: Drive, best: Best | None, **poses: np.ndarray) -> dict[str, float]:
+def measured(drive: TrackedRun, best: Best | None, **poses: np.ndarray) -> dict[str, float]:
     scans = Scans(tuple(drive.scans), 0, 0.25)
     rows = {name: judged(name, scans, own) for name, own in poses.items()}
     return measure_rows_across(rows, best, scans, ESTIMATOR, BEAM, HERE)
 
 
-def moved_apart(drive: Drive, aside_m: float) -> np.ndarray:
+def moved_apart(drive: TrackedRun, aside_m: float) -> np.ndarray:
     """Returns the drive's poses (N, 3) with its second pass moved aside."""
     second = np.arange(len(drive.poses)) >= len(EARLIER.times)
     return drive.poses + np.outer(second, [0.0, aside_m, 0.0])

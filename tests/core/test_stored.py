@@ -19,7 +19,7 @@ from mqslam.core.scans import Returns, ScanStore
 from mqslam.core.statistics.median import find_median
 from mqslam.core.stored import StoredRows, make_stored, release
 from mqslam.errors import OutputError
-from mqslam.frontends.both_ways import Match, MatchTable
+from mqslam.frontends.both_ways import DirectedMotion, MatchTable
 
 
 def make_motion(k: int) -> Measurement:
@@ -94,7 +94,7 @@ def test_motions_come_back_from_a_table_as_they_were() -> None:
 
 
 def test_matches_of_a_later_segment_take_the_place_of_those_before() -> None:
-    first, second = ([Match(make_motion(k), np.eye(3) * k) for k in range(a, b)] for a, b in ((0, 100), (80, 150)))
+    first, second = ([DirectedMotion(make_motion(k), np.eye(3) * k) for k in range(a, b)] for a, b in ((0, 100), (80, 150)))
     table = MatchTable([None, *first])
     table.extend([None, *second], 81)
     assert len(table) == 152 and table[0] is None and table[81] is None

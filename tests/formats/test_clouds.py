@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mqslam.core.point_map import PointMap
 from mqslam.errors import DataError
 from mqslam.formats.clouds import read_cloud
-from mqslam.formats.ply import Clock, write_ply
+from mqslam.formats.ply import MapClock, write_ply
 
 START_US = 1_547_131_046_353_776
 X = np.array([3.0, 1.0, 2.0, 5.0])
@@ -75,7 +75,7 @@ def test_the_map_of_a_run_is_read_as_open3d_reads_it(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     places, times = rng.uniform(-100, 100, (500, 2)), np.sort(rng.uniform(0, 600, 500))
     zeros = np.zeros(500)
-    write_ply(tmp_path / "map.ply", PointMap(places, times, zeros, zeros, zeros > 0), Clock(START_US, 250_000))
+    write_ply(tmp_path / "map.ply", PointMap(places, times, zeros, zeros, zeros > 0), MapClock(START_US, 250_000))
     cloud = read_cloud(tmp_path / "map.ply")
     other = o3d.t.io.read_point_cloud(str(tmp_path / "map.ply"))
     np.testing.assert_array_equal(cloud.points, other.point["positions"].numpy()[:, :2])

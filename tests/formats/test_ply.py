@@ -10,7 +10,7 @@ from plyfile import PlyData
 
 from mqslam.core.point_map import PointMap
 from mqslam.errors import OutputError
-from mqslam.formats.ply import Clock, read_clock, write_ply
+from mqslam.formats.ply import MapClock, read_clock, write_ply
 
 
 def some_map(count: int) -> PointMap:
@@ -71,10 +71,10 @@ def test_importing_the_module_loads_no_heavy_package() -> None:
 
 
 def test_a_map_states_its_clock_in_a_comment(tmp_path: Path) -> None:
-    clock = Clock(start_us=1_547_131_046_353_776, scan_us=250_000)
+    clock = MapClock(start_us=1_547_131_046_353_776, scan_us=250_000)
     write_ply(tmp_path / "with.ply", some_map(3), clock)
     write_ply(tmp_path / "without.ply", some_map(3))
-    assert read_clock(tmp_path / "with.ply") == Clock(0, 250_000) and read_clock(tmp_path / "without.ply") is None
+    assert read_clock(tmp_path / "with.ply") == MapClock(0, 250_000) and read_clock(tmp_path / "without.ply") is None
     stamped, plain = (PlyData.read(str(tmp_path / name))["vertex"]["time"] for name in ("with.ply", "without.ply"))
     np.testing.assert_allclose(stamped - plain, 1e-6 * clock.start_us, atol=1e-6)
     (tmp_path / "other.ply").write_text(

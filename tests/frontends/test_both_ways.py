@@ -12,7 +12,7 @@ from mqslam.config import CalibrationConfig, TrackerConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Returns, Scan
-from mqslam.frontends.both_ways import Match, join, reverse_settings, reverse_time, turn_back
+from mqslam.frontends.both_ways import DirectedMotion, join, reverse_settings, reverse_time, turn_back
 
 STEP = np.array([2.0, 0.1, 0.05])
 SURE = np.diag([4e-4, 1e-4, 1e-6])
@@ -40,7 +40,9 @@ def play_backward(motions: list[Measurement]) -> list[Measurement]:
 def join_motions(
     scans: list[Scan], forward: list[Measurement], backward: list[Measurement], shared: float = 0.0
 ) -> list[Measurement]:
-    there, back = ([Match(m, np.zeros((3, 3)) if m.on_map else m.covariance) for m in ms] for ms in (forward, backward))
+    there, back = (
+        [DirectedMotion(m, np.zeros((3, 3)) if m.on_map else m.covariance) for m in ms] for ms in (forward, backward)
+    )
     return join(there, turn_back(scans, back), CalibrationConfig(shared=shared))
 
 
@@ -132,8 +134,8 @@ def test_what_psi_saw_of_a_motion_that_it_did_not_observe_in_full_is_as_sure_as_
     unseen = np.diag([4.0, 0.0, 0.0])
     forward = [replace(m, on_map=False, covariance=SURE + unseen, status=Status.DEGENERATE) for m in drive(LONG)]
     one, other = waver(forward, 9.0 * SURE, 2), waver(forward, 9.0 * SURE, 3)
-    there = [Match(m, unseen) for m in one]
-    back = [Match(m, se2.covariance_of_inverse(se2.inverse(m.pose), unseen)) for m in play_backward(other)]
+    there = [DirectedMotion(m, unseen) for m in one]
+    back = [DirectedMotion(m, se2.covariance_of_inverse(se2.inverse(m.pose), unseen)) for m in play_backward(other)]
     joined = join(there, turn_back(LONG, back), CalibrationConfig(shared=0.0))
     for motion in joined[1:]:
         sure = np.diag(motion.covariance)

@@ -23,7 +23,7 @@ from mqslam.errors import EstimationError
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends import scan_matching
 from mqslam.frontends.scan_matching import _COAST_VX, match_scans
-from mqslam.frontends.scan_track import Match
+from mqslam.frontends.scan_track import PlacedScan
 from mqslam.simulator import ConstantDrive, SimulatedRecording, make_corridor_scene, make_street_scene
 
 Measure = Callable[..., list[Measurement]]
@@ -165,9 +165,9 @@ class Recorder:
 
     def match(
         self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
-    ) -> Match:
+    ) -> PlacedScan:
         self.given.append((points, fractions, before, motion))
-        return Match(se2.compose(before, motion), lambda: np.diag([1e-4, 4e-4, 1e-6]), 1.0)
+        return PlacedScan(se2.compose(before, motion), lambda: np.diag([1e-4, 4e-4, 1e-6]), 1.0)
 
 
 def through_recorder(doppler_beta: float = 0.0) -> tuple[Recorder, Scans, list[Measurement]]:
@@ -235,7 +235,7 @@ def test_how_far_the_way_back_is_from_the_way_there_shows_how_large_the_errors_a
 
         def match(
             self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
-        ) -> Match:
+        ) -> PlacedScan:
             match = super().match(points, fractions, before, motion)
             return replace(match, pose=match.pose + np.array([next(sides), 0.0, 0.0]))
 

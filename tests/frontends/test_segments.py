@@ -17,7 +17,7 @@ from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Returns, Scan
 from mqslam.execution.local_engine import LocalEngine
-from mqslam.frontends.both_ways import Match
+from mqslam.frontends.both_ways import DirectedMotion
 from mqslam.frontends.psi import PsiFrontEnd
 from mqslam.frontends.segments import Segment, extend, split_into_segments
 
@@ -102,8 +102,8 @@ def test_a_stretch_without_returns_at_a_border_is_bridged() -> None:
     assert {m.status for m in motions[19:]} == {Status.CONVERGED}
 
 
-def at(x: float, *, on_map: bool = True) -> Match:
-    return Match(Measurement(0.0, 0.25, np.array([x, 0.0, 0.0]), x * np.eye(3), on_map=on_map), np.zeros((3, 3)))
+def at(x: float, *, on_map: bool = True) -> DirectedMotion:
+    return DirectedMotion(Measurement(0.0, 0.25, np.array([x, 0.0, 0.0]), x * np.eye(3), on_map=on_map), np.zeros((3, 3)))
 
 
 def test_motions_pass_from_one_track_to_the_next_by_and_by() -> None:

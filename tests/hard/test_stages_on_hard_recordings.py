@@ -24,7 +24,7 @@ from support.hard_recordings import (
 from mqslam.auditing.judge import Audit, audit, audit_trajectory
 from mqslam.auditing.sweeps import place_sweeps
 from mqslam.backend.loops.candidates import find_candidates
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import TrackedRun
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap
@@ -90,7 +90,7 @@ def test_a_hard_recording_is_rendered_and_checked(name: str) -> None:
     judged = audit_trajectory(joined(scans), track, CONFIG, BEAM, Runner())
     assert all(check.bend.points and np.isfinite(check.bend.inflation) for check in judged.windows)
     assert all(np.isfinite(step.laid.offset).all() for step in judged.steps)
-    assert find_candidates(chain_of(Drive.of(scans, poses)), set()) == ([], [])
+    assert find_candidates(chain_of(TrackedRun.of(scans, poses)), set()) == ([], [])
 
 
 def test_a_recording_without_returns_is_neither_rendered_nor_audited() -> None:

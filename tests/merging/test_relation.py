@@ -6,7 +6,7 @@ import gtsam
 import numpy as np
 
 from mqslam.backend.loops.chain import Chain
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import TrackedRun
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.backend.recognition.recognise import PlaceMatch
 from mqslam.core import se2
@@ -28,7 +28,9 @@ def make_chain() -> Chain:
         if k:
             factors.push_back(gtsam.BetweenFactorPose2(k - 1, k, gtsam.Pose2(1.0, 0.0, 0.0), noise))
     return Chain(
-        Drive([], np.arange(COUNT, dtype=np.float64), poses, poses[:, 0]), PoseGraph(factors, values, COUNT, int), values
+        TrackedRun([], np.arange(COUNT, dtype=np.float64), poses, poses[:, 0]),
+        PoseGraph(factors, values, COUNT, int),
+        values,
     )
 
 

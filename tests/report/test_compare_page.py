@@ -22,7 +22,7 @@ from support.reported import (
     swept_walls,
 )
 
-from mqslam.comparison.judgement import Judged, Place, compare_pairs
+from mqslam.comparison.judgement import JudgedRow, Place, compare_pairs
 from mqslam.comparison.rows import Row
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap
@@ -41,13 +41,13 @@ def bow(turn: float, begin: tuple[float, float, float] = (0.0, 0.0, 0.0), count:
     return Trajectory(START_US + 250_000 * np.arange(count), se2.compose(np.array(begin), steps))
 
 
-def judged(name: str, trajectory: Trajectory) -> Judged:
+def judged(name: str, trajectory: Trajectory) -> JudgedRow:
     rng = np.random.default_rng(len(name))
     row = Row(name, None, trajectory, trajectory)
     crops = tuple(rng.uniform(-50.0, 50.0, (300, 2)) for _ in range(2))
     points = rng.uniform(-50.0, 50.0, (500, 2))
     drawn = PointMap(points, rng.uniform(0.0, 15.0, 500), np.full(500, 80.0), rng.random(500), np.ones(500, bool))
-    return Judged(row, 0.6, 0.8, judged_walls(swept_walls()), None, None, None, crops, drawn)
+    return JudgedRow(row, 0.6, 0.8, judged_walls(swept_walls()), None, None, None, crops, drawn)
 
 
 def a_report(truth: Trajectory | None) -> CompareReport:

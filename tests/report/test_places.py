@@ -11,7 +11,7 @@ import numpy as np
 from support.reported import audit_of, judged_revisit, judged_walls, judged_window, swept_walls
 
 from mqslam.auditing.windows.windows import Undecided, WindowAudit
-from mqslam.comparison.judgement import Judged, Place
+from mqslam.comparison.judgement import JudgedRow, Place
 from mqslam.comparison.rows import Row
 from mqslam.config import Config
 from mqslam.core.point_map import PointMap
@@ -84,7 +84,7 @@ def test_windows_and_places_of_a_standstill_are_left_out() -> None:
     )
     audit = audit_of(windows_of(10, {}), [])
     nothing = PointMap.empty()
-    row = Judged(Row("psi", None, track, track), None, None, audit, None, None, None, (), nothing)
+    row = JudgedRow(Row("psi", None, track, track), None, None, audit, None, None, None, (), nothing)
     (windows,) = select_moving_windows([row], START_US)
     assert [window.t0 for window in windows] == [6.0, 7.5, 9.0, 10.5, 12.0, 13.5]
     places = [Place(0, 6, 1.5, 3.0, 0.0), Place(24, 30, 6.0, 7.5, 0.1)]

@@ -16,7 +16,7 @@ from mqslam.core import se2
 from mqslam.simulator import ConstantDrive, Scene, clear_way, give_way, make_city_drive, make_city_scene
 from mqslam.simulator.city.polygons import contains, distance_to_pieces, offset_line
 from mqslam.simulator.city.route import plan_route
-from mqslam.simulator.city.streets import COLUMNS, Plan, lay_plan
+from mqslam.simulator.city.streets import COLUMNS, CityPlan, lay_plan
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ def evenly(path: Array, spacing: float = 1.0) -> tuple[Array, Array]:
     return np.column_stack([np.interp(places, along, axis) for axis in path.T]), places
 
 
-def pieces(plan: Plan) -> tuple[Array, Array, Array]:
+def pieces(plan: CityPlan) -> tuple[Array, Array, Array]:
     """Returns starts and ends (K, 2) [m] of the middles of all streets with vehicles, and half of their widths (K,) [m]."""
     lines = [(s.line[k], s.line[k + 1], s.profile.half) for s in plan.driven_streets() for k in range(len(s.line) - 1)]
     starts, ends, halves = zip(*lines, strict=True)

@@ -9,8 +9,8 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 
 from mqslam.backend.loops.candidates import Candidate
-from mqslam.backend.loops.chain import Chain, Layout, Relative
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.chain import Chain, Relative, SubmapLayout
+from mqslam.backend.loops.submap import TrackedRun
 from mqslam.backend.pose_graph import build_pose_graph
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
@@ -18,7 +18,7 @@ from mqslam.core.scans import Returns, Scan
 SURE = (0.01, 0.01, 1e-4)
 
 
-def chain_of(drive: Drive, sigmas: tuple[float, float, float] = SURE, between_passes: float | None = None) -> Chain:
+def chain_of(drive: TrackedRun, sigmas: tuple[float, float, float] = SURE, between_passes: float | None = None) -> Chain:
     """Returns a drive with the graph of its motions.
 
     Args:
@@ -38,15 +38,15 @@ def chain_of(drive: Drive, sigmas: tuple[float, float, float] = SURE, between_pa
 
 
 def candidate_of(
-    drive: Drive, pair: tuple[int, int], sigma_m: float, reach: tuple[float, float] = (15.0, 0.03)
+    drive: TrackedRun, pair: tuple[int, int], sigma_m: float, reach: tuple[float, float] = (15.0, 0.03)
 ) -> Candidate:
     """Returns a pair of scans as a candidate, of whose relative position the trajectory is as sure as asked."""
     covariance, rigid = np.diag([sigma_m**2, sigma_m**2, (0.01 * sigma_m) ** 2]), np.zeros((3, 3))
     chain = Relative(se2.between(drive.poses[pair[0]], drive.poses[pair[1]]), covariance)
-    return Candidate(*pair, *reach, chain, Layout(rigid, rigid))
+    return Candidate(*pair, *reach, chain, SubmapLayout(rigid, rigid))
 
 
-def fenced_street(period_m: float, seed: int) -> Drive:
+def fenced_street(period_m: float, seed: int) -> TrackedRun:
     """Returns a drive of 60 m along a street whose posts repeat; the sensor sees 40 m far."""
     rng = np.random.default_rng(7)
     count = int(1.5 * period_m)
@@ -61,4 +61,4 @@ def fenced_street(period_m: float, seed: int) -> Drive:
         returns = Returns(np.hypot(*near.T), np.arctan2(near[:, 1], near[:, 0]), times, np.ones(len(near)))
         scans.append(Scan(0.25 * k, 0.25 * (k + 1), returns))
         poses.append((x, 0.0, 0.0))
-    return Drive.of(scans, np.array(poses))
+    return TrackedRun.of(scans, np.array(poses))

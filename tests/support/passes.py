@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import TrackedRun
 from mqslam.backend.problem import Problem
 from mqslam.config import Config
 from mqslam.core import se2
@@ -24,36 +24,36 @@ MIDDLE = 10  # a scan in the middle of a pass
 
 
 @lru_cache(maxsize=16)
-def street_pass(x: float, y: float, yaw: float, seed: int) -> Drive:
+def street_pass(x: float, y: float, yaw: float, seed: int) -> TrackedRun:
     """Returns five seconds at 8 m/s along a street without traffic; another seed is another day's noise."""
     return _driven(make_street_scene(1, movers=0), (x, y, yaw), seed)
 
 
 @lru_cache(maxsize=16)
-def corridor_pass(x: float, y: float, seed: int) -> Drive:
+def corridor_pass(x: float, y: float, seed: int) -> TrackedRun:
     """Returns a drive like that of `street_pass` along two bare walls."""
     return _driven(make_corridor_scene(), (x, y, 0.0), seed)
 
 
-def _driven(scene: Scene, start: tuple[float, float, float], seed: int) -> Drive:
+def _driven(scene: Scene, start: tuple[float, float, float], seed: int) -> TrackedRun:
     recording = simulate_recording(scene, ConstantDrive(8.0, 0.0, start), duration_s=5.0, sensor=SENSOR, seed=seed)
     scans, _ = detect_all(recording, CONFIG.detector)
     assert recording.ground_truth is not None
-    return Drive.of(scans, recording.ground_truth.poses)
+    return TrackedRun.of(scans, recording.ground_truth.poses)
 
 
-def joined(first: Drive, second: Drive, poses: se2.Array | None = None) -> Drive:
+def joined(first: TrackedRun, second: TrackedRun, poses: se2.Array | None = None) -> TrackedRun:
     """Returns two passes as one drive, a minute apart; poses (N, 3), if given, take the place of the second pass's own."""
     late = float(first.times[-1]) + 60.0
     scans = list(first.scans)
     for w in second.scans:
         r = w.returns
         scans.append(Scan(w.t0 + late, w.t1 + late, Returns(r.ranges, r.azimuths, r.times + late, r.intensities)))
-    return Drive.of(scans, np.concatenate([first.poses, second.poses if poses is None else poses]))
+    return TrackedRun.of(scans, np.concatenate([first.poses, second.poses if poses is None else poses]))
 
 
 @lru_cache(maxsize=1)
-def noisy_passes() -> tuple[Drive, Problem, Loop]:
+def noisy_passes() -> tuple[TrackedRun, Problem, Loop]:
     """Returns two true passes over a street, a problem of noisy motions along them, and a loop that is somewhat off."""
     earlier, later = street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(-22.0, LANE_Y, 0.0, 2)
     drive = joined(earlier, later)
@@ -70,9 +70,9 @@ def noisy_passes() -> tuple[Drive, Problem, Loop]:
     return drive, Problem(motions, []), loop
 
 
-def path(xy: np.ndarray) -> Drive:
+def path(xy: np.ndarray) -> TrackedRun:
     """Returns a drive without returns along places (N, 2) [m], a scan at each."""
     nothing = Returns(*(np.empty(0) for _ in range(4)))
     scans = [Scan(0.25 * k, 0.25 * (k + 1), nothing) for k in range(len(xy))]
     ahead = np.diff(xy, axis=0, append=2.0 * xy[-1:] - xy[-2:-1])
-    return Drive.of(scans, np.column_stack([xy, np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))]))
+    return TrackedRun.of(scans, np.column_stack([xy, np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))]))

@@ -45,7 +45,7 @@ from mqslam.execution.progress import Progress
 
 
 @dataclass(frozen=True)
-class Judged:
+class AuditedTrajectory:
     """A trajectory and its audit.
 
     Args:
@@ -88,7 +88,7 @@ class Mended:
         is_worse: whether it is judged worse than what was given.
     """
 
-    result: Judged
+    result: AuditedTrajectory
     rounds: int = 0
     ties: int = 0
     loops: int = 0
@@ -98,7 +98,7 @@ class Mended:
 
 
 def mend(
-    given: Judged,
+    given: AuditedTrajectory,
     place: Callable[[Trajectory], Sweeps],
     judge: Callable[[Sweeps], Audit],
     config: Config,
@@ -133,7 +133,7 @@ def mend(
         poses, ties, loops = mender.solve(current)
         track = carry(given.trajectory, given.sweeps, poses)
         sweeps = place(track)
-        mended = Judged(track, sweeps, judge(sweeps))
+        mended = AuditedTrajectory(track, sweeps, judge(sweeps))
         if best is None or mended.rank < best.result.rank:
             moved_m = float(np.hypot(*(track.poses - given.trajectory.poses)[:, :2].T).max())
             stretch = track.length_m / given.trajectory.length_m if given.trajectory.length_m else 1.0
@@ -177,7 +177,7 @@ class _Mender:
         progress: called as scans are laid.
     """
 
-    def __init__(self, given: Judged, config: Config, engine: Engine, progress: Progress) -> None:
+    def __init__(self, given: AuditedTrajectory, config: Config, engine: Engine, progress: Progress) -> None:
         self._config, self._engine, self._progress = config, engine, progress
         poses, pooled = given.sweeps.poses, given.audit.pooled
         bias = np.zeros(3) if pooled is None else find_bias(pooled, config.verdict)
@@ -205,7 +205,7 @@ class _Mender:
         torn = any(revisit.torn for revisit in given.revisits)
         return not (self._torn or self._bent or given.jumps or self._is_biased or torn)
 
-    def solve(self, current: Judged) -> tuple[se2.Array, int, int]:
+    def solve(self, current: AuditedTrajectory) -> tuple[se2.Array, int, int]:
         """Returns the poses (S, 3) of the sweeps with what an audit has found, and how many ties and loops hold them."""
         config, audit, sweeps = self._config, current.audit, current.sweeps
         jumps = {step.laid.later for step in audit.jumps}

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from mqslam.backend.loops.chain import Chain
 from mqslam.backend.loops.consistency import as_relative, compute_chi_square, keep_consistent
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import TrackedRun
 from mqslam.backend.pose_graph import build_pose_graph, optimise, poses_of
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
@@ -101,5 +101,5 @@ class TiedChain:
         graph = build_pose_graph(self.initial, factors)
         values = optimise(graph).values
         poses = poses_of(values, graph.size)
-        drive = Drive((), np.arange(len(poses), dtype=np.float64), poses, se2.path_lengths(poses))
+        drive = TrackedRun((), np.arange(len(poses), dtype=np.float64), poses, se2.path_lengths(poses))
         return Chain(drive, graph, values)

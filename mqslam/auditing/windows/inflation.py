@@ -21,7 +21,7 @@ from mqslam.psi.gaussians import floor_variances
 from mqslam.psi.minimiser import Minimum, Prior, Rendered, annealed_scale, final_scale, minimise, score_itself
 from mqslam.psi.observability import find_weak_directions, spread_along
 from mqslam.psi.place import PointSet
-from mqslam.psi.scoring.estimator import Evaluation, Scale
+from mqslam.psi.scoring.estimator import PsiEvaluation, Scale
 
 # The first search for a window's best map begins with this share of the annealing's widths, which finds all but large
 # corrections.
@@ -92,7 +92,7 @@ class _Window:
         """Returns the points under a twist."""
         return twist_points(self.points, self.into, twist)
 
-    def score(self, twist: NDArray[np.float64], scale: Scale) -> Evaluation:
+    def score(self, twist: NDArray[np.float64], scale: Scale) -> PsiEvaluation:
         """Returns the score of the map under a twist."""
         return score_itself(self.render(twist), scale, SWEEP, self.estimator)
 
@@ -101,7 +101,7 @@ class _Window:
         free = Prior(np.zeros(3), np.zeros((3, 3)))
         return minimise(np.zeros(3), self.render, None, free, widths, SWEEP, self.settings.step * self.units)
 
-    def bend_at(self, minimum: Minimum, own: Evaluation, weak: NDArray[np.float64]) -> Bend:
+    def bend_at(self, minimum: Minimum, own: PsiEvaluation, weak: NDArray[np.float64]) -> Bend:
         """Returns the correction that a minimum stands for.
 
         Args:

@@ -21,7 +21,7 @@ from mqslam.psi.covariance import estimate_covariance, sum_by_object
 from mqslam.psi.minimiser import Minimum, annealed_scale, final_scale, score_against
 from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import PointSet
-from mqslam.psi.scoring.estimator import Evaluation, Scale
+from mqslam.psi.scoring.estimator import PsiEvaluation, Scale
 from mqslam.psi.scoring.neighbours import mark_near
 from mqslam.psi.scoring.references import References
 
@@ -143,7 +143,7 @@ def score_at_pose(references: References, query: PointSet, pose: se2.Array, conf
     return score_among(references, move_rigidly(query, pose), config).psi / len(query)
 
 
-def score_among(references: References, points: PointSet, config: EstimatorConfig) -> Evaluation:
+def score_among(references: References, points: PointSet, config: EstimatorConfig) -> PsiEvaluation:
     """Returns the score of points among references whatever their times, at the annealing's last widths."""
     return _score(references, points, final_scale(config), config)
 
@@ -154,6 +154,6 @@ def observes_all(references: References, points: PointSet, config: EstimatorConf
     return len(find_weak_directions(wide, 3, config.observed_share)) == 0
 
 
-def _score(references: References, points: PointSet, scale: Scale, config: EstimatorConfig) -> Evaluation:
+def _score(references: References, points: PointSet, scale: Scale, config: EstimatorConfig) -> PsiEvaluation:
     """Returns the score of points among references whatever their times."""
     return score_against(points, references, scale, ANY_TIME, config)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mqslam.backend.loops import passes
-from mqslam.backend.loops.chain import Chain, Layout, Relative, compute_layouts
+from mqslam.backend.loops.chain import Chain, Relative, SubmapLayout, compute_layouts
 from mqslam.backend.loops.submap import SPACING_M
 
 # Distance [m] at which two passes still see the same things.
@@ -50,7 +50,7 @@ class Candidate(NamedTuple):
     reach_m: float
     reach_rad: float
     chain: Relative
-    layout: Layout
+    layout: SubmapLayout
 
 
 def find_candidates(

@@ -64,7 +64,7 @@ class Chain:
         return Uncertainty(self.graph, self.values)
 
 
-class Layout(NamedTuple):
+class SubmapLayout(NamedTuple):
     """What the layout of the two submaps of a pair leaves unsure.
 
     Args:
@@ -80,7 +80,7 @@ class Layout(NamedTuple):
         return np.asarray(covariance + self.earlier + turn @ self.later @ turn.T)
 
 
-def compute_layouts(chain: Chain, pairs: Sequence[tuple[int, int]]) -> list[Layout]:
+def compute_layouts(chain: Chain, pairs: Sequence[tuple[int, int]]) -> list[SubmapLayout]:
     """Computes what the layout of submaps leaves unsure, for pairs of an earlier and a later scan.
 
     Args:
@@ -92,7 +92,7 @@ def compute_layouts(chain: Chain, pairs: Sequence[tuple[int, int]]) -> list[Layo
     """
     earlier = _compute_layouts(chain, [a for a, _ in pairs], SUBMAP_M)
     later = _compute_layouts(chain, [b for _, b in pairs], LATER_SHARE * SUBMAP_M)
-    return [Layout(earlier[a], later[b]) for a, b in pairs]
+    return [SubmapLayout(earlier[a], later[b]) for a, b in pairs]
 
 
 def _compute_layouts(chain: Chain, centres: Sequence[int], reach_m: float) -> dict[int, NDArray[np.float64]]:

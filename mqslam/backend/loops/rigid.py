@@ -25,7 +25,15 @@ from mqslam.psi.minimiser import (
     shorten_step,
 )
 from mqslam.psi.place import PointSet, rotate_covariances
-from mqslam.psi.scoring.estimator import Evaluation, Kernel, Neighbours, Scale, add_up_neighbours, find_reach, weigh_offsets
+from mqslam.psi.scoring.estimator import (
+    Kernel,
+    Neighbours,
+    PsiEvaluation,
+    Scale,
+    add_up_neighbours,
+    find_reach,
+    weigh_offsets,
+)
 from mqslam.psi.scoring.references import References, Surroundings, do_serve, list_pairs
 
 _NO_PULLS: Final = np.empty((0, 2, 3))
@@ -70,7 +78,7 @@ def minimise_rigidly(
     damping = STABILISER, config.correlation
     state, converged, sums = _descend(start, submap, around, np.array(scales), last, kernel, damping, tolerances)
     placed = move_rigidly(points, state)
-    evaluation = Evaluation(*weigh_offsets(placed.covariances, placed.jacobians, sums, _NO_PULLS, last))
+    evaluation = PsiEvaluation(*weigh_offsets(placed.covariances, placed.jacobians, sums, _NO_PULLS, last))
     return Minimum(state, evaluation, converged)
 
 

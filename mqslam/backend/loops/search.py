@@ -29,7 +29,7 @@ _SURE_M = 0.3
 _KEPT = 1.1
 
 
-class Comparison(NamedTuple):
+class CandidateScore(NamedTuple):
     """What psi says about a candidate.
 
     Args:
@@ -50,7 +50,7 @@ def compare_passes(
     beam: Beam,
     engine: Engine,
     progress: Progress,
-) -> list[Comparison]:
+) -> list[CandidateScore]:
     """Lays the two passes of every candidate on each other, each candidate on its own.
 
     Args:
@@ -62,27 +62,27 @@ def compare_passes(
         progress: called as candidates are compared.
     """
 
-    def report(number: int, comparison: Comparison) -> None:
+    def report(number: int, comparison: CandidateScore) -> None:
         progress("loops", number, len(candidates))
 
     return engine.map(_compare, (drive, estimator, beam), candidates, report)
 
 
-def _compare(shared: tuple[Passes, EstimatorConfig, Beam], candidate: Candidate) -> Comparison:
+def _compare(shared: tuple[Passes, EstimatorConfig, Beam], candidate: Candidate) -> CandidateScore:
     """Returns what psi says about a candidate."""
     drive, estimator, beam = shared
     reach = candidate.reach_m, candidate.reach_rad
     submaps = render_passes((drive, candidate.earlier), (drive, candidate.later), beam)
     alignment = align_passes(*submaps, candidate.chain.motion, reach, estimator)
     if alignment is None:
-        return Comparison()
+        return CandidateScore()
     if not is_unrivalled(alignment, MATCHED):
-        return Comparison(ambiguous=True)
+        return CandidateScore(ambiguous=True)
     covariance = candidate.layout.widen(alignment.pose, alignment.covariance)
     loop = Loop(candidate.earlier, candidate.later, alignment.pose, covariance, alignment.matched, alignment.psi)
     if compute_chi_square(candidate.chain, as_relative(loop)) > LARGEST_CHI_SQUARE:
-        return Comparison(implausible=True)
-    return Comparison(loop)
+        return CandidateScore(implausible=True)
+    return CandidateScore(loop)
 
 
 def confirm_by_map(

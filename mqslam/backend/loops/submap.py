@@ -68,7 +68,7 @@ class MappedDrive:
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class TrackedRun:
     """A run as loops are looked for in it.
 
     Args:
@@ -84,7 +84,7 @@ class Drive:
     travelled: NDArray[np.float64]
 
     @classmethod
-    def of(cls, scans: Sequence[Scan], poses: se2.Array) -> Drive:
+    def of(cls, scans: Sequence[Scan], poses: se2.Array) -> TrackedRun:
         """Returns the drive of N scans under poses (N, 3)."""
         times = scans.start_times if isinstance(scans, Scans) else np.array([scan.t0 for scan in scans])
         return cls(scans, times, poses, se2.path_lengths(poses))

@@ -9,7 +9,7 @@ from mqslam.backend.loops import passes
 from mqslam.backend.loops.candidates import GATE_M, compute_reach, is_beyond_gate, may_meet
 from mqslam.backend.loops.chain import Chain, compute_layouts
 from mqslam.backend.loops.closing import ROUNDS, LoopCloser, Recognised
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import TrackedRun
 from mqslam.backend.problem import GraphProblem
 from mqslam.backend.recognition.place_index import PlaceIndex
 from mqslam.backend.recognition.places import PLACE_SPACING_M, describe_places
@@ -48,7 +48,7 @@ def find_loops(
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.
     """
-    closer = LoopCloser(problem, lambda poses: Drive.of(scans, poses), estimator, beam, runner)
+    closer = LoopCloser(problem, lambda poses: TrackedRun.of(scans, poses), estimator, beam, runner)
     if not recognising:
         closer.look_around()
         return closer.conclude()

@@ -14,7 +14,7 @@ from mqslam.errors import MqslamError, describe_error, raise_interrupt
 from mqslam.execution.folders import claim_folder
 from mqslam.execution.local_engine import DIED, LocalEngine
 from mqslam.execution.progress import Progress
-from mqslam.results.batch_results import Order, Outcome
+from mqslam.results.batch_results import Order, RunOutcome
 
 AGAIN = "the same command continues the batch"
 
@@ -34,7 +34,7 @@ class Terms:
     force: bool
 
 
-def run_all(orders: Sequence[Order], out: Path, engine: Engine, progress: Progress, *, force: bool) -> list[Outcome]:
+def run_all(orders: Sequence[Order], out: Path, engine: Engine, progress: Progress, *, force: bool) -> list[RunOutcome]:
     """Does the runs that are not finished yet, and returns the outcome of each run.
 
     Args:
@@ -51,17 +51,17 @@ def run_all(orders: Sequence[Order], out: Path, engine: Engine, progress: Progre
     before = [_find_kept(terms, order) for order in orders]
     missing = [order for order, kept in zip(orders, before, strict=True) if kept is None]
 
-    def done(number: int, outcome: Outcome | None) -> None:
+    def done(number: int, outcome: RunOutcome | None) -> None:
         progress("runs", len(orders) - len(missing) + number, len(orders))
 
     ran = iter(engine.map_apart(run_one, terms, missing, done))
     return [
-        _check_outcome(out / order.name, kept or next(ran) or Outcome(failure=DIED))
+        _check_outcome(out / order.name, kept or next(ran) or RunOutcome(failure=DIED))
         for order, kept in zip(orders, before, strict=True)
     ]
 
 
-def run_one(terms: Terms, order: Order) -> Outcome:
+def run_one(terms: Terms, order: Order) -> RunOutcome:
     """Does a run in this process and returns its outcome, which is the error's text if it fails."""
     out = terms.out / order.name
     try:
@@ -72,13 +72,13 @@ def run_one(terms: Terms, order: Order) -> Outcome:
             job = _open_order(order)
             with LocalEngine(terms.jobs) as engine:
                 summary = execute(job, out, Work(engine), resume=not terms.force, how=AGAIN)
-        return Outcome(summary)
+        return RunOutcome(summary)
     except Exception as error:  # a front end may be anyone's code, and the others are to go on
         raise_interrupt(error)
-        return Outcome(failure=describe_error(error))
+        return RunOutcome(failure=describe_error(error))
 
 
-def _find_kept(terms: Terms, order: Order) -> Outcome | None:
+def _find_kept(terms: Terms, order: Order) -> RunOutcome | None:
     """Returns the outcome of the same run if it was finished before, or None."""
     out = terms.out / order.name
     if terms.force or not (out / "summary.json").exists():
@@ -87,7 +87,7 @@ def _find_kept(terms: Terms, order: Order) -> Outcome | None:
         summary = find_finished(out, _open_order(order).key)
     except MqslamError:
         return None  # `run_one` fails in the same way and reports why
-    return None if summary is None else Outcome(summary, kept=True)
+    return None if summary is None else RunOutcome(summary, kept=True)
 
 
 def _open_order(order: Order) -> Job:
@@ -100,8 +100,8 @@ def _open_order(order: Order) -> Job:
     return open_job(order.data, order.settings, order.frontend, inputs)
 
 
-def _check_outcome(out: Path, outcome: Outcome) -> Outcome:
+def _check_outcome(out: Path, outcome: RunOutcome) -> RunOutcome:
     """Returns an outcome, or a failure if its results cannot be seen from this machine."""
     if outcome.summary is None or (out / "summary.json").is_file():
         return outcome
-    return Outcome(failure=f"{out}: does not exist on this machine; choose an output folder that all machines share")
+    return RunOutcome(failure=f"{out}: does not exist on this machine; choose an output folder that all machines share")

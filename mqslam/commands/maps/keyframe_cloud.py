@@ -10,7 +10,7 @@ import numpy as np
 from mqslam.core.point_map import PointMap
 from mqslam.errors import DataError, OutputError, Remedy
 from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
-from mqslam.formats.ply import Clock, write_ply
+from mqslam.formats.ply import MapClock, write_ply
 from mqslam.mapping.keyframing import render_keyframes
 
 SUFFIX: Final = ".ply"
@@ -38,7 +38,7 @@ def write_keyframe_cloud(out: Path, folder: Path, *, force: bool = False) -> Non
     keyframes = read_keyframes(folder).keyframes
     shown, first = render_keyframes(keyframes), keyframes.recordings[0]
     unknown, unmatched = np.full(len(shown.points), np.nan), np.zeros(len(shown.points), dtype=np.bool_)
-    clock = Clock(first.start_us, round(1e6 * first.revolution_s))
+    clock = MapClock(first.start_us, round(1e6 * first.revolution_s))
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -17,7 +17,7 @@ from mqslam.formats.graphs.g2o import read_g2o
 from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
 from mqslam.formats.tum import read_tum
 from mqslam.merging.map_merge import merge_parts
-from mqslam.merging.part import Part, make_part
+from mqslam.merging.part import Session, make_part
 from mqslam.report.maps.merge_page import write_merge_page
 from mqslam.results.maps.merge_results import summarise_merge, write_merge
 from mqslam.results.summary_files import add_warnings
@@ -75,7 +75,7 @@ def merge(
 
 
 @untrusted.reads_file
-def read_part(folder: Path) -> Part:
+def read_part(folder: Path) -> Session:
     """Reads a result as a part of a merge.
 
     Args:
@@ -117,7 +117,7 @@ def _check_apart(folders: Sequence[Path]) -> None:
         known.add(folder.resolve())
 
 
-def _check_recordings(parts: Sequence[Part]) -> None:
+def _check_recordings(parts: Sequence[Session]) -> None:
     """Raises DataError if two results hold the same recording, whose returns would confirm themselves."""
     known: dict[tuple[str, int], Path] = {}
     for part in parts:

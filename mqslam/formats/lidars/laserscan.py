@@ -34,7 +34,7 @@ _COMMANDS = ("goal", "initialpose", "initial_pose")
 
 
 @dataclass(slots=True)
-class _Index:
+class _ScanIndex:
     """The result of one pass over a bag: scans with times since their own stamps, poses by topic, frames, mounts."""
 
     stamps_us: list[int] = field(default_factory=list)
@@ -130,9 +130,9 @@ def _choose_pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
     return next(iter(drives), None), next(iter(poses), None)
 
 
-def _read_index(path: Path, reader: AnyReader, topic: str, pose_topics: set[str | None]) -> _Index:
+def _read_index(path: Path, reader: AnyReader, topic: str, pose_topics: set[str | None]) -> _ScanIndex:
     """Reads the messages of the scans, of the pose topics and of transforms, once."""
-    index = _Index()
+    index = _ScanIndex()
     connections = [c for c in reader.connections if c.topic == topic or c.topic in pose_topics or Mounts.reads(c)]
     for connection, logged, raw in reader.messages(connections):
         message: Any = reader.deserialize(raw, connection.msgtype)

@@ -21,7 +21,7 @@ _SAME = 1e-6  # m, and parts of a quaternion: what rounding changes in a transfo
 
 
 @dataclass(frozen=True, slots=True)
-class Mount:
+class LidarMount:
     """A planar lidar on a vehicle.
 
     Args:
@@ -90,7 +90,7 @@ class Mounts:
         matrix[:3, 3] = numbers[:3]
         self.parents[frame], self.topics[frame] = (parent, matrix), topic
 
-    def find(self, sensor: str, body: str) -> Mount | None:
+    def find(self, sensor: str, body: str) -> LidarMount | None:
         """Finds how a sensor is mounted.
 
         Args:
@@ -104,7 +104,7 @@ class Mounts:
         if matrix is None:
             return None
         yaw = np.arctan2(matrix[1, 0], matrix[0, 0])
-        return Mount(np.array([matrix[0, 3], matrix[1, 3], yaw]), bool(matrix[2, 2] < 0.0))
+        return LidarMount(np.array([matrix[0, 3], matrix[1, 3], yaw]), bool(matrix[2, 2] < 0.0))
 
     def is_upside_down(self, sensor: str, body: str = "") -> bool:
         """Returns whether a sensor's z axis points down, seen from a body as in `find`, else from the top frame."""

@@ -32,7 +32,7 @@ from mqslam.formats.shared.arrivals import estimate_arrivals
 from mqslam.formats.shared.azimuth_rows import azimuth_stamps, check_encoder, note_spread, spread_azimuths
 from mqslam.formats.shared.bag_writer import KINDS, RADAR_FRAME, VEHICLE_FRAME, Bag, write_bag
 from mqslam.formats.shared.bags import B_SCAN_TYPE, COMPRESSED_TYPE, IMAGE_TYPE, ODOMETRY_TYPE
-from mqslam.formats.shared.polar_message import Layout
+from mqslam.formats.shared.polar_message import AzimuthLayout
 from mqslam.formats.shared.sensing import Sensing, Topics, note_resolution
 from mqslam.formats.shared.stamps import mark_increasing
 from mqslam.formats.shared.target import Message, Target
@@ -63,7 +63,7 @@ class RosbagRecording(Recording):
     """
 
     topic: str
-    layout: Layout
+    layout: AzimuthLayout
     messages_us: NDArray[np.int64]
     logged_ns: NDArray[np.int64]
     clockwise: bool
@@ -261,7 +261,7 @@ def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[s
 def _read_index(
     path: Path,
     reader: AnyReader,
-    radar: tuple[str, Layout, int | None],
+    radar: tuple[str, AzimuthLayout, int | None],
     pose_topics: set[str | None],
     sensors: RosSensors,
     settings: ReadingConfig,
@@ -301,7 +301,7 @@ def _read_index(
     return index
 
 
-def _stamp_us(layout: Layout, message: Any, clock: bags.Clock, recorded: tuple[str, int], encoder: int | None) -> int:
+def _stamp_us(layout: AzimuthLayout, message: Any, clock: bags.Clock, recorded: tuple[str, int], encoder: int | None) -> int:
     """Returns the stamp [us] of a message: its first azimuth's, else the header's, else when it was recorded."""
     if layout.stamps_azimuths:
         return int(polar_message.read_azimuths(layout, message, encoder).stamps_us[0])

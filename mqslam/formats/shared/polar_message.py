@@ -63,7 +63,7 @@ _GIVE_RADAR = (
 _B_SCAN_RANK = 4  # behind the images that users of these names mean
 
 
-class Layout(Enum):
+class AzimuthLayout(Enum):
     """Ways in which a message holds its azimuths."""
 
     OXFORD_ROWS = "rows that begin with their time and angle"
@@ -74,12 +74,12 @@ class Layout(Enum):
     @property
     def stamps_azimuths(self) -> bool:
         """Whether the message says when every azimuth was measured."""
-        return self in (Layout.OXFORD_ROWS, Layout.B_SCAN)
+        return self in (AzimuthLayout.OXFORD_ROWS, AzimuthLayout.B_SCAN)
 
 
 def choose_topic(
     path: Path, reader: AnyReader, named: str | None = None, encoder: int | None = None
-) -> tuple[str, Layout, list[str]]:
+) -> tuple[str, AzimuthLayout, list[str]]:
     """Chooses the radar's topic; returns it with the layout of its messages and a note on the choice.
 
     Args:
@@ -127,7 +127,7 @@ def choose_topic(
     return chosen.topic, _find_layout(path, reader, chosen, encoder), notes
 
 
-def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder: int | None) -> Layout:
+def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder: int | None) -> AzimuthLayout:
     """Finds the layout of a radar's messages from the first that is a polar scan."""
     first: DataError | None = None
     for _, logged, raw in itertools.islice(reader.messages([connection]), _FIRST_TRIED):
@@ -177,26 +177,26 @@ def read_pixels(image: Any) -> NDArray[np.uint8]:
     return data.reshape(height, step)[:, :width]
 
 
-def _interpret_layout(topic: str, message_type: str, message: Any, encoder: int | None) -> Layout:
+def _interpret_layout(topic: str, message_type: str, message: Any, encoder: int | None) -> AzimuthLayout:
     """Finds the layout of a topic's messages from its first one.
 
     Raises:
         ValueError: its image cannot be used.
     """
     if message_type == B_SCAN_TYPE or message_type.endswith(FFT_NAMES):
-        return Layout.B_SCAN
+        return AzimuthLayout.B_SCAN
     image = read_pixels(message)
     if has_times(image):
         read_metadata(image, turn=encoder or TURN_TICKS)  # says what is wrong with its angles
-        return Layout.OXFORD_ROWS
+        return AzimuthLayout.OXFORD_ROWS
     if has_metadata(image, encoder or TURN_TICKS):
-        return Layout.OXFORD_ROWS
+        return AzimuthLayout.OXFORD_ROWS
     name = topic.lower().removesuffix("/compressed")
     if name.endswith(_MULRAN_PLAYER):
-        return Layout.COLUMNS
+        return AzimuthLayout.COLUMNS
     if name.endswith((_NAVTECH, *_DRIVER)):
-        return Layout.ROWS
-    return Layout.ROWS if image.shape[1] >= image.shape[0] else Layout.COLUMNS
+        return AzimuthLayout.ROWS
+    return AzimuthLayout.ROWS if image.shape[1] >= image.shape[0] else AzimuthLayout.COLUMNS
 
 
 def read_frame(message: Any) -> str:
@@ -205,13 +205,13 @@ def read_frame(message: Any) -> str:
     return str(image.header.frame_id)
 
 
-def usual_stamp(topic: str, layout: Layout) -> Stamp:
+def usual_stamp(topic: str, layout: AzimuthLayout) -> Stamp:
     """Returns which instant of a turn the only stamp of a topic's messages usually is.
 
     MulRan's player and Navtech's driver send a turn when it is complete.
     """
     name = topic.lower().removesuffix("/compressed")
-    is_late = name.endswith(_DRIVER) or (name.endswith(_MULRAN_PLAYER) and layout is Layout.COLUMNS)
+    is_late = name.endswith(_DRIVER) or (name.endswith(_MULRAN_PLAYER) and layout is AzimuthLayout.COLUMNS)
     return "end" if is_late else "start"
 
 
@@ -241,22 +241,22 @@ def _looks_like_radar(message: Any) -> bool:
     return has_times(image) or (min(image.shape) >= _FEWEST_PIXELS and max(image.shape) >= _LONG_SIDE * min(image.shape))
 
 
-def read_power(layout: Layout, message: Any) -> NDArray[np.uint8]:
+def read_power(layout: AzimuthLayout, message: Any) -> NDArray[np.uint8]:
     """Reads the power (A, B) of a message, one row per azimuth.
 
     Raises:
         ValueError: its image cannot be used.
     """
-    if layout is Layout.B_SCAN:
+    if layout is AzimuthLayout.B_SCAN:
         image = read_pixels(message.b_scan_img)
         return image if len(image) == len(message.encoder_values) else image.T
     image = read_pixels(message)
-    if layout is Layout.OXFORD_ROWS:
+    if layout is AzimuthLayout.OXFORD_ROWS:
         return image[:, METADATA_BYTES:]
-    return image.T if layout is Layout.COLUMNS else image
+    return image.T if layout is AzimuthLayout.COLUMNS else image
 
 
-def read_azimuths(layout: Layout, message: Any, encoder: int | None = None) -> Azimuths:
+def read_azimuths(layout: AzimuthLayout, message: Any, encoder: int | None = None) -> Azimuths:
     """Reads the azimuths of a message that carries their times and angles.
 
     Args:
@@ -267,7 +267,7 @@ def read_azimuths(layout: Layout, message: Any, encoder: int | None = None) -> A
     Raises:
         ValueError: its image cannot be used, or times and angles make no turn.
     """
-    if layout is Layout.OXFORD_ROWS:
+    if layout is AzimuthLayout.OXFORD_ROWS:
         return read_metadata(read_pixels(message), turn=encoder or TURN_TICKS)
     ticks = np.asarray(message.encoder_values, dtype=np.uint16)
     stamps_us = (np.asarray(message.timestamps, dtype=np.uint64) // np.uint64(1000)).astype(np.int64)
@@ -276,9 +276,9 @@ def read_azimuths(layout: Layout, message: Any, encoder: int | None = None) -> A
     return repair_azimuths(stamps_us, ticks, np.ones(len(ticks), dtype=np.bool_), encoder or find_turn(layout, message))
 
 
-def find_turn(layout: Layout, message: Any) -> int:
+def find_turn(layout: AzimuthLayout, message: Any) -> int:
     """Finds the encoder ticks that are taken as a turn where nobody states them: the fewest that hold a message's values."""
-    if layout is not Layout.B_SCAN:
+    if layout is not AzimuthLayout.B_SCAN:
         return TURN_TICKS
     largest = np.asarray(message.encoder_values, dtype=np.uint16).max(initial=0)
     return next((turn for turn in _ENCODER_TURNS if largest <= turn), _ENCODER_TURNS[-1])

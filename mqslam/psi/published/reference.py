@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from mqslam.config import PsiConfig
 from mqslam.psi.place import PointSet
 from mqslam.psi.published.equations import PsiScore, check_points
-from mqslam.psi.scoring.estimator import Evaluation, Kernel, Scale
+from mqslam.psi.scoring.estimator import Kernel, PsiEvaluation, Scale
 
 
 def score_reference(
@@ -76,7 +76,7 @@ def evaluate_reference(
     scale: Scale,
     kernel: Kernel,
     moving_references: bool,
-) -> Evaluation:
+) -> PsiEvaluation:
     """Scores the query points against the reference points; arguments and result as of `scoring.estimator.evaluate`."""
     revolution_s, beta_t, xi = kernel.revolution_s, kernel.beta_t, kernel.xi
     knows_aspects = len(queries.rays) == len(queries) and len(references.rays) == len(references)
@@ -118,7 +118,7 @@ def evaluate_reference(
         information += lorentz**2 * jacobian.T @ inverse @ jacobian
         followed = np.eye(2) - 2.0 * scatter / scale.beta_s**2  # how the offset changes as the point moves
         curvature += lorentz**2 * jacobian.T @ inverse @ followed @ jacobian
-    return Evaluation(shares, matched, scores, information, 0.5 * (curvature + curvature.T))
+    return PsiEvaluation(shares, matched, scores, information, 0.5 * (curvature + curvature.T))
 
 
 def _make_matrix(terms: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -29,7 +29,7 @@ METHODS = (*VARIANTS, OURS)
 
 
 @dataclass(frozen=True, slots=True)
-class Search:
+class ExhaustiveSearch:
     """An exhaustive search in two rounds.
 
     Args:
@@ -45,14 +45,14 @@ class Search:
     fine_yaw_rates: NDArray[np.float64]
 
 
-SEARCH = Search(
+SEARCH = ExhaustiveSearch(
     np.linspace(-0.5, 1.5, 21), np.linspace(-0.6, 0.6, 61), np.linspace(-0.1, 0.1, 21), np.linspace(-0.02, 0.02, 21)
 )
 """The search in steps of 0.1 m/s and 0.02 rad/s, then of 0.01 m/s and 0.002 rad/s."""
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class Table1Row:
     """What a method obtained in one case.
 
     Args:
@@ -92,9 +92,9 @@ def compute_table1(
     scans: int = 4,
     jobs: int = 1,
     cases: Sequence[tuple[float, float]] = CASES,
-    search: Search = SEARCH,
+    search: ExhaustiveSearch = SEARCH,
     progress: Progress = ignore_progress,
-) -> list[Row]:
+) -> list[Table1Row]:
     """Computes what every method obtains in every case.
 
     Args:
@@ -118,10 +118,10 @@ def compute_table1(
                 obtained.append(one)
                 progress("table1", done, len(trials))
     by_case = np.array(obtained).reshape(len(cases), seeds, len(METHODS), 2)
-    return [Row(case, method, by_case[i, :, k]) for i, case in enumerate(cases) for k, method in enumerate(METHODS)]
+    return [Table1Row(case, method, by_case[i, :, k]) for i, case in enumerate(cases) for k, method in enumerate(METHODS)]
 
 
-def run_trial(trial: tuple[tuple[float, float], int, int], search: Search) -> NDArray[np.float64]:
+def run_trial(trial: tuple[tuple[float, float], int, int], search: ExhaustiveSearch) -> NDArray[np.float64]:
     """Returns the motions (methods, 2) that are obtained in a trial: a case, a seed and a number of scans."""
     window = simulate_window(*trial)
     grid = (search.speeds, search.yaw_rates)
@@ -155,7 +155,7 @@ def _score_grid(
     return scores
 
 
-def format_table(rows: Sequence[Row]) -> str:
+def format_table(rows: Sequence[Table1Row]) -> str:
     """Returns the table as a person reads it."""
     lines = [
         f"{'v':>5}  {'omega':>7}  {'method':<22} {'mean v':>8} {'omega':>8}   {'RMS error v':>11} {'omega':>8}",

@@ -30,7 +30,7 @@ from mqslam.psi.scoring.neighbours import CandidateLists
 
 Fields: TypeAlias = tuple[
     NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
-]  # of an `Evaluation`
+]  # of an `PsiEvaluation`
 
 _BEYOND: Final = 1.0 + 1e-9  # numerical: rounding must not lose a neighbour at the limit
 _BLOCK: Final = 1024  # neighbours that are summed at a time, so that they stay at hand: a matter of speed only
@@ -73,7 +73,7 @@ class Kernel(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Evaluation:
+class PsiEvaluation:
     """The score and what its minimiser needs.
 
     Args:
@@ -108,7 +108,7 @@ def evaluate(
     scale: Scale,
     kernel: Kernel,
     moving_references: bool,
-) -> Evaluation:
+) -> PsiEvaluation:
     """Scores the query points against the reference points.
 
     Args:
@@ -120,7 +120,7 @@ def evaluate(
         moving_references: whether the references depend on the same state as the queries.
     """
     fields = evaluate_arrays(arrays_of(queries), arrays_of(references), lists, scale, kernel, moving_references)
-    return Evaluation(*fields)
+    return PsiEvaluation(*fields)
 
 
 class PointArrays(NamedTuple):
@@ -142,7 +142,7 @@ def arrays_of(points: PointSet) -> PointArrays:
 def evaluate_arrays(
     queries: PointArrays, references: PointArrays, lists: CandidateLists, scale: Scale, kernel: Kernel, moving: bool
 ) -> Fields:
-    """Returns the fields of an `Evaluation`."""
+    """Returns the fields of an `PsiEvaluation`."""
     n, size = len(queries.points), queries.jacobians.shape[2]
     known = arrange(np.arange(len(references.points)), references)
     knows_aspects = len(queries.rays) == n and len(references.rays) == len(known)
@@ -162,7 +162,7 @@ def weigh_offsets(
     pulls: NDArray[np.float64],
     scale: Scale,
 ) -> Fields:
-    """Returns the fields of an `Evaluation` from sums over the neighbours of each query.
+    """Returns the fields of an `PsiEvaluation` from sums over the neighbours of each query.
 
     Of each query m is the neighbours' centroid, s their scatter S_kappa, c the covariance Sigma of the offset e = -m and
     i its inverse, f = Sigma^-1 e, j the offset's jacobian J, and h = Sigma^-1 (I - 2 S_kappa / beta_s^2), made symmetric.

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.estimator import (
-    Evaluation,
     Kernel,
     Neighbours,
+    PsiEvaluation,
     Scale,
     add_up_neighbours,
     arrange,
@@ -102,7 +102,7 @@ def do_serve(pairs: Pairs, x: NDArray[np.float64], reach: float) -> bool:
 
 def evaluate_against(
     queries: PointSet, references: References, scale: Scale, kernel: Kernel, pairs: Pairs | None = None
-) -> Evaluation:
+) -> PsiEvaluation:
     """Scores points against references.
 
     Args:
@@ -122,4 +122,4 @@ def evaluate_against(
     near = Neighbours(references.known, np.empty((0, 2, size)), offsets, indices)
     sums, no_pulls = np.empty((n, 10)), np.empty((0, 2, size))
     add_up_neighbours(queries.points, queries.times, rays, near, scale, kernel, sums, no_pulls)
-    return Evaluation(*weigh_offsets(queries.covariances, queries.jacobians, sums, no_pulls, scale))
+    return PsiEvaluation(*weigh_offsets(queries.covariances, queries.jacobians, sums, no_pulls, scale))

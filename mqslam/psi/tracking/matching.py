@@ -14,7 +14,7 @@ from mqslam.psi.covariance import sum_by_object
 from mqslam.psi.minimiser import Minimum, Prior, Search, annealed_scale, final_scale, minimise, score_against
 from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import PointSet, place
-from mqslam.psi.scoring.estimator import Evaluation, Scale
+from mqslam.psi.scoring.estimator import PsiEvaluation, Scale
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.setup import Setup
 from mqslam.psi.tracking.state import MODEL, POSE, TOLERANCES, Belief, State
@@ -68,7 +68,7 @@ class Matcher:
         """Renders a scan under a state."""
         return place(scan.returns, scan.t0, state.pose, state.motion, MODEL, self.setup.beam)
 
-    def evaluate(self, scan: Scan, state: State, into: LocalMap) -> Evaluation:
+    def evaluate(self, scan: Scan, state: State, into: LocalMap) -> PsiEvaluation:
         """Scores a scan under a state against a map, at the widths that the minimiser ends with."""
         return self._score(self.place(scan, state), final_scale(self.setup.matching), into)
 
@@ -178,7 +178,7 @@ class Matcher:
         placed = self.place(scan, state)
         return PointSet(placed.points, placed.jacobians, placed.covariances, placed.times)
 
-    def _score(self, placed: PointSet, scale: Scale, into: LocalMap) -> Evaluation:
+    def _score(self, placed: PointSet, scale: Scale, into: LocalMap) -> PsiEvaluation:
         return score_against(placed, into.references, scale, self.setup.revolution_s, self.setup.matching)
 
     def _refine_peaks(self, scan: Scan, predicted: Belief, into: LocalMap) -> list[Minimum]:

@@ -31,7 +31,7 @@ ToldTwist = Callable[[float, float], se2.Array | None]
 
 
 @dataclass(frozen=True, slots=True)
-class Followed:
+class FollowedScan:
     """One scan of a track.
 
     Args:
@@ -43,7 +43,7 @@ class Followed:
     psi_odometry: float
 
 
-def follow_scans(scans: Sequence[Scan], tracker: Tracker, told: ToldTwist) -> Iterator[Followed]:
+def follow_scans(scans: Sequence[Scan], tracker: Tracker, told: ToldTwist) -> Iterator[FollowedScan]:
     """Tracks a recording, scan by scan in its order.
 
     Args:
@@ -66,14 +66,14 @@ class _Track:
         self._tracker = tracker
         self._settings = tracker.settings
         self._told = told
-        self._followed: dict[int, Followed] = {}  # scans that are not handed on yet
+        self._followed: dict[int, FollowedScan] = {}  # scans that are not handed on yet
         self._young: list[int] = []  # scans of a track that has only begun
         self._matched = 0  # the last scan that was matched
         self._pose = np.zeros(3)  # the pose of that scan
         self._lost: list[int] = []  # scans since that one, which were not matched
         self._patience = self._settings.patience  # number of lost scans at which a new map is tried
 
-    def follow(self) -> Iterator[Followed]:
+    def follow(self) -> Iterator[FollowedScan]:
         """Yields the scans in their order, each as soon as it will not change any more."""
         first = _find_start(self._scans, self._settings)
         self._start(first)
@@ -157,10 +157,10 @@ class _Track:
         scans, before = [self._scans[n] for n in young], [self._followed[n] for n in young]
         again = self._tracker.remeasure(scans, [f.tracked for f in before])
         for n, tracked, f in zip(young, again, before, strict=True):
-            self._followed[n] = Followed(tracked, f.psi_odometry)
+            self._followed[n] = FollowedScan(tracked, f.psi_odometry)
 
     def _keep(self, k: int, tracked: Tracked, psi_odometry: float) -> None:
-        self._followed[k] = Followed(tracked, psi_odometry)
+        self._followed[k] = FollowedScan(tracked, psi_odometry)
 
     def _score_odometry(self, scan: Scan) -> float:
         """Returns psi of a scan where odometry puts it from the last match; NaN without odometry."""

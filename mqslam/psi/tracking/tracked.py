@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.measurement import Status
-from mqslam.psi.scoring.estimator import Evaluation
+from mqslam.psi.scoring.estimator import PsiEvaluation
 from mqslam.psi.tracking.state import SIZE, State
 
 
@@ -34,7 +34,7 @@ class Tracked:
     state: State
     covariance: NDArray[np.float64]
     unseen: NDArray[np.float64]
-    evaluation: Evaluation
+    evaluation: PsiEvaluation
     status: Status
     begins_map: bool = False
     arrival: NDArray[np.float64] | None = None
@@ -46,8 +46,8 @@ class Tracked:
         return self.state.pose
 
 
-def make_empty_evaluation() -> Evaluation:
+def make_empty_evaluation() -> PsiEvaluation:
     """Returns the evaluation of no returns at all, for a scan that there was no map for."""
-    return Evaluation(
+    return PsiEvaluation(
         np.zeros(0), np.zeros(0, dtype=bool), np.zeros((0, SIZE)), np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
     )

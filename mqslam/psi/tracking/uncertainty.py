@@ -9,7 +9,7 @@ from mqslam.psi.covariance import estimate_covariance
 from mqslam.psi.gaussians import fuse, invert_information
 from mqslam.psi.minimiser import STABILISER
 from mqslam.psi.place import PointSet
-from mqslam.psi.scoring.estimator import Evaluation
+from mqslam.psi.scoring.estimator import PsiEvaluation
 from mqslam.psi.tracking.dynamics import SIGMA_AX, SIGMA_VY, drop_directions
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.setup import Setup
@@ -17,7 +17,7 @@ from mqslam.psi.tracking.state import ALPHA, AX, SIZE, TOLERANCES, VY, YAW, Beli
 
 
 def measure_covariance(
-    evaluation: Evaluation, placed: PointSet, predicted: Belief, into: LocalMap, setup: Setup
+    evaluation: PsiEvaluation, placed: PointSet, predicted: Belief, into: LocalMap, setup: Setup
 ) -> NDArray[np.float64]:
     """Returns the covariance (8, 8) of a match by psi's curvature; what psi does not observe is as sure as the prediction.
 
@@ -40,7 +40,7 @@ def measure_covariance(
 
 def update_belief(
     vector: NDArray[np.float64],
-    evaluation: Evaluation,
+    evaluation: PsiEvaluation,
     prior_information: NDArray[np.float64],
     setup: Setup,
     weak: NDArray[np.float64] | None = None,

@@ -14,12 +14,12 @@ from mqslam.report.explorers.explorer import (
     FINE,
     TORN,
     Chart,
-    Curve,
     Explorer,
+    ExplorerCurve,
+    ExplorerPlace,
     Layer,
     Lines,
-    Place,
-    View,
+    PlaceView,
     join_lines,
     mix_shades,
 )
@@ -73,13 +73,13 @@ def _choose_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[S
     return sorted(spots, key=lambda spot: spot.t1)
 
 
-def _show_spot(sweeps: Sweeps, spot: Spot) -> Place:
+def _show_spot(sweeps: Sweeps, spot: Spot) -> ExplorerPlace:
     """Returns what is shown of a spot when it is clicked."""
     crop = make_crop(sweeps, spot)
     colours = mix_shades(len(crop.before))
-    views = (View("as it is", crop.before, colours), View("corrected", crop.after, colours))
+    views = (PlaceView("as it is", crop.before, colours), PlaceView("corrected", crop.after, colours))
     t0 = spot.t0 if spot.kind == "window" else spot.t1 - sweeps.revolution_s
-    return Place(t0, spot.t1, crop.title, crop.text, spot.torn, views, spot.unknown)
+    return ExplorerPlace(t0, spot.t1, crop.title, crop.text, spot.torn, views, spot.unknown)
 
 
 def _make_charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> tuple[Chart, ...]:
@@ -92,7 +92,9 @@ def _make_charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> tuple[C
         shown = [r.revisit for r in audit.revisits if r.revisit.sure and r.torn is torn]
         if shown:
             times = np.array([sweeps.times[r.later] for r in shown])
-            curves.append(Curve(name, colour, times, np.maximum([r.distance_m for r in shown], _LEAST_M), True, mark))
+            curves.append(
+                ExplorerCurve(name, colour, times, np.maximum([r.distance_m for r in shown], _LEAST_M), True, mark)
+            )
     if curves:
         level = (f"tolerance {settings.torn_m:g} m", settings.torn_m, RED)
         charts.append(Chart("revisits apart [m]", tuple(curves), (level,), log=True))

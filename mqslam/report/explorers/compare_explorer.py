@@ -7,11 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from mqslam.auditing.windows.windows import WindowAudit
-from mqslam.comparison.judgement import Judged
-from mqslam.comparison.judgement import Place as ComparedPlace
+from mqslam.comparison.judgement import JudgedRow, Place
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.report.explorers.explorer import Chart, Curve, Explorer, Layer, Lines, Place, Points, View
+from mqslam.report.explorers.explorer import Chart, Explorer, ExplorerCurve, ExplorerPlace, Layer, Lines, PlaceView, Points
 from mqslam.report.explorers.run_explorer import list_levels
 from mqslam.report.figures.compare_figures import TRUTH_COLOUR, find_common_frame, smooth_inflation, style_of
 from mqslam.report.formatting import format_length
@@ -20,8 +19,8 @@ _HALF_SIDE_M = 30.0  # half the side of what is shown of a place
 
 
 def explore_comparison(
-    rows: Sequence[Judged],
-    places: Sequence[ComparedPlace],
+    rows: Sequence[JudgedRow],
+    places: Sequence[Place],
     shown: Sequence[int],
     windows: Sequence[Sequence[WindowAudit]],
     truth: Trajectory | None,
@@ -53,14 +52,14 @@ def explore_comparison(
     shown_places = []
     for k in order:
         place = places[k]
-        views = tuple(View(r.row.name, (_crop_close(r.crops[k]),), (c,)) for r, c in zip(rows, colours, strict=True))
+        views = tuple(PlaceView(r.row.name, (_crop_close(r.crops[k]),), (c,)) for r, c in zip(rows, colours, strict=True))
         title = f"{place.t0:.1f} s to {place.t1:.1f} s"
         text = "the points of one window under every row"
         if place.apart_m:
             text = f"here the rows differ by up to {format_length(place.apart_m)}"
-        shown_places.append(Place(place.t0, place.t1, title, text, False, views))
+        shown_places.append(ExplorerPlace(place.t0, place.t1, title, text, False, views))
     curves = tuple(
-        Curve(row.row.name, colour, *smooth_inflation(some))
+        ExplorerCurve(row.row.name, colour, *smooth_inflation(some))
         for row, colour, some in zip(rows, colours, windows, strict=True)
         if some
     )

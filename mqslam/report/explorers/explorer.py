@@ -65,7 +65,7 @@ class Lines:
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class ExplorerCurve:
     """Values over time, as a line or as dots.
 
     Args:
@@ -97,13 +97,13 @@ class Chart:
     """
 
     title: str
-    curves: tuple[Curve, ...]
+    curves: tuple[ExplorerCurve, ...]
     levels: tuple[tuple[str, float, str], ...] = ()
     log: bool = False
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class PlaceView:
     """The points of a place under one trajectory.
 
     Args:
@@ -118,7 +118,7 @@ class View:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class ExplorerPlace:
     """What is shown of a place when it is clicked.
 
     Args:
@@ -134,7 +134,7 @@ class Place:
     title: str
     text: str
     torn: bool
-    views: tuple[View, ...]
+    views: tuple[PlaceView, ...]
     unknown: bool = False
 
     @property
@@ -161,7 +161,7 @@ class Explorer:
 
     layers: tuple[Layer, ...]
     charts: tuple[Chart, ...]
-    places: tuple[Place, ...]
+    places: tuple[ExplorerPlace, ...]
     lines: tuple[Lines, ...] = ()
     groups: tuple[str, ...] = ()
     first: int = 0

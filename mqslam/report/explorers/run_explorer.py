@@ -19,13 +19,13 @@ from mqslam.report.explorers.explorer import (
     TORN,
     UNKNOWN,
     Chart,
-    Curve,
     Explorer,
+    ExplorerCurve,
+    ExplorerPlace,
     Layer,
     Lines,
-    Place,
+    PlaceView,
     Points,
-    View,
     join_lines,
 )
 from mqslam.report.figures.audit_figures import EXPECTED
@@ -152,9 +152,9 @@ def _make_charts(report: Report) -> tuple[Chart, ...]:
     points = np.maximum(scores.points, 1)
     curves = []
     if np.isfinite(scores.psi_odometry).any():
-        curves.append(Curve("ψ under odometry", ORANGE, times, scores.psi_odometry / points))
+        curves.append(ExplorerCurve("ψ under odometry", ORANGE, times, scores.psi_odometry / points))
     if np.isfinite(scores.psi_minimum).any():
-        curves.append(Curve("ψ at its minimum", BLUE, times, scores.psi_minimum / points))
+        curves.append(ExplorerCurve("ψ at its minimum", BLUE, times, scores.psi_minimum / points))
     charts = [Chart("ψ per point of a scan", tuple(curves))] if curves else []
     if checks:
         charts.append(chart_inflation("inflation", checks, BLUE, torn_threshold(report.settings)))
@@ -183,7 +183,7 @@ def chart_inflation(name: str, windows: Sequence[WindowAudit], colour: str, thre
         if shown:
             times = np.array([0.5 * (w.t0 + w.t1) for w in shown])
             values = np.maximum([w.bend.inflation for w in shown], _LEAST_INFLATION)
-            curves.append(Curve(title, shade, times, values, dots=True, mark=mark))
+            curves.append(ExplorerCurve(title, shade, times, values, dots=True, mark=mark))
     return Chart("inflation", tuple(curves), list_levels(threshold), log=True)
 
 
@@ -217,7 +217,7 @@ def _describe_window(window: WindowAudit) -> tuple[str, str]:
     )
 
 
-def _show_windows(report: Report) -> tuple[Place, ...]:
+def _show_windows(report: Report) -> tuple[ExplorerPlace, ...]:
     """Returns what is shown of every window when it is clicked."""
     if not report.checks:
         return ()
@@ -227,12 +227,12 @@ def _show_windows(report: Report) -> tuple[Place, ...]:
     ]
     views = [_view_windows(name, pointmap, track, report.checks) for name, pointmap, track in shown]
     return tuple(
-        Place(window.t0, window.t1, *_describe_window(window), window.torn, both, window.undecided is not None)
+        ExplorerPlace(window.t0, window.t1, *_describe_window(window), window.torn, both, window.undecided is not None)
         for window, both in zip(report.checks, zip(*views, strict=True), strict=True)
     )
 
 
-def _view_windows(name: str, pointmap: PointMap, track: Trajectory, windows: Sequence[WindowAudit]) -> list[View]:
+def _view_windows(name: str, pointmap: PointMap, track: Trajectory, windows: Sequence[WindowAudit]) -> list[PlaceView]:
     """Returns the map around windows, each seen from the sensor at its middle: this pass and the others."""
     poses = [track.poses[min((window.begin + window.end) // 2, len(track) - 1)] for window in windows]
     parts: list[list[tuple[Points, Points]]] = [[] for _ in windows]
@@ -248,4 +248,4 @@ def _view_windows(name: str, pointmap: PointMap, track: Trajectory, windows: Seq
             part.append((seen[inside & own], seen[inside & ~own]))
     nothing = (np.empty((0, 2)), np.empty((0, 2)))
     joined = [tuple(np.concatenate(group) for group in zip(nothing, *part, strict=True)) for part in parts]
-    return [View(name, (own, others), (BLUE, ORANGE)) for own, others in joined]
+    return [PlaceView(name, (own, others), (BLUE, ORANGE)) for own, others in joined]

@@ -15,7 +15,17 @@ from numpy.typing import ArrayLike, NDArray
 from mqslam.core.point_map import pick_thinned
 from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.core.stored import release
-from mqslam.report.explorers.explorer import FINE, TORN, UNKNOWN, Curve, Explorer, Layer, Place, Points, Values
+from mqslam.report.explorers.explorer import (
+    FINE,
+    TORN,
+    UNKNOWN,
+    Explorer,
+    ExplorerCurve,
+    ExplorerPlace,
+    Layer,
+    Points,
+    Values,
+)
 from mqslam.report.figures.canvas import BLUE, GREY, MAP_SHAPE, OUTERMOST, RED, find_common_view
 
 # limits of a page's size: what a browser moves with ease and a page holds in a few megabytes
@@ -33,7 +43,7 @@ _UPPERMOST = 0.99  # share of the values within the colour scale
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class ExplorerScene:
     """The interactive part, ready for the page.
 
     Args:
@@ -49,7 +59,7 @@ class Scene:
     data: Markup
 
 
-def make_scene(explorer: Explorer) -> Scene | None:
+def make_scene(explorer: Explorer) -> ExplorerScene | None:
     """Returns the interactive part ready for the page; None where no layer has points."""
     layers = explorer.layers
     if not any(len(layer.points) for layer in layers):
@@ -60,7 +70,7 @@ def make_scene(explorer: Explorer) -> Scene | None:
     encoded = _encode(explorer, kept, list(colours))
     data = htmlsafe_json_dumps(encoded, separators=(",", ":"), allow_nan=False)
     explained = (*explorer.explained, _USE, *_describe_thinning(layers, kept))
-    return Scene(explained, bool(explorer.charts), colours, data)
+    return ExplorerScene(explained, bool(explorer.charts), colours, data)
 
 
 def _describe_thinning(layers: Sequence[Layer], kept: Sequence[NDArray[np.int64]]) -> tuple[str, ...]:
@@ -125,13 +135,13 @@ def _encode_layer(layer: Layer, chosen: NDArray[np.int64], spans: dict[str, tupl
     return encoded
 
 
-def _encode_curve(curve: Curve) -> dict[str, Any]:
+def _encode_curve(curve: ExplorerCurve) -> dict[str, Any]:
     times, values = _encode_floats(curve.times), _encode_floats(curve.values)
     shape = {"dots": curve.dots, "mark": curve.mark}
     return {"name": curve.name, "colour": curve.colour, **shape, "times": times, "values": values}
 
 
-def _encode_places(places: Sequence[Place]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+def _encode_places(places: Sequence[ExplorerPlace]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Returns the places, and the points of all views as x, y, x, y, ...; a group says where in them it begins and ends."""
     total = sum(len(group) for place in places for view in place.views for group in view.groups)
     step = max(1.0, total / MOST_CROPPED)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from mqslam.auditing.windows.windows import WindowAudit
-from mqslam.comparison.judgement import Judged, Place
+from mqslam.comparison.judgement import JudgedRow, Place
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.evaluation import align_positions
@@ -49,7 +49,7 @@ _MOST_M = 1.0  # largest weight of a point when the place of a crop is looked fo
 _LEAST_INFLATION, _LEAST_M = 1e-2, 1e-3  # smaller values are drawn as these on a logarithmic axis
 
 
-def draw_overlay(rows: Sequence[Judged], truth: Trajectory | None, *, opaque: bool = True) -> bytes:
+def draw_overlay(rows: Sequence[JudgedRow], truth: Trajectory | None, *, opaque: bool = True) -> bytes:
     """Draws all trajectories over each other.
 
     Args:
@@ -79,7 +79,7 @@ def smooth_inflation(windows: Sequence[WindowAudit]) -> tuple[NDArray[np.float64
     return times, np.asarray(median_filter(inflation, min(_MEDIAN_OF, max(len(inflation), 1)), mode="nearest"))
 
 
-def draw_inflation(rows: Sequence[Judged], windows: Sequence[Sequence[WindowAudit]], threshold: float) -> bytes:
+def draw_inflation(rows: Sequence[JudgedRow], windows: Sequence[Sequence[WindowAudit]], threshold: float) -> bytes:
     """Draws the running median of the inflation of all rows' windows over time.
 
     Args:
@@ -103,7 +103,7 @@ def draw_inflation(rows: Sequence[Judged], windows: Sequence[Sequence[WindowAudi
     return encode_svg(figure)
 
 
-def draw_revisits(rows: Sequence[Judged]) -> bytes:
+def draw_revisits(rows: Sequence[JudgedRow]) -> bytes:
     """Draws which share of every row's sure revisits is off by less than a length."""
     figure, axes = _make_row_chart(rows, "revisits [%]", "offset less than [m]")
     use_plain_log(axes, "x")
@@ -118,7 +118,7 @@ def draw_revisits(rows: Sequence[Judged]) -> bytes:
     return encode_svg(figure)
 
 
-def draw_place(rows: Sequence[Judged], number: int, place: Place) -> tuple[bytes, ...]:
+def draw_place(rows: Sequence[JudgedRow], number: int, place: Place) -> tuple[bytes, ...]:
     """Draws one place under every row, on one extent, where the rows differ most.
 
     Args:
@@ -163,7 +163,7 @@ def find_common_frame(
     return [se2.inverse(t.at(begin)[0]) for t in tracks], None
 
 
-def _make_row_chart(rows: Sequence[Judged], ylabel: str, xlabel: str = "time [s]") -> tuple[Figure, Axes]:
+def _make_row_chart(rows: Sequence[JudgedRow], ylabel: str, xlabel: str = "time [s]") -> tuple[Figure, Axes]:
     """Returns an empty figure with room for a legend of all rows."""
     return make_chart(ylabel, xlabel, above_in=_measure_legend([row.row.name + _COUNT for row in rows])[1])
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mqslam.auditing.judge import Audit
-from mqslam.auditing.mending.rounds import Judged
+from mqslam.auditing.mending.rounds import AuditedTrajectory
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.config import Config
 
@@ -34,7 +34,7 @@ class AuditReport:
     config: Config
     warnings: tuple[str, ...]
     settings_yaml: str
-    mended: Judged | None = None
+    mended: AuditedTrajectory | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from mqslam.comparison.best import Standing, find_best
 from mqslam.comparison.comparison import Comparison
-from mqslam.comparison.judgement import Judged, Place
+from mqslam.comparison.judgement import JudgedRow, Place
 from mqslam.comparison.rows import Row
 from mqslam.config import dump_yaml
 from mqslam.core.trajectory import Trajectory
@@ -39,7 +39,7 @@ class CompareReport:
 
     title: str
     summary: Mapping[str, Any]
-    rows: tuple[Judged, ...]
+    rows: tuple[JudgedRow, ...]
     failed: tuple[Row, ...]
     places: tuple[Place, ...]
     stations: tuple[Place, ...]
@@ -85,7 +85,7 @@ def report_comparison(
     )
 
 
-def rank_rows(rows: Sequence[Judged], confidence: float) -> tuple[tuple[str, ...], ...]:
+def rank_rows(rows: Sequence[JudgedRow], confidence: float) -> tuple[tuple[str, ...], ...]:
     """Ranks rows: the best of all, then the best of those that are left, and so on.
 
     Args:

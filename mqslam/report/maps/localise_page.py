@@ -12,7 +12,7 @@ from mqslam.config import Config, dump_yaml
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.errors import tolerate
 from mqslam.localisation.localised import Localised
-from mqslam.report.content import Figure, Frame, Part, Row, Section, Table, Tile
+from mqslam.report.content import Figure, Frame, PagePart, Section, Table, TableRow, Tile
 from mqslam.report.figures.localise_figures import draw_overlap, draw_scans_in_map, draw_surety
 from mqslam.report.formatting import format_matched, format_value
 from mqslam.report.page import collect, version_in, write_page
@@ -29,10 +29,10 @@ _MEANINGS: Final = {
 class LocaliseParts:
     """The parts of the page, as localise.html shows them."""
 
-    tiles: Part[tuple[Tile, ...]]
-    map: Part[Section]
-    path: Part[Section]
-    statuses: Part[Section]
+    tiles: PagePart[tuple[Tile, ...]]
+    map: PagePart[Section]
+    path: PagePart[Section]
+    statuses: PagePart[Section]
 
 
 def write_localise_page(
@@ -104,5 +104,5 @@ def _show_path(localised: Localised) -> Section:
 
 
 def _tabulate_statuses(summary: Mapping[str, Any]) -> Section:
-    rows = tuple(Row(name, (format_value(count), _MEANINGS[name])) for name, count in summary["scans"].items())
+    rows = tuple(TableRow(name, (format_value(count), _MEANINGS[name])) for name, count in summary["scans"].items())
     return Section("Scans", (), table=Table(("status", "scans", "meaning"), rows, holds_words=True))

@@ -10,7 +10,7 @@ from typing import Any, Final
 from mqslam.config import dump_yaml
 from mqslam.errors import tolerate
 from mqslam.merging.map_merge import Merged
-from mqslam.report.content import Figure, Frame, Gallery, Part, Row, Section, Table, Thumbnail, ThumbnailCard, Tile
+from mqslam.report.content import Figure, Frame, Gallery, PagePart, Section, Table, TableRow, Thumbnail, ThumbnailCard, Tile
 from mqslam.report.figures.merge_figures import COLOUR_NAMES, draw_change, draw_links, draw_recordings, split_points
 from mqslam.report.formatting import format_matched, format_value
 from mqslam.report.page import collect, version_in, write_page
@@ -23,12 +23,12 @@ _LISTED: Final = 25  # changes that are in the table of the page; changes.csv ha
 class MergeParts:
     """The parts of the page, as merge.html shows them."""
 
-    tiles: Part[tuple[Tile, ...]]
-    map: Part[Section]
-    changes: Part[Section]
-    places: Part[Gallery]
-    recordings: Part[Section]
-    recognition: Part[Section]
+    tiles: PagePart[tuple[Tile, ...]]
+    map: PagePart[Section]
+    changes: PagePart[Section]
+    places: PagePart[Gallery]
+    recordings: PagePart[Section]
+    recognition: PagePart[Section]
 
 
 def write_merge_page(folder: Path, merged: Merged, summary: Mapping[str, Any]) -> list[str]:
@@ -100,7 +100,7 @@ def _tabulate_changes(summary: Mapping[str, Any]) -> Section:
     if len(changes) > _LISTED:
         notes.append(f"The {_LISTED} largest of {len(changes)} are listed; changes.csv has all of them.")
     rows = tuple(
-        Row(
+        TableRow(
             str(n),
             (
                 f"recording {change['shown_by']}",
@@ -134,7 +134,7 @@ def _show_changes(merged: Merged) -> Gallery | None:
 
 def _tabulate_recordings(summary: Mapping[str, Any]) -> Section:
     rows = tuple(
-        Row(
+        TableRow(
             str(n),
             (
                 recording["path"],
@@ -151,7 +151,7 @@ def _tabulate_recordings(summary: Mapping[str, Any]) -> Section:
 def _tabulate_recognition(summary: Mapping[str, Any]) -> Section:
     names = ("compared", "matches", "rows", "agreeing", "rivals", "ambiguous")
     rows = tuple(
-        Row(f"result {m['later']} in result {m['earlier']}", tuple(format_value(m[name]) for name in names))
+        TableRow(f"result {m['later']} in result {m['earlier']}", tuple(format_value(m[name]) for name in names))
         for m in summary["recognition"]
     )
     note = (

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.windows.windows import WindowAudit
-from mqslam.comparison.judgement import Judged, Place
+from mqslam.comparison.judgement import JudgedRow, Place
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.mapping.render import TRAVEL_M, TRAVEL_RAD
 
 
-def select_moving_windows(rows: Sequence[Judged], start_us: int) -> list[list[WindowAudit]]:
+def select_moving_windows(rows: Sequence[JudgedRow], start_us: int) -> list[list[WindowAudit]]:
     """Returns of each row the windows in which its own trajectory moves on.
 
     Args:
@@ -32,7 +32,7 @@ def select_moving_windows(rows: Sequence[Judged], start_us: int) -> list[list[Wi
     return selected
 
 
-def select_moving_places(rows: Sequence[Judged], places: Sequence[Place], start_us: int) -> tuple[int, ...]:
+def select_moving_places(rows: Sequence[JudgedRow], places: Sequence[Place], start_us: int) -> tuple[int, ...]:
     """Returns the numbers of the places in which the trajectory of any row moves on.
 
     Args:

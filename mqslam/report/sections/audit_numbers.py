@@ -9,7 +9,7 @@ import numpy as np
 
 from mqslam.auditing.judge import Audit
 from mqslam.mapping.measures import Measures
-from mqslam.report.content import Numbers, Row, Table
+from mqslam.report.content import Numbers, Table, TableRow
 from mqslam.report.formatting import format_value
 from mqslam.report.inputs.audit_report import AuditReport
 from mqslam.report.page import name_values, section_of
@@ -45,13 +45,13 @@ def _tabulate_measures(audit: Audit) -> Table | None:
     if not windows:
         return None
     rows = [
-        Row("ψ per point", _list_quantiles([w.bend.psi for w in windows], "")),
-        Row("ψ per point at its best", _list_quantiles([w.bend.psi_best for w in windows], "")),
-        Row("points matched", _list_quantiles([100.0 * w.bend.matched for w in windows], " %")),
+        TableRow("ψ per point", _list_quantiles([w.bend.psi for w in windows], "")),
+        TableRow("ψ per point at its best", _list_quantiles([w.bend.psi_best for w in windows], "")),
+        TableRow("points matched", _list_quantiles([100.0 * w.bend.matched for w in windows], " %")),
     ]
     for field in fields(Measures):
         label, unit = _MEASURES[field.name]
-        rows.append(Row(label, _list_quantiles([getattr(w.measures, field.name) for w in windows], unit)))
+        rows.append(TableRow(label, _list_quantiles([getattr(w.measures, field.name) for w in windows], unit)))
     return Table(("of the windows", "5 %", "median", "95 %"), tuple(rows))
 
 

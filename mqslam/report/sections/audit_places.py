@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from mqslam.report.content import Fold, Gallery, Row, Section, Table, Thumbnail, ThumbnailCard
+from mqslam.report.content import Fold, Gallery, Section, Table, TableRow, Thumbnail, ThumbnailCard
 from mqslam.report.figures.crops import draw_crop, make_crop
 from mqslam.report.formatting import describe_motion, format_length
 from mqslam.report.inputs.audit_report import AuditReport
@@ -40,7 +40,7 @@ def list_unmatched(report: AuditReport) -> Section | None:
     blind = tuple(str(line) for line in report.summary.get("not_judged") or ())
     if not places and not blind:
         return None
-    rows = tuple(Row(place.what, (place.time, place.where, place.why, place.look)) for place in places)
+    rows = tuple(TableRow(place.what, (place.time, place.where, place.why, place.look)) for place in places)
     table = Table(("what", "time", "place", "why", "where to look"), rows, holds_words=True) if rows else None
     notes = ("Nothing is said of these places: they are neither good nor bad.", *blind)
     return Section("What could not be matched", notes, table=table)
@@ -68,7 +68,7 @@ def show_crops(report: AuditReport) -> Gallery | None:
 
 
 def _tabulate(spots: Sequence[tuple[int, Spot]]) -> Table:
-    return Table(_HEAD, tuple(Row(f"{number}", _list_values(spot)) for number, spot in spots), holds_words=True)
+    return Table(_HEAD, tuple(TableRow(f"{number}", _list_values(spot)) for number, spot in spots), holds_words=True)
 
 
 def _list_values(spot: Spot) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final
 
-from mqslam.report.content import Numbers, Row, Table, Values
+from mqslam.report.content import Numbers, Table, TableRow, Values
 from mqslam.report.formatting import ABSENT, format_change, format_matched, format_value
 from mqslam.report.inputs.run_report import Report
 from mqslam.report.page import section_of
@@ -103,16 +103,16 @@ def _tabulate_quality(report: Report) -> Table:
     changes = [format_change(*pair) if all(matched) else ABSENT for pair in (total, per_point, matched)]
     lengths = (format_value(report.odometry.length_m, " m"), format_value(report.optimised.length_m, " m"))
     across = [psi.get("across_passes_odometry"), psi.get("across_passes_optimised")]
-    passes: tuple[Row, ...] = ()
+    passes: tuple[TableRow, ...] = ()
     if None not in across:
-        passes = (Row("ψ per point across passes", (*map(format_value, across), format_change(*across))),)
+        passes = (TableRow("ψ per point across passes", (*map(format_value, across), format_change(*across))),)
     rows = (
         *passes,
-        Row("ψ", (format_value(total[0]), format_value(total[1]), changes[0])),
-        Row("ψ per point", (format_value(per_point[0]), format_value(per_point[1]), changes[1])),
-        Row("points matched", (format_matched(matched[0]), format_matched(matched[1]), changes[2])),
-        Row("points", (f"{len(report.map_odometry):,}", f"{len(report.map_optimised):,}", "")),
-        Row("path", (*lengths, "")),
+        TableRow("ψ", (format_value(total[0]), format_value(total[1]), changes[0])),
+        TableRow("ψ per point", (format_value(per_point[0]), format_value(per_point[1]), changes[1])),
+        TableRow("points matched", (format_matched(matched[0]), format_matched(matched[1]), changes[2])),
+        TableRow("points", (f"{len(report.map_odometry):,}", f"{len(report.map_optimised):,}", "")),
+        TableRow("path", (*lengths, "")),
     )
     return Table(("", report.before, "optimised", "change"), rows)
 

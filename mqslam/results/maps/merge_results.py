@@ -15,7 +15,7 @@ from mqslam.execution.files import write_json, write_text
 from mqslam.formats.graphs.g2o import format_poses_and_edges
 from mqslam.formats.maps.keyframe_folder import FOLDER, write_keyframes
 from mqslam.formats.maps.nav2_map import write_nav2_map
-from mqslam.formats.ply import Clock, write_ply
+from mqslam.formats.ply import MapClock, write_ply
 from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
 from mqslam.merging.changes import SURE_M, Change
@@ -120,7 +120,7 @@ def write_merge(folder: Path, merged: Merged, summary: dict[str, Any]) -> None:
     with tolerate("map.ply", failures):
         recordings = merged.kept.keyframes.recordings
         turn_us = round(1e6 * recordings[0].revolution_s)
-        write_ply(folder / "map.ply", merged.map, Clock(min(recording.start_us for recording in recordings), turn_us))
+        write_ply(folder / "map.ply", merged.map, MapClock(min(recording.start_us for recording in recordings), turn_us))
     with tolerate("map.pgm", failures):
         grid = make_occupancy_grid(merged.map.points, merged.config.map.cell_m)
         write_nav2_map(folder, grid, merged.kept.keyframes.georeference)

@@ -23,7 +23,7 @@ Span = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Things:
+class CityThings:
     """The walls, poles and plants of a scene that is being made: lists of rows as `Scene` has them."""
 
     walls: list[Array] = field(default_factory=list)
@@ -56,7 +56,7 @@ _STYLES = {
 }
 
 
-def build_block(rng: np.random.Generator, block: Block, things: Things) -> None:
+def build_block(rng: np.random.Generator, block: Block, things: CityThings) -> None:
     """Adds everything that stands in a block.
 
     Args:
@@ -75,7 +75,7 @@ def build_block(rng: np.random.Generator, block: Block, things: Things) -> None:
         _build_houses(rng, block, house_line, _STYLES[block.kind], things)
 
 
-def add_low_wall(rng: np.random.Generator, start: Array, end: Array, reflectivity: Span, things: Things) -> None:
+def add_low_wall(rng: np.random.Generator, start: Array, end: Array, reflectivity: Span, things: CityThings) -> None:
     """Adds a railing, a fence or a barrier in pieces of various lengths and brightness, with a few posts.
 
     Args:
@@ -96,7 +96,7 @@ def add_low_wall(rng: np.random.Generator, start: Array, end: Array, reflectivit
     things.poles.append(make_poles(posts, np.full(len(posts), 0.04), rng.uniform(0.05, 0.5, len(posts))))
 
 
-def add_trees(rng: np.random.Generator, places: Array, crown_chance: float, things: Things) -> None:
+def add_trees(rng: np.random.Generator, places: Array, crown_chance: float, things: CityThings) -> None:
     """Adds trees at places (N, 2) [m]: trunks, and crowns low enough for the radar on some of them."""
     number = len(places)
     things.poles.append(make_poles(places, rng.uniform(0.1, 0.35, number), 1.3 * rng.lognormal(0.0, 0.5, number)))
@@ -104,13 +104,13 @@ def add_trees(rng: np.random.Generator, places: Array, crown_chance: float, thin
     _add_plants(rng, low, (1.0, 2.8), (0.08, 0.3), things)
 
 
-def _add_plants(rng: np.random.Generator, places: Array, radius: Span, density: Span, things: Things) -> None:
+def _add_plants(rng: np.random.Generator, places: Array, radius: Span, density: Span, things: CityThings) -> None:
     """Adds plants at places (N, 2) [m]."""
     number = len(places)
     things.plants.append(np.c_[places, rng.uniform(*radius, number), rng.uniform(*density, number)])
 
 
-def _add_hedge(rng: np.random.Generator, start: Array, end: Array, things: Things) -> None:
+def _add_hedge(rng: np.random.Generator, start: Array, end: Array, things: CityThings) -> None:
     """Adds a hedge, with gaps."""
     length = float(np.hypot(*(end - start)))
     steps = rng.uniform(0.9, 1.6, int(length)) + np.where(rng.random(int(length)) < 0.06, 5.0, 0.0)
@@ -119,7 +119,7 @@ def _add_hedge(rng: np.random.Generator, start: Array, end: Array, things: Thing
     _add_plants(rng, start + (along / length)[:, None] * (end - start), (0.6, 1.0), (0.3, 0.7), things)
 
 
-def _build_houses(rng: np.random.Generator, block: Block, house_line: Array, style: _Style, things: Things) -> None:
+def _build_houses(rng: np.random.Generator, block: Block, house_line: Array, style: _Style, things: CityThings) -> None:
     """Adds rows of houses along the sides of a block, and what stands before and behind them."""
     depth, setback = rng.uniform(*style.depth), rng.uniform(*style.setback)
     front = offset_line(house_line, np.full(len(house_line), setback), closed=True)
@@ -158,7 +158,7 @@ def _overlaps(shape: Array, others: list[Array]) -> bool:
     return any(contains(other, points).any() or contains(shape, other).any() for other in boxes[near.all(axis=1)])
 
 
-def _bound_plot(rng: np.random.Generator, start: Array, end: Array, things: Things) -> None:
+def _bound_plot(rng: np.random.Generator, start: Array, end: Array, things: CityThings) -> None:
     """Adds a hedge or a fence along a side of an open block, or nothing."""
     chance = rng.random()
     if chance < 0.35:
@@ -167,7 +167,7 @@ def _bound_plot(rng: np.random.Generator, start: Array, end: Array, things: Thin
         add_low_wall(rng, start, end, (0.05, 0.4), things)
 
 
-def _fill_court(rng: np.random.Generator, block: Block, house_line: Array, houses: list[Array], things: Things) -> None:
+def _fill_court(rng: np.random.Generator, block: Block, house_line: Array, houses: list[Array], things: CityThings) -> None:
     """Adds sheds, parked vehicles and trees where a block has no houses."""
     inside = offset_line(house_line, np.full(len(house_line), 3.0), closed=True)
     taken = list(houses)
@@ -184,7 +184,7 @@ def _fill_court(rng: np.random.Generator, block: Block, house_line: Array, house
     add_trees(rng, trees[free], 0.6, things)
 
 
-def _add_where_free(box: Array, house_line: Array, taken: list[Array], things: Things) -> None:
+def _add_where_free(box: Array, house_line: Array, taken: list[Array], things: CityThings) -> None:
     """Adds a box of four walls (4, 6) if it is within the house line and reaches into nothing that is there."""
     corners = box[:, :2]
     if not _overlaps(corners, taken) and np.all(contains(house_line, corners)):
@@ -192,7 +192,7 @@ def _add_where_free(box: Array, house_line: Array, taken: list[Array], things: T
         things.walls.append(box)
 
 
-def _plant_park(rng: np.random.Generator, block: Block, house_line: Array, things: Things) -> None:
+def _plant_park(rng: np.random.Generator, block: Block, house_line: Array, things: CityThings) -> None:
     """Adds trees, shrubs, hedges and benches of a quarter of the park."""
     for side, street in enumerate(block.fronts):
         if street.kind != "footway":
@@ -208,7 +208,7 @@ def _plant_park(rng: np.random.Generator, block: Block, house_line: Array, thing
     things.poles.append(make_poles(benches, np.full(len(benches), 0.05), rng.uniform(0.1, 1.0, len(benches))))
 
 
-def _build_banks(rng: np.random.Generator, block: Block, house_line: Array, things: Things) -> None:
+def _build_banks(rng: np.random.Generator, block: Block, house_line: Array, things: CityThings) -> None:
     """Adds railings along the river, and trees on its banks."""
     for side, street in enumerate(block.fronts):
         start, end = house_line[side], house_line[(side + 1) % len(house_line)]
@@ -219,7 +219,7 @@ def _build_banks(rng: np.random.Generator, block: Block, house_line: Array, thin
             add_trees(rng, start + share * (end - start) + rng.uniform(1.0, 3.0, (len(share), 1)) * inward, 0.7, things)
 
 
-def _furnish_square(rng: np.random.Generator, house_line: Array, things: Things) -> None:
+def _furnish_square(rng: np.random.Generator, house_line: Array, things: CityThings) -> None:
     """Adds a monument, kiosks, lamps and trees of an open square."""
     inside = offset_line(house_line, np.full(len(house_line), 3.0), closed=True)
     places = draw_inside(rng, inside, 7)

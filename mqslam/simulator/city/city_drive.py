@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from mqslam.simulator.city.polygons import offset_line
 from mqslam.simulator.city.route import Course, plan_route
-from mqslam.simulator.city.streets import Plan, lay_plan
+from mqslam.simulator.city.streets import CityPlan, lay_plan
 from mqslam.simulator.drive import SampledDrive, limit_acceleration
 from mqslam.simulator.parts import Array
 
@@ -82,7 +82,7 @@ def make_city_drive(seed: int, duration_s: float) -> SampledDrive:
     return _drive_along(line, *_time_progress(along, speeds, waits), duration_s)
 
 
-def _lay_path(plan: Plan, route: list[Course]) -> _Path:
+def _lay_path(plan: CityPlan, route: list[Course]) -> _Path:
     """Lays the way along the lanes of a route, with rounded corners and bends."""
     corners = np.zeros(len(plan.crossings))
     for street in plan.driven_streets():

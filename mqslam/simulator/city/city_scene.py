@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mqslam.simulator.city.blocks import Things, build_block
+from mqslam.simulator.city.blocks import CityThings, build_block
 from mqslam.simulator.city.kerbside import furnish_street
 from mqslam.simulator.city.polygons import offset_line
-from mqslam.simulator.city.streets import Plan, lay_plan
+from mqslam.simulator.city.streets import CityPlan, lay_plan
 from mqslam.simulator.drive import Drive, clear_way, meets
 from mqslam.simulator.parts import Array, draw_mover
 from mqslam.simulator.scene import Scene
@@ -50,7 +50,7 @@ def make_city_scene(seed: int, *, movers: int | None = None) -> Scene:
         movers: number of moving vehicles; None takes one for every 125 m of lane.
     """
     plan = lay_plan(seed)
-    things = Things()
+    things = CityThings()
     for number, block in enumerate(plan.blocks):
         build_block(np.random.default_rng([seed, 5, number]), block, things)
     clearances = plan.clearances()
@@ -76,7 +76,7 @@ def give_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
     return replace(scene, movers=scene.movers[np.array(free, dtype=np.bool_)])
 
 
-def _draw_traffic(rng: np.random.Generator, plan: Plan, number: int | None) -> Array:
+def _draw_traffic(rng: np.random.Generator, plan: CityPlan, number: int | None) -> Array:
     """Puts vehicles (M, 9) on the lanes of a city, at most one in a slot."""
     lanes = _lay_lanes(rng, plan)
     slots = [(lane, place) for lane in lanes for place in np.arange(0.0, lane.length - SLOT + 1.0, SLOT)]
@@ -90,7 +90,7 @@ def _draw_traffic(rng: np.random.Generator, plan: Plan, number: int | None) -> A
     return movers
 
 
-def _lay_lanes(rng: np.random.Generator, plan: Plan) -> list[_Lane]:
+def _lay_lanes(rng: np.random.Generator, plan: CityPlan) -> list[_Lane]:
     """Returns the straight pieces of all lanes, between the crossings."""
     clearances = plan.clearances()
     lanes = []

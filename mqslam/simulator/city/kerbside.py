@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mqslam.simulator.city.blocks import Things, add_low_wall, add_trees
+from mqslam.simulator.city.blocks import CityThings, add_low_wall, add_trees
 from mqslam.simulator.city.streets import Street
 from mqslam.simulator.parts import Array, make_poles, make_vehicle
 
@@ -15,7 +15,7 @@ PARKING_VERGE = 5.0
 """Width of a verge [m] from which on vehicles park there."""
 
 
-def furnish_street(rng: np.random.Generator, street: Street, clear: tuple[float, float], things: Things) -> None:
+def furnish_street(rng: np.random.Generator, street: Street, clear: tuple[float, float], things: CityThings) -> None:
     """Adds what stands along a street, away from its crossings.
 
     Args:
@@ -41,7 +41,9 @@ def furnish_street(rng: np.random.Generator, street: Street, clear: tuple[float,
         _furnish_side(rng, street, (first, last), side, things)
 
 
-def _furnish_side(rng: np.random.Generator, street: Street, span: tuple[float, float], side: float, things: Things) -> None:
+def _furnish_side(
+    rng: np.random.Generator, street: Street, span: tuple[float, float], side: float, things: CityThings
+) -> None:
     """Adds what stands on the left (side 1) or right (side -1) of a street, between two distances along it [m]."""
     half, verge = street.profile.half, street.profile.verge
     parks = verge > PARKING_VERGE and street.kind == "street"
@@ -60,7 +62,7 @@ def _furnish_side(rng: np.random.Generator, street: Street, span: tuple[float, f
             things.walls.append(make_vehicle(rng, place + rng.uniform(-0.1, 0.1, 2), heading + rng.normal(0.0, 0.03)))
 
 
-def _add_lamps(rng: np.random.Generator, street: Street, along: Array, left: float, things: Things) -> None:
+def _add_lamps(rng: np.random.Generator, street: Street, along: Array, left: float, things: CityThings) -> None:
     """Adds lamp posts at distances (N,) along a street, `left` of its middle [m]."""
     places, _ = street.places(along, left)
     things.poles.append(make_poles(places, rng.uniform(0.06, 0.1, len(places)), rng.lognormal(0.0, 0.4, len(places))))

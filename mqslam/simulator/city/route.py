@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from mqslam.simulator.city.streets import Plan, Street
+from mqslam.simulator.city.streets import CityPlan, Street
 from mqslam.simulator.parts import Array
 
 OUTWARD = 300.0
@@ -52,7 +52,7 @@ class Course(NamedTuple):
         return self.street.line[:: self.way]
 
 
-def plan_route(seed: int, plan: Plan, length: float) -> list[Course]:
+def plan_route(seed: int, plan: CityPlan, length: float) -> list[Course]:
     """Plans a route of rounds through several blocks each, without turning round in a street.
 
     A round leads out to something new and back by other streets. Each is driven twice: every other one

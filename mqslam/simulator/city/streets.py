@@ -88,7 +88,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Plan:
+class CityPlan:
     """The streets and blocks of a city.
 
     Args:
@@ -135,7 +135,7 @@ class _Sights(NamedTuple):
     park: tuple[int, int]
 
 
-def lay_plan(seed: int) -> Plan:
+def lay_plan(seed: int) -> CityPlan:
     """Lays the streets and blocks of a city; another seed is another city."""
     rng = np.random.default_rng([seed, 4])
     sights = _choose_sights(rng)
@@ -144,7 +144,7 @@ def lay_plan(seed: int) -> Plan:
     blocks = tuple(
         _make_block(rng, streets, column, row, sights) for row in range(ROWS - 1) for column in range(COLUMNS - 1)
     )
-    return Plan(crossings, tuple(streets.values()), blocks)
+    return CityPlan(crossings, tuple(streets.values()), blocks)
 
 
 def _choose_sights(rng: np.random.Generator) -> _Sights:

@@ -20,7 +20,7 @@ _LAG_S = 1.5e-4  # by which a burst is late, standard deviation [s]
 
 
 @dataclass(frozen=True)
-class Clock:
+class JitteringClock:
     """The times of a simulated recording.
 
     Args:
@@ -59,7 +59,7 @@ class Clock:
         return np.asarray(np.cumsum(steps) - mean + _LAG_S * rng.standard_normal())
 
 
-def make_clock(turns: int, turn_rate_hz: float, azimuths: int, realism: Realism, seed: int) -> Clock:
+def make_clock(turns: int, turn_rate_hz: float, azimuths: int, realism: Realism, seed: int) -> JitteringClock:
     """Makes the clock of a recording of so many turns, whose mean rate is the one given."""
     rng = np.random.default_rng([seed, 15])
     drift = np.zeros(turns)
@@ -67,4 +67,4 @@ def make_clock(turns: int, turn_rate_hz: float, azimuths: int, realism: Realism,
     for k in range(1, turns):
         drift[k] = _STEADY * drift[k - 1] + np.sqrt(1.0 - _STEADY**2) * rng.standard_normal()
     durations = (1.0 + realism.spin * (drift - drift.mean())) / turn_rate_hz
-    return Clock(_START_S + np.concatenate([[0.0], np.cumsum(durations)]), azimuths, seed)
+    return JitteringClock(_START_S + np.concatenate([[0.0], np.cumsum(durations)]), azimuths, seed)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mqslam.simulator.drive import Drive
 from mqslam.simulator.hard.aspect import change_with_aspect, fluctuate, glint
-from mqslam.simulator.hard.clock import Clock, make_clock
+from mqslam.simulator.hard.clock import JitteringClock, make_clock
 from mqslam.simulator.hard.echoes import Beams, Echoes, add_echoes
 from mqslam.simulator.hard.elevation import Suspension, attenuate, make_suspension
 from mqslam.simulator.hard.ground import lay_ground
@@ -64,7 +64,7 @@ class HardWorld:
     standing: Obstacles
     traffic: Traffic
     suspension: Suspension
-    clock: Clock
+    clock: JitteringClock
 
     def render(self, k: int) -> NDArray[np.uint8]:
         """Renders the readings (A, B) uint8 of turn k; they do not depend on which other turns are rendered."""

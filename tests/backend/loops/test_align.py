@@ -8,7 +8,7 @@ from support.passes import BEAM, CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, corridor_
 
 from mqslam.backend.loops.align import RIVAL, Alignment, align, score_at_pose
 from mqslam.backend.loops.passes import MATCHED
-from mqslam.backend.loops.submap import SUBMAP_M, Drive, render_submap
+from mqslam.backend.loops.submap import SUBMAP_M, TrackedRun, render_submap
 from mqslam.core import se2
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.references import References, make_references
@@ -17,14 +17,14 @@ REACH = REACH_M, REACH_RAD = 4.0, 0.06
 WRONG_GUESSES = [(2.5, -1.5, 0.05), (-1.0, 3.0, -0.05), (0.0, 0.0, 0.0)]
 
 
-def submaps(reference: Drive, query: Drive, a: int = MIDDLE, b: int = MIDDLE) -> tuple[References, PointSet]:
+def submaps(reference: TrackedRun, query: TrackedRun, a: int = MIDDLE, b: int = MIDDLE) -> tuple[References, PointSet]:
     return (
         make_references(render_submap(reference, a, SUBMAP_M, BEAM)),
         render_submap(query, b, 0.5 * SUBMAP_M, BEAM),
     )
 
 
-def aligned(reference: Drive, query: Drive, wrong: tuple[float, float, float]) -> tuple[Alignment, se2.Array]:
+def aligned(reference: TrackedRun, query: TrackedRun, wrong: tuple[float, float, float]) -> tuple[Alignment, se2.Array]:
     """Returns the alignment from a wrong guess, and the true pose."""
     truth = se2.between(reference.poses[MIDDLE], query.poses[MIDDLE])
     result = align(*submaps(reference, query), truth + np.array(wrong), REACH, CONFIG.estimator)

@@ -11,37 +11,39 @@ from mqslam.backend.loops import candidates as module
 from mqslam.backend.loops import passes
 from mqslam.backend.loops.candidates import compute_reach, find_candidates
 from mqslam.backend.loops.chain import Relative
-from mqslam.backend.loops.submap import SPACING_M, Drive
+from mqslam.backend.loops.submap import SPACING_M, TrackedRun
 from mqslam.mapping.keyframing import pick_spaced
 
 RADIUS = 30.0
 LAP_M = 2.0 * np.pi * RADIUS
 
 
-def laps(number: float) -> Drive:
+def laps(number: float) -> TrackedRun:
     """Returns rounds of a circle, a scan every two metres."""
     angles = np.arange(0.0, number * LAP_M, 2.0) / RADIUS
     return path(RADIUS * np.column_stack([np.cos(angles), np.sin(angles)]))
 
 
-def there_and_back(length: float, apart: float) -> Drive:
+def there_and_back(length: float, apart: float) -> TrackedRun:
     """Returns a straight drive, and the way back beside it."""
     there = np.arange(0.0, length, 2.0)
     return path(np.column_stack([np.r_[there, there[::-1]], np.repeat([0.0, apart], len(there))]))
 
 
-def pairs_of(drive: Drive, tried: set[tuple[int, int]], sigmas: tuple[float, float, float] = SURE) -> list[tuple[int, int]]:
+def pairs_of(
+    drive: TrackedRun, tried: set[tuple[int, int]], sigmas: tuple[float, float, float] = SURE
+) -> list[tuple[int, int]]:
     """Returns the candidates of a drive that is as sure of its motions as asked."""
     candidates, _ = find_candidates(chain_of(drive, sigmas), tried)
     return [(candidate.earlier, candidate.later) for candidate in candidates]
 
 
-def between_m(drive: Drive, pairs: list[tuple[int, int]]) -> np.ndarray:
+def between_m(drive: TrackedRun, pairs: list[tuple[int, int]]) -> np.ndarray:
     """Returns the path (N,) [m] between the scans of pairs."""
     return np.array([drive.travelled[b] - drive.travelled[a] for a, b in pairs])
 
 
-def apart_m(drive: Drive, pairs: list[tuple[int, int]]) -> np.ndarray:
+def apart_m(drive: TrackedRun, pairs: list[tuple[int, int]]) -> np.ndarray:
     return np.array([np.hypot(*(drive.poses[a] - drive.poses[b])[:2]) for a, b in pairs])
 
 

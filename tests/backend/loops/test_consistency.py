@@ -10,7 +10,7 @@ from support.passes import path
 from mqslam.backend.loops.chain import Chain
 from mqslam.backend.loops.consistency import keep_consistent
 from mqslam.backend.loops.passes import LEAST_PATH_M
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import TrackedRun
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
 
@@ -20,7 +20,7 @@ BACK = path(np.column_stack([np.r_[ALONG, ALONG[::-1]], np.repeat([0.0, 3.0], le
 PASS = len(ALONG)
 
 
-def loops_of(drive: Drive, later: range, off_m: float = 0.0, yaw: float = 0.0) -> list[Loop]:
+def loops_of(drive: TrackedRun, later: range, off_m: float = 0.0, yaw: float = 0.0) -> list[Loop]:
     """Returns loops of some scans of the second pass with the scans of the first that are nearest, all off by as much."""
     loops = []
     for k in later:
@@ -30,22 +30,22 @@ def loops_of(drive: Drive, later: range, off_m: float = 0.0, yaw: float = 0.0) -
     return loops
 
 
-def drifted(drive: Drive) -> Chain:
+def drifted(drive: TrackedRun) -> Chain:
     """Returns the trajectory with its second pass drawn 4 m ahead and turned, as sure of its single motions as usual."""
     wrong = drive.poses.copy()
     wrong[PASS:] = se2.compose(np.array([4.0, 0.0, 0.05]), wrong[PASS:])
-    return chain_of(Drive.of(drive.scans, wrong), SURE)
+    return chain_of(TrackedRun.of(drive.scans, wrong), SURE)
 
 
 @pytest.mark.parametrize("drive", [TRUTH, BACK], ids=["same heading", "opposite heading"])
-def test_loops_that_agree_all_stay_however_far_the_trajectory_is_off_between_the_passes(drive: Drive) -> None:
+def test_loops_that_agree_all_stay_however_far_the_trajectory_is_off_between_the_passes(drive: TrackedRun) -> None:
     loops = loops_of(drive, range(PASS + 10, PASS + 60, 5))
     assert keep_consistent(loops, drifted(drive), LEAST_PATH_M) == loops
 
 
 @pytest.mark.parametrize("drive", [TRUTH, BACK], ids=["same heading", "opposite heading"])
 @pytest.mark.parametrize("wrong", [(8.0, 0.0), (-1.0, 0.0), (0.0, 0.05)])
-def test_loops_that_contradict_most_of_their_neighbours_are_left_out(drive: Drive, wrong: tuple[float, float]) -> None:
+def test_loops_that_contradict_most_of_their_neighbours_are_left_out(drive: TrackedRun, wrong: tuple[float, float]) -> None:
     right = loops_of(drive, range(PASS + 10, PASS + 60, 5))
     others = loops_of(drive, range(PASS + 32, PASS + 48, 5), *wrong)
     loops = sorted(right + others, key=lambda loop: loop.later)

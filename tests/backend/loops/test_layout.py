@@ -7,7 +7,7 @@ import pytest
 from support.chains import chain_of
 
 from mqslam.backend.loops.chain import compute_layouts
-from mqslam.backend.loops.submap import SPACING_M, SUBMAP_M, Drive, pick_around
+from mqslam.backend.loops.submap import SPACING_M, SUBMAP_M, TrackedRun, pick_around
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
 
@@ -18,8 +18,8 @@ STANDING = np.concatenate([np.repeat(STRAIGHT[:1], 60, axis=0), STRAIGHT])
 SIGMAS = (0.05, 0.05, 0.005)
 
 
-def drive(poses: se2.Array) -> Drive:
-    return Drive.of([Scan(0.25 * k, 0.25 * (k + 1), NOTHING) for k in range(len(poses))], poses)
+def drive(poses: se2.Array) -> TrackedRun:
+    return TrackedRun.of([Scan(0.25 * k, 0.25 * (k + 1), NOTHING) for k in range(len(poses))], poses)
 
 
 def test_a_submap_in_the_middle_is_surer_than_one_at_either_end() -> None:

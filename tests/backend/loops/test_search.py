@@ -12,8 +12,8 @@ from support.passes import BEAM, CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, joined, s
 from mqslam.backend.loops import passes
 from mqslam.backend.loops.align import align, score_at_pose
 from mqslam.backend.loops.candidates import Candidate, find_candidates
-from mqslam.backend.loops.search import Comparison, compare_passes, confirm_by_map
-from mqslam.backend.loops.submap import SUBMAP_M, Drive, render_submap
+from mqslam.backend.loops.search import CandidateScore, compare_passes, confirm_by_map
+from mqslam.backend.loops.submap import SUBMAP_M, TrackedRun, render_submap
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
 from mqslam.execution.local_engine import HERE, LocalEngine
@@ -21,7 +21,7 @@ from mqslam.execution.progress import ignore_progress
 from mqslam.psi.scoring.references import make_references
 
 
-def two_passes(later: tuple[float, float, float], wrong: tuple[float, float, float]) -> tuple[Drive, se2.Array]:
+def two_passes(later: tuple[float, float, float], wrong: tuple[float, float, float]) -> tuple[TrackedRun, se2.Array]:
     """Returns two passes over a street, the later one drifted by (x, y, yaw) of its first pose, and the true poses."""
     first, second = street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(*later, 2)
     local = se2.between(second.poses[0], second.poses)
@@ -41,12 +41,12 @@ def near_passes() -> Iterator[None]:
         yield
 
 
-def compared(drive: Drive, candidates: list[Candidate], jobs: int = 1) -> list[Comparison]:
+def compared(drive: TrackedRun, candidates: list[Candidate], jobs: int = 1) -> list[CandidateScore]:
     """Returns what psi says about candidates of a drive."""
     return compare_passes(drive, candidates, CONFIG.estimator, BEAM, LocalEngine(jobs), ignore_progress)
 
 
-def candidates_of(drive: Drive) -> list[Candidate]:
+def candidates_of(drive: TrackedRun) -> list[Candidate]:
     """Returns the candidates of a drive that is sure of its motions, but only to 2 m of that between its passes."""
     return find_candidates(chain_of(drive, between_passes=2.0), set())[0]
 
@@ -86,7 +86,7 @@ def test_a_match_that_the_trajectory_rules_out_is_no_loop() -> None:
     pair = MIDDLE, len(street_pass(-25.0, LANE_Y, 0.0, 1).times) + MIDDLE
     (allowed,), (ruled_out,) = (compared(drive, [candidate_of(drive, pair, sigma)]) for sigma in (1.0, 0.1))
     assert allowed.loop and not allowed.implausible
-    assert ruled_out == Comparison(implausible=True)
+    assert ruled_out == CandidateScore(implausible=True)
 
 
 @pytest.mark.parametrize("off_m", [0.0, 3.0, 8.0])
@@ -95,7 +95,7 @@ def test_a_street_that_repeats_holds_no_loop_wherever_the_trajectory_has_it(off_
     drive = joined(first, second, second.poses + np.array([off_m, 0.0, 0.0]))
     middle = len(first.times) // 2
     (result,) = compared(drive, [candidate_of(drive, (middle, len(first.times) + middle), 4.0)])
-    assert result == Comparison(ambiguous=True)
+    assert result == CandidateScore(ambiguous=True)
 
 
 def test_a_street_that_does_not_repeat_within_the_search_holds_a_loop() -> None:
@@ -106,7 +106,7 @@ def test_a_street_that_does_not_repeat_within_the_search_holds_a_loop() -> None:
     assert result.loop and np.hypot(*result.loop.pose[:2]) < 0.1
 
 
-def loop_at(drive: Drive, earlier: int, later: int, pose: se2.Array) -> Loop:
+def loop_at(drive: TrackedRun, earlier: int, later: int, pose: se2.Array) -> Loop:
     """Returns a loop at a pose (3,), with the score it has there."""
     reference = render_submap(drive, earlier, SUBMAP_M, BEAM)
     query = render_submap(drive, later, 0.5 * SUBMAP_M, BEAM)
@@ -123,7 +123,7 @@ def test_the_map_keeps_a_right_loop_and_drops_one_that_makes_it_worse() -> None:
     wrong = loop_at(drive, a, b, right.pose + np.array([0.0, 3.0, 0.0]))
     follows = truth.copy()
     follows[len(truth) - len(truth) // 2 :, 1] += 3.0  # the later pass is drawn to where the loop has it
-    before = Drive.of(drive.scans, truth)
+    before = TrackedRun.of(drive.scans, truth)
     assert confirm_by_map([wrong], before, follows, *KEEP, HERE) == []
     assert confirm_by_map([right], before, follows, *KEEP, HERE) == []  # right, but the graph did not heed it
 
@@ -134,7 +134,7 @@ def test_a_loop_that_the_graph_heeds_by_half_stays_for_the_map_is_better_with_it
     right = loop_at(drive, a, b, se2.between(truth[a], truth[b]))
     half = 0.5 * (drive.poses + truth)
     assert confirm_by_map([right], drive, half, *KEEP, HERE) == [right]
-    assert confirm_by_map([right], Drive.of(drive.scans, half), drive.poses, *KEEP, HERE) == []
+    assert confirm_by_map([right], TrackedRun.of(drive.scans, half), drive.poses, *KEEP, HERE) == []
 
 
 def test_the_map_judges_each_loop_by_its_own_place() -> None:
@@ -142,7 +142,7 @@ def test_the_map_judges_each_loop_by_its_own_place() -> None:
     a, b = MIDDLE, len(street_pass(-25.0, LANE_Y, 0.0, 1).times) + MIDDLE
     right = [loop_at(drive, a + k, b + k, se2.between(truth[a + k], truth[b + k])) for k in (-4, 0, 4)]
     assert confirm_by_map(right, drive, truth, *KEEP, LocalEngine(2)) == right
-    assert confirm_by_map(right, Drive.of(drive.scans, truth), drive.poses, *KEEP, LocalEngine(2)) == []
+    assert confirm_by_map(right, TrackedRun.of(drive.scans, truth), drive.poses, *KEEP, LocalEngine(2)) == []
 
 
 def test_a_loop_that_only_confirms_a_good_map_stays() -> None:

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from support.keyframe_maps import BEAM, lap
 
-from mqslam.backend.loops.submap import Drive, MappedDrive, Passes
+from mqslam.backend.loops.submap import MappedDrive, Passes, TrackedRun
 from mqslam.backend.recognition import recognise as module
 from mqslam.backend.recognition.place_index import PlaceIndex
 from mqslam.backend.recognition.places import PLACE_SPACING_M, describe_places
@@ -33,10 +33,10 @@ def first_round() -> Ground:
     return Ground(drive, table.keyframes, PlaceIndex(table.descriptors))
 
 
-def elsewhere() -> Drive:
+def elsewhere() -> TrackedRun:
     """Returns the drive in a frame of its own, as one that knows nothing of where it is."""
     scans, poses, _ = lap()
-    return Drive.of(scans, se2.compose(np.array([400.0, -900.0, 2.5]), poses))
+    return TrackedRun.of(scans, se2.compose(np.array([400.0, -900.0, 2.5]), poses))
 
 
 def look_up(drive: Passes, queries: NDArray[np.int64], earlier_m: float = 60.0, jobs: int = 1) -> Recognition:

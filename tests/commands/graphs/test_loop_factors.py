@@ -12,7 +12,7 @@ from support.chains import fenced_street
 from support.passes import BEAM, joined
 
 from mqslam.backend.loops import passes
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import TrackedRun
 from mqslam.backend.problem import Problem
 from mqslam.backend.recognition.within_run import find_loops
 from mqslam.commands.graphs.loop_factors import loop_factors
@@ -46,17 +46,17 @@ def near_passes() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def street() -> Drive:
+def street() -> TrackedRun:
     """Two passes over a street; the trajectory has the second one a metre off."""
     first, second = fenced_street(60.0, 1), fenced_street(60.0, 2)
     return joined(first, second, second.poses + np.array([OFF_M, 0.0, 0.0]))
 
 
-def scans_of(drive: Drive) -> Scans:
+def scans_of(drive: TrackedRun) -> Scans:
     return Scans(tuple(drive.scans), 0, 0.25)
 
 
-def motions_of(drive: Drive) -> list[Measurement]:
+def motions_of(drive: TrackedRun) -> list[Measurement]:
     """Returns the drive's steps as measurements, of which that between the passes is as unsure as it is wrong."""
     motions = []
     for k, motion in enumerate(se2.between(drive.poses[:-1], drive.poses[1:])):
@@ -66,13 +66,13 @@ def motions_of(drive: Drive) -> list[Measurement]:
     return motions
 
 
-def known_loops(drive: Drive) -> list[Loop]:
+def known_loops(drive: TrackedRun) -> list[Loop]:
     """Returns the loops that a run finds."""
     problem = Problem(motions_of(drive), [])
     return find_loops(scans_of(drive), problem, CONFIG.estimator, BEAM, Runner(), recognising=False).loops
 
 
-def graph_of(drive: Drive, pose: type) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+def graph_of(drive: TrackedRun, pose: type) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """Returns a graph of the drive's steps over the poses a0, a1, ..., and its optimum."""
     graph, values, is_planar = gtsam.NonlinearFactorGraph(), gtsam.Values(), pose is gtsam.Pose2
     held = gtsam.noiseModel.Isotropic.Sigma(6, 1e-3)
@@ -96,7 +96,7 @@ def assert_same(loops: Sequence[Loop], others: Sequence[Loop], atol: float) -> N
 
 
 @pytest.mark.parametrize("pose", [gtsam.Pose2, gtsam.Pose3])
-def test_a_graph_of_ones_own_gets_the_loops_of_a_run(street: Drive, pose: type) -> None:
+def test_a_graph_of_ones_own_gets_the_loops_of_a_run(street: TrackedRun, pose: type) -> None:
     graph, values = graph_of(street, pose)
     pairs = loop_factors(scans_of(street), values, A, graph=graph, config=CONFIG)
     assert len(pairs) >= 5 and graph.size() == len(street.poses)
@@ -108,7 +108,7 @@ def test_a_graph_of_ones_own_gets_the_loops_of_a_run(street: Drive, pose: type) 
         assert factor.equals(expected, 1e-9)
 
 
-def test_a_trajectory_alone_is_taken_for_odometry(street: Drive) -> None:
+def test_a_trajectory_alone_is_taken_for_odometry(street: TrackedRun) -> None:
     track = Trajectory(scans_of(street).stamps_us, street.poses)
     pairs = loop_factors(scans_of(street), track, A, config=CONFIG, pose=gtsam.Pose3)
     assert len(pairs) >= 3 and all(isinstance(factor, gtsam.BetweenFactorPose3) for factor, _ in pairs)
@@ -118,7 +118,7 @@ def test_a_trajectory_alone_is_taken_for_odometry(street: Drive) -> None:
     assert_same([b for _, b in loop_factors(scans_of(street), values, A, config=CONFIG)], [b for _, b in pairs], 1e-9)
 
 
-def test_who_asks_is_told_of_passes_that_could_not_be_tied(street: Drive) -> None:
+def test_who_asks_is_told_of_passes_that_could_not_be_tied(street: TrackedRun) -> None:
     told: list[str] = []
     track = Trajectory(scans_of(street).stamps_us, street.poses)
     unsure = CONFIG.model_copy(update={"odometry": OdometryConfig(sigma_yaw_rate=1.0)})
@@ -126,7 +126,7 @@ def test_who_asks_is_told_of_passes_that_could_not_be_tied(street: Drive) -> Non
     assert len(told) == 1 and "less sure of the place than the search for loops reaches" in told[0]
 
 
-def test_what_cannot_be_meant_is_refused(street: Drive) -> None:
+def test_what_cannot_be_meant_is_refused(street: TrackedRun) -> None:
     graph, values = graph_of(street, gtsam.Pose2)
     scans, track = scans_of(street), Trajectory(scans_of(street).stamps_us, street.poses)
     with pytest.raises(ConfigError, match=r"graph: comes without the values that it is optimised at; give gtsam\.Values"):
@@ -141,7 +141,7 @@ def test_what_cannot_be_meant_is_refused(street: Drive) -> None:
         loop_factors(scans, Trajectory(track.stamps_us[:21], track.poses[:21]), A, config=CONFIG)
 
 
-def test_a_graph_that_nothing_holds_is_refused_in_one_line(street: Drive) -> None:
+def test_a_graph_that_nothing_holds_is_refused_in_one_line(street: TrackedRun) -> None:
     graph, values = graph_of(street, gtsam.Pose2)
     graph.remove(0)
     with pytest.raises(EstimationError, match="the graph leaves a direction undetermined"):

@@ -10,12 +10,14 @@ from support.commands import mqslam
 
 from mqslam.psi.published import table1 as module
 from mqslam.psi.published.paper_setting import CASES, simulate_window
-from mqslam.psi.published.table1 import METHODS, OURS, Row, Search, compute_table1, format_table
+from mqslam.psi.published.table1 import METHODS, OURS, ExhaustiveSearch, Table1Row, compute_table1, format_table
 
 CASE = CASES[2]
 
 
-FEW = Search(np.linspace(0.5, 1.5, 6), np.linspace(-0.3, -0.1, 6), np.linspace(-0.1, 0.1, 5), np.linspace(-0.02, 0.02, 5))
+FEW = ExhaustiveSearch(
+    np.linspace(0.5, 1.5, 6), np.linspace(-0.3, -0.1, 6), np.linspace(-0.1, 0.1, 5), np.linspace(-0.02, 0.02, 5)
+)
 
 
 def test_our_estimator_finds_the_motion_and_the_published_score_comes_near() -> None:
@@ -42,7 +44,7 @@ def test_the_result_does_not_depend_on_the_number_of_processes() -> None:
 
 
 def test_mean_and_rms_are_over_seeds() -> None:
-    row = Row((1.0, -0.2), OURS, np.array([[1.1, -0.2], [1.3, -0.4]]))
+    row = Table1Row((1.0, -0.2), OURS, np.array([[1.1, -0.2], [1.3, -0.4]]))
     np.testing.assert_allclose(row.mean, [1.2, -0.3])
     np.testing.assert_allclose(row.rms, [np.sqrt((0.01 + 0.09) / 2.0), np.sqrt(0.02)])
     text = format_table([row])

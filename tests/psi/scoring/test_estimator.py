@@ -10,7 +10,7 @@ from support.clouds import TURN_S, point_set
 
 from mqslam.psi.place import PointSet
 from mqslam.psi.published.reference import evaluate_reference
-from mqslam.psi.scoring.estimator import Evaluation, Kernel, Scale, evaluate
+from mqslam.psi.scoring.estimator import Kernel, PsiEvaluation, Scale, evaluate
 from mqslam.psi.scoring.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.scoring.references import evaluate_against, make_references
 
@@ -24,12 +24,12 @@ def look(points: PointSet, seed: int) -> PointSet:
     return replace(points, rays=np.column_stack([np.cos(angles), np.sin(angles)]))
 
 
-def evaluated(queries: PointSet, references: PointSet, scale: Scale = SCALE, more: float = 0.0) -> Evaluation:
+def evaluated(queries: PointSet, references: PointSet, scale: Scale = SCALE, more: float = 0.0) -> PsiEvaluation:
     lists = find_candidates(sort_into_cells(references.points, 1.0), queries.points, scale.s + more)
     return evaluate(queries, references, lists, scale, KERNEL, moving_references=queries is references)
 
 
-def assert_equal(one: Evaluation, other: Evaluation, rtol: float = 1e-9) -> None:
+def assert_equal(one: PsiEvaluation, other: PsiEvaluation, rtol: float = 1e-9) -> None:
     np.testing.assert_array_equal(one.matched, other.matched)
     for name in ("shares", "scores", "information", "curvature"):
         there = getattr(other, name)

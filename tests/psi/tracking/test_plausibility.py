@@ -8,7 +8,7 @@ import pytest
 from mqslam.config import TrackerConfig
 from mqslam.core.scans import Returns, Scan
 from mqslam.psi.minimiser import Minimum
-from mqslam.psi.scoring.estimator import Evaluation
+from mqslam.psi.scoring.estimator import PsiEvaluation
 from mqslam.psi.tracking.plausibility import Usual, is_usable, measure_overlap, overlaps
 
 SETTINGS = TrackerConfig()
@@ -24,7 +24,7 @@ def minimum(matched: int, count: int, psi: float = 0.0) -> Minimum:
     """Returns a match of so many returns, each with the same psi."""
     mask = np.arange(count) < matched
     nothing = np.zeros((8, 8))
-    evaluation = Evaluation(np.full(count, psi), mask, np.zeros((count, 8)), nothing, nothing)
+    evaluation = PsiEvaluation(np.full(count, psi), mask, np.zeros((count, 8)), nothing, nothing)
     return Minimum(np.zeros(8), evaluation, converged=True)
 
 

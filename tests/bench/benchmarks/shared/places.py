@@ -13,7 +13,7 @@ from bench.results import Took
 from numpy.typing import NDArray
 
 from mqslam.backend.loops.passes import LEAST_PATH_M
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import TrackedRun
 from mqslam.backend.recognition import place_index
 from mqslam.backend.recognition.place_index import PlaceIndex
 from mqslam.backend.recognition.places import PLACE_SPACING_M, describe_places, render_places
@@ -38,7 +38,7 @@ _PAIRS = (("kaist02", "kaist01"), ("kaist01", "kaist01"))
 class _Driven(NamedTuple):
     """A drive under its true trajectory, and the sensor's errors."""
 
-    drive: Drive
+    drive: TrackedRun
     beam: Beam
 
 
@@ -60,7 +60,7 @@ def _drive(name: str, seed: int, config: Config, engine: Engine) -> _Driven:
     scans, _ = detect_all(recording, config.detector, Runner(engine))
     assert recording.ground_truth is not None
     beam = beam_of(config.estimator, choose_doppler(scans, config, engine).beta)
-    return _Driven(Drive.of(scans, recording.ground_truth.at(scans.stamps_us)), beam)
+    return _Driven(TrackedRun.of(scans, recording.ground_truth.at(scans.stamps_us)), beam)
 
 
 def _look_up(
