@@ -17,12 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from mqslam.config import CalibrationConfig, TrackerConfig
+from mqslam.config import TrackerConfig
 from mqslam.core import se2
 from mqslam.core.measurement import MOTION, Measurement, MotionTable, Status, TableRows, motion_to_row, row_to_motion
 from mqslam.core.scans import Returns, Scan
 from mqslam.frontends.calibration import Twice, learn_scale
 
+# Share of the variance of a motion that its measurements by psi, forward and backward in time, have in common, so that how
+# far they are apart does not show it. It is unknown; 0 to 0.5 was found in simulated cities.
+SHARED = 0.2
 _TRUST = (Status.LOST, Status.DEGENERATE, Status.AMBIGUOUS, Status.CONVERGED)  # from the least to the most
 _CHANCE = float(chi2.ppf(0.999, 3))  # measurements that are farther apart, in their own covariance, contradict each other
 _MATCH = np.dtype([("known", "?"), ("motion", MOTION), ("unseen", "f8", (3, 3))])
@@ -135,7 +138,7 @@ def turn_back(scans: Sequence[Scan], backward: Sequence[DirectedMotion | None]) 
 
 
 def join(
-    forward: Sequence[DirectedMotion | None], backward: Sequence[DirectedMotion | None], settings: CalibrationConfig
+    forward: Sequence[DirectedMotion | None], backward: Sequence[DirectedMotion | None], shared: float = SHARED
 ) -> Sequence[Measurement]:
     """Joins motions that were measured in both directions of time, with covariances that show how far the two are apart.
 
@@ -145,19 +148,18 @@ def join(
     Args:
         forward: the N - 1 motions between successive scans.
         backward: the same motions, measured backward, or None.
-        settings: of how the size of errors is learnt.
+        shared: share of the variance of a motion that both of its measurements have in common.
     """
-    twice = (_compare(f, b, settings.shared) for f, b in _pair(forward, backward) if b is not None)
+    twice = (_compare(f, b, shared) for f, b in _pair(forward, backward) if b is not None)
     scale = learn_scale(twice)
 
     def scaled() -> Iterator[tuple[Measurement, Measurement | None]]:
         for f, b in _pair(forward, backward):
             yield _scale(f, scale), None if b is None else _scale(b, scale)
 
-    regaining = _find_regaining(scaled(), settings.shared)
+    regaining = _find_regaining(scaled(), shared)
     return MotionTable(
-        f if b is None else _join_motions(f, b, regains, settings.shared)
-        for (f, b), regains in zip(scaled(), regaining, strict=True)
+        f if b is None else _join_motions(f, b, regains, shared) for (f, b), regains in zip(scaled(), regaining, strict=True)
     )
 
 

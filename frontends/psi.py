@@ -43,7 +43,7 @@ class PsiFrontEnd:
         segments = split_into_segments(scans, config.tracker)
         is_whole = len(segments) == len(_DIRECTIONS)
         forward, backward = self._track_at_once(scans) if is_whole else self._track_segments(scans, segments)
-        joined = join(forward, backward, config.calibration)
+        joined = join(forward, backward)
         yield from _widen(joined, config.tracker, self._context.revolution_s)
 
     def _track_at_once(self, scans: Sequence[Scan]) -> tuple[MatchTable, MatchTable]:

@@ -16,7 +16,7 @@ from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
 from mqslam.backend.recognition.within_run import find_loops
 from mqslam.backend.refinement import refine
-from mqslam.backend.sensor_use import SensorSettings, SensorUse, join_sensors
+from mqslam.backend.sensor_use import SensorUse, join_sensors
 from mqslam.backend.sensors.odometry.odometry_edges import hold_odometry, make_odometry_edges, reckon
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
@@ -125,9 +125,8 @@ class Slam:
             before = reckon(scans, odometry or measurements)
             problem, used = Problem(measurements, edges), SensorUse(odometry=fault)
             with runner.tolerate("the sensors beside the radar"):
-                sections = SensorSettings(config.gyroscope, config.velocity, config.odometry)
-                sensors, velocities = context.sensors, context.velocities
-                problem, used = join_sensors(problem, odometry, sensors, velocities, scans.start_us, sections, fault)
+                sensors, velocities, start_us = context.sensors, context.velocities, scans.start_us
+                problem, used = join_sensors(problem, odometry, sensors, velocities, start_us, config.odometry, fault)
         search = LoopSearch([], 0)
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.backend.sensors.gyroscope.gyroscope_start import Turns, find_start
-from mqslam.backend.sensors.gyroscope.gyroscope_use import DELAY_TOLERANCE_S, SCALE_TOLERANCE, TOLD_SIGMAS
+from mqslam.backend.sensors.gyroscope.gyroscope_use import DELAY_TOLERANCE_S, FEWEST_MOTIONS, SCALE_TOLERANCE, TOLD_SIGMAS
 from mqslam.backend.sensors.gyroscope.rotation import LONGEST_DELAY_S, Rotation, calibrate
-from mqslam.config import GyroscopeConfig
 from mqslam.core.scans import Scans
 from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.statistics.gross import SIGMAS_PER_DEVIATION
@@ -43,7 +42,7 @@ class GyroscopeCheck:
     differ_rad: float | None = None
 
 
-def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory, settings: GyroscopeConfig) -> GyroscopeCheck:
+def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory) -> GyroscopeCheck:
     """Holds a gyroscope against the turns of a trajectory from scan to scan.
 
     A trajectory states no errors of its turns. How much they differ from the gyroscope's, once that is calibrated on them,
@@ -53,11 +52,10 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory, 
         gyroscope: its readings.
         scans: of the recording.
         trajectory: poses that cover the scans.
-        settings: of the gyroscope.
     """
     source = gyroscope.source
     inside = _pick_stamps(scans.stamps_us, trajectory.stamps_us)
-    if len(inside) <= settings.fewest:
+    if len(inside) <= FEWEST_MOTIONS:
         return GyroscopeCheck(source, f"the gyroscope ({source}) covers too little of the trajectory to check it", None)
     times = np.asarray((inside - scans.start_us) * 1e-6, dtype=np.float64)
     yaws = np.diff(np.unwrap(trajectory.at(inside)[:, 2]))
@@ -67,10 +65,10 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory, 
     if start is None or not start.is_convincing():
         what = "the trajectory turns too little, or otherwise than the gyroscope"
         return GyroscopeCheck(source, f"whether the gyroscope ({source}) agrees cannot be told: {what}", None)
-    found = calibrate(gyroscope, start, turns, settings)
+    found = calibrate(gyroscope, start, turns)
     spread = SIGMAS_PER_DEVIATION * float(np.nanmedian(np.abs(found.residuals))) if found.residuals.size else np.nan
     turns = turns._replace(variances=np.full(len(yaws), spread**2 + _LEAST_VARIANCE))
-    found = calibrate(gyroscope, start, turns, settings)
+    found = calibrate(gyroscope, start, turns)
     faults = _list_faults(found.rotation, own_clock=gyroscope.own_clock)
     remark = _describe_scale(found.rotation)
     agreed = (

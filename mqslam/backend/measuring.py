@@ -79,8 +79,8 @@ def _drop_contrary(name: str, context: Context, measurements: Sequence[Measureme
 
 def _find_help(name: str, scans: Scans, context: Context, measurements: Sequence[Measurement]) -> KnownTurning | None:
     """Returns what a gyroscope says of the turn, where the front end takes it; None elsewhere."""
-    gyroscope, config = context.sensors.gyroscope, context.config
+    gyroscope = context.sensors.gyroscope
     if gyroscope is None or not getattr(frontends.load(name), "takes_turning", False):
         return None
     drift = Problem(measurements, []).yaw_drift
-    return find_turning(gyroscope, scans.start_us, measurements, drift, config.gyroscope)
+    return find_turning(gyroscope, scans.start_us, measurements, drift)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -16,21 +16,13 @@ from mqslam.backend.sensors.gnss.fix_use import FixUse, join_fixes
 from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse, join_gyroscope
 from mqslam.backend.sensors.mount_use import MountUse, find_mount
 from mqslam.backend.sensors.odometry.odometry_fault import OdometryFault
-from mqslam.config import GyroscopeConfig, OdometryConfig, VelocityConfig
+from mqslam.config import OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Refined
 from mqslam.core.sensors.sensors import Sensors
 from mqslam.core.sensors.velocity import Velocities
 
 _SUBJECTS: Final = {"gyroscope": "the gyroscope", "gnss": "GNSS", "chirps": "the radar's velocity by its chirps"}
-
-
-class SensorSettings(NamedTuple):
-    """The settings of the sensors beside the radar's returns."""
-
-    gyroscope: GyroscopeConfig
-    velocity: VelocityConfig
-    odometry: OdometryConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +122,7 @@ def join_sensors(
     sensors: Sensors,
     velocities: Velocities | None,
     start_us: int,
-    settings: SensorSettings,
+    settings: OdometryConfig,
     fault: OdometryFault | None = None,
 ) -> tuple[Problem, SensorUse]:
     """Holds the sensors against the motions of a problem.
@@ -141,16 +133,16 @@ def join_sensors(
         sensors: of the recording.
         velocities: that the radar's chirps measured, or None.
         start_us: stamp [us] of the recording's time zero.
-        settings: of the sensors.
+        settings: of the odometry.
         fault: why odometry is not used, if it is not.
 
     Returns:
         The problem with the sensors that agree, and what became of all.
     """
     turning, placing, moving, mount = None, None, None, sensors.mount
-    mounted = find_mount(mount, odometry, problem.measurements, settings.odometry)
+    mounted = find_mount(mount, odometry, problem.measurements, settings)
     if sensors.gyroscope is not None and problem.measurements:
-        turning = join_gyroscope(sensors.gyroscope, start_us, problem.measurements, problem.yaw_drift, settings.gyroscope)
+        turning = join_gyroscope(sensors.gyroscope, start_us, problem.measurements, problem.yaw_drift)
         problem = replace(problem, turns=turning.edges)
     if sensors.fixes is not None and problem.measurements:
         antenna = None if mount is None else se2.inverse(mount.pose)[:2]  # at the origin of the vehicle's frame
@@ -160,7 +152,7 @@ def join_sensors(
             placing = placing.judge_jumps(optimum.values)
         problem = replace(problem, fixes=placing.edges)
     if velocities is not None and problem.measurements:
-        moving = join_velocities(velocities, problem.measurements, settings.velocity)
+        moving = join_velocities(velocities, problem.measurements)
         problem = replace(problem, travels=moving.edges)
     return problem, SensorUse(turning, placing, moving, mounted, fault)
 

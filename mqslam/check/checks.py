@@ -10,7 +10,7 @@ from mqslam.check.following import follow
 from mqslam.check.motion_checks import check_mirror, check_order, check_scale, check_stamp
 from mqslam.check.stretches import read_stretches
 from mqslam.check.turn_checks import check_azimuths, check_stamps
-from mqslam.config import CheckConfig, DetectorConfig, EstimatorConfig, ReadingConfig, TrackerConfig
+from mqslam.config import DetectorConfig, EstimatorConfig, ReadingConfig, TrackerConfig
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.psi.place import Beam
@@ -31,7 +31,6 @@ class Checked(NamedTuple):
 class CheckSettings(NamedTuple):
     """The sections of the settings that the checks take."""
 
-    check: CheckConfig
     reading: ReadingConfig
     detector: DetectorConfig
     tracker: TrackerConfig
@@ -50,19 +49,19 @@ def check_recording(
     Args:
         recording: the recording, of which a few short stretches are read.
         odometry: of the same clock, or None.
-        settings: of the check and of what it runs.
+        settings: of what a check runs.
         beam: the sensor's errors.
         progress: called with (polar scans read, polar scans in all).
     """
-    check, reading, detector, tracker, estimator = settings
-    stretches = read_stretches(recording, odometry, check, detector, progress)
-    followed = follow(recording, stretches, check, tracker, estimator, beam)
+    reading, detector, tracker, estimator = settings
+    stretches = read_stretches(recording, odometry, detector, progress)
+    followed = follow(recording, stretches, tracker, estimator, beam)
     findings = (
-        check_stamps(recording, stretches, check, reading),
+        check_stamps(recording, stretches, reading),
         check_azimuths(stretches),
         check_order(followed),
-        check_mirror(recording, followed, odometry, check),
-        check_stamp(recording, followed, odometry, check),
-        check_scale(recording, followed, odometry, check),
+        check_mirror(recording, followed, odometry),
+        check_stamp(recording, followed, odometry),
+        check_scale(recording, followed, odometry),
     )
     return Checked(findings, sum(len(stretch.scans) for stretch in stretches))

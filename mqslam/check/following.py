@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.check.stretches import Stretch
-from mqslam.config import CheckConfig, EstimatorConfig, TrackerConfig
+from mqslam.config import EstimatorConfig, TrackerConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Status
 from mqslam.core.recording import Recording
@@ -23,6 +23,9 @@ from mqslam.psi.tracking.tracker import Tracker
 
 # Least number of motions between scans for a comparison with odometry, or of the two orders of azimuths.
 FEWEST_STEPS = 5
+# Travel [m] between keyframes while the order of azimuths is checked. A wrong order shows against what was seen from
+# elsewhere, so that keyframes lie far apart.
+_KEYFRAME_M = 40.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +69,6 @@ class FollowedStretches:
 def follow(
     recording: Recording,
     stretches: Sequence[Stretch],
-    settings: CheckConfig,
     tracker: TrackerConfig,
     estimator: EstimatorConfig,
     beam: Beam,
@@ -76,12 +78,11 @@ def follow(
     Args:
         recording: the recording.
         stretches: those parts of it that were read.
-        settings: of the check.
         tracker: settings of the tracker, but for the distance between keyframes.
         estimator: settings of the score.
         beam: the sensor's errors.
     """
-    spread = tracker.model_copy(update={"keyframe_m": settings.keyframe_m})
+    spread = tracker.model_copy(update={"keyframe_m": _KEYFRAME_M})
     edges: list[tuple[float, float]] = []
     twists: list[se2.Array] = []
     forward: list[float] = []

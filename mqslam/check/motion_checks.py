@@ -13,7 +13,6 @@ from scipy.stats import wilcoxon
 
 from mqslam.check.finding import CheckFinding, CheckVerdict
 from mqslam.check.following import FEWEST_STEPS, FollowedStretches, Steps
-from mqslam.config import CheckConfig
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 
@@ -38,6 +37,13 @@ _LARGEST_SHIFT = 1.5
 _SHIFT_ERROR = 0.25
 # Smallest shift of stamps that is suspicious [turns].
 _SHIFT_OK = 0.5
+
+# A direction of rotation is right if the mean squared yaw rate error of the other one is this many times as large.
+_MIRRORED = 4.0
+# Number of shifts of stamps that are tried, from earliest to latest.
+_SHIFTS = 61
+# Relative difference between the radar's speed and odometry's that is suspicious.
+_WRONG_SCALE = 0.05
 
 _LEAST_SLOPE = 1e-9  # numerical [rad/s^2]: keeps the error of a shift finite where the yaw rate does not change
 _LEAST_RATIO = 0.1  # below this ratio of speeds the two have little in common, and no length of a range bin would fit
@@ -72,27 +78,24 @@ def check_order(followed: FollowedStretches) -> CheckFinding:
     return CheckFinding(name, CheckVerdict.SUSPICIOUS, f"{both}; {remedy}", numbers)
 
 
-def check_mirror(
-    recording: Recording, followed: FollowedStretches, odometry: Trajectory | None, settings: CheckConfig
-) -> CheckFinding:
+def check_mirror(recording: Recording, followed: FollowedStretches, odometry: Trajectory | None) -> CheckFinding:
     """Checks whether the radar turns left where odometry does.
 
     Args:
         recording: the recording.
         followed: its stretches as psi follows them.
         odometry: of the same clock, or None.
-        settings: of the check.
     """
     name = "direction of rotation"
     if odometry is None or len(followed.steps) < FEWEST_STEPS:
         reason = "psi is the same for a recording and its mirror image"
         return CheckFinding(name, CheckVerdict.UNTOLD, _explain_untold(followed, odometry, reason))
-    measured, _, given = _yaw_rates(recording, followed.steps, odometry, settings)
+    measured, _, given = _yaw_rates(recording, followed.steps, odometry)
     same, opposite = (float(np.min(np.mean((measured - sign * given) ** 2, axis=1))) for sign in (1.0, -1.0))
     numbers = {"rms_as_assumed_rad_s": same**0.5, "rms_mirrored_rad_s": opposite**0.5}
     turning = float(np.sqrt(np.mean(followed.steps.of(odometry)[:, 2] ** 2)))
     ratio = opposite / max(same, _YAW_RATE_FLOOR**2)
-    if turning < _LEAST_TURN or 1.0 / settings.mirrored < ratio < settings.mirrored:
+    if turning < _LEAST_TURN or 1.0 / _MIRRORED < ratio < _MIRRORED:
         return CheckFinding(
             name,
             CheckVerdict.UNTOLD,
@@ -106,22 +109,19 @@ def check_mirror(
     return CheckFinding(name, CheckVerdict.SUSPICIOUS, f"{both}; {remedy}", numbers)
 
 
-def check_stamp(
-    recording: Recording, followed: FollowedStretches, odometry: Trajectory | None, settings: CheckConfig
-) -> CheckFinding:
+def check_stamp(recording: Recording, followed: FollowedStretches, odometry: Trajectory | None) -> CheckFinding:
     """Checks whether odometry's yaw rate fits the radar's best at the stamps as they are.
 
     Args:
         recording: the recording.
         followed: its stretches as psi follows them.
         odometry: of the same clock, or None.
-        settings: of the check.
     """
     name = "stamp convention"
     if odometry is None or len(followed.steps) < FEWEST_STEPS:
         reason = "only a motion measured by another clock shows a shift"
         return CheckFinding(name, CheckVerdict.UNTOLD, _explain_untold(followed, odometry, reason))
-    measured, shifts, given = _yaw_rates(recording, followed.steps, odometry, settings)
+    measured, shifts, given = _yaw_rates(recording, followed.steps, odometry)
     given *= 1.0 if np.sum(given @ measured) >= 0.0 else -1.0  # another check looks for a mirrored recording
     rest = given - measured
     rest -= rest.mean(axis=1, keepdims=True)  # the gyro's bias
@@ -146,16 +146,13 @@ def check_stamp(
     return CheckFinding(name, CheckVerdict.SUSPICIOUS, f"{fits}; {remedy}", numbers)
 
 
-def check_scale(
-    recording: Recording, followed: FollowedStretches, odometry: Trajectory | None, settings: CheckConfig
-) -> CheckFinding:
+def check_scale(recording: Recording, followed: FollowedStretches, odometry: Trajectory | None) -> CheckFinding:
     """Checks whether the radar's speed is odometry's, which a wrong length of a range bin would change.
 
     Args:
         recording: the recording.
         followed: its stretches as psi follows them.
         odometry: of the same clock, or None.
-        settings: of the check.
     """
     name = "range resolution"
     if odometry is None or len(followed.steps) < FEWEST_STEPS:
@@ -171,7 +168,7 @@ def check_scale(
     ratio = float(np.sum(measured[fast] * given[fast]) / np.sum(given[fast] ** 2))
     numbers = {"speed_ratio": ratio, "range_resolution_m": recording.range_resolution}
     speeds = f"the radar's speed is {ratio:.3f} times odometry's"
-    if abs(ratio - 1.0) < settings.wrong_scale:
+    if abs(ratio - 1.0) < _WRONG_SCALE:
         return CheckFinding(name, CheckVerdict.OK, f"{speeds} with bins of {recording.range_resolution:.4g} m", numbers)
     resolution = recording.range_resolution / ratio if ratio > _LEAST_RATIO else None
     fitting = "they have little in common" if resolution is None else f"bins of {resolution:.4g} m would fit"
@@ -186,9 +183,9 @@ def _explain_untold(followed: FollowedStretches, odometry: Trajectory | None, re
 
 
 def _yaw_rates(
-    recording: Recording, steps: Steps, odometry: Trajectory, settings: CheckConfig
+    recording: Recording, steps: Steps, odometry: Trajectory
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
     """Returns yaw rates (S,) of the radar, the shifts (K,) [us] that are tried, and odometry's yaw rates (K, S) at them."""
-    turns = np.linspace(-_LARGEST_SHIFT, _LARGEST_SHIFT, settings.shifts)
+    turns = np.linspace(-_LARGEST_SHIFT, _LARGEST_SHIFT, _SHIFTS)
     shifts = np.round(turns * recording.revolution_s * 1e6).astype(np.int64)
     return steps.twists[:, 2], shifts, np.array([steps.of(odometry, shift)[:, 2] for shift in shifts.tolist()])

@@ -16,7 +16,7 @@ from scipy.stats import median_abs_deviation
 
 from mqslam.check.following import track_scans
 from mqslam.check.stretches import choose_spans
-from mqslam.config import CheckConfig, DetectorConfig, EstimatorConfig, TrackerConfig
+from mqslam.config import DetectorConfig, EstimatorConfig, TrackerConfig
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.scans import Returns, Scans
@@ -136,7 +136,6 @@ class _Power:
 
 def measure_statistics(
     recording: Recording,
-    settings: CheckConfig,
     detector: DetectorConfig,
     tracker: TrackerConfig,
     estimator: EstimatorConfig,
@@ -147,7 +146,6 @@ def measure_statistics(
 
     Args:
         recording: the recording.
-        settings: of the check, which say how many stretches are read, and how long they are.
         detector: settings of the detector.
         tracker: settings of the tracker, but for its map and the noise of the yaw rate.
         estimator: settings of the score, but for its widths and how it weighs views.
@@ -158,7 +156,7 @@ def measure_statistics(
         DataError: a polar scan cannot be read.
         EstimationError: no stretch can be followed.
     """
-    spans = choose_spans(recording, None, settings)
+    spans = choose_spans(recording, None)
     total = sum(end - begin for begin, end in spans)
     power = _Power(recording.range_resolution, detector)
     azimuths = 0

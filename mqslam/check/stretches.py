@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mqslam.config import CheckConfig, DetectorConfig
+from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.scans import Returns, Scans
 from mqslam.core.trajectory import Trajectory
@@ -15,6 +15,11 @@ from mqslam.detection.artefacts import drop_fixed
 from mqslam.detection.detector import detect
 from mqslam.detection.stage import make_scans, read_polar_scans
 from mqslam.errors import DataError
+
+# Stretches of a recording that a check reads, and polar scans in each: enough to follow the motion through a bend or two,
+# and read in a few seconds.
+STRETCHES = 3
+STRETCH_SCANS = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +67,6 @@ class Stretch:
 def read_stretches(
     recording: Recording,
     odometry: Trajectory | None,
-    settings: CheckConfig,
     detector: DetectorConfig,
     progress: Callable[[int, int], object],
 ) -> list[Stretch]:
@@ -71,11 +75,10 @@ def read_stretches(
     Args:
         recording: the recording.
         odometry: of the same clock, or None.
-        settings: of the check.
         detector: settings of the detector.
         progress: called with (polar scans read, polar scans in all).
     """
-    spans = choose_spans(recording, odometry, settings)
+    spans = choose_spans(recording, odometry)
     total = sum(end - begin for begin, end in spans)
     returns: dict[int, Returns] = {}
     turns: dict[int, Turn] = {}
@@ -101,7 +104,7 @@ def read_stretches(
     ]
 
 
-def choose_spans(recording: Recording, odometry: Trajectory | None, settings: CheckConfig) -> list[tuple[int, int]]:
+def choose_spans(recording: Recording, odometry: Trajectory | None) -> list[tuple[int, int]]:
     """Chooses the stretches, each by its first polar scan and the one after its last; they share none and hold no gap.
 
     Where gaps leave no stretch of the usual size, all are as long as the longest that there is.
@@ -109,18 +112,18 @@ def choose_spans(recording: Recording, odometry: Trajectory | None, settings: Ch
     gap_after = np.zeros(len(recording), dtype=np.int64)
     gap_after[[k for k, _ in recording.gaps()]] = 1
     gaps = np.cumsum(gap_after) - gap_after  # number of gaps before each polar scan
-    size = min(settings.stretch_scans, int(np.bincount(gaps).max()))
+    size = min(STRETCH_SCANS, int(np.bincount(gaps).max()))
     begins = np.arange(len(recording) - size + 1)
     begins = begins[gaps[begins] == gaps[begins + size - 1]]
     if odometry is None or size == 1:
-        even = np.linspace(0, len(begins) - 1, 2 * settings.stretches + 1)[1::2]
+        even = np.linspace(0, len(begins) - 1, 2 * STRETCHES + 1)[1::2]
         order = begins[np.round(even).astype(np.int64)]
     else:
         yaw_rates = odometry.mean_twists(recording.stamps_us[:-1], recording.stamps_us[1:])[:, 2]
         order = begins[np.argsort([-np.std(yaw_rates[b : b + size - 1]) for b in begins], kind="stable")]
     chosen: list[int] = []
     for begin in order.tolist():
-        if len(chosen) < settings.stretches and all(abs(begin - other) >= size for other in chosen):
+        if len(chosen) < STRETCHES and all(abs(begin - other) >= size for other in chosen):
             chosen.append(begin)
     return [(begin, begin + size) for begin in sorted(chosen)]
 

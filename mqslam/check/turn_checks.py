@@ -8,7 +8,7 @@ import numpy as np
 
 from mqslam.check.finding import CheckFinding, CheckVerdict
 from mqslam.check.stretches import Stretch
-from mqslam.config import CheckConfig, ReadingConfig
+from mqslam.config import ReadingConfig
 from mqslam.core.recording import Recording
 from mqslam.core.wording import count_of
 from mqslam.formats.shared.turns import find_usual_turns
@@ -23,24 +23,25 @@ _LATE_SHARE = 0.05
 _HOLE_STEPS = 3.0
 # Largest share of azimuths marked as not measured.
 _UNMEASURED_SHARE = 0.05
+# A polar scan that begins within this share of a turn after another is doubled.
+_DOUBLED = 0.5
+# Number of turns that it takes to tell whether turns are steady.
+_FEWEST_TURNS = 3
 
 
-def check_stamps(
-    recording: Recording, stretches: Sequence[Stretch], settings: CheckConfig, reading: ReadingConfig
-) -> CheckFinding:
+def check_stamps(recording: Recording, stretches: Sequence[Stretch], reading: ReadingConfig) -> CheckFinding:
     """Checks whether polar scans follow one another: none doubled, backward, missing or of another duration.
 
     Args:
         recording: the recording.
         stretches: those parts of it that were read.
-        settings: of the check.
         reading: how recordings are understood.
     """
     turn_s = recording.revolution_s
     steps = np.diff(recording.stamps_us)
     durations = steps[recording.ends_us[:-1] == recording.stamps_us[1:]] * 1e-6
-    close = int(np.count_nonzero(steps < settings.doubled * find_usual_turns(recording.stamps_us, reading)))
-    shown = len(durations) >= settings.fewest_turns
+    close = int(np.count_nonzero(steps < _DOUBLED * find_usual_turns(recording.stamps_us, reading)))
+    shown = len(durations) >= _FEWEST_TURNS
     unsteady = float(np.ptp(np.percentile(durations, [5.0, 95.0]))) / turn_s if shown else 0.0
     gaps = recording.gaps()
     missing = sum(seconds for _, seconds in gaps)

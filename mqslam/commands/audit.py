@@ -295,7 +295,7 @@ def _check_turns(source: Source, track: Trajectory, settings: Config, notes: lis
     """
     if source.gyroscope is None:
         return None
-    checked = check_gyroscope(source.gyroscope, source.scans, track, settings.gyroscope)
+    checked = check_gyroscope(source.gyroscope, source.scans, track)
     if checked.agrees is False:
         notes.append(checked.statement)
     else:

@@ -78,7 +78,7 @@ def check(
     findings, read = check_recording(
         recording,
         track,
-        CheckSettings(settings.check, settings.reading, settings.detector, settings.tracker, settings.estimator),
+        CheckSettings(settings.reading, settings.detector, settings.tracker, settings.estimator),
         beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0),
         partial(work.progress, "detect"),
     )
@@ -113,7 +113,6 @@ def describe_statistics(
         work.tell(note)
     return measure_statistics(
         recording,
-        settings.check,
         settings.detector,
         settings.tracker,
         settings.estimator,

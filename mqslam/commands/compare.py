@@ -139,7 +139,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
             common = take_common_scans(ran, scans, settings.audit)
             if len(common) < len(scans):
                 notes.append(f"{len(common)} of {len(scans)} scans are in every trajectory; the rows are judged on those")
-            where = find_places(common, tracks, settings.audit.window, settings.compare)
+            where = find_places(common, tracks, settings.audit.window)
             along = pick_stations(common, settings.audit.window)
             judges = JudgeSettings(settings.audit, settings.estimator, settings.verdict)
             rows, judged = judge_rows(

@@ -13,7 +13,7 @@ from mqslam.auditing.judge import Audit, audit
 from mqslam.auditing.sweeps import Sweeps, find_covered, place_sweeps
 from mqslam.auditing.windows.inflation import centre_window
 from mqslam.comparison.rows import Row
-from mqslam.config import AuditConfig, CompareConfig, EstimatorConfig, VerdictConfig
+from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.point_map import PointMap, pick_thinned
@@ -29,6 +29,8 @@ from mqslam.psi.place import Beam
 
 # Least number of windows between two such places.
 _PLACES_APART = 2
+# Number of places shown at which the trajectories differ most.
+_PLACES = 6
 # A difference in yaw counts as much as the distance by which it moves a point this far away [m].
 _LEVER_M = 20.0
 
@@ -116,14 +118,13 @@ def take_common_scans(rows: Sequence[Row], scans: Scans, settings: AuditConfig) 
     return scans.take(sorted(inside))
 
 
-def find_places(scans: Scans, tracks: Sequence[Trajectory], size: int, settings: CompareConfig) -> list[Place]:
+def find_places(scans: Scans, tracks: Sequence[Trajectory], size: int) -> list[Place]:
     """Finds where the trajectories differ most on the way through a window, the worst place first.
 
     Args:
         scans: those that every trajectory covers.
         tracks: the trajectories.
         size: number of scans of a window.
-        settings: of the comparison.
     """
     stamps = scans.stamps_us
     begins = np.arange(0, len(scans) - size + 1, size)
@@ -142,7 +143,7 @@ def find_places(scans: Scans, tracks: Sequence[Trajectory], size: int, settings:
     for k in np.argsort(-apart, kind="stable").tolist():
         if all(abs(k - other) > _PLACES_APART for other in chosen):
             chosen.append(k)
-        if len(chosen) == settings.places:
+        if len(chosen) == _PLACES:
             break
     spans = [(int(begins[k]), int(begins[k]) + size, float(apart[k])) for k in chosen]
     return [Place(a, b, scans[a].t0, scans[b - 1].t1, off) for a, b, off in spans]

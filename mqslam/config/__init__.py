@@ -10,13 +10,11 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ConfigDict
 
-from mqslam.config.audit_config import AuditConfig, CompareConfig, MendConfig, VerdictConfig
-from mqslam.config.check_config import CheckConfig
+from mqslam.config.audit_config import AuditConfig, VerdictConfig
 from mqslam.config.detector_config import DetectorConfig
 from mqslam.config.estimator_config import EstimatorConfig
 from mqslam.config.fields import is_expert
 from mqslam.config.frontend_config import (
-    CalibrationConfig,
     KissIcpConfig,
     OdometryConfig,
     Open3dIcpConfig,
@@ -26,24 +24,19 @@ from mqslam.config.loop_config import LoopConfig, RefinementConfig
 from mqslam.config.map_config import MapConfig, MergeConfig
 from mqslam.config.psi_config import PsiConfig
 from mqslam.config.reading_config import ReadingConfig
-from mqslam.config.sensor_config import GyroscopeConfig, SensorConfig, VelocityConfig
+from mqslam.config.sensor_config import SensorConfig
 from mqslam.config.tracker_config import TrackerConfig
 from mqslam.config.yaml_file import parse_yaml
 from mqslam.errors import ConfigError, suggest, untrusted
 
 __all__ = [
     "AuditConfig",
-    "CalibrationConfig",
-    "CheckConfig",
-    "CompareConfig",
     "Config",
     "DetectorConfig",
     "EstimatorConfig",
-    "GyroscopeConfig",
     "KissIcpConfig",
     "LoopConfig",
     "MapConfig",
-    "MendConfig",
     "MergeConfig",
     "OdometryConfig",
     "Open3dIcpConfig",
@@ -53,7 +46,6 @@ __all__ = [
     "ScanMatchingConfig",
     "SensorConfig",
     "TrackerConfig",
-    "VelocityConfig",
     "VerdictConfig",
     "dump_yaml",
     "explain_yaml",
@@ -76,21 +68,15 @@ class Config(BaseModel):
     psi: PsiConfig = PsiConfig()
     estimator: EstimatorConfig = EstimatorConfig()
     tracker: TrackerConfig = TrackerConfig()
-    calibration: CalibrationConfig = CalibrationConfig()
     kiss_icp: KissIcpConfig = KissIcpConfig()
     open3d_icp: Open3dIcpConfig = Open3dIcpConfig()
     odometry: OdometryConfig = OdometryConfig()
-    gyroscope: GyroscopeConfig = GyroscopeConfig()
-    velocity: VelocityConfig = VelocityConfig()
     loops: LoopConfig = LoopConfig()
     refinement: RefinementConfig = RefinementConfig()
     merge: MergeConfig = MergeConfig()
     map: MapConfig = MapConfig()
     audit: AuditConfig = AuditConfig()
     verdict: VerdictConfig = VerdictConfig()
-    mend: MendConfig = MendConfig()
-    compare: CompareConfig = CompareConfig()
-    check: CheckConfig = CheckConfig()
 
 
 def load_config(name: str | Path | None = None) -> Config:

@@ -160,24 +160,3 @@ class VerdictConfig(BaseModel):
     def share_of_false_alarms(self) -> float:
         """Probability with which each of the tests that share the rate may call a good map bad."""
         return self.false_alarms / _SHARERS
-
-
-class MendConfig(BaseModel):
-    """How a trajectory is mended by what its audit has found."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    rounds: int = Field(
-        5,
-        ge=1,
-        description="Most rounds of mending a trajectory and auditing it again. A further round follows only if the mended "
-        "trajectory does not pass yet, but lays more revisits on each other than the one before or has fewer torn windows.",
-    )
-
-
-class CompareConfig(BaseModel):
-    """What a comparison of front ends points out."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    places: int = expert(6, ge=1, description="Number of places shown at which the trajectories differ most.")

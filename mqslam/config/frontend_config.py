@@ -7,22 +7,6 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from mqslam.config.fields import expert
-
-
-class CalibrationConfig(BaseModel):
-    """How the size of a front end's errors is learnt from motions that were measured twice."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    shared: float = expert(
-        0.2,
-        ge=0.0,
-        lt=1.0,
-        description="Share of the variance of a motion that its measurements by psi, forward and backward in time, have in "
-        "common, so that how far they are apart does not show it. It is unknown; 0 to 0.5 was found in simulated cities.",
-    )
-
 
 class ScanMatchingConfig(BaseModel):
     """Settings that the front ends share which match scan after scan to a map of their own."""

@@ -64,34 +64,3 @@ class SensorConfig(BaseModel):
         "radars.",
     )
     doppler_steps: int = expert(2, ge=1, description="Number of Doppler shifts that are tried to either side of zero.")
-
-
-class GyroscopeConfig(BaseModel):
-    """How a gyroscope beside the radar is held against psi, and what makes it unfit."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    fewest: int = expert(
-        40,
-        ge=3,
-        description="With fewer motions than this that psi found itself, a gyroscope is not calibrated, and not used.",
-    )
-    sigma_scale: float = expert(0.1, gt=0.0, description="Standard deviation of an unknown scale.")
-
-
-class VelocityConfig(BaseModel):
-    """How velocities that chirps measure are held against psi, and what makes them unfit."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    fewest: int = expert(
-        40,
-        ge=3,
-        description="With fewer motions than this that psi found itself, velocities are as good as they state themselves.",
-    )
-    sigma_scale: float = expert(
-        0.05,
-        gt=0.0,
-        description="Standard deviation of the scale when nothing is known of it: the Doppler shift of a radar's chirps is "
-        "known to a few percent.",
-    )

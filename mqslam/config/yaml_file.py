@@ -46,7 +46,7 @@ _GONE = {
         "final_width start_omega start_alpha matching_steps settled first_step foresight_margin fewest_returns "
         "least_sector doubtful_psi start_scans patience warm_up_scans shared_scans"
     ),
-    "calibration": "trusted gross moved_m",
+    "calibration": "trusted gross moved_m shared",
     "kiss_icp": (
         "fewest_matched surface_points flattest start_returns start_step_m start_as_good coast_vy coast_omega "
         "gap_turns coast_vx start_scans longest_coast_s backward_scans backward_every backward_warm_up"
@@ -59,12 +59,13 @@ _GONE = {
     "odometry": ("sigma_mount_m sigma_mount_rad mount_known_m mount_known_rad sigma_rest_m mount_common_m mount_common_rad"),
     "gyroscope": (
         "longest_delay_s least_correlation largest_scale usual_delay_s far_correlation most_wild told_sigmas "
-        "delay_tolerance_s scale_tolerance largest_scale_sigma likely_scale knot_s first_walk sigma_bias"
+        "delay_tolerance_s scale_tolerance largest_scale_sigma likely_scale knot_s first_walk sigma_bias fewest "
+        "sigma_scale"
     ),
     "gnss": (
         "longest_delay_s most_jumps alike_s knot_s largest_walk_m largest_share antenna_apart least_spread fewest reach"
     ),
-    "velocity": "largest_scale most_wild told_sigmas scale_tolerance sigma_bias_mps span_s",
+    "velocity": "largest_scale most_wild told_sigmas scale_tolerance sigma_bias_mps span_s fewest sigma_scale",
     "graph": (
         "drift_submaps drift_trusted drift_gross odometry_bias_walk submap_m common_drift_m common_drift_rad huber "
         "odometry_span_s odometry_fewest prior_m prior_rad lifted_m lifted_rad"
@@ -94,10 +95,12 @@ _GONE = {
         "aside_rad give_up_m confirmed renew_m reach_m matched aside_m sigmas block sample_m apart_m fewest usual_scale"
     ),
     "verdict": ("revisits_warn revisits_fail lever_warn lost_fail degenerate_warn uncovered_warn apart_fail scale_warn"),
-    "compare": "places_apart lever_m",
+    "mend": "rounds",
+    "compare": "places_apart lever_m places",
     "check": (
         "unsteady span_share late_share hole_steps unmeasured_share order_chance order_gain least_turn "
-        "yaw_rate_floor largest_shift shift_error shift_ok fewest_steps least_speed explained"
+        "yaw_rate_floor largest_shift shift_error shift_ok fewest_steps least_speed explained stretches stretch_scans "
+        "doubled fewest_turns keyframe_m mirrored shifts wrong_scale"
     ),
 }
 _NAMED = 5  # so many gone settings are named in an error

@@ -10,7 +10,6 @@ import pytest
 from support.bends import START_US, TURN_S, Unit, read, yaw_at
 
 from mqslam.auditing.gyroscope_check import GyroscopeCheck, check_gyroscope
-from mqslam.config import GyroscopeConfig
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 
@@ -28,7 +27,7 @@ def trajectory(scale: float = 1.0, late_s: float = 0.0) -> Trajectory:
 
 
 def checked(track: Trajectory, unit: Unit | None = None) -> GyroscopeCheck:
-    return check_gyroscope(read(unit or Unit(), 150.0), SCANS, track, GyroscopeConfig())
+    return check_gyroscope(read(unit or Unit(), 150.0), SCANS, track)
 
 
 def test_a_trajectory_that_turns_as_the_radar_did_agrees() -> None:
@@ -61,7 +60,7 @@ def test_a_trajectory_that_turned_otherwise_is_told_how(track: Trajectory, said:
 
 
 def test_a_gyroscope_with_a_clock_of_its_own_says_nothing_of_the_stamps() -> None:
-    check = check_gyroscope(replace(read(Unit(), 200.0), own_clock=True), SCANS, trajectory(late_s=1.6), GyroscopeConfig())
+    check = check_gyroscope(replace(read(Unit(), 200.0), own_clock=True), SCANS, trajectory(late_s=1.6))
     assert check.agrees is True, check.statement
 
 

@@ -18,7 +18,7 @@ from mqslam.check.following import FollowedStretches, Steps, follow
 from mqslam.check.motion_checks import check_order
 from mqslam.check.stretches import read_stretches
 from mqslam.check.turn_checks import check_azimuths, check_stamps
-from mqslam.config import CheckConfig, Config, DetectorConfig
+from mqslam.config import Config, DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.recordings import open_recording
@@ -30,8 +30,8 @@ BEAM = beam_of(CONFIG.estimator, 0.0)
 
 
 def findings(recording: Recording) -> tuple[CheckFinding, CheckFinding]:
-    stretches = read_stretches(recording, None, CONFIG.check, DetectorConfig(), lambda done, total: None)
-    return check_stamps(recording, stretches, CONFIG.check, CONFIG.reading), check_azimuths(stretches)
+    stretches = read_stretches(recording, None, DetectorConfig(), lambda done, total: None)
+    return check_stamps(recording, stretches, CONFIG.reading), check_azimuths(stretches)
 
 
 class Holed(SimulatedRecording):
@@ -124,19 +124,13 @@ def test_azimuths_that_were_not_measured_are_counted(tmp_path: Path) -> None:
 
 def test_stretches_are_short_few_and_apart_and_lie_where_odometry_turns(tmp_path: Path) -> None:
     recording = open_recording(write_oxford(tmp_path / "d", polar_scans=80, skip=(60,)))
-    spans = [
-        [w.t0 for w in s.scans]
-        for s in read_stretches(recording, None, CONFIG.check, DetectorConfig(), lambda done, total: None)
-    ]
+    spans = [[w.t0 for w in s.scans] for s in read_stretches(recording, None, DetectorConfig(), lambda done, total: None)]
     assert len(spans) == 3 and all(len(span) == 12 for span in spans)
     assert all(np.allclose(np.diff(span), 0.25) for span in spans)
     assert all(one[-1] < other[0] for one, other in itertools.pairwise(spans))
     turn = np.cumsum(np.where(np.arange(80) == 30, 0.5, 0.0))
     track = Trajectory(START_US + TURN_US * np.arange(80), np.column_stack([2.0 * np.arange(80), np.zeros(80), turn]))
-    spans = [
-        [w.t0 for w in s.scans]
-        for s in read_stretches(recording, track, CONFIG.check, DetectorConfig(), lambda done, total: None)
-    ]
+    spans = [[w.t0 for w in s.scans] for s in read_stretches(recording, track, DetectorConfig(), lambda done, total: None)]
     assert any(span[0] < 29 * 0.25 < span[-1] for span in spans)
 
 
@@ -147,7 +141,7 @@ def test_where_gaps_leave_no_long_stretch_the_longest_is_looked_at(tmp_path: Pat
         ("all", tuple(range(1, 16, 2)), [range(k, k + 1) for k in (2, 8, 12)]),
     ):
         recording = open_recording(write_oxford(tmp_path / name, polar_scans=16, skip=skip))
-        stretches = read_stretches(recording, None, CONFIG.check, DetectorConfig(), lambda done, total: None)
+        stretches = read_stretches(recording, None, DetectorConfig(), lambda done, total: None)
         assert all(len(stretch.turns) == len(stretch.scans) == len(expected[0]) for stretch in stretches)
         if len(expected) == 1:
             assert [w.t0 / 0.25 for w in stretches[0].scans] == pytest.approx(list(expected[0]))
@@ -160,11 +154,11 @@ def test_where_gaps_leave_no_long_stretch_the_longest_is_looked_at(tmp_path: Pat
 def test_one_and_two_polar_scans_say_what_they_cannot_tell(tmp_path: Path, skip: tuple[int, ...]) -> None:
     for polar_scans in (1, 5 if skip else 2):
         recording = open_recording(write_oxford(tmp_path / f"{polar_scans}", polar_scans=polar_scans, skip=skip))
-        stretches = read_stretches(recording, None, CONFIG.check, DetectorConfig(), lambda done, total: None)
+        stretches = read_stretches(recording, None, DetectorConfig(), lambda done, total: None)
         stamps, azimuths = findings(recording)
         assert azimuths.verdict is CheckVerdict.OK
         assert "too few to tell how steady turns are" in stamps.text or recording.gaps()
-        order = check_order(follow(recording, stretches, CONFIG.check, CONFIG.tracker, CONFIG.estimator, BEAM))
+        order = check_order(follow(recording, stretches, CONFIG.tracker, CONFIG.estimator, BEAM))
         longest = 1 if skip else min(polar_scans, 2)
         assert order.verdict is CheckVerdict.UNTOLD
         assert order.text == f"it takes 7 polar scans without a gap to tell, and there are no more than {longest}"
@@ -185,9 +179,11 @@ def test_a_radar_that_turns_faster_from_some_moment_on_is_only_called_unsteady(t
     assert stamps.text == "the duration of a turn varies by 150%"
 
 
-def test_the_settings_say_what_is_suspicious(tmp_path: Path) -> None:
+def test_few_short_stretches_are_too_few_to_tell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recording = open_recording(write_oxford(tmp_path / "d", polar_scans=20))
-    strict = CheckConfig(stretches=2, stretch_scans=5, fewest_turns=30)
-    stretches = read_stretches(recording, None, strict, DetectorConfig(), lambda done, total: None)
+    monkeypatch.setattr("mqslam.check.stretches.STRETCHES", 2)
+    monkeypatch.setattr("mqslam.check.stretches.STRETCH_SCANS", 5)
+    monkeypatch.setattr("mqslam.check.turn_checks._FEWEST_TURNS", 30)
+    stretches = read_stretches(recording, None, DetectorConfig(), lambda done, total: None)
     assert [len(stretch.scans) for stretch in stretches] == [5, 5]
-    assert "too few to tell how steady turns are" in check_stamps(recording, stretches, strict, CONFIG.reading).text
+    assert "too few to tell how steady turns are" in check_stamps(recording, stretches, CONFIG.reading).text

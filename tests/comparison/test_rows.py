@@ -89,7 +89,7 @@ def test_rows_are_judged_by_truth_and_without_it() -> None:
     tracks = [r.trajectory for r in rows]
     common = take_common_scans(rows, scans, CONFIG.audit)
     assert len(common) == len(scans)
-    where = find_places(common, tracks, 6, CONFIG.compare)
+    where = find_places(common, tracks, 6)
     assert where and all(a.apart_m >= b.apart_m for a, b in itertools.pairwise(where))
     result = [judge(r, common, truth, where, JUDGES, BEAM, HERE, lambda *_: None) for r in rows]
     psi, best, shaken = result

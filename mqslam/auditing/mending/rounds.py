@@ -43,6 +43,10 @@ from mqslam.core.engine import Engine
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.progress import Progress
 
+# Most rounds of mending a trajectory and auditing it again. A further round follows only if the mended trajectory does not
+# pass yet, but lays more revisits on each other than the one before or has fewer torn windows.
+_ROUNDS = 5
+
 
 @dataclass(frozen=True)
 class AuditedTrajectory:
@@ -129,7 +133,7 @@ def mend(
         return Mended(given)
     best: Mended | None = None
     current = given
-    for number in range(config.mend.rounds):
+    for number in range(_ROUNDS):
         poses, ties, loops = mender.solve(current)
         track = carry(given.trajectory, given.sweeps, poses)
         sweeps = place(track)

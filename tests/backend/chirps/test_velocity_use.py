@@ -9,15 +9,13 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from mqslam.backend.sensors.chirps.velocity_use import VelocityUse, join_velocities
-from mqslam.config import VelocityConfig
+from mqslam.backend.sensors.chirps.velocity_use import SIGMA_SCALE, VelocityUse, join_velocities
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.sensors.velocity import Outcome, Velocities
 
 TURN_S, SCANS = 0.25, 400
 SIGMA_MPS, SIGMAS = 0.05, np.array([0.02, 0.01, 1e-3])
-SETTINGS = VelocityConfig()
 
 
 class Chirps(NamedTuple):
@@ -52,7 +50,7 @@ def velocities(chirps: Chirps, scans: int = SCANS) -> Velocities:
 
 
 def joined(chirps: Chirps) -> VelocityUse:
-    return join_velocities(velocities(chirps), measured(), SETTINGS)
+    return join_velocities(velocities(chirps), measured())
 
 
 def test_sound_velocities_become_motions_that_say_nothing_of_the_turn() -> None:
@@ -98,15 +96,15 @@ def test_velocities_that_are_noisier_than_they_state_count_as_little_as_they_sho
 
 def test_where_psi_found_too_few_motions_velocities_are_as_good_as_they_state() -> None:
     lost = [replace(motion, status=Status.DEGENERATE) for motion in measured()]
-    use = join_velocities(velocities(Chirps()), lost, SETTINGS)
+    use = join_velocities(velocities(Chirps()), lost)
     assert use.edges is not None and len(use.edges) == SCANS - 1
     relative = np.sqrt(use.edges[100].covariance[0, 0]) / use.edges[100].pose[0]
-    assert relative > SETTINGS.sigma_scale * 0.9
+    assert relative > SIGMA_SCALE * 0.9
 
 
 def test_scans_without_a_velocity_on_both_sides_make_no_motion() -> None:
     told = velocities(Chirps())
     outcomes = told.outcomes.copy()
     outcomes[-3:] = Outcome.DARK
-    use = join_velocities(replace(told, outcomes=outcomes), measured(), SETTINGS)
+    use = join_velocities(replace(told, outcomes=outcomes), measured())
     assert use.edges is not None and sorted(use.edges) == list(range(SCANS - 3))

@@ -10,15 +10,12 @@ import pytest
 from support.bends import DRIFT, START_US, TURN_S, Unit, measured, read, yaw_at
 
 from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse, join_gyroscope
-from mqslam.config import GyroscopeConfig
 from mqslam.core.measurement import Status
 from mqslam.core.sensors.gyroscope import Gyroscope
 
-SETTINGS = GyroscopeConfig()
-
 
 def joined(unit: Unit, scans: int = 800) -> GyroscopeUse:
-    return join_gyroscope(read(unit, scans * TURN_S), START_US, measured(scans), DRIFT, SETTINGS)
+    return join_gyroscope(read(unit, scans * TURN_S), START_US, measured(scans), DRIFT)
 
 
 def test_a_sound_gyroscope_is_used_without_a_word_about_errors() -> None:
@@ -75,7 +72,7 @@ def test_a_gyroscope_that_contradicts_the_radar_is_refused_and_said(unit: Unit, 
 def test_a_gyroscope_of_another_drive_is_refused() -> None:
     other = read(Unit(), 200.0)
     flipped = Gyroscope(other.stamps_us, other.rates[::-1].copy(), "imu.csv")
-    use = join_gyroscope(flipped, START_US, measured(800), DRIFT, SETTINGS)
+    use = join_gyroscope(flipped, START_US, measured(800), DRIFT)
     assert use.edges is None and len(use.statements) == 1
 
 
@@ -84,7 +81,7 @@ def test_a_gyroscope_that_covers_too_little_is_refused(first: int, last: int) ->
     whole = read(Unit(), 200.0)
     shift = 1_000_000_000 if first else 0
     part = Gyroscope(whole.stamps_us[: last - first] + shift, whole.rates[: last - first], "imu.csv")
-    use = join_gyroscope(part, START_US, measured(800), DRIFT, SETTINGS)
+    use = join_gyroscope(part, START_US, measured(800), DRIFT)
     assert use.edges is None and use.statements[0].startswith("the gyroscope (imu.csv) is not used: ")
 
 
@@ -93,21 +90,21 @@ def test_a_drive_straight_on_shows_nothing_of_a_gyroscope() -> None:
         replace(m, pose=np.array([2.0, 0.0, m.pose[2] - np.diff(yaw_at(np.array([m.t0, m.t1])))[0]])) for m in measured(800)
     ]
     still = read(Unit(scale=0.0), 200.0)
-    use = join_gyroscope(still, START_US, motions, DRIFT, SETTINGS)
+    use = join_gyroscope(still, START_US, motions, DRIFT)
     assert use.edges is None and "the radar turned too little" in use.statements[0]
 
 
 def test_a_gyroscope_that_is_stuck_is_refused() -> None:
     stuck = read(Unit(), 200.0)
     constant = Gyroscope(stuck.stamps_us, np.zeros_like(stuck.rates), "imu.csv")
-    use = join_gyroscope(constant, START_US, measured(800), DRIFT, SETTINGS)
+    use = join_gyroscope(constant, START_US, measured(800), DRIFT)
     assert use.edges is None and use.statements[0].endswith("its readings never change")
 
 
 def test_unsure_turns_do_not_tell_the_scale_of_a_gyroscope() -> None:
     errors = np.random.default_rng(1).normal(0.0, 0.02, 799)
     unsure = [replace(m, pose=m.pose + np.array([0.0, 0.0, off])) for m, off in zip(measured(800), errors, strict=True)]
-    use = join_gyroscope(read(Unit(), 200.0), START_US, unsure, DRIFT, SETTINGS)
+    use = join_gyroscope(read(Unit(), 200.0), START_US, unsure, DRIFT)
     assert use.edges is None and "its scale is known to" in use.statements[0]
 
 
@@ -115,9 +112,7 @@ def test_turns_across_a_gap_of_the_readings_are_left_out() -> None:
     whole = read(Unit(), 200.0)
     kept = np.ones(len(whole), dtype=bool)
     kept[5100:6100] = False  # from 50 s to 60 s
-    use = join_gyroscope(
-        Gyroscope(whole.stamps_us[kept], whole.rates[kept], "imu.csv"), START_US, measured(800), DRIFT, SETTINGS
-    )
+    use = join_gyroscope(Gyroscope(whole.stamps_us[kept], whole.rates[kept], "imu.csv"), START_US, measured(800), DRIFT)
     assert use.edges is not None
     unknown = np.flatnonzero(np.isnan(use.edges.turns)).tolist()
     assert set(range(200, 240)) <= set(unknown) <= set(range(198, 242))
@@ -127,5 +122,5 @@ def test_motions_that_psi_did_not_find_say_nothing_of_the_gyroscope() -> None:
     motions = measured(800)
     for k in range(100, 300):
         motions[k] = replace(motions[k], pose=np.array([2.0, 0.0, 0.3]), status=Status.LOST)
-    use = join_gyroscope(read(Unit(), 200.0), START_US, motions, DRIFT, SETTINGS)
+    use = join_gyroscope(read(Unit(), 200.0), START_US, motions, DRIFT)
     assert use.edges is not None and use.edges.count == 799

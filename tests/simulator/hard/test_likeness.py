@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mqslam.check.statistics import Statistics, measure_statistics
-from mqslam.config import CheckConfig, Config
+from mqslam.config import Config
 from mqslam.psi.place import beam_of
 from mqslam.simulator import (
     Drive,
@@ -41,13 +41,12 @@ BOUNDS: list[tuple[str, list[float], list[float]]] = [
 ]
 
 
-def measure(scene: Scene, drive: Drive, seed: int, check: CheckConfig) -> Statistics:
+def measure(scene: Scene, drive: Drive, seed: int) -> Statistics:
     """Returns the statistics of a drive through a hard world."""
     recording = simulate_recording(scene, drive, duration_s=DURATION_S, sensor=COARSE, seed=seed, realism="hard")
     settings = Config()
     return measure_statistics(
         recording,
-        check,
         settings.detector,
         settings.tracker,
         settings.estimator,
@@ -62,9 +61,10 @@ def excess(figures: Statistics, name: str, real: list[float], bounds: list[float
     return np.abs(np.atleast_1d(value) - real) / bounds
 
 
-def test_a_few_scans_of_a_hard_street_are_roughly_like_real_ones() -> None:
-    few = CheckConfig(stretches=1, stretch_scans=7)
-    figures = measure(make_street_scene(1, movers=0), make_loop_drive(DURATION_S), 1, few)
+def test_a_few_scans_of_a_hard_street_are_roughly_like_real_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mqslam.check.stretches.STRETCHES", 1)
+    monkeypatch.setattr("mqslam.check.stretches.STRETCH_SCANS", 7)
+    figures = measure(make_street_scene(1, movers=0), make_loop_drive(DURATION_S), 1)
     assert figures.scans == 7
     for name, real, bounds in BOUNDS:
         assert np.all(excess(figures, name, real, bounds) < 2.5), name
@@ -73,6 +73,6 @@ def test_a_few_scans_of_a_hard_street_are_roughly_like_real_ones() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_hard_city_has_the_statistics_of_real_radar(seed: int) -> None:
-    figures = measure(make_city_scene(seed), make_city_drive(seed, DURATION_S), seed, CheckConfig())
+    figures = measure(make_city_scene(seed), make_city_drive(seed, DURATION_S), seed)
     for name, real, bounds in BOUNDS:
         assert np.all(excess(figures, name, real, bounds) < 1.0), name

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from mqslam.backend.sensors.odometry.odometry_calibration import Calibration, Design, fit
 from mqslam.backend.sensors.odometry.odometry_edges import spread_common
-from mqslam.config import VelocityConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.sensors.velocity import Velocities, make_twists
@@ -37,6 +36,11 @@ _TOLD_SIGMAS = 5.0
 _SCALE_TOLERANCE = 0.01
 # Standard deviation of a velocity's bias when nothing is known of it [m/s]; Boreas-RT's is as large.
 _SIGMA_BIAS_MPS = 0.1
+# Standard deviation of the scale when nothing is known of it [1]: the Doppler shift of a radar's chirps is known to a few
+# percent.
+SIGMA_SCALE = 0.05
+# With fewer motions than this that psi found itself, velocities are as good as they state themselves.
+_FEWEST = 40
 
 SOURCE: Final = "chirps"
 _ROUNDS: Final = 3  # of fit and noise, which settle in fewer
@@ -69,7 +73,7 @@ class VelocityUse:
         return SOURCE
 
 
-def join_velocities(velocities: Velocities, motions: Sequence[Measurement], settings: VelocityConfig) -> VelocityUse:
+def join_velocities(velocities: Velocities, motions: Sequence[Measurement]) -> VelocityUse:
     """Holds velocities against psi's motions, and returns them as motions if they agree.
 
     Where psi found too few motions to show whether they do, they are as good as they state themselves and as the settings
@@ -78,23 +82,22 @@ def join_velocities(velocities: Velocities, motions: Sequence[Measurement], sett
     Args:
         velocities: one per scan.
         motions: between successive scans, as the front end measured them; their turns are taken as they are.
-        settings: of the velocities.
     """
     poses, lasts, design, variances = _predict(velocities, motions)
     known = np.isfinite(poses[:, 0]) & np.array([motion.status is Status.CONVERGED for motion in motions])
     measured = np.array([np.diag(motion.covariance) for motion in motions]) + _LEAST
     misses = np.full_like(poses, np.nan)
     misses[known, :2] = np.array([motion.pose for motion in motions])[known, :2] - poses[known, :2]
-    prior = np.diag(1.0 / np.square([settings.sigma_scale, _SIGMA_BIAS_MPS, _SIGMA_BIAS_MPS]))
+    prior = np.diag(1.0 / np.square([SIGMA_SCALE, _SIGMA_BIAS_MPS, _SIGMA_BIAS_MPS]))
     factor = 1.0
     for _ in range(_ROUNDS):
         found = fit(design, misses, measured, factor * variances, prior)
         residuals = (misses - found.correct(design))[known, :2]
-        if known.sum() < settings.fewest:
+        if known.sum() < _FEWEST:
             break
         noise = np.maximum(np.median(residuals**2, axis=0) / MEDIAN_OF_CHI2 - np.median(measured[known, :2], axis=0), 0.0)
         factor = max(1.0, float(np.max(noise / np.median(variances[known, :2], axis=0))))
-    why = _find_fault(found, residuals, (measured + factor * variances)[known, :2], settings)
+    why = _find_fault(found, residuals, (measured + factor * variances)[known, :2])
     scale, sigma = 1.0 + float(found.parameters[0]), float(np.sqrt(found.covariance[0, 0]))
     bias = (float(found.parameters[1]), float(found.parameters[2]))
     if why is not None:
@@ -128,11 +131,9 @@ def _predict(
     return poses, lasts, Design(jacobians, columns, np.empty(0)), variances
 
 
-def _find_fault(
-    found: Calibration, residuals: NDArray[np.float64], variances: NDArray[np.float64], settings: VelocityConfig
-) -> str | None:
+def _find_fault(found: Calibration, residuals: NDArray[np.float64], variances: NDArray[np.float64]) -> str | None:
     """Returns why velocities cannot be used, or None."""
-    if len(residuals) < settings.fewest:
+    if len(residuals) < _FEWEST:
         return None
     scale = 1.0 + float(found.parameters[0])
     if not 1.0 / _LARGEST_SCALE <= scale <= _LARGEST_SCALE:

@@ -9,14 +9,23 @@ from typing import Final
 import numpy as np
 
 from mqslam.backend.sensors.gyroscope.gyroscope_start import Start, Turns, find_start
-from mqslam.backend.sensors.gyroscope.rotation import KNOT_S, LONGEST_DELAY_S, SIGMA_BIAS, Calibrated, Rotation, calibrate
+from mqslam.backend.sensors.gyroscope.rotation import (
+    KNOT_S,
+    LONGEST_DELAY_S,
+    SIGMA_BIAS,
+    SIGMA_SCALE,
+    Calibrated,
+    Rotation,
+    calibrate,
+)
 from mqslam.backend.sensors.gyroscope.turn_edges import TurnEdges
-from mqslam.config import GyroscopeConfig
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.sensors.turning import KnownTurning, Turning
 from mqslam.core.wording import describe_delay
 
+# With fewer motions than this that psi found itself, a gyroscope is not calibrated, and not used.
+FEWEST_MOTIONS = 40
 # A gyroscope that turns more than this many times as far as the radar, or as little, is of another unit or broken, and is
 # not used. The scale of smaller errors is put right.
 _LARGEST_SCALE = 1.25
@@ -66,9 +75,7 @@ def list_turns(motions: Sequence[Measurement], drift: float) -> Turns:
     return Turns(begins, ends, yaws, variances + _LEAST_VARIANCE, known.astype(np.bool_), drift)
 
 
-def join_gyroscope(
-    gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float, settings: GyroscopeConfig
-) -> GyroscopeUse:
+def join_gyroscope(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float) -> GyroscopeUse:
     """Holds a gyroscope against psi's motions, puts right what can be, and returns its turns if it then agrees.
 
     Args:
@@ -76,7 +83,6 @@ def join_gyroscope(
         start_us: stamp [us] of the recording's time zero.
         motions: between successive scans, as the front end measured them.
         drift: by how much the front end's map turns away in the root of a second, as the graph states it [rad].
-        settings: of the gyroscope.
     """
     turns = list_turns(motions, drift)
     start = find_start(gyroscope, start_us, turns, LONGEST_DELAY_S) if len(motions) else None
@@ -88,25 +94,23 @@ def join_gyroscope(
         return refuse("its readings never change")
     if start is None:
         return refuse("it covers none of the motions that the radar shows")
-    found = calibrate(gyroscope, start, turns, settings)
+    found = calibrate(gyroscope, start, turns)
     both = int(np.isfinite(found.residuals).sum())
-    if both < settings.fewest:
-        return refuse(f"only {both} motions show both the radar's turn and its own, and {settings.fewest} are needed")
-    why = _find_fault(gyroscope, start, turns, found, settings)
+    if both < FEWEST_MOTIONS:
+        return refuse(f"only {both} motions show both the radar's turn and its own, and {FEWEST_MOTIONS} are needed")
+    why = _find_fault(gyroscope, start, turns, found)
     if why is not None:
         return refuse(why, found.rotation)
     statements = (f"the gyroscope ({gyroscope.source}) is used", *_describe_corrections(found.rotation))
-    return GyroscopeUse(gyroscope.source, statements, found.rotation, _make_edges(found, turns, settings))
+    return GyroscopeUse(gyroscope.source, statements, found.rotation, _make_edges(found, turns))
 
 
-def find_turning(
-    gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float, settings: GyroscopeConfig
-) -> KnownTurning | None:
+def find_turning(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float) -> KnownTurning | None:
     """Returns how far the radar turns, as a gyroscope says that agrees with psi's motions; None where it does not.
 
     The arguments are those of `join_gyroscope`.
     """
-    use = join_gyroscope(gyroscope, start_us, motions, drift, settings)
+    use = join_gyroscope(gyroscope, start_us, motions, drift)
     rotation = use.rotation
     if use.edges is None or rotation is None:
         return None
@@ -114,9 +118,7 @@ def find_turning(
     return KnownTurning(turning, rotation.sign * rotation.scale, rotation.delay_s, rotation.bias)
 
 
-def _find_fault(
-    gyroscope: Gyroscope, start: Start, turns: Turns, found: Calibrated, settings: GyroscopeConfig
-) -> str | None:
+def _find_fault(gyroscope: Gyroscope, start: Start, turns: Turns, found: Calibrated) -> str | None:
     """Returns why a gyroscope cannot be used, or None."""
     rotation = found.rotation
     is_told = rotation.scale > TOLD_SIGMAS * rotation.scale_sigma
@@ -139,9 +141,7 @@ def _find_fault(
     if wild > _MOST_WILD:
         return f"it contradicts the radar in {wild:.0%} of the motions"
     half = len(turns.yaws) // 2
-    first, second = (
-        calibrate(gyroscope, start, turns, settings, part).rotation for part in (slice(half), slice(half, None))
-    )
+    first, second = (calibrate(gyroscope, start, turns, part).rotation for part in (slice(half), slice(half, None)))
     sigma_s = float(np.hypot(first.delay_sigma_s, second.delay_sigma_s))
     apart_s = abs(second.delay_s - first.delay_s)
     if apart_s > max(TOLD_SIGMAS * sigma_s, DELAY_TOLERANCE_S):
@@ -168,7 +168,7 @@ def _describe_corrections(rotation: Rotation) -> list[str]:
     return sentences
 
 
-def _make_edges(found: Calibrated, turns: Turns, settings: GyroscopeConfig) -> TurnEdges:
+def _make_edges(found: Calibrated, turns: Turns) -> TurnEdges:
     """Returns the turns of a gyroscope; one that contradicts psi states the contradiction as its noise."""
     rotation, lasts = found.rotation, turns.ends - turns.begins
     white = rotation.noise.white**2 * lasts + _LEAST_VARIANCE
@@ -186,5 +186,5 @@ def _make_edges(found: Calibrated, turns: Turns, settings: GyroscopeConfig) -> T
         bias=rotation.bias,
         scale_error=rotation.scale - 1.0,
         sigma_bias=SIGMA_BIAS,
-        sigma_scale=settings.sigma_scale,
+        sigma_scale=SIGMA_SCALE,
     )

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from mqslam.backend.sensors.gyroscope.gyroscope_start import Start, Turns
 from mqslam.backend.sensors.gyroscope.rate_noise import RateNoise, measure_rate_noise
 from mqslam.backend.sensors.odometry.odometry_calibration import Calibration, Design, fit
-from mqslam.config import GyroscopeConfig
 from mqslam.core.sensors.gyroscope import Gyroscope
 
 # Largest error of the gyroscope's clock, late or early, that is looked for [s]. That of RADIATE's clock is 1.8 s.
@@ -26,6 +25,8 @@ KNOT_S = 1.0
 _FIRST_WALK = 0.001
 # Standard deviation of the bias when nothing is known of it [rad/s].
 SIGMA_BIAS = 0.1
+# Standard deviation of the error of its scale when nothing is known of it [1].
+SIGMA_SCALE = 0.1
 
 _ROUNDS: Final = 3  # of fit and noise, which settle in fewer
 _NUDGE_S: Final = 0.02  # by which readings are moved to see how turns change with the delay [s]: numerical
@@ -71,16 +72,13 @@ class Calibrated(NamedTuple):
     residuals: NDArray[np.float64]
 
 
-def calibrate(
-    gyroscope: Gyroscope, start: Start, turns: Turns, settings: GyroscopeConfig, some: slice = slice(None)
-) -> Calibrated:
+def calibrate(gyroscope: Gyroscope, start: Start, turns: Turns, some: slice = slice(None)) -> Calibrated:
     """Calibrates a gyroscope by psi's turns.
 
     Args:
         gyroscope: its readings.
         start: its axis, and about how late it is.
         turns: as psi measured them.
-        settings: of the gyroscope.
         some: which of the motions take part.
     """
     turns = turns.take(some)
@@ -97,7 +95,7 @@ def calibrate(
         by_delay = (read(delay_s + _NUDGE_S) - read(delay_s - _NUDGE_S)) / (2.0 * _NUDGE_S)
         misses = np.where(turns.known & np.isfinite(by_delay), turns.yaws - raw, np.nan)
         design = _make_design(raw, by_delay, lasts, KNOT_S)
-        found = _fit(design, misses, turns, noise, settings)
+        found = _fit(design, misses, turns, noise)
         delay_s += float(np.clip(found.parameters[1], -_NUDGE_S, _NUDGE_S))
         by_common = np.sum(design.jacobians[:, 2, :_COMMON] * found.parameters[:_COMMON], axis=1)
         walking = misses - by_common  # the walk of the bias is still in these
@@ -126,14 +124,12 @@ def _make_design(
     return Design(jacobians, columns, np.full(int(left[-1]) + 1, span * float(np.median(lasts))))
 
 
-def _fit(
-    design: Design, misses: NDArray[np.float64], turns: Turns, noise: RateNoise, settings: GyroscopeConfig
-) -> Calibration:
+def _fit(design: Design, misses: NDArray[np.float64], turns: Turns, noise: RateNoise) -> Calibration:
     """Returns the parameters and what is known of them."""
     lasts = turns.ends - turns.begins
     prior = np.zeros((_COMMON + len(design.knots_s) + 1,) * 2)
     first = np.arange(_COMMON + 1)
-    prior[first, first] = 1.0 / np.square([settings.sigma_scale, LONGEST_DELAY_S, SIGMA_BIAS])
+    prior[first, first] = 1.0 / np.square([SIGMA_SCALE, LONGEST_DELAY_S, SIGMA_BIAS])
     for knot, step_s in enumerate(design.knots_s, start=_COMMON):
         step = np.array([[1.0, -1.0], [-1.0, 1.0]]) / (noise.walk**2 * step_s + _LEAST)
         prior[knot : knot + 2, knot : knot + 2] += step

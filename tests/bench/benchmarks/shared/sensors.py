@@ -13,7 +13,7 @@ from bench.measuring.recordings import TRUTH, twin
 from bench.measuring.scorer import Score, score
 
 from mqslam.backend.problem import Problem
-from mqslam.backend.sensor_use import SensorSettings, join_sensors
+from mqslam.backend.sensor_use import join_sensors
 from mqslam.config import Config
 from mqslam.core.frontend import Context, measure_motions
 from mqslam.core.measurement import Measurement
@@ -77,9 +77,8 @@ def _measure_drive(drive: _Drive, out: Path) -> list[Row]:
 
 def _make_row(drive: _Drive, out: Path, name: str, sensors: Sensors) -> Row:
     """Returns the row of some sensors."""
-    settings = SensorSettings(_CONFIG.gyroscope, _CONFIG.velocity, _CONFIG.odometry)
     problem = Problem(drive.motions, [])
-    problem, used = join_sensors(problem, [], sensors, None, drive.scans.start_us, settings)
+    problem, used = join_sensors(problem, [], sensors, None, drive.scans.start_us, _CONFIG.odometry)
     write_tum(out / "trajectory.tum", Trajectory(drive.scans.stamps_us, problem.solve_poses([])))
     scored: Score = score(out / "trajectory.tum", drive.recording.path / TRUTH)
     said = [statement.split(": ", 1)[0] for statement in used.refusals] or [s for s in used.notes[1:] if "GNSS" not in s]
