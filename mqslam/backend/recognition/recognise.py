@@ -24,6 +24,7 @@ from mqslam.backend.recognition.places import render_places
 from mqslam.config import EstimatorConfig, LoopConfig, RecognitionConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
+from mqslam.psi.correlate import compute_same_m
 from mqslam.psi.place import Beam
 from mqslam.psi.scoring.references import make_references
 
@@ -222,7 +223,7 @@ def _choose(matches: Sequence[PlaceMatch], ground: Passes, means: Means) -> tupl
         elsewhere = [
             other
             for other, pose in zip(own[1:], found[1:], strict=True)
-            if np.hypot(*(pose - found[0])[:2]) > means.estimator.search_same_m
+            if np.hypot(*(pose - found[0])[:2]) > compute_same_m(means.estimator)
         ]
         if not best.alone or any(other.psi < means.loops.rival * best.psi for other in elsewhere):
             ambiguous.append(query)
