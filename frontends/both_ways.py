@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from mqslam.config import TrackerConfig
 from mqslam.core import se2
 from mqslam.core.measurement import MOTION, Measurement, MotionTable, Status, TableRows, motion_to_row, row_to_motion
 from mqslam.core.scans import Returns, Scan
@@ -114,11 +113,6 @@ class _Reversed(Sequence[Scan]):
         scan, after = self._scans[n], self._scans[n + 1] if n + 1 < len(self) else None
         returns = _reverse_returns(scan.returns, self._end)
         return Scan(self._end - _find_end(scan, after), self._end - scan.t0, returns)
-
-
-def reverse_settings(settings: TrackerConfig) -> TrackerConfig:
-    """Returns settings that try, of a recording played backward, the same speeds as of the recording itself."""
-    return settings.model_copy(update={"speed_min": -settings.speed_max, "speed_max": -settings.speed_min})
 
 
 def turn_back(scans: Sequence[Scan], backward: Sequence[DirectedMotion | None]) -> MatchTable:

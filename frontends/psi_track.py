@@ -14,7 +14,7 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
-from mqslam.frontends.both_ways import DirectedMotion, reverse_settings, reverse_time
+from mqslam.frontends.both_ways import DirectedMotion, reverse_time
 from mqslam.psi.place import beam_of
 from mqslam.psi.tracking.state import State
 from mqslam.psi.tracking.track import FollowedScan, ToldTwist, follow_scans
@@ -29,7 +29,7 @@ def track_forward(scans: Sequence[Scan], context: Context) -> Iterator[DirectedM
         EstimationError: there are fewer than two scans.
         FewReturnsError: no two scans in a row hold enough returns.
     """
-    return _track(scans, context, _choose_settings(context), context.doppler_beta, context.told_twist)
+    return _track(scans, context, context.doppler_beta, context.told_twist)
 
 
 def track_backward(scans: Sequence[Scan], context: Context) -> Iterator[DirectedMotion]:
@@ -45,8 +45,7 @@ def track_backward(scans: Sequence[Scan], context: Context) -> Iterator[Directed
         twist = context.told_twist(end - t1, end - t0)
         return None if twist is None else -twist
 
-    settings = reverse_settings(_choose_settings(context))
-    yield from _track(reverse_time(scans), context, settings, -context.doppler_beta, twist_back)
+    yield from _track(reverse_time(scans), context, -context.doppler_beta, twist_back, is_reversed=True)
 
 
 def _choose_settings(context: Context) -> TrackerConfig:
@@ -58,11 +57,12 @@ def _choose_settings(context: Context) -> TrackerConfig:
 
 
 def _track(
-    scans: Sequence[Scan], context: Context, settings: TrackerConfig, doppler_beta: float, told: ToldTwist
+    scans: Sequence[Scan], context: Context, doppler_beta: float, told: ToldTwist, *, is_reversed: bool = False
 ) -> Iterator[DirectedMotion]:
     """Yields the motions of a track in one direction of time."""
     estimator = context.config.estimator
-    tracker = Tracker(settings, estimator, beam_of(estimator, doppler_beta), context.revolution_s)
+    beam, settings = beam_of(estimator, doppler_beta), _choose_settings(context)
+    tracker = Tracker(settings, estimator, beam, context.revolution_s, is_reversed=is_reversed)
     return chain.from_iterable(_steps(follow_scans(scans, tracker, told)))
 
 

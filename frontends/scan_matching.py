@@ -182,7 +182,7 @@ def _find_start(head: Sequence[Scan], new_track: NewTrack, context: Context) -> 
     metres per scan, not with more. The best fit wins, or the slowest where all fit about as well.
     """
     odometry = context.odometry_twist(head[0].t0, head[0].t1)
-    fastest = max(context.config.tracker.speed_max, 0.0)
+    fastest = context.config.tracker.speed_max
     speeds = np.arange(0.0, fastest + 1e-9, _START_STEP_M / context.revolution_s)
     begins = [np.array([speed, 0.0, 0.0]) for speed in speeds] if odometry is None else [odometry]
     starts = [_run_back_and_forth(head, new_track, begin) for begin in begins]

@@ -16,10 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config import TrackerConfig
+from mqslam.config.tracker_config import WARM_UP_SCANS
 from mqslam.core import se2
 from mqslam.core.scans import Scan
 from mqslam.frontends.both_ways import DirectedMotion, follows_at_once
 from mqslam.psi.tracking.plausibility import is_usable
+
+# Number of the last scans of a warm-up over which the motions pass from the track of one segment to that of the next.
+_SHARED_SCANS = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,11 +52,11 @@ def split_into_segments(scans: Sequence[Scan], settings: TrackerConfig) -> list[
 
     Args:
         scans: of the recording.
-        settings: how many scans a segment and its warm-up take; the result depends on nothing else.
+        settings: how many scans a segment takes; the result depends on nothing else.
     """
     count, size = max(len(scans) - 1, 0), settings.segment_scans or len(scans)
-    before, shared = settings.warm_up_scans, settings.shared_scans
-    sound = _mark_sound(scans, settings)
+    before, shared = WARM_UP_SCANS, _SHARED_SCANS
+    sound = _mark_sound(scans)
     forward = _choose_borders(count, size, [k for k in range(before, count) if sound[k - before : k + 1].all()], size)
     backward = _choose_borders(
         count, size + size // 2, [k for k in range(count - before) if sound[k : k + before + 1].all()], size
@@ -65,11 +69,11 @@ def split_into_segments(scans: Sequence[Scan], settings: TrackerConfig) -> list[
     return sorted(segments, key=lambda s: (s.end, s.is_backward))
 
 
-def _mark_sound(scans: Sequence[Scan], settings: TrackerConfig) -> NDArray[np.bool_]:
+def _mark_sound(scans: Sequence[Scan]) -> NDArray[np.bool_]:
     """Marks the scans (N,) that can be matched and that follow the one before at once."""
     sound, before = list[bool](), None
     for scan in scans:
-        sound.append(is_usable(scan, settings) and (before is None or follows_at_once(before, scan)))
+        sound.append(is_usable(scan) and (before is None or follows_at_once(before, scan)))
         before = scan
     return np.array(sound, dtype=np.bool_)
 

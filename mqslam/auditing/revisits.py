@@ -22,6 +22,7 @@ from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.statistics.chances import MEDIAN_EFFICIENCY, compute_p_values, correct_for_places, find_usual_scale
 from mqslam.execution.progress import Progress
+from mqslam.psi.correlate import compute_same_m
 
 # Where the trajectory says how sure it is, two passes are torn if that and the measurement do not explain their offset,
 # unless it moves the points by less than this [m]. torn_m and torn_rad do not count then.
@@ -154,7 +155,7 @@ def judge_laid(
         [one.rivals for one in laid],
         np.array([compute_reach(one.path_m, settings)[0] for one in laid]),
         settings.least_path_m,
-        estimator.search_same_m,
+        compute_same_m(estimator),
         settings.probability,
     )
     claimed = claims.relate([(one.earlier, one.later) for one in laid]) if claims is not None else None

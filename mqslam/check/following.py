@@ -18,6 +18,7 @@ from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.psi.place import Beam
+from mqslam.psi.tracking.setup import START_SCANS, Tuning
 from mqslam.psi.tracking.tracked import Tracked
 from mqslam.psi.tracking.tracker import Tracker
 
@@ -78,32 +79,32 @@ def follow(
     Args:
         recording: the recording.
         stretches: those parts of it that were read.
-        tracker: settings of the tracker, but for the distance between keyframes.
+        tracker: settings of the tracker.
         estimator: settings of the score.
         beam: the sensor's errors.
     """
-    spread = tracker.model_copy(update={"keyframe_m": _KEYFRAME_M})
+    spread = Tuning(keyframe_m=_KEYFRAME_M)
     edges: list[tuple[float, float]] = []
     twists: list[se2.Array] = []
     forward: list[float] = []
     backward: list[float] = []
     for stretch in stretches:
-        if len(stretch.scans) < tracker.start_scans:
+        if len(stretch.scans) < START_SCANS:
             continue
         try:
-            of_sensor = estimator, beam, stretch.scans.revolution_s
-            tracker_there = Tracker(spread, *of_sensor)
+            of_sensor = tracker, estimator, beam, stretch.scans.revolution_s
+            tracker_there = Tracker(*of_sensor, tuning=spread)
             there = track_scans(stretch.scans, tracker_there)
             backward_scans = replace(stretch.scans, scans=tuple(map(_reverse, stretch.scans)))
             # a scan's psi depends on how full the map is: both maps take the same scans
-            back = track_scans(backward_scans, Tracker(spread, *of_sensor, tracker_there.keyframes))
+            back = track_scans(backward_scans, Tracker(*of_sensor, tracker_there.keyframes, spread))
         except EstimationError:
             continue
         for a, b in itertools.pairwise(there):
             if a.status is b.status is Status.CONVERGED:
                 edges.append((a.t0, b.t0))
                 twists.append(se2.log(se2.wrapped_between(a.pose, b.pose)) / (b.t0 - a.t0))
-        for one, two in zip(there[tracker.start_scans - 1 :], back[tracker.start_scans - 1 :], strict=True):
+        for one, two in zip(there[START_SCANS - 1 :], back[START_SCANS - 1 :], strict=True):
             forward.append(_psi_per_point(one))
             backward.append(_psi_per_point(two))
     stamps = recording.start_us + np.round(np.array(edges).reshape(-1, 2) * 1e6).astype(np.int64)
@@ -112,7 +113,7 @@ def follow(
         steps,
         np.array(forward),
         np.array(backward),
-        _explain_shortage(stretches, tracker.start_scans - 1 + FEWEST_STEPS),
+        _explain_shortage(stretches, START_SCANS - 1 + FEWEST_STEPS),
     )
 
 
@@ -126,7 +127,7 @@ def track_scans(scans: Scans, tracker: Tracker) -> list[Tracked]:
     Raises:
         EstimationError: a start that holds too few returns.
     """
-    first = tracker.start(scans[: tracker.settings.start_scans])
+    first = tracker.start(scans[:START_SCANS])
     return [first, *(tracker.follow(scan) for scan in scans[1:])]
 
 

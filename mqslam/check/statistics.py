@@ -26,6 +26,7 @@ from mqslam.detection.stage import make_scans
 from mqslam.errors import EstimationError
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam
+from mqslam.psi.tracking.setup import START_SCANS, Tuning
 from mqslam.psi.tracking.tracked import Tracked
 from mqslam.psi.tracking.tracker import Tracker
 
@@ -36,17 +37,20 @@ METRES_ON = (0.2, 0.5, 1.0, 2.0)
 SCANS_ON = (1, 4)
 NEAR_M = 0.5  # a return that has another this near is seen again
 FAR_M = 1.0  # a return that has none this near is not
-_WIDTHS = {"s": 0.6, "beta_s": 0.25, "correlation": 10.0, "apart_share": 1.0, "apart_blur": 1.0}  # all views count the same
-# Each match begins wide, and none is left for a better one beside it.
-_MAP = {
-    "keyframe_m": 8.0,
-    "keyframes": 40,
-    "first_step": 0,
-    "foresight_margin": np.inf,
-    "final_width": 1.0,
-    "doubtful_psi": np.inf,
-}
-_TURNING = {"sigma_omega": 0.08, "sigma_alpha": 0.6, "start_omega": 0.08, "start_alpha": 0.6}  # the same in young tracks
+_WIDTHS = {"s": 0.6, "beta_s": 0.25}
+# Each match begins wide, none is left for a better one beside it, and all views count the same.
+_TUNING = Tuning(
+    keyframe_m=8.0,
+    keyframes=40,
+    final_width=1.0,
+    first_step=0,
+    foresight_margin=np.inf,
+    doubtful_psi=np.inf,
+    correlation=10.0,
+    apart_share=1.0,
+    apart_blur=1.0,
+)
+_TURNING = {"sigma_omega": 0.08, "sigma_alpha": 0.6}  # the same as in young tracks
 _ASIDE_RAD = np.deg2rad(10.0)  # turned so far about the sensor, a scan meets another's returns by chance alone
 
 
@@ -174,7 +178,7 @@ def measure_statistics(
     for scans in stretches:
         tracked = _follow(scans, tracker, estimator, beam)
         if tracked:
-            pairs.add(scans, tracked, beam, tracker.start_scans)
+            pairs.add(scans, tracked, beam)
     if not pairs.matched:
         raise EstimationError(
             f"{recording.path}: no stretch of it can be followed, for want of returns or of scans without a gap"
@@ -211,10 +215,10 @@ class _Pairs:
         self.matched: list[NDArray[np.bool_]] = []
         self.psi: list[NDArray[np.float64]] = []
 
-    def add(self, scans: Scans, tracked: Sequence[Tracked], beam: Beam, start: int) -> None:
+    def add(self, scans: Scans, tracked: Sequence[Tracked], beam: Beam) -> None:
         """Counts the returns of a stretch as psi tracks it; the scans that the track starts with have no map yet."""
-        self.matched += [scan.evaluation.matched for scan in tracked[start:]]
-        self.psi += [scan.evaluation.shares for scan in tracked[start:]]
+        self.matched += [scan.evaluation.matched for scan in tracked[START_SCANS:]]
+        self.psi += [scan.evaluation.shares for scan in tracked[START_SCANS:]]
         poses = np.array([scan.pose for scan in tracked])
         times = np.array([scan.t0 for scan in scans])
         placed = [place_along(scan.returns, times, poses, beam).points for scan in scans]
@@ -236,11 +240,11 @@ class _Pairs:
 
 def _follow(scans: Scans, tracker: TrackerConfig, estimator: EstimatorConfig, beam: Beam) -> list[Tracked]:
     """Returns the scans of a stretch as psi tracks them; none where it cannot be followed."""
-    if len(scans) <= tracker.start_scans or not all(len(scan.returns) for scan in scans):
+    if len(scans) <= START_SCANS or not all(len(scan.returns) for scan in scans):
         return []
     try:
-        settings = tracker.model_copy(update=_MAP | _TURNING), estimator.model_copy(update=_WIDTHS)
-        return track_scans(scans, Tracker(*settings, beam, scans.revolution_s))
+        settings = tracker.model_copy(update=_TURNING), estimator.model_copy(update=_WIDTHS)
+        return track_scans(scans, Tracker(*settings, beam, scans.revolution_s, tuning=_TUNING))
     except EstimationError:
         return []
 

@@ -16,7 +16,7 @@ from mqslam.core.recording import Recording
 from mqslam.core.scans import Returns
 from mqslam.detection.stage import detect_stretch
 from mqslam.errors import ConfigError, EstimationError
-from mqslam.psi.minimiser import final_scale, score_itself
+from mqslam.psi.minimiser import final_scale, kernel_of, score_itself
 from mqslam.psi.place import Beam, beam_of, place
 from mqslam.psi.published.equations import score as published
 from mqslam.psi.window import WindowMotion, drop_start, estimate_window
@@ -72,7 +72,9 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
     }
     if minimise:
         twist = motion if model.size == 3 else motion[[0, 0, 1]] * [1.0, 0.0, 1.0]
-        best = estimate_window(returns, t0, revolution_s, settings.estimator, beam, twist, model)
+        best = estimate_window(
+            returns, t0, kernel_of(settings.estimator, revolution_s), settings.estimator, beam, twist, model
+        )
         tree["minimised"] = _describe_estimate(best, model) | _score_motion(
             returns, t0, revolution_s, best.theta, model, settings.estimator, beam, psi
         )
@@ -140,7 +142,7 @@ def _score_motion(
     """Returns the published score of a window under a motion with its parts, and the estimator's at its final widths."""
     points = drop_start(place(returns, t0, np.zeros(3), theta, model, beam))
     whole = published(points.points, points.times, revolution_s, variant, points.jacobians)
-    own = score_itself(points, final_scale(config), revolution_s, config)
+    own = score_itself(points, final_scale(config), kernel_of(config, revolution_s))
     return {
         "published": {
             "psi": whole.psi,

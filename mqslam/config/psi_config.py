@@ -14,7 +14,6 @@ class PsiConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     s: float = Field(2.0, gt=0.0, description="Radius of a point's neighbourhood [m].")
-    alpha_s: float = Field(0.0, ge=0.0, description="Distance at which the spatial kernel peaks [m].")
     beta_s: float = Field(1.0, gt=0.0, description="Width of the spatial kernel [m].")
     alpha_t: float | None = Field(
         None,
@@ -23,7 +22,6 @@ class PsiConfig(BaseModel):
     )
     beta_t: float = Field(0.06, gt=0.0, description="Width of the temporal kernel [s].")
     tau: float = Field(0.5, gt=0.0, description="Width of the Lorentzian [m].")
-    xi: float = Field(0.02, gt=0.0, lt=1.0, description="Pairs with a smaller kappa take no part.")
     temporal: Literal["plateau", "gaussian"] = Field(
         "plateau", description="Temporal kernel: plateau is 1 from alpha_t on; gaussian is as printed in (8)."
     )

@@ -18,10 +18,10 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.execution.local_engine import HERE
 from mqslam.execution.runner import Runner
-from mqslam.psi.minimiser import final_scale, score_against
+from mqslam.psi.minimiser import final_scale, kernel_of
 from mqslam.psi.place import Beam, PointSet, compute_beam_covariance
 from mqslam.psi.scoring.neighbours import find_corner
-from mqslam.psi.scoring.references import make_references
+from mqslam.psi.scoring.references import evaluate_against, make_references
 
 # A scan is rendered once the sensor has moved this far since the last rendered one [m], so that a parked stretch does not
 # weigh more than others in the map.
@@ -264,7 +264,7 @@ def _score_strip(
     own = columns[chosen[order]]
     inside = order[(own >= begin) & (own < end)]
     release(columns)
-    evaluation = score_against(_take_points(around, inside), references, scale, revolution_s, estimator)
+    evaluation = evaluate_against(_take_points(around, inside), references, scale, kernel_of(estimator, revolution_s))
     return _Scored(chosen[inside], evaluation.shares, evaluation.matched)
 
 

@@ -19,6 +19,13 @@ from scipy.fft import fft, ifft, irfft, next_fast_len, rfft, rfft2
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 
+# Side of a pixel of the images, as a share of the annealing's first reach s_start. The minimiser surely bridges that
+# distance.
+_PIXEL = 0.3
+# Poses that are nearer to each other than this many pixels count as one.
+_SAME = 2.0
+# Most poses that are handed on to the minimiser.
+_PEAKS = 3
 # Standard deviation of the images' blur, in pixels of the global search.
 _SEARCH_BLUR = 1.4
 # Points farther from the query's origin than this many pixels take no part in the search, because they would need finer
@@ -28,6 +35,16 @@ _SEARCH_EXTENT = 110.0
 _NEIGHBOURS: Final = 2  # a peak is the largest of the pixels within so many rows and columns: it defines a local maximum
 _BLUR_REACH: Final = 4.0  # standard deviations beyond which a blur is cut off: numerical
 _SUMS_PER_PIXEL: Final = 90  # pixels that are added up in the time in which Fourier transforms take one, as measured
+
+
+def compute_pixel_m(config: EstimatorConfig) -> float:
+    """Returns the side of a pixel of the global search [m]."""
+    return _PIXEL * config.s_start
+
+
+def compute_same_m(config: EstimatorConfig) -> float:
+    """Returns the distance below which two poses of the global search are one [m]."""
+    return _SAME * compute_pixel_m(config)
 
 
 def find_correlation_peaks(
@@ -51,7 +68,7 @@ def find_correlation_peaks(
     Returns:
         poses (3,), the best first.
     """
-    pixel_m = config.search_pixel_m
+    pixel_m = compute_pixel_m(config)
     x, y = np.abs(query.T)
     query = query[np.maximum(x, y) < _SEARCH_EXTENT * pixel_m]
     if len(reference) == 0 or len(query) == 0:
@@ -68,11 +85,11 @@ def find_correlation_peaks(
     for yaw in guess[2] + np.linspace(-count, count, 2 * count + 1) * step:
         rotated = se2.transform(np.array([guess[0], guess[1], yaw]), query)
         correlation = image.correlate(*find_pixels(rotated, lowest, side, pixel_m))
-        for top, i, k in find_tops(correlation, config.search_peaks):
+        for top, i, k in find_tops(correlation, _PEAKS):
             at = guess[:2] + np.array([i - cells, k - cells]) * pixel_m
             peaks.append((top, np.array([at[0], at[1], yaw])))
     peaks.sort(key=lambda peak: -peak[0])
-    return _choose_different([pose for _, pose in peaks], 2.0 * config.search_same_m, config.search_peaks)
+    return _choose_different([pose for _, pose in peaks], 2.0 * compute_same_m(config), _PEAKS)
 
 
 class Image:

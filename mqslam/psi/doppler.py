@@ -19,6 +19,7 @@ from mqslam.core.engine import Engine
 from mqslam.core.scans import Scans
 from mqslam.psi.place import beam_of
 from mqslam.psi.tracking.plausibility import is_usable
+from mqslam.psi.tracking.setup import START_SCANS
 from mqslam.psi.tracking.tracker import Tracker
 
 # Share of psi that a Doppler shift must save to be believed.
@@ -61,7 +62,7 @@ def measure_doppler(
         estimator: settings of the score.
         engine: where stretches of the recording are tracked; the result does not depend on it.
     """
-    stretches = _choose_stretches(scans, sensor, tracker)
+    stretches = _choose_stretches(scans, sensor)
     if not stretches:
         return Doppler(0.0)
     grid: NDArray[np.float64] = sensor.doppler_step * np.arange(-sensor.doppler_steps, sensor.doppler_steps + 1.0)
@@ -129,13 +130,13 @@ def choose_doppler(scans: Scans, config: Config, engine: Engine) -> Doppler:
     return Doppler(round(beta, 4), round(sigma, 4))
 
 
-def _choose_stretches(scans: Scans, sensor: SensorConfig, tracker: TrackerConfig) -> list[Scans]:
+def _choose_stretches(scans: Scans, sensor: SensorConfig) -> list[Scans]:
     """Chooses short stretches, spread over the recording, whose scans can all be tracked."""
     length, count = sensor.doppler_scans, sensor.doppler_stretches
     begins = np.unique(np.linspace(0, max(len(scans) - length, 0), count + 2).astype(int)[1:-1])
     loaded = [tuple(scans[int(k) : int(k) + length]) for k in begins]
     stretches = [Scans(stretch, scans.start_us, scans.revolution_s) for stretch in loaded]
-    return [s for s in stretches if len(s) > tracker.start_scans and all(is_usable(scan, tracker) for scan in s)]
+    return [s for s in stretches if len(s) > START_SCANS and all(is_usable(scan) for scan in s)]
 
 
 def _find_vertex(grid: NDArray[np.float64], scores: NDArray[np.float64]) -> float:
@@ -152,15 +153,13 @@ def _find_vertex(grid: NDArray[np.float64], scores: NDArray[np.float64]) -> floa
 def _find_first_twist(shared: tuple[TrackerConfig, EstimatorConfig], scans: Scans) -> NDArray[np.float64]:
     """Returns the twist (3,) at the start of a stretch."""
     tracker, estimator = shared
-    return Tracker(tracker, estimator, beam_of(estimator, 0.0), scans.revolution_s).find_first_twist(
-        scans[: tracker.start_scans]
-    )
+    return Tracker(tracker, estimator, beam_of(estimator, 0.0), scans.revolution_s).find_first_twist(scans[:START_SCANS])
 
 
 def _measure_psi(shared: tuple[TrackerConfig, EstimatorConfig], case: tuple[Scans, NDArray[np.float64], float]) -> float:
     """Returns psi per point of a stretch that is followed from a first twist (3,) with a Doppler shift [s]."""
     (settings, estimator), (scans, twist, beta) = shared, case
     tracker = Tracker(settings, estimator, beam_of(estimator, beta), scans.revolution_s)
-    tracker.start(scans[: settings.start_scans], twist)
+    tracker.start(scans[:START_SCANS], twist)
     shares = [tracker.follow(scan).evaluation.shares for scan in scans[1:]]
     return float(np.concatenate(shares).mean())

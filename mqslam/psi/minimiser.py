@@ -21,6 +21,23 @@ from mqslam.psi.scoring.estimator import Kernel, PsiEvaluation, Scale, evaluate,
 from mqslam.psi.scoring.neighbours import NeighbourCache, find_candidates, sort_into_cells
 from mqslam.psi.scoring.references import Pairs, References, Surroundings, do_serve, evaluate_against, list_pairs
 
+# Offset at which a point's weight has fallen to a quarter, at the end of annealing [standard deviations].
+C = 1.5
+# The same at the start of annealing [standard deviations].
+_C_START = 5.0
+# Width of the fade of pairs that are less than one turn apart [s].
+BETA_T = 0.06
+# Least kappa of a selected neighbour. Beyond it a neighbour hardly counts.
+_XI = 0.02
+# Factor on the weight (kappa) of a neighbour that was seen from a quite different direction. With 1, all views count the
+# same.
+APART_SHARE = 0.3
+# Factor on blur_m for a neighbour that was seen from a quite different direction. With 1, all views scatter the same.
+APART_BLUR = 2.0
+# Number of returns that tell the same. psi's information is divided by this number where it is weighed against a prior.
+CORRELATION = 5.0
+# Largest number of Newton steps.
+STEPS = 12
 # Factor by which the widths shrink from step to step.
 _SHRINK = 0.6
 # Difference of viewing directions [rad] at which the likeness of two views of an object has fallen to 1/e. On real radar,
@@ -36,17 +53,19 @@ _LARGEST_PART = 0.9  # of a step that the next one is taken to be [1]: it keeps 
 _FLATTEST = 1e-9  # least curvature that a step is divided by [1/tolerance^2], which keeps the step finite
 
 
-def annealed_scale(config: EstimatorConfig, step: int) -> Scale:
-    """Returns the widths of the score at one step of the annealing."""
+def annealed_scale(config: EstimatorConfig, step: int, share: float = 1.0) -> Scale:
+    """Returns the widths of the score at one step of an annealing that begins with a share of the widths of the settings."""
     f = _SHRINK**step
     return Scale(
-        max(config.s, config.s_start * f), max(config.beta_s, config.beta_s_start * f), max(config.c, config.c_start * f)
+        max(config.s, share * config.s_start * f),
+        max(config.beta_s, share * config.beta_s_start * f),
+        max(C, share * _C_START * f),
     )
 
 
 def final_scale(config: EstimatorConfig) -> Scale:
     """Returns the widths of the score at the end of the annealing."""
-    return Scale(config.s, config.beta_s, config.c)
+    return Scale(config.s, config.beta_s, C)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,12 +90,16 @@ class Search(NamedTuple):
         settled: length [standard deviations] of a step that ends it; with zero, only the tolerances do.
         foresees: whether each step at the final widths leads to where it and those after it would end together. A prior
             holds such a search where psi is flat; without one it wanders farther.
+        share: share of the annealing's first widths that it begins with.
+        correlation: number of returns that tell the same; psi is divided by it before the prior is added.
     """
 
-    steps: int
+    steps: int = STEPS
     first: int = 0
     settled: float = 0.0
     foresees: bool = False
+    share: float = 1.0
+    correlation: float = CORRELATION
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,37 +117,18 @@ class Minimum:
     converged: bool
 
 
-def score_against(
-    queries: PointSet, references: References, scale: Scale, revolution_s: float, config: EstimatorConfig
-) -> PsiEvaluation:
-    """Scores points against references, as the settings say.
+def kernel_of(config: EstimatorConfig, revolution_s: float) -> Kernel:
+    """Returns what the score is besides its scale, as the settings make it.
 
     Args:
-        queries: points whose offsets are scored.
-        references: points that they are compared with.
-        scale: widths of selection and weights.
-        revolution_s: duration of a turn [s]; with zero, points are compared whatever their times are.
         config: settings of the score.
+        revolution_s: duration of a turn [s]; with zero, points are compared whatever their times are.
     """
-    return evaluate_against(queries, references, scale, kernel_of(config, revolution_s))
+    return Kernel(revolution_s, BETA_T, _XI, config.blur_m, _ASPECT_RAD, APART_SHARE, APART_BLUR * config.blur_m)
 
 
-def kernel_of(config: EstimatorConfig, revolution_s: float) -> Kernel:
-    """Returns what the score is besides its scale, as the settings and the duration of a turn [s] make it."""
-    return Kernel(
-        revolution_s,
-        config.beta_t,
-        config.xi,
-        config.blur_m,
-        _ASPECT_RAD,
-        config.apart_share,
-        config.apart_blur * config.blur_m,
-    )
-
-
-def score_itself(points: PointSet, scale: Scale, revolution_s: float, config: EstimatorConfig) -> PsiEvaluation:
+def score_itself(points: PointSet, scale: Scale, kernel: Kernel) -> PsiEvaluation:
     """Scores points against each other, with candidates looked up anew."""
-    kernel = kernel_of(config, revolution_s)
     reach = find_reach(scale, kernel)
     lists = find_candidates(sort_into_cells(points.points, reach), points.points, reach)
     return evaluate(points, points, lists, scale, kernel, moving_references=True)
@@ -150,7 +154,7 @@ def minimise(
     references: References | None,
     prior: Prior,
     config: EstimatorConfig,
-    revolution_s: float,
+    kernel: Kernel,
     tolerances: NDArray[np.float64],
     search: Search | None = None,
 ) -> Minimum:
@@ -161,20 +165,20 @@ def minimise(
         render: returns the points of a state; their jacobians are (N, 2, Q).
         references: points to compare with; None compares the rendered points with each other.
         prior: Gaussian over the state.
-        config: settings of the score and of its minimiser.
-        revolution_s: duration of a turn [s].
+        config: widths of the score.
+        kernel: the score besides its widths.
         tolerances: (Q,) steps that end the search, once the widths are final and a step is smaller.
-        search: how it is searched for; None takes the number of steps from the settings.
+        search: how it is searched for; None searches with all steps from the widest widths.
     """
-    search = search or Search(config.steps)
-    state, rendered = np.array(start, dtype=np.float64), Rendered(render, references, config, revolution_s)
+    search = search or Search()
+    state, rendered = np.array(start, dtype=np.float64), Rendered(render, references, kernel)
     last, settled, converged = final_scale(config), False, False
     before: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
     for step in range(search.first, search.first + search.steps):
-        scale = annealed_scale(config, step)
+        scale = annealed_scale(config, step, search.share)
         here = rendered.evaluate(state, scale)
         around, beside = Expansion(here.gradient, here.information, here.curvature), state - prior.mean
-        move, length = choose_move(around, beside, prior.information, STABILISER, config.correlation, tolerances)
+        move, length = choose_move(around, beside, prior.information, STABILISER, search.correlation, tolerances)
         if scale == last:
             settled = length < search.settled
             converged = settled or bool(np.all(np.abs(move) < tolerances))
@@ -196,19 +200,13 @@ class Rendered:
     Args:
         render: as for `minimise`.
         references: as for `minimise`.
-        config: settings of the score.
-        revolution_s: duration of a turn [s].
+        kernel: the score besides its widths.
     """
 
     def __init__(
-        self,
-        render: Callable[[NDArray[np.float64]], PointSet],
-        references: References | None,
-        config: EstimatorConfig,
-        revolution_s: float,
+        self, render: Callable[[NDArray[np.float64]], PointSet], references: References | None, kernel: Kernel
     ) -> None:
-        self._render, self._references = render, references
-        self._kernel = kernel_of(config, revolution_s)
+        self._render, self._references, self._kernel = render, references, kernel
         self._cache = NeighbourCache()
         self._pairs: Pairs | None = None
         self._jacobians = np.empty((0, 2, 0))

@@ -23,7 +23,7 @@ from mqslam.psi.many_twists import score_twists
 from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, kernel_of, minimise, score_itself
 from mqslam.psi.observability import find_weak_directions, spread_along
 from mqslam.psi.place import Beam, PointSet, place
-from mqslam.psi.scoring.estimator import PsiEvaluation
+from mqslam.psi.scoring.estimator import Kernel, PsiEvaluation
 
 # Number of basins of a window's exhaustive search that are refined, the best ones first.
 _BASINS = 3
@@ -37,6 +37,11 @@ _UNKNOWN_YAW_RATE = 1.0
 TOLERANCES = {0: 5e-3, 1: 5e-3, 2: 1e-4}
 """Step that ends the search, by twist component [m/s, m/s, rad/s]: a numerical tolerance, far below psi's own noise."""
 _LINE = 3  # every how many steps a search over a grid of twists has a line at first; with 4 it missed the best one at times
+
+# A motion counts as ambiguous where another one has a psi below this factor times the best one's.
+RIVAL = 1.25
+# Squared distance between two motions of a window, in units of their covariances, beyond which they are different motions.
+_DIFFERENT = 25.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +65,7 @@ class WindowMotion:
 def estimate_window(
     returns: Returns,
     t0: float,
-    revolution_s: float,
+    kernel: Kernel,
     config: EstimatorConfig,
     beam: Beam,
     start: se2.Array,
@@ -71,7 +76,7 @@ def estimate_window(
     Args:
         returns: of two scans at least.
         t0: start of the window [s].
-        revolution_s: duration of a turn [s].
+        kernel: the score besides its widths.
         config: settings of the estimator.
         beam: the sensor's errors.
         start: (3,) constant twist at which the search begins [m/s, m/s, rad/s].
@@ -83,19 +88,19 @@ def estimate_window(
     def render(theta: NDArray[np.float64]) -> PointSet:
         return drop_start(place(returns, t0, np.zeros(3), theta, model, beam))
 
-    minimum = minimise(model.from_twist(start), render, None, free, config, revolution_s, tolerances)
+    minimum = minimise(model.from_twist(start), render, None, free, config, kernel, tolerances)
     points = render(minimum.state)
 
     def gradient(theta: NDArray[np.float64]) -> NDArray[np.float64]:
-        return score_itself(render(theta), final_scale(config), revolution_s, config).gradient
+        return score_itself(render(theta), final_scale(config), kernel).gradient
 
     steps = _DIFFERENCE_STEP * tolerances
     covariance = estimate_covariance_by_differences(
         minimum.evaluation, points.points, config.cluster_m, gradient, minimum.state, steps
     )
     covariance = floor_variances(covariance, tolerances)
-    wide = score_itself(points, annealed_scale(config, 0), revolution_s, config)
-    weak = find_weak_directions(wide, model.size, config.observed_share)
+    wide = score_itself(points, annealed_scale(config, 0), kernel)
+    weak = find_weak_directions(wide, model.size)
     if len(weak):
         unknown = [_UNKNOWN_YAW_RATE if c == OMEGA else _UNKNOWN_SPEED for c in model.components]
         covariance = covariance + spread_along(weak, np.array(unknown))
@@ -130,15 +135,16 @@ def find_window_motion(
         model: motion model of the window.
     """
     two = returns.take(returns.times < t0 + 2.0 * revolution_s)
-    scores = score_all_twists(two, t0, revolution_s, config, beam, speeds, yaw_rates)
+    kernel = kernel_of(config, revolution_s)
+    scores = score_all_twists(two, t0, kernel, config, beam, speeds, yaw_rates)
     starts = [np.array([speeds[i], 0.0, yaw_rates[k]]) for i, k in _find_basins(scores)[:_BASINS]]
-    motions = [estimate_window(returns, t0, revolution_s, config, beam, start, model) for start in starts]
+    motions = [estimate_window(returns, t0, kernel, config, beam, start, model) for start in starts]
     motions.sort(key=lambda motion: motion.minimum.evaluation.psi)
     best = motions[0]
     for other in motions[1:]:
         apart = other.theta - best.theta
-        different = apart @ invert(best.covariance + other.covariance, _tolerances(model)) @ apart > config.different
-        if different and other.minimum.evaluation.psi < config.rival * best.minimum.evaluation.psi:
+        different = apart @ invert(best.covariance + other.covariance, _tolerances(model)) @ apart > _DIFFERENT
+        if different and other.minimum.evaluation.psi < RIVAL * best.minimum.evaluation.psi:
             return replace(best, status=Status.AMBIGUOUS)
     return best
 
@@ -159,7 +165,7 @@ def drop_start(points: PointSet) -> PointSet:
 def search_twist(
     returns: Returns,
     t0: float,
-    revolution_s: float,
+    kernel: Kernel,
     config: EstimatorConfig,
     beam: Beam,
     speeds: NDArray[np.float64],
@@ -173,7 +179,7 @@ def search_twist(
     Args:
         returns: of two scans at least.
         t0: start of the window [s].
-        revolution_s: duration of a turn [s].
+        kernel: the score besides its widths.
         config: settings of the estimator.
         beam: the sensor's errors.
         speeds: (V,) m/s to try.
@@ -182,7 +188,7 @@ def search_twist(
     Returns:
         The best twist (3,).
     """
-    scale, kernel = annealed_scale(config, 0), kernel_of(config, revolution_s)
+    scale = annealed_scale(config, 0)
     scores = np.full((len(speeds), len(yaw_rates)), np.inf)
 
     def score_at(cells: NDArray[np.intp]) -> None:
@@ -216,7 +222,7 @@ def _mark_around(cells: NDArray[np.intp], shape: tuple[int, int]) -> NDArray[np.
 def score_all_twists(
     returns: Returns,
     t0: float,
-    revolution_s: float,
+    kernel: Kernel,
     config: EstimatorConfig,
     beam: Beam,
     speeds: NDArray[np.float64],
@@ -227,13 +233,13 @@ def score_all_twists(
     Args:
         returns: of two scans at least.
         t0: start of the window [s].
-        revolution_s: duration of a turn [s].
+        kernel: the score besides its widths.
         config: settings of the estimator.
         beam: the sensor's errors.
         speeds: (V,) m/s.
         yaw_rates: (W,) rad/s.
     """
-    scale, kernel = annealed_scale(config, 0), kernel_of(config, revolution_s)
+    scale = annealed_scale(config, 0)
     scores = np.empty((len(speeds), len(yaw_rates)))
     for i, v in enumerate(speeds):
         twists = np.column_stack([np.full(len(yaw_rates), v), np.zeros(len(yaw_rates)), yaw_rates])
@@ -258,4 +264,4 @@ def score_window(
     """
     placed = place(returns, t0, np.zeros(3), twist, CONSTANT_TWIST, beam)
     points = PointSet(placed.points, np.empty((len(returns), 2, 0)), placed.covariances, placed.times)
-    return score_itself(points, annealed_scale(config, 0), revolution_s, config)
+    return score_itself(points, annealed_scale(config, 0), kernel_of(config, revolution_s))

@@ -39,10 +39,7 @@ def test_what_is_seen_again_is_far_from_chance_and_fades(figures: Statistics) ->
 
 
 def test_figures_do_not_change_with_the_settings_of_the_track(street: Path, figures: Statistics, tmp_path: Path) -> None:
-    (tmp_path / "other.yaml").write_text(
-        "tracker: {keyframe_m: 2.0, keyframes: 9, sigma_omega: 0.2, sigma_alpha: 1.0, first_step: 2}\n"
-        "estimator: {s: 1.0, beta_s: 0.4, correlation: 3.0, apart_share: 0.5, apart_blur: 3.0}\n"
-    )
+    (tmp_path / "other.yaml").write_text("tracker: {sigma_omega: 0.2, sigma_alpha: 1.0}\nestimator: {s: 1.0, beta_s: 0.4}\n")
     assert describe_statistics(street, config=tmp_path / "other.yaml") == figures
 
 

@@ -37,7 +37,9 @@ def test_what_is_shown_is_read_back_the_same_and_explains_itself(tmp_path: Path)
     assert shown.code == 0
     (tmp_path / "mine.yaml").write_text(shown.out)
     assert load_config(tmp_path / "mine.yaml") == load_config("oxford")
-    assert f"  # Number of scans that the map holds.\n  keyframes: {Config().tracker.keyframes}\n" in shown.out
+    assert (
+        f"  # Change of yaw acceleration per 0.25 s [rad/s^2].\n  sigma_alpha: {Config().tracker.sigma_alpha}\n" in shown.out
+    )
     assert json.loads(mqslam("config", "show", "--json").out) == Config().model_dump(mode="json")
 
 
@@ -63,16 +65,16 @@ def test_an_expert_setting_is_shown_on_request_and_where_a_file_changes_it(
 
 
 def test_the_difference_of_files_is_what_they_change(tmp_path: Path) -> None:
-    (tmp_path / "mine.yaml").write_text("tracker: {keyframes: 20}\nsensor: {doppler_beta: 0.049}\n")
+    (tmp_path / "mine.yaml").write_text("tracker: {sigma_alpha: 0.3}\nsensor: {doppler_beta: 0.049}\n")
     shown = mqslam("config", "diff", tmp_path / "mine.yaml")
     assert shown.out.splitlines() == [
         "sensor.doppler_beta: null -> 0.049",
-        f"tracker.keyframes: {Config().tracker.keyframes} -> 20",
+        f"tracker.sigma_alpha: {Config().tracker.sigma_alpha} -> 0.3",
     ]
     against = json.loads(mqslam("config", "diff", tmp_path / "mine.yaml", "oxford", "--json").out)
     assert against == {
         "sensor.range_resolution_m": {"from": 0.0438, "to": None},
-        "tracker.keyframes": {"from": Config().tracker.keyframes, "to": 20},
+        "tracker.sigma_alpha": {"from": Config().tracker.sigma_alpha, "to": 0.3},
     }
     assert mqslam("config", "diff", "default").out == ""
     wrong = mqslam("config", "diff", "oxfrod")

@@ -122,7 +122,7 @@ def result(run: Callable[..., Path]) -> Path:
 def without_odometry(run: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """The street without odometry and with a settings file, and that file."""
     settings = tmp_path_factory.mktemp("settings") / "mine.yaml"
-    settings.write_text("sensor: {doppler_beta: 0.0}\nmap: {cell_m: 0.5}\ntracker: {keyframes: 10}\n")
+    settings.write_text("sensor: {doppler_beta: 0.0}\nmap: {cell_m: 0.5}\ntracker: {sigma_alpha: 0.3}\n")
     return run("--odometry", "none", "--config", settings), settings
 
 
@@ -274,7 +274,7 @@ def test_the_settings_used_are_written_and_read_back_equal(result: Path, without
     out, settings = without_odometry
     written = load_config(out / "config.yaml")
     assert written == load_config(settings) != Config()
-    assert written.map.cell_m == 0.5 and written.tracker.keyframes == 10
+    assert written.map.cell_m == 0.5 and written.tracker.sigma_alpha == 0.3
     assert yaml.safe_load((out / "map.yaml").read_text())["resolution"] == 0.5
 
 

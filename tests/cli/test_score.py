@@ -16,6 +16,7 @@ from mqslam.core.motion import CONSTANT_TWIST, CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
 from mqslam.detection.stage import detect_stretch
 from mqslam.formats.recordings import open_recording
+from mqslam.psi.minimiser import kernel_of
 from mqslam.psi.place import beam_of, place
 from mqslam.psi.published.equations import score
 from mqslam.psi.window import estimate_window
@@ -65,7 +66,7 @@ def test_minimising_gives_what_the_estimator_does(street: Path) -> None:
     best = shown(street, "--start", 2.0, "--motion", "8,0.05", "--minimise")
     config = Config().estimator
     expected = estimate_window(
-        window(street, 8, 3), 2.0, TURN_S, config, BEAM, np.array([8.0, 0.0, 0.05]), CONSTANT_VELOCITY
+        window(street, 8, 3), 2.0, kernel_of(config, TURN_S), config, BEAM, np.array([8.0, 0.0, 0.05]), CONSTANT_VELOCITY
     )
     minimum = best["minimised"]
     assert list(minimum["motion"].values()) == pytest.approx(expected.theta.tolist())

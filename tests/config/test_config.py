@@ -49,10 +49,10 @@ def test_every_shipped_configuration_loads() -> None:
 
 
 def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
-    (tmp_path / "mine.yaml").write_text("tracker: {keyframes: 7}\npsi: {tau: 0.5}\n")
+    (tmp_path / "mine.yaml").write_text("tracker: {sigma_alpha: 0.7}\npsi: {tau: 0.5}\n")
     changed = load_config(tmp_path / "mine.yaml")
-    assert changed.tracker.keyframes == 7 and changed.psi.tau == 0.5
-    tracker = Config().tracker.model_copy(update={"keyframes": 7})
+    assert changed.tracker.sigma_alpha == 0.7 and changed.psi.tau == 0.5
+    tracker = Config().tracker.model_copy(update={"sigma_alpha": 0.7})
     assert changed == Config(tracker=tracker, psi=Config().psi.model_copy(update={"tau": 0.5}))
 
 
@@ -94,7 +94,9 @@ def test_what_is_written_is_read_back_equal(tmp_path: Path, name: str) -> None:
         ("{detector: {join_bins: 2}, tracker: {beside_turn: 1}}", "detector.join_bins, tracker.beside_turn are no setting"),
         ("map: 3", "map: Input should be"),
         ("sensor: {doppler_beta: 5}", "sensor.doppler_beta: Input should be less than or equal to 1"),
-        ("tracker: {speed_min: 3, speed_max: 2}", "tracker: speed_max (2.0) must be larger than speed_min (3.0)"),
+        ("detector: {min_range_m: 3, max_range_m: 2}", "detector: max_range_m (2.0) must be larger than min_range_m (3.0)"),
+        ("tracker: {segment_scans: 71}", "tracker.segment_scans: must be 0 or at least 72"),
+        ("graph: {huber: 2}", "graph is no setting any more, but fixed: nobody had a reason to change it; leave it out"),
         ("1: 2", "Keys should be strings"),
         ("- map", "must hold settings"),
         ("map", "must hold settings"),

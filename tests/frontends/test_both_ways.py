@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from support.drives import street_drive
 
-from mqslam.config import TrackerConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Returns, Scan
-from mqslam.frontends.both_ways import DirectedMotion, join, reverse_settings, reverse_time, turn_back
+from mqslam.frontends.both_ways import DirectedMotion, join, reverse_time, turn_back
 
 STEP = np.array([2.0, 0.1, 0.05])
 SURE = np.diag([4e-4, 1e-4, 1e-6])
@@ -69,11 +68,6 @@ def test_played_backward_a_scan_begins_where_the_next_one_began() -> None:
 def test_before_a_pause_a_scan_begins_at_its_own_end() -> None:
     starts = [scan.t0 for scan in reverse_time(make_scans([0.0, 0.25, 3.0, 3.25]))]
     np.testing.assert_allclose(starts, [0.0, 0.25, 3.0, 3.25])
-
-
-def test_the_speeds_that_are_tried_are_those_of_the_vehicle_in_reverse() -> None:
-    back = reverse_settings(TrackerConfig(speed_min=-5.0, speed_max=40.0))
-    assert (back.speed_min, back.speed_max) == (-40.0, 5.0)
 
 
 def test_the_mean_of_two_measurements_of_one_motion_is_marked_as_one() -> None:

@@ -21,8 +21,20 @@ from mqslam.frontends.both_ways import DirectedMotion
 from mqslam.frontends.psi import PsiFrontEnd
 from mqslam.frontends.segments import Segment, extend, split_into_segments
 
-SETTINGS = TrackerConfig(segment_scans=20, warm_up_scans=8, shared_scans=3)
+SETTINGS = TrackerConfig().model_copy(update={"segment_scans": 20})  # shorter than a user may ask for
 WALL = np.linspace(-1.0, 1.0, 60)
+
+
+@pytest.fixture(autouse=True)
+def short_warm_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets tracks warm up on few scans, so that short recordings have several segments."""
+    warm_up(monkeypatch, 8, 3)
+
+
+def warm_up(monkeypatch: pytest.MonkeyPatch, scans: int, shared: int) -> None:
+    """Sets on how many scans a track warms up, and over how many motions pass from one track to the next."""
+    monkeypatch.setattr("mqslam.frontends.segments.WARM_UP_SCANS", scans)
+    monkeypatch.setattr("mqslam.frontends.segments._SHARED_SCANS", shared)
 
 
 def scans_without_a_pause(count: int) -> list[Scan]:
@@ -81,9 +93,10 @@ def measure(scans: Sequence[Scan], settings: TrackerConfig, engine: Engine | Non
     return list(PsiFrontEnd(context).measure(scans))
 
 
-def test_segments_measure_what_a_single_track_measures_whoever_does_the_work() -> None:
+def test_segments_measure_what_a_single_track_measures_whoever_does_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
     _, scans = street_drive()
-    few = TrackerConfig(segment_scans=13, warm_up_scans=6, shared_scans=4)
+    warm_up(monkeypatch, 6, 4)
+    few = SETTINGS.model_copy(update={"segment_scans": 13})
     assert len(split_into_segments(scans, few)) > 2  # so that processes do the work
     whole, divided = measure(scans, TrackerConfig()), measure(scans, few)
     for a, b in zip(whole, divided, strict=True):
@@ -94,9 +107,10 @@ def test_segments_measure_what_a_single_track_measures_whoever_does_the_work() -
         np.testing.assert_array_equal(a.covariance, b.covariance)
 
 
-def test_a_stretch_without_returns_at_a_border_is_bridged() -> None:
+def test_a_stretch_without_returns_at_a_border_is_bridged(monkeypatch: pytest.MonkeyPatch) -> None:
     _, scans = street_drive()
-    few = TrackerConfig(segment_scans=15, warm_up_scans=6, shared_scans=4)
+    warm_up(monkeypatch, 6, 4)
+    few = SETTINGS.model_copy(update={"segment_scans": 15})
     motions = measure(without_returns(list(scans), range(14, 18)), few)
     assert len(motions) == len(scans) - 1 and all(np.isfinite(m.covariance).all() for m in motions)
     assert {m.status for m in motions[19:]} == {Status.CONVERGED}

@@ -16,6 +16,7 @@ from mqslam.errors import EstimationError
 from mqslam.execution.local_engine import HERE, LocalEngine
 from mqslam.mapping import render as rendering
 from mqslam.mapping.render import place_along, render, select_moving
+from mqslam.psi.minimiser import C
 from mqslam.psi.place import beam_of, place
 from mqslam.simulator import make_street_scene
 
@@ -62,7 +63,7 @@ def test_every_return_is_a_point_with_its_share(still_street: tuple[Scans, se2.A
     result, returns = rendered(scans, poses), joined(scans)
     np.testing.assert_array_equal(result.times, returns.times)
     np.testing.assert_array_equal(result.intensities, returns.intensities)
-    charge = CONFIG.estimator.c**2
+    charge = C**2
     np.testing.assert_array_equal(result.psi[~result.matched], charge)
     assert np.all(result.psi <= charge * (1.0 + 1e-12))
     assert result.matched.mean() > 0.8

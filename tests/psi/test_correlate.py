@@ -11,7 +11,16 @@ from scipy.ndimage import gaussian_filter, maximum_filter
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi import correlate
-from mqslam.psi.correlate import add_up_around, compute_blur, draw_blurred, find_correlation_peaks, find_pixels, find_tops
+from mqslam.psi.correlate import (
+    add_up_around,
+    compute_blur,
+    compute_pixel_m,
+    compute_same_m,
+    draw_blurred,
+    find_correlation_peaks,
+    find_pixels,
+    find_tops,
+)
 
 CONFIG = EstimatorConfig()
 POSE = np.array([4.2, -3.1, 0.2])
@@ -20,16 +29,17 @@ POSE = np.array([4.2, -3.1, 0.2])
 def test_the_best_peak_is_within_a_pixel_of_the_pose() -> None:
     query = np.random.default_rng(1).uniform(-40.0, 40.0, (150, 2))
     best, *others = find_correlation_peaks(se2.transform(POSE, query), query, np.zeros(3), 8.0, 0.3, CONFIG)
-    assert np.hypot(*(best - POSE)[:2]) < 1.5 * CONFIG.search_pixel_m
+    assert np.hypot(*(best - POSE)[:2]) < 1.5 * compute_pixel_m(CONFIG)
     assert abs(best[2] - POSE[2]) < 0.03
     for other in others:
-        assert np.hypot(*(other - best)[:2]) > 2.0 * CONFIG.search_same_m
+        assert np.hypot(*(other - best)[:2]) > 2.0 * compute_same_m(CONFIG)
 
 
 @pytest.mark.parametrize("most", [1, 2])
-def test_there_are_no_more_peaks_than_the_settings_say(most: int) -> None:
+def test_there_are_no_more_peaks_than_are_asked_for(most: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(correlate, "_PEAKS", most)
     query = np.random.default_rng(2).uniform(-40.0, 40.0, (60, 2))
-    assert len(find_correlation_peaks(query, query, np.zeros(3), 8.0, 0.1, EstimatorConfig(search_peaks=most))) == most
+    assert len(find_correlation_peaks(query, query, np.zeros(3), 8.0, 0.1, CONFIG)) == most
 
 
 def test_without_points_there_are_no_peaks() -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from support.clouds import TURN_S, point_set
 
 from mqslam.config import EstimatorConfig
-from mqslam.psi.minimiser import Minimum, Prior, Search, minimise
+from mqslam.psi.minimiser import CORRELATION, Minimum, Prior, Search, kernel_of, minimise
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.references import make_references
 
@@ -30,17 +30,17 @@ def find_shift(
 
     references = make_references(fixed)
     free = Prior(np.zeros(2), np.zeros((2, 2)))
-    return minimise(start, render, references, free, CONFIG, TURN_S, np.full(2, tolerance_m), search)
+    return minimise(start, render, references, free, CONFIG, kernel_of(CONFIG, TURN_S), np.full(2, tolerance_m), search)
 
 
 def test_wide_widths_find_what_is_far_away_and_narrow_ones_only_what_is_near() -> None:
     far, near = np.array([1.5, 0.5]), np.array([0.1, -0.2])
     for start, first_step in ((far, 0), (near, 0), (near, 8)):
-        minimum = find_shift(start, Search(CONFIG.steps, first_step))
+        minimum = find_shift(start, Search(first=first_step))
         assert minimum.converged
         np.testing.assert_allclose(minimum.state, 0.0, atol=0.02)
         assert minimum.evaluation.matched.all()
-    assert np.abs(find_shift(far, Search(CONFIG.steps, 8)).state).max() > 0.5
+    assert np.abs(find_shift(far, Search(first=8)).state).max() > 0.5
 
 
 @pytest.mark.parametrize("first_step", [0, 1, 20])
@@ -73,5 +73,5 @@ def test_a_search_ends_once_its_steps_are_short_against_the_uncertainty() -> Non
     settled = exact._replace(settled=0.05)
     assert count_steps(start, settled) < count_steps(start, exact)
     minimum = find_crowd(start, exact)
-    sigma = np.sqrt(np.diag(np.linalg.inv(minimum.evaluation.curvature / CONFIG.correlation)))
+    sigma = np.sqrt(np.diag(np.linalg.inv(minimum.evaluation.curvature / CORRELATION)))
     assert np.all(np.abs(find_crowd(start, settled).state - minimum.state) < 0.05 * sigma)

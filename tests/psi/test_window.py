@@ -8,12 +8,14 @@ from mqslam.config import Config
 from mqslam.core.measurement import Status
 from mqslam.core.motion import ACCELERATED_TWIST, CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
+from mqslam.psi.minimiser import kernel_of
 from mqslam.psi.place import beam_of
 from mqslam.psi.window import WindowMotion, estimate_window, find_window_motion, score_all_twists, score_window, search_twist
 from mqslam.simulator import ConstantDrive, Drive, Scene, make_corridor_scene, make_street_scene, make_yard_scene
 
 ESTIMATOR = Config().estimator
 TURN_S = 0.25
+KERNEL = kernel_of(ESTIMATOR, TURN_S)
 SPEEDS, YAW_RATES = np.arange(-12.0, 20.1, 0.8), np.linspace(-0.6, 0.6, 13)
 OFF = np.array([1.0, 0.0, 0.05])  # how far off the searches start
 
@@ -24,7 +26,7 @@ def window(scene: Scene, motion: Drive, seed: int, beta: float = 0.0, scans: int
 
 
 def estimated(returns: Returns, start: np.ndarray, beta: float = 0.0) -> WindowMotion:
-    return estimate_window(returns, 0.0, TURN_S, ESTIMATOR, beam_of(ESTIMATOR, beta), start)
+    return estimate_window(returns, 0.0, KERNEL, ESTIMATOR, beam_of(ESTIMATOR, beta), start)
 
 
 def in_yard(seed: int) -> tuple[Scene, ConstantDrive]:
@@ -64,8 +66,8 @@ def test_the_search_lands_in_the_basin_of_the_truth() -> None:
         scene, motion = place(seed)
         returns = window(scene, motion, seed, scans=2)
         beam = beam_of(ESTIMATOR, 0.0)
-        twist = search_twist(returns, 0.0, TURN_S, ESTIMATOR, beam, SPEEDS, YAW_RATES)
-        scores = score_all_twists(returns, 0.0, TURN_S, ESTIMATOR, beam, SPEEDS, YAW_RATES)
+        twist = search_twist(returns, 0.0, KERNEL, ESTIMATOR, beam, SPEEDS, YAW_RATES)
+        scores = score_all_twists(returns, 0.0, KERNEL, ESTIMATOR, beam, SPEEDS, YAW_RATES)
         assert scores.shape == (41, 13)
         assert abs(twist[0] - motion.v) <= 0.8
         assert twist[1] == 0.0
@@ -82,8 +84,8 @@ def test_the_search_finds_the_best_of_a_grid_of_any_size(shape: tuple[int, int])
     returns, beam = window(*on_street(1), 1, scans=2), beam_of(ESTIMATOR, 0.0)
     speeds = motion.v + 0.8 * (np.arange(shape[0]) - shape[0] // 3)
     yaw_rates = motion.omega + 0.1 * (np.arange(shape[1]) - shape[1] // 2)
-    found = search_twist(returns, 0.0, TURN_S, ESTIMATOR, beam, speeds, yaw_rates)
-    scores = score_all_twists(returns, 0.0, TURN_S, ESTIMATOR, beam, speeds, yaw_rates)
+    found = search_twist(returns, 0.0, KERNEL, ESTIMATOR, beam, speeds, yaw_rates)
+    scores = score_all_twists(returns, 0.0, KERNEL, ESTIMATOR, beam, speeds, yaw_rates)
     best = np.unravel_index(np.argmin(scores), scores.shape)
     assert found.tolist() == [speeds[best[0]], 0.0, yaw_rates[best[1]]]
 
@@ -112,7 +114,7 @@ def test_each_model_estimates_its_own_parameters() -> None:
         (ACCELERATED_TWIST, [6.0, 0.0, 0.05, 0.0, 0.0], [0.2, 0.1, 0.01, 0.6, 0.04]),
     ):
         beam = beam_of(ESTIMATOR, 0.0)
-        estimate = estimate_window(returns, 0.0, TURN_S, ESTIMATOR, beam, start, model)
+        estimate = estimate_window(returns, 0.0, KERNEL, ESTIMATOR, beam, start, model)
         assert estimate.covariance.shape == (model.size, model.size)
         np.testing.assert_array_less(np.linalg.eigvalsh(-estimate.covariance), 0.0)
         np.testing.assert_array_less(np.abs(estimate.theta - truth), bounds)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import PsiConfig
 from mqslam.psi.place import PointSet
+from mqslam.psi.published.equations import ALPHA_S, XI
 
 TURN_S = 0.25
 
@@ -90,12 +91,12 @@ def selection(points: NDArray[np.float64], times: NDArray[np.float64], config: P
     late = (np.abs(times[:, None] - times[None]) - alpha_t) / config.beta_t
     if config.temporal == "plateau":
         late = np.minimum(late, 0.0)
-    q = ((s - config.alpha_s) / config.beta_s) ** 2 + late**2
+    q = ((s - ALPHA_S) / config.beta_s) ** 2 + late**2
     other = ~np.eye(n, dtype=bool)
-    pairs = (s < config.s) & (q < -np.log(config.xi)) & other
+    pairs = (s < config.s) & (q < -np.log(XI)) & other
     ranked = np.where(pairs, q, np.inf)
     best = np.where(pairs.any(axis=1), ranked.argmin(axis=1), -1)
-    margins = [np.abs(s - config.s)[other], np.abs(q + np.log(config.xi))[other], s[other]]
+    margins = [np.abs(s - config.s)[other], np.abs(q + np.log(XI))[other], s[other]]
     if n > 1:
         order = np.sort(ranked, axis=1)
         rivals = np.isfinite(order[:, 1])

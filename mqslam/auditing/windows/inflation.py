@@ -18,10 +18,21 @@ from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.covariance import estimate_covariance_by_differences
 from mqslam.psi.gaussians import floor_variances
-from mqslam.psi.minimiser import Minimum, Prior, Rendered, annealed_scale, final_scale, minimise, score_itself
+from mqslam.psi.minimiser import (
+    BETA_T,
+    Minimum,
+    Prior,
+    Rendered,
+    Search,
+    annealed_scale,
+    final_scale,
+    kernel_of,
+    minimise,
+    score_itself,
+)
 from mqslam.psi.observability import find_weak_directions, spread_along
 from mqslam.psi.place import PointSet
-from mqslam.psi.scoring.estimator import PsiEvaluation, Scale
+from mqslam.psi.scoring.estimator import Kernel, PsiEvaluation, Scale
 
 # The first search for a window's best map begins with this share of the annealing's widths, which finds all but large
 # corrections.
@@ -78,7 +89,8 @@ class _Window:
         count: number of sweeps.
         units: (3,) twist that moves a point at an end of the window by beta_s.
         settings: of the audit.
-        estimator: settings of the score, with times counted in sweeps.
+        estimator: settings of the score.
+        kernel: the score besides its widths, with times counted in sweeps.
     """
 
     points: PointSet
@@ -87,6 +99,7 @@ class _Window:
     units: NDArray[np.float64]
     settings: AuditConfig
     estimator: EstimatorConfig
+    kernel: Kernel
 
     def render(self, twist: NDArray[np.float64]) -> PointSet:
         """Returns the points under a twist."""
@@ -94,12 +107,12 @@ class _Window:
 
     def score(self, twist: NDArray[np.float64], scale: Scale) -> PsiEvaluation:
         """Returns the score of the map under a twist."""
-        return score_itself(self.render(twist), scale, SWEEP, self.estimator)
+        return score_itself(self.render(twist), scale, self.kernel)
 
-    def minimise(self, widths: EstimatorConfig) -> Minimum:
-        """Finds the twist that makes the map its best, with the annealing of the given widths."""
-        free = Prior(np.zeros(3), np.zeros((3, 3)))
-        return minimise(np.zeros(3), self.render, None, free, widths, SWEEP, self.settings.step * self.units)
+    def minimise(self, share: float) -> Minimum:
+        """Finds the twist that makes the map its best, with an annealing that begins with a share of its widths."""
+        start, free, tolerances = np.zeros(3), Prior(np.zeros(3), np.zeros((3, 3))), self.settings.step * self.units
+        return minimise(start, self.render, None, free, self.estimator, self.kernel, tolerances, Search(share=share))
 
     def bend_at(self, minimum: Minimum, own: PsiEvaluation, weak: NDArray[np.float64]) -> Bend:
         """Returns the correction that a minimum stands for.
@@ -111,7 +124,7 @@ class _Window:
         """
         settings, units, final = self.settings, self.units, final_scale(self.estimator)
         placed = self.render(minimum.state)
-        rendered = Rendered(self.render, None, self.estimator, SWEEP)  # keeps the neighbours between small differences
+        rendered = Rendered(self.render, None, self.kernel)  # keeps the neighbours between small differences
         covariance = estimate_covariance_by_differences(
             minimum.evaluation,
             placed.points,
@@ -135,7 +148,7 @@ class _Window:
         )
 
 
-def fit_bend(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, config: EstimatorConfig) -> Bend:
+def fit_bend(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, estimator: EstimatorConfig) -> Bend:
     """Finds the correction that would make a window's map its best.
 
     Args:
@@ -143,35 +156,27 @@ def fit_bend(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, config
         begin: first sweep of the window.
         end: the sweep after its last one.
         settings: of the audit.
-        config: settings of the score; lengths of time are counted in sweeps.
+        estimator: settings of the score.
     """
-    estimator = count_in_sweeps(config, sweeps.revolution_s)
-    narrow = _narrow_annealing(estimator, _NARROW_START)
     points, into = centre_window(sweeps, begin, end)
     count = end - begin
     lever_m = max(float(np.sqrt(np.mean(points.points**2) * 2.0)), _LEAST_LEVER_M)  # root mean square distance of points
     units = estimator.beta_s / (0.5 * count) * np.array([1.0, 1.0, 1.0 / lever_m])
-    window = _Window(points, into, count, units, settings, estimator)
+    window = _Window(points, into, count, units, settings, estimator, count_in_sweeps(estimator, sweeps.revolution_s))
     own = window.score(np.zeros(3), final_scale(estimator))
-    weak = find_weak_directions(window.score(np.zeros(3), annealed_scale(narrow, 0)), 3, estimator.observed_share)
+    weak = find_weak_directions(window.score(np.zeros(3), annealed_scale(estimator, 0, _NARROW_START)), 3)
 
-    def fit(widths: EstimatorConfig) -> Bend:
-        return window.bend_at(window.minimise(widths), own, weak)
+    def fit(share: float) -> Bend:
+        return window.bend_at(window.minimise(share), own, weak)
 
-    best = fit(narrow)
+    best = fit(_NARROW_START)
     if best.psi_best > best.psi:  # the search was too wide, and led away from where the trajectory is better
-        best = min(best, fit(_narrow_annealing(estimator, 0.0)), key=_psi_best)
+        best = min(best, fit(0.0), key=_psi_best)
     overlap_lost = best.matched_best < _LEAST_OVERLAP_KEPT * best.matched
-    if overlap_lost or best.size_m > _NARROW_REACH * narrow.s_start:  # beyond the reach of the narrow search
-        best = min(best, fit(estimator), key=_psi_best)
+    widest_m = annealed_scale(estimator, 0, _NARROW_START).s
+    if overlap_lost or best.size_m > _NARROW_REACH * widest_m:  # beyond the reach of the narrow search
+        best = min(best, fit(1.0), key=_psi_best)
     return best
-
-
-def _narrow_annealing(estimator: EstimatorConfig, share: float) -> EstimatorConfig:
-    """Returns the settings with the annealing begun at a share of its widths, but not below the final ones."""
-    names = ("s_start", "beta_s_start", "c_start")
-    widths = {name: max(share * getattr(estimator, name), getattr(estimator, name.removesuffix("_start"))) for name in names}
-    return estimator.model_copy(update=widths)
 
 
 def _psi_best(bend: Bend) -> float:
@@ -196,6 +201,6 @@ def twist_points(points: PointSet, into: NDArray[np.float64], twist: NDArray[np.
     return PointSet(rotated + into[:, None] * twist[:2], jacobians, points.covariances, points.times)
 
 
-def count_in_sweeps(config: EstimatorConfig, revolution_s: float) -> EstimatorConfig:
-    """Returns the settings with times counted in sweeps."""
-    return config.model_copy(update={"beta_t": config.beta_t / revolution_s})
+def count_in_sweeps(config: EstimatorConfig, revolution_s: float) -> Kernel:
+    """Returns the score besides its widths, with times counted in sweeps that last so long [s]."""
+    return kernel_of(config, SWEEP)._replace(beta_t=BETA_T / revolution_s)

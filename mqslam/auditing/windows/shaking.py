@@ -17,7 +17,7 @@ from scipy.stats import wilcoxon
 
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Finding, VerdictStatus
-from mqslam.auditing.windows.inflation import SWEEP, count_in_sweeps
+from mqslam.auditing.windows.inflation import count_in_sweeps
 from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
@@ -53,7 +53,7 @@ def judge_shaking(
     spans = [(begin, end) for begin, end in spans if np.isfinite(smoothed[begin : end + 1]).all()]
     if 0.5 ** len(spans) >= limits.share_of_false_alarms:  # not even all of them would show anything
         return Finding(VerdictStatus.PASS, "too few windows show whether poses jump to and fro", judged=False)
-    shared = sweeps, smoothed, count_in_sweeps(estimator, sweeps.revolution_s)
+    shared = sweeps, smoothed, estimator
     rises = np.array(engine.map(_measure_rise, shared, spans))
     p_value = float(wilcoxon(rises, alternative="greater").pvalue) if rises.any() else 1.0
     off = se2.between(sweeps.poses, smoothed)
@@ -86,8 +86,8 @@ def _measure_rise(shared: _Shared, window: tuple[int, int]) -> float:
     if len(points) == 0:
         return 0.0
     moved = replace(points, points=_move(sweeps, smoothed, begin, end, points))
-    scale = final_scale(estimator)
-    given, smoother = (score_itself(one, scale, SWEEP, estimator).psi for one in (points, moved))
+    scale, kernel = final_scale(estimator), count_in_sweeps(estimator, sweeps.revolution_s)
+    given, smoother = (score_itself(one, scale, kernel).psi for one in (points, moved))
     return (given - smoother) / len(points)
 
 

@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from mqslam.backend.loops.rigid import ANY_TIME, minimise_rigidly, move_rigidly, place_rigidly
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
-from mqslam.psi.correlate import find_correlation_peaks
+from mqslam.psi.correlate import compute_same_m, find_correlation_peaks
 from mqslam.psi.covariance import estimate_covariance, sum_by_object
-from mqslam.psi.minimiser import Minimum, annealed_scale, final_scale, score_against
+from mqslam.psi.minimiser import Minimum, annealed_scale, final_scale, kernel_of
 from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.estimator import PsiEvaluation, Scale
 from mqslam.psi.scoring.neighbours import mark_near
-from mqslam.psi.scoring.references import References
+from mqslam.psi.scoring.references import References, evaluate_against
 
 # The next best pose must score worse than the best one by at least this factor.
 RIVAL: Final = 1.1
@@ -92,7 +92,7 @@ def align(
         return Alignment(guess, np.eye(3), 0.0, np.inf, np.inf, observed=False)
     minima.sort(key=lambda minimum: minimum.evaluation.psi)
     best = minima[0]
-    rivals = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > config.search_same_m]
+    rivals = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > compute_same_m(config)]
     points = move_rigidly(query, best.state)
     picked = np.empty((0, 3))
     if rivals and rival_sigmas is not None:
@@ -151,9 +151,9 @@ def score_among(references: References, points: PointSet, config: EstimatorConfi
 def observes_all(references: References, points: PointSet, config: EstimatorConfig) -> bool:
     """Returns whether references hold every direction in which points can move, at the annealing's first widths."""
     wide = _score(references, points, annealed_scale(config, 0), config)
-    return len(find_weak_directions(wide, 3, config.observed_share)) == 0
+    return len(find_weak_directions(wide, 3)) == 0
 
 
 def _score(references: References, points: PointSet, scale: Scale, config: EstimatorConfig) -> PsiEvaluation:
     """Returns the score of points among references whatever their times."""
-    return score_against(points, references, scale, ANY_TIME, config)
+    return evaluate_against(points, references, scale, kernel_of(config, ANY_TIME))

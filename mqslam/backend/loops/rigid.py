@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.minimiser import (
+    CORRELATION,
     STABILISER,
+    STEPS,
     Expansion,
     Minimum,
     annealed_scale,
@@ -72,10 +74,10 @@ def minimise_rigidly(
         first: step of the annealing that it begins with.
     """
     around = Surroundings(references.grid, references.known, references.firsts)
-    scales = [annealed_scale(config, step) for step in range(first, first + config.steps)]
+    scales = [annealed_scale(config, step) for step in range(first, first + STEPS)]
     kernel, last = kernel_of(config, ANY_TIME), final_scale(config)
     start, submap = np.asarray(start, dtype=np.float64), (points.points, points.covariances)
-    damping = STABILISER, config.correlation
+    damping = STABILISER, CORRELATION
     state, converged, sums = _descend(start, submap, around, np.array(scales), last, kernel, damping, tolerances)
     placed = move_rigidly(points, state)
     evaluation = PsiEvaluation(*weigh_offsets(placed.covariances, placed.jacobians, sums, _NO_PULLS, last))
@@ -102,7 +104,7 @@ def _descend(
         scales: (K, 3) widths of each step.
         last: the final widths.
         kernel: the score besides its widths.
-        damping: the settings `stabiliser` and `correlation`.
+        damping: `STABILISER` and `CORRELATION`.
         tolerances: (3,) steps that end it.
 
     Returns:

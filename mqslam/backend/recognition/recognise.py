@@ -24,6 +24,7 @@ from mqslam.backend.recognition.places import PLACE_SUBMAP_M, render_places
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
+from mqslam.psi.correlate import compute_same_m
 from mqslam.psi.place import Beam
 
 # psi searches this far around the pose of a place that looks like a submap [m], [rad].
@@ -209,7 +210,7 @@ def _choose(matches: Sequence[PlaceMatch], ground: Passes, estimator: EstimatorC
         elsewhere = [
             other
             for other, pose in zip(own[1:], found[1:], strict=True)
-            if np.hypot(*(pose - found[0])[:2]) > estimator.search_same_m
+            if np.hypot(*(pose - found[0])[:2]) > compute_same_m(estimator)
         ]
         if not best.alone or any(other.psi < RIVAL * best.psi for other in elsewhere):
             ambiguous.append(query)

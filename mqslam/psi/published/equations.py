@@ -28,6 +28,11 @@ from numpy.typing import NDArray
 from mqslam.config import PsiConfig
 from mqslam.psi.scoring.neighbours import CandidateLists, find_candidates, sort_into_cells
 
+# Distance at which the spatial kernel peaks [m]. The paper gives no value; what is nearest belongs together.
+ALPHA_S = 0.0
+# Pairs with a smaller kappa take no part. The paper gives no value; beyond it a pair hardly adds to the score.
+XI = 0.02
+
 
 @dataclass(frozen=True, slots=True)
 class PsiScore:
@@ -85,11 +90,11 @@ def score(
     half = 0.5 * config.tau
     parameters = _Parameters(
         config.s,
-        config.alpha_s,
+        ALPHA_S,
         config.beta_s,
         alpha_t,
         config.beta_t,
-        config.xi,
+        XI,
         latest=0.0 if config.temporal == "plateau" else np.inf,
         half=half,
         top=(config.tau if config.numerator == "tau" else half) / np.pi,
@@ -119,7 +124,7 @@ class _Parameters(NamedTuple):
     """The parameters of the score as kernels take them.
 
     Args:
-        s, alpha_s, beta_s, alpha_t, beta_t, xi: as in `PsiConfig`.
+        s, alpha_s, beta_s, alpha_t, beta_t, xi: as in the equations [m, m, m, s, s, 1].
         latest: largest ((t - alpha_t)/beta_t) that counts: 0 where the temporal kernel is a plateau.
         half: tau/2.
         top: numerator of L, over pi.

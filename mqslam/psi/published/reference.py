@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from mqslam.config import PsiConfig
 from mqslam.psi.place import PointSet
-from mqslam.psi.published.equations import PsiScore, check_points
+from mqslam.psi.published.equations import ALPHA_S, XI, PsiScore, check_points
 from mqslam.psi.scoring.estimator import Kernel, PsiEvaluation, Scale
 
 
@@ -41,8 +41,8 @@ def score_reference(
         late = (np.abs(times[i] - times[j]) - alpha_t) / config.beta_t
         if config.temporal == "plateau":
             late = np.minimum(late, 0.0)
-        kappa = np.exp(-(((s - config.alpha_s) / config.beta_s) ** 2)) * np.exp(-(late**2))  # (8)
-        selected = kappa > config.xi
+        kappa = np.exp(-(((s - ALPHA_S) / config.beta_s) ** 2)) * np.exp(-(late**2))  # (8)
+        selected = kappa > XI
         j, offset, s, kappa = j[selected], offset[selected], s[selected], kappa[selected]
         if len(j) == 0:
             continue
@@ -62,7 +62,7 @@ def score_reference(
         d_lorentz = (-2.0 * apart * lorentz / (apart**2 + (config.tau / 2) ** 2))[:, None] * d_apart
         d_weight = d_s
         if config.factor == "kappa":
-            d_weight = (-2.0 * (s - config.alpha_s) / config.beta_s**2 * kappa)[:, None] * d_s
+            d_weight = (-2.0 * (s - ALPHA_S) / config.beta_s**2 * kappa)[:, None] * d_s
         d_cost = d_lorentz * weight[:, None] + lorentz[:, None] * d_weight
         gradient += 2.0 * (cost[:, None] * d_cost).sum(axis=0)
     pairs_psi = float(shares.sum())

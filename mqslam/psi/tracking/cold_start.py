@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import TrackerConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Status
 from mqslam.core.motion import CONSTANT_TWIST
@@ -16,7 +15,7 @@ from mqslam.core.scans import Returns, Scan
 from mqslam.psi.gaussians import invert
 from mqslam.psi.tracking.dynamics import OMEGA_MAX, SIGMA_AX, list_motion_noise
 from mqslam.psi.tracking.plausibility import measure_overlap, overlaps
-from mqslam.psi.tracking.setup import Setup
+from mqslam.psi.tracking.setup import SPEED_MIN, START_ALPHA, Setup
 from mqslam.psi.tracking.state import MODEL, MOTION, TOLERANCES
 from mqslam.psi.window import WindowMotion, estimate_window, search_twist
 
@@ -75,16 +74,16 @@ def find_first_motion(
     returns = Returns.concatenate([scan.returns for scan in scans])
 
     def estimate(start: se2.Array) -> WindowMotion:
-        return estimate_window(returns, scans[0].t0, setup.revolution_s, setup.estimator, setup.beam, start, model)
+        return estimate_window(returns, scans[0].t0, setup.kernel, setup.estimator, setup.beam, start, model)
 
     window = estimate(begin)
     if odometry is not None and window.status is not Status.CONVERGED:
         window = estimate(odometry)
     if not overlaps(window.minimum):
-        return _know_nothing(setup.settings)
+        return _know_nothing(setup.settings.speed_max)
     theta = window.theta
     if odometry is None and window.status is not Status.CONVERGED:
-        theta = _shrink_unobserved(window, setup.settings)
+        theta = _shrink_unobserved(window)
     motion, covariance = np.zeros(MODEL.size), np.zeros((MODEL.size, MODEL.size))
     motion[: model.size] = theta
     covariance[: model.size, : model.size] = window.covariance
@@ -93,29 +92,29 @@ def find_first_motion(
     return FirstMotion(motion, covariance, measure_overlap(window.minimum), window.status is Status.CONVERGED)
 
 
-def _know_nothing(settings: TrackerConfig) -> FirstMotion:
+def _know_nothing(speed_max: float) -> FirstMotion:
     """Returns rest, with the uncertainty of any motion of a vehicle: scans that have nothing in common show no more."""
-    fastest = max(settings.speed_max, -settings.speed_min)
-    spread = np.array([fastest, fastest, OMEGA_MAX, SIGMA_AX, settings.start_alpha])
+    fastest = max(speed_max, -SPEED_MIN)
+    spread = np.array([fastest, fastest, OMEGA_MAX, SIGMA_AX, START_ALPHA])
     return FirstMotion(np.zeros(MODEL.size), np.diag(spread**2), 0.0, observed=False)
 
 
-def _shrink_unobserved(estimate: WindowMotion, settings: TrackerConfig) -> se2.Array:
+def _shrink_unobserved(estimate: WindowMotion) -> se2.Array:
     """Shrinks the motion's parameters towards rest as far as their covariance leaves them open."""
     size = len(estimate.theta)
-    at_rest = np.array([_REST_SPEED, _REST_SLIP, _REST_OMEGA, SIGMA_AX, settings.start_alpha])
+    at_rest = np.array([_REST_SPEED, _REST_SLIP, _REST_OMEGA, SIGMA_AX, START_ALPHA])
     known = np.diag(at_rest[:size] ** 2)
     return np.asarray(known @ invert(known + estimate.covariance, TOLERANCES[MOTION][:size]) @ estimate.theta)
 
 
 def _search_twist(scans: Sequence[Scan], setup: Setup) -> se2.Array:
     """Finds the twist (3,) of the first two scans by exhaustive search over speed and yaw rate."""
-    settings, revolution_s = setup.settings, setup.revolution_s
+    revolution_s, (slowest, fastest) = setup.revolution_s, setup.speeds
     returns = Returns.concatenate([scan.returns for scan in scans[:2]])
     strong = returns.take(returns.intensities >= np.median(returns.intensities))
     step_m = setup.estimator.s_start / _START_SPEEDS
-    speeds = np.arange(settings.speed_min, settings.speed_max + 1e-9, step_m / revolution_s)
+    speeds = np.arange(slowest, fastest + 1e-9, step_m / revolution_s)
     limit = min(OMEGA_MAX, _MOST_TURN / revolution_s)
     count = int(np.ceil(limit / (_START_YAW_STEP / revolution_s)))
     yaw_rates = np.linspace(-limit, limit, 2 * count + 1)
-    return search_twist(strong, scans[0].t0, revolution_s, setup.estimator, setup.beam, speeds, yaw_rates)
+    return search_twist(strong, scans[0].t0, setup.kernel, setup.estimator, setup.beam, speeds, yaw_rates)

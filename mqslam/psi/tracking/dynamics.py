@@ -12,6 +12,7 @@ from mqslam.core import se2
 from mqslam.core.scans import Scan
 from mqslam.psi.gaussians import invert, symmetric
 from mqslam.psi.minimiser import Prior
+from mqslam.psi.tracking.setup import SPEED_MIN, START_ALPHA
 from mqslam.psi.tracking.state import (
     ACCELERATION,
     ALPHA,
@@ -221,7 +222,7 @@ def coast(belief: Belief, dt: float, turn_s: float, settings: TrackerConfig) -> 
     belief = _forget_acceleration(belief, np.zeros(2))
     for _ in range(steps):
         belief = _forget_acceleration(predict(belief, dt / steps, settings), np.zeros(2))
-    return _forget_acceleration(belief, np.square([SIGMA_AX, settings.start_alpha]))
+    return _forget_acceleration(belief, np.square([SIGMA_AX, START_ALPHA]))
 
 
 def correct_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.float64]) -> Belief:
@@ -291,7 +292,7 @@ def _follow_directions(weak: NDArray[np.float64], yaw: float) -> NDArray[np.floa
 
 def _bound_speeds(settings: TrackerConfig) -> NDArray[np.float64]:
     """Returns the standard deviations (2,) of speed [m/s] and yaw rate [rad/s] when nothing is known of them."""
-    ranges = np.array([settings.speed_max - settings.speed_min, 2.0 * OMEGA_MAX])
+    ranges = np.array([settings.speed_max - SPEED_MIN, 2.0 * OMEGA_MAX])
     return np.asarray(ranges / np.sqrt(12.0))  # all in the range are as likely
 
 

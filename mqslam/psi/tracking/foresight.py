@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from mqslam.config import EstimatorConfig, TrackerConfig
+from mqslam.config import EstimatorConfig
 from mqslam.psi.minimiser import annealed_scale, final_scale
 from mqslam.psi.place import PointSet
+from mqslam.psi.tracking.setup import Tuning
 
 # Number of scans of a new track that are measured again together, once they make a map.
 YOUNG_SCANS = 16
@@ -25,12 +26,12 @@ class Foresight:
     """Errors of the predictions of the last scans.
 
     Args:
-        settings: how many scans count, and how much wider than their errors a match begins.
+        tuning: how much wider than the errors of predictions a match begins.
         matching: settings of the score where a scan is matched to the running map.
     """
 
-    def __init__(self, settings: TrackerConfig, matching: EstimatorConfig) -> None:
-        self._settings = settings
+    def __init__(self, tuning: Tuning, matching: EstimatorConfig) -> None:
+        self._tuning = tuning
         self._matching = matching
         self._errors: list[float] = []
 
@@ -51,11 +52,11 @@ class Foresight:
 
     def choose_step(self) -> int:
         """Returns the step of the annealing at which the match of the next scan begins."""
-        settings, matching = self._settings, self._matching
-        step = settings.first_step
+        tuning, matching = self._tuning, self._matching
+        step = tuning.first_step
         if self.is_young:
             return step
-        least = settings.foresight_margin * float(np.quantile(self._errors, _FORESIGHT_SHARE))
+        least = tuning.foresight_margin * float(np.quantile(self._errors, _FORESIGHT_SHARE))
         while annealed_scale(matching, step) != final_scale(matching) and annealed_scale(matching, step + 1).beta_s >= least:
             step += 1
         return step

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import TrackerConfig
 from mqslam.core import se2
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.references import make_references
+from mqslam.psi.tracking.setup import Tuning
 
 # A scan also joins the map after this much turning [rad].
 _KEYFRAME_RAD = 0.1
@@ -32,12 +32,12 @@ class LocalMap:
     """A sliding window of keyframes in the order of time, held fixed while scans are matched to it.
 
     Args:
-        settings: how many keyframes it holds, and how far they are apart.
+        tuning: how many keyframes it holds, and how far they are apart.
         chosen: starts [s] of the scans that it keeps of those that are offered; None keeps those that are far apart.
     """
 
-    def __init__(self, settings: TrackerConfig, chosen: Collection[float] | None = None) -> None:
-        self._settings = settings
+    def __init__(self, tuning: Tuning, chosen: Collection[float] | None = None) -> None:
+        self._tuning = tuning
         self._chosen = chosen
         self._keyframes: list[_Keyframe] = []
         self.references = make_references(_join([]))
@@ -71,7 +71,7 @@ class LocalMap:
             placed: its points.
         """
         kept = sorted([*self._keyframes, _Keyframe(t0, pose.copy(), placed)], key=lambda keyframe: keyframe.t0)
-        self._keyframes = kept[-self._settings.keyframes :]
+        self._keyframes = kept[-self._tuning.keyframes :]
         self.references = make_references(_join([keyframe.placed for keyframe in self._keyframes]))
 
     def _is_far(self, t0: float, pose: se2.Array) -> bool:
@@ -81,7 +81,7 @@ class LocalMap:
         nearest = min(self._keyframes, key=lambda keyframe: abs(keyframe.t0 - t0))
         moved = se2.wrapped_between(nearest.pose, pose)
         young = min(1.0, len(self._keyframes) / _GROWN_KEYFRAMES)  # a young map is thin: it takes keyframes sooner
-        far = np.hypot(moved[0], moved[1]) > young * self._settings.keyframe_m
+        far = np.hypot(moved[0], moved[1]) > young * self._tuning.keyframe_m
         return bool(far or abs(moved[2]) > _KEYFRAME_RAD)
 
 

@@ -9,16 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.scans import Scan
-from mqslam.psi.correlate import find_correlation_peaks
+from mqslam.psi.correlate import compute_same_m, find_correlation_peaks
 from mqslam.psi.covariance import sum_by_object
-from mqslam.psi.minimiser import Minimum, Prior, Search, annealed_scale, final_scale, minimise, score_against
+from mqslam.psi.minimiser import Minimum, Prior, Search, annealed_scale, final_scale, minimise
 from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import PointSet, place
 from mqslam.psi.scoring.estimator import PsiEvaluation, Scale
+from mqslam.psi.scoring.references import evaluate_against
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.setup import Setup
 from mqslam.psi.tracking.state import MODEL, POSE, TOLERANCES, Belief, State
+from mqslam.psi.window import RIVAL
 
+# Largest number of Newton steps when a scan is matched; with a good prediction a few are enough.
+_MATCHING_STEPS = 24
+# The search ends with a step shorter than this many standard deviations, which psi's curvature states.
+_SETTLED = 0.05
 # A direction that seems not observed counts as observed if every shift of the scan along it raises psi by more than this
 # many standard deviations of the rise. Along a bare corridor there is always a shift that raises it by less than 1.5, in
 # streets full of traffic there is none below 2.2.
@@ -83,21 +89,22 @@ class Matcher:
         """
         config = self.setup.matching
         wide = self._score(self._place_blindly(scan, state), annealed_scale(config, 0), into)
-        weak = find_weak_directions(wide, 3, config.observed_share)
+        weak = find_weak_directions(wide, 3)
         return weak[[not self._stands_out(scan, state, direction, into) for direction in weak]]
 
     def minimise(self, scan: Scan, start: State, prior: Prior, into: LocalMap, first_step: int = 0) -> Minimum:
         """Finds the state near a start that minimises psi plus the prior; see `mqslam.psi.minimiser.minimise`."""
-        settings = self.setup.settings
+        setup = self.setup
+        search = Search(_MATCHING_STEPS, first_step, _SETTLED, foresees=True, correlation=setup.tuning.correlation)
         return minimise(
             start.vector,
             lambda vector: self.place(scan, State(vector)),
             into.references,
             prior,
-            self.setup.matching,
-            self.setup.revolution_s,
+            setup.matching,
+            setup.kernel,
             TOLERANCES,
-            Search(settings.matching_steps, first_step, settings.settled, foresees=True),
+            search,
         )
 
     def search(self, scan: Scan, predicted: Belief, into: LocalMap, known: Sequence[Minimum]) -> Match:
@@ -113,8 +120,8 @@ class Matcher:
         minima.sort(key=lambda minimum: minimum.evaluation.psi)
         best = minima[0]
         config = self.setup.matching
-        elsewhere = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > config.search_same_m]
-        rivalled = any(m.evaluation.psi < config.rival * best.evaluation.psi for m in elsewhere)
+        elsewhere = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > compute_same_m(config)]
+        rivalled = any(m.evaluation.psi < RIVAL * best.evaluation.psi for m in elsewhere)
         return Match(best, rivalled)
 
     def look_beside(self, scan: Scan, minimum: Minimum, information: NDArray[np.float64], into: LocalMap) -> Minimum | None:
@@ -132,14 +139,14 @@ class Matcher:
         """
         config, scale = self.setup.matching, final_scale(self.setup.matching)
         here = State(minimum.state)
-        turn_s, settings = self.setup.revolution_s, self.setup.settings
+        turn_s = self.setup.revolution_s
         ahead = np.arange(config.beta_s, config.beta_s_start, config.beta_s)
         turns = _BESIDE_TURN / _BESIDE_TURNS * np.arange(1, _BESIDE_TURNS + 1)
         beside = [here.moved_ahead(distance, turn_s) for distance in (*-ahead, *ahead)]
         # how far a scan's own start has turned depends on when the turn began: before the scan or within it
         beside += [here.turned(share * angle, angle / turn_s) for angle in (*-turns, *turns) for share in (0.5, 1.0)]
         best = min(beside, key=lambda state: self._score(self.place(scan, state), scale, into).psi)
-        other = self.minimise(scan, best, Prior(best.vector, information), into, settings.matching_steps)
+        other = self.minimise(scan, best, Prior(best.vector, information), into, _MATCHING_STEPS)
         rise = minimum.evaluation.shares - other.evaluation.shares
         return other if self._is_distinct(rise, self.place(scan, State(other.state))) else None
 
@@ -179,7 +186,7 @@ class Matcher:
         return PointSet(placed.points, placed.jacobians, placed.covariances, placed.times)
 
     def _score(self, placed: PointSet, scale: Scale, into: LocalMap) -> PsiEvaluation:
-        return score_against(placed, into.references, scale, self.setup.revolution_s, self.setup.matching)
+        return evaluate_against(placed, into.references, scale, self.setup.kernel)
 
     def _refine_peaks(self, scan: Scan, predicted: Belief, into: LocalMap) -> list[Minimum]:
         """Returns the minima that start from the peaks of a correlation around the prediction."""

@@ -6,10 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mqslam.config import TrackerConfig
 from mqslam.core.scans import Scan
 from mqslam.psi.minimiser import Minimum
 
+# Fewest returns of a scan that is matched: five for each of the eight numbers of its state.
+FEWEST_RETURNS = 40
+# Least sector that the directions of a scan's returns span [rad]. A single direction shows one pattern of ranges and no
+# motion across it.
+_LEAST_SECTOR = 0.2
 # The track may be lost where a scan's matched share is below this part of the usual one.
 _LOST_SHARE = 0.5
 # Fewest matched returns of a match. Fewer coordinates than these fit the eight numbers by chance.
@@ -44,18 +48,18 @@ class Usual:
         """Returns whether a matched share is much poorer than the usual one."""
         return share < _LOST_SHARE * self.share
 
-    def is_doubtful(self, minimum: Minimum, settings: TrackerConfig) -> bool:
-        """Returns whether psi of a match is so much larger than usual that there may be a better one beside it."""
-        return _measure_psi(minimum) > settings.doubtful_psi * self.psi
+    def is_doubtful(self, minimum: Minimum, doubtful_psi: float) -> bool:
+        """Returns whether psi of a match is so many times the usual one that there may be a better one beside it."""
+        return _measure_psi(minimum) > doubtful_psi * self.psi
 
 
-def is_usable(scan: Scan, settings: TrackerConfig) -> bool:
+def is_usable(scan: Scan) -> bool:
     """Returns whether a scan holds enough returns, in more than one direction, to be matched."""
-    if len(scan.returns) < settings.fewest_returns:
+    if len(scan.returns) < FEWEST_RETURNS:
         return False
     x, y = np.cos(scan.returns.azimuths), np.sin(scan.returns.azimuths)
     around = np.arctan2(y * x.mean() - x * y.mean(), x * x.mean() + y * y.mean())  # about their mean direction
-    return bool(np.ptp(around) > settings.least_sector)
+    return bool(np.ptp(around) > _LEAST_SECTOR)
 
 
 def overlaps(minimum: Minimum) -> bool:

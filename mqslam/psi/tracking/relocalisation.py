@@ -22,12 +22,16 @@ from mqslam.psi.tracking.plausibility import is_usable
 from mqslam.psi.tracking.setup import Setup
 from mqslam.psi.tracking.state import Belief, State
 
+# Standard deviation of a distance travelled across a gap, as a share of that distance. Published lengths of one radar's
+# range bins differ by 1.4 %, and a Doppler shift that is ignored costs as much.
+_SIGMA_SCALE = 0.01
+
 IsPoor = Callable[[float], bool]  # whether a matched share is much poorer than usual
 
 
 def find_motion_after(scans: Sequence[Scan], predicted: Belief, setup: Setup, is_poor: IsPoor) -> FirstMotion | None:
     """Finds the motion of the scans after a gap from themselves; returns None where they do not show it."""
-    if len(scans) < 2 or not all(is_usable(scan, setup.settings) for scan in scans):
+    if len(scans) < 2 or not all(is_usable(scan) for scan in scans):
         return None
     for begin in (predicted.mean.twist, None):  # the exhaustive search costs much more
         first = find_first_motion(scans, setup, begin)
@@ -69,7 +73,7 @@ def find_again(
     return match.minimum, not len(matcher.find_weak_directions(scan, State(match.minimum.state), into))
 
 
-def estimate_arrival(begin: se2.Array, end: se2.Array, sigma_scale: float) -> NDArray[np.float64]:
+def estimate_arrival(begin: se2.Array, end: se2.Array) -> NDArray[np.float64]:
     """Returns the covariance (3, 3) of a match across a gap besides psi's: the sensor's scale enters with the distance."""
     distance = float(np.hypot(*(end - begin)[:2]))
-    return np.diag([(sigma_scale * distance) ** 2] * 2 + [0.0])
+    return np.diag([(_SIGMA_SCALE * distance) ** 2] * 2 + [0.0])

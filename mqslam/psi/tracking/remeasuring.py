@@ -35,7 +35,7 @@ def remeasure(
     """
     setup = matcher.setup
     half = len(scans) // 2
-    around = LocalMap(setup.settings)
+    around = LocalMap(setup.tuning)
     for scan, t in zip(scans[half:], tracked[half:], strict=True):
         around.add(t.t0, t.pose, matcher.place(scan, t.state))
     results = list(tracked)
@@ -63,7 +63,7 @@ def remeasure(
 
 def map_tracked(scans: Sequence[Scan], tracked: Sequence[Tracked], matcher: Matcher) -> LocalMap:
     """Makes the map of scans where they were tracked."""
-    result = LocalMap(matcher.setup.settings)
+    result = LocalMap(matcher.setup.tuning)
     for scan, t in zip(scans, tracked, strict=True):
         result.offer(t.t0, t.pose, matcher.place(scan, t.state))
     return result

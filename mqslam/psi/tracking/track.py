@@ -11,17 +11,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mqslam.config import TrackerConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Status
 from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError, FewReturnsError
 from mqslam.psi.tracking.dynamics import limit_step
 from mqslam.psi.tracking.foresight import YOUNG_SCANS
-from mqslam.psi.tracking.plausibility import is_usable
+from mqslam.psi.tracking.plausibility import FEWEST_RETURNS, is_usable
+from mqslam.psi.tracking.setup import START_SCANS
 from mqslam.psi.tracking.tracked import Tracked
 from mqslam.psi.tracking.tracker import Tracker
 
+# Number of lost scans in a row after which the map is given up and a new one is tried.
+_PATIENCE = 8
 # Fewest scans that are measured again: fewer make no map better than the first one.
 _YOUNG_LEAST = 6
 
@@ -64,18 +66,17 @@ class _Track:
     def __init__(self, scans: Sequence[Scan], tracker: Tracker, told: ToldTwist) -> None:
         self._scans = scans
         self._tracker = tracker
-        self._settings = tracker.settings
         self._told = told
         self._followed: dict[int, FollowedScan] = {}  # scans that are not handed on yet
         self._young: list[int] = []  # scans of a track that has only begun
         self._matched = 0  # the last scan that was matched
         self._pose = np.zeros(3)  # the pose of that scan
         self._lost: list[int] = []  # scans since that one, which were not matched
-        self._patience = self._settings.patience  # number of lost scans at which a new map is tried
+        self._patience = _PATIENCE  # number of lost scans at which a new map is tried
 
     def follow(self) -> Iterator[FollowedScan]:
         """Yields the scans in their order, each as soon as it will not change any more."""
-        first = _find_start(self._scans, self._settings)
+        first = _find_start(self._scans)
         self._start(first)
         k = first + 1
         handed_on = 0
@@ -94,7 +95,7 @@ class _Track:
 
     def _start(self, first: int) -> None:
         """Begins the track with the first scans that hold enough returns, and places those before them."""
-        head = _take_head(self._scans, first, self._settings)
+        head = _take_head(self._scans, first)
         tracked = self._tracker.start(head, odometry=_whole(self._told(head[0].t0, head[-1].t1)))
         self._young, self._matched = [first], first
         self._keep(first, tracked, float("nan"))
@@ -120,7 +121,7 @@ class _Track:
 
     def _begin_again(self, k: int) -> int:
         """Gives the map up where the last lost scans agree on a motion of their own; returns the next scan to follow."""
-        first = self._lost[-self._settings.start_scans]
+        first = self._lost[-START_SCANS]
         before, self._lost = self._lost, []
         if self._resume(first):
             return first + 1
@@ -131,7 +132,7 @@ class _Track:
         """Tracks a scan from both sides of what lies before it, and returns whether the track goes on from it."""
         scan = self._scans[k]
         psi_odometry = self._score_odometry(scan)
-        tracked = self._tracker.resume(_take_head(self._scans, k, self._settings), _whole(self._twist_to(scan)))
+        tracked = self._tracker.resume(_take_head(self._scans, k), _whole(self._twist_to(scan)))
         self._keep(k, tracked, psi_odometry)
         if tracked.status is Status.LOST and not tracked.begins_map:
             self._lost.append(k)
@@ -143,7 +144,7 @@ class _Track:
 
     def _take_as_matched(self, k: int) -> None:
         self._matched, self._pose = k, self._followed[k].tracked.pose
-        self._lost, self._patience = [], self._settings.patience
+        self._lost, self._patience = [], _PATIENCE
         if self._young:
             self._young.append(k)
             if len(self._young) == YOUNG_SCANS:
@@ -180,7 +181,7 @@ def _whole(twist: se2.Array | None) -> se2.Array | None:
     return None if twist is None or np.isnan(twist).any() else twist
 
 
-def _find_start(scans: Sequence[Scan], settings: TrackerConfig) -> int:
+def _find_start(scans: Sequence[Scan]) -> int:
     """Returns the first of two scans in a row that hold enough returns.
 
     Raises:
@@ -190,21 +191,21 @@ def _find_start(scans: Sequence[Scan], settings: TrackerConfig) -> int:
     if len(scans) < 2:
         raise EstimationError(f"a recording of {len(scans)} scans shows no motion; at least two are needed")
     for k in range(len(scans) - 1):
-        if len(_take_head(scans, k, settings)) > 1:
+        if len(_take_head(scans, k)) > 1:
             return k
     most = max(len(scan.returns) for scan in scans)
-    fewest = settings.fewest_returns
     raise FewReturnsError(
-        f"no two scans in a row hold {fewest} returns in more than one direction; the most returns in a scan are {most}"
+        f"no two scans in a row hold {FEWEST_RETURNS} returns in more than one direction; "
+        f"the most returns in a scan are {most}"
     )
 
 
-def _take_head(scans: Sequence[Scan], first: int, settings: TrackerConfig) -> list[Scan]:
+def _take_head(scans: Sequence[Scan], first: int) -> list[Scan]:
     """Returns the scan `first` and those after it, a few, that hold enough returns and have no gap between them."""
     head: list[Scan] = []
-    for scan in scans[first : first + settings.start_scans]:
+    for scan in scans[first : first + START_SCANS]:
         gap = bool(head) and scan.t0 - head[-1].t0 > limit_step(head[-1].t1 - head[-1].t0)
-        if gap or not is_usable(scan, settings):
+        if gap or not is_usable(scan):
             break
         head.append(scan)
     return head or [scans[first]]

@@ -17,6 +17,7 @@ from mqslam.core import se2
 from mqslam.core.measurement import Status
 from mqslam.core.scans import Scan
 from mqslam.errors import FewReturnsError
+from mqslam.psi.correlate import compute_pixel_m
 from mqslam.psi.minimiser import Minimum
 from mqslam.psi.observability import spread_along
 from mqslam.psi.place import Beam
@@ -32,7 +33,7 @@ from mqslam.psi.tracking.dynamics import (
 from mqslam.psi.tracking.foresight import Foresight
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.matching import Matcher
-from mqslam.psi.tracking.plausibility import Usual, is_usable, measure_overlap, overlaps
+from mqslam.psi.tracking.plausibility import FEWEST_RETURNS, Usual, is_usable, measure_overlap, overlaps
 from mqslam.psi.tracking.relocalisation import (
     bridge_gap,
     estimate_arrival,
@@ -41,7 +42,7 @@ from mqslam.psi.tracking.relocalisation import (
     place_by_odometry,
 )
 from mqslam.psi.tracking.remeasuring import map_tracked, remeasure
-from mqslam.psi.tracking.setup import Setup
+from mqslam.psi.tracking.setup import USUAL, Setup, Tuning
 from mqslam.psi.tracking.state import ORIGIN, POSE, TWIST, Belief, State
 from mqslam.psi.tracking.tracked import Tracked, make_empty_evaluation
 from mqslam.psi.tracking.uncertainty import measure_covariance, update_belief
@@ -60,6 +61,8 @@ class Tracker:
         beam: the sensor's errors.
         revolution_s: duration of a turn [s].
         keyframes: starts [s] of the scans that join the map; None takes those that are far from the one before.
+        tuning: how scans are matched to the map.
+        is_reversed: whether the recording is played backward, so that speeds have the opposite sign.
     """
 
     def __init__(
@@ -69,14 +72,17 @@ class Tracker:
         beam: Beam,
         revolution_s: float,
         keyframes: Collection[float] | None = None,
+        tuning: Tuning = USUAL,
+        *,
+        is_reversed: bool = False,
     ) -> None:
         self._chosen = keyframes
-        self._setup = Setup(settings, estimator, beam, revolution_s)
+        self._setup = Setup(settings, estimator, beam, revolution_s, tuning, is_reversed)
         self._matcher = Matcher(self._setup)
-        self._map = LocalMap(settings, keyframes)
+        self._map = LocalMap(tuning, keyframes)
         self._last = LastMatch(0.0, revolution_s, ORIGIN, blind=Blindness.full(settings))
         self._usual = Usual()
-        self._foresight = Foresight(settings, self._setup.matching)
+        self._foresight = Foresight(tuning, self._setup.matching)
 
     @property
     def settings(self) -> TrackerConfig:
@@ -92,17 +98,16 @@ class Tracker:
         """Finds the motion of the first scans from psi alone and begins the map with the first of them.
 
         Args:
-            scans: the first two or more, as many as the settings say if there are.
+            scans: the first two or more, `START_SCANS` if there are as many.
             begin: (3,) twist near the truth, or None for an exhaustive search.
             odometry: (3,) odometry's twist, for directions in which psi alone does not observe the motion.
 
         Raises:
             FewReturnsError: a scan holds too few returns.
         """
-        if not all(is_usable(scan, self.settings) for scan in scans):
+        if not all(is_usable(scan) for scan in scans):
             counts = ", ".join(str(len(scan.returns)) for scan in scans)
-            needed = self.settings.fewest_returns
-            raise FewReturnsError(f"the first scans hold {counts} returns, and {needed} in each are needed")
+            raise FewReturnsError(f"the first scans hold {counts} returns, and {FEWEST_RETURNS} in each are needed")
         first = find_first_motion(scans, self._setup, begin, odometry)
         changed = np.diag(list_motion_noise(self._setup.young) ** 2)  # the motion may have changed since
         if first.observed:
@@ -122,7 +127,7 @@ class Tracker:
         if self._last.is_before(scan):
             return False
         spread = np.linalg.eigvalsh(self._last.predict(scan, self.settings).covariance[:2, :2])[-1]
-        return bool(spread > self._setup.estimator.search_pixel_m**2)
+        return bool(spread > compute_pixel_m(self._setup.estimator) ** 2)
 
     def follow(self, scan: Scan, twist: se2.Array | None = None) -> Tracked:
         """Matches the next scan to the map.
@@ -134,11 +139,11 @@ class Tracker:
         """
         predicted = self._last.predict(scan, self._setup.young if self._foresight.is_young else self.settings)
         begin = self._begin_from(predicted, scan, twist)
-        if not is_usable(scan, self.settings):
+        if not is_usable(scan):
             return self._pass_over(scan, begin)
         prior = predicted.prior
         minimum = self._matcher.minimise(scan, predicted.mean, prior, self._map, self._foresight.choose_step())
-        if self._usual.is_doubtful(minimum, self.settings):
+        if self._usual.is_doubtful(minimum, self._setup.tuning.doubtful_psi):
             minimum = self._matcher.look_beside(scan, minimum, prior.information, self._map) or minimum
         if self._is_out_of_place(minimum):
             minimum = self._matcher.search(scan, begin, self._map, [minimum]).minimum
@@ -168,13 +173,13 @@ class Tracker:
         predicted = self._last.predict(scan, self.settings)
         after = find_motion_after(scans, predicted, self._setup, self._is_poor)
         bridged = place_by_odometry(bridge_gap(predicted, dt, after), before, twist, dt)
-        if not is_usable(scan, self.settings):
+        if not is_usable(scan):
             return self._pass_over(scan, bridged)
         minimum, is_sure = find_again(scan, bridged, self._map, self._matcher, self._is_out_of_place)
         if is_sure:
             self._foresight.forget()
             tracked = self._accept(scan, minimum, bridged, np.zeros((0, 3)), Blindness.none())
-            return replace(tracked, arrival=estimate_arrival(before, tracked.pose, self.settings.sigma_scale))
+            return replace(tracked, arrival=estimate_arrival(before, tracked.pose))
         if after is None:
             return self._miss(scan, bridged, minimum)
         return replace(self._begin_map(scan, bridged, Status.LOST), arrival=bridged.covariance[POSE, POSE])
@@ -211,7 +216,7 @@ class Tracker:
         known = belief.in_its_own_frame()
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, known, blind=self._last.blind)
         self._foresight.forget()
-        self._map = LocalMap(self.settings, self._chosen)
+        self._map = LocalMap(self._setup.tuning, self._chosen)
         self._map.offer(scan.t0, known.pose, self._matcher.place(scan, known.mean))
         middle_s = 0.5 * (scan.t1 - scan.t0)  # an error of its twist turns the scan about its start, and so the map
         covariance, skew = known.covariance[POSE, POSE], known.covariance[TWIST, TWIST] * middle_s**2

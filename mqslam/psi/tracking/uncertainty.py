@@ -28,7 +28,7 @@ def measure_covariance(
         into: the map.
         setup: settings of the tracker and of the score.
     """
-    settings, correlation = setup.settings, setup.estimator.correlation
+    settings, correlation = setup.settings, setup.tuning.correlation
     known = np.zeros((SIZE, SIZE))  # a vehicle hardly slides: without this, vy would seem as free as vx
     known[VY, VY] = correlation / SIGMA_VY**2
     known[AX, AX] = correlation / SIGMA_AX**2
@@ -51,12 +51,11 @@ def update_belief(
         vector: (8,) the state at the match.
         evaluation: psi there.
         prior_information: (8, 8) of the prediction.
-        setup: settings of the score.
+        setup: how a track is matched.
         weak: (K, 3) directions of the start pose that psi does not observe, along which only the prediction counts; None
             where it observes all.
     """
-    config = setup.estimator
-    information = (evaluation.curvature + STABILISER * evaluation.information) / config.correlation
+    information = (evaluation.curvature + STABILISER * evaluation.information) / setup.tuning.correlation
     if weak is not None:
         information = drop_directions(information, weak, float(vector[YAW]))
     units = TOLERANCES[:, None] * TOLERANCES[None, :]

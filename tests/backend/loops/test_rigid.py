@@ -58,7 +58,9 @@ def scans(seed: int, count: int) -> tuple[PointSet, References]:
 
 def minimise_slowly(start: se2.Array, query: PointSet, references: References) -> Minimum:
     free = Prior(start, np.zeros((3, 3)))
-    return minimise(start, lambda pose: move_rigidly(query, pose), references, free, CONFIG, ANY_TIME, TOLERANCES)
+    return minimise(
+        start, lambda pose: move_rigidly(query, pose), references, free, CONFIG, kernel_of(CONFIG, ANY_TIME), TOLERANCES
+    )
 
 
 @pytest.mark.parametrize("scale", [annealed_scale(CONFIG, 0), final_scale(CONFIG)], ids=["wide", "final"])

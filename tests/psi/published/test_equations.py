@@ -18,9 +18,9 @@ from mqslam.psi.published.reference import score_reference
 from mqslam.psi.scoring.neighbours import find_candidates, sort_into_cells
 
 VARIANTS = [
-    PsiConfig(temporal=temporal, numerator=numerator, factor=factor, alpha_s=alpha_s, beta_t=0.15, unmatched=unmatched)
-    for temporal, numerator, factor, alpha_s, unmatched in product(
-        ("plateau", "gaussian"), ("tau/2", "tau"), ("distance", "kappa"), (0.0, 0.4), (0.0, 1.0)
+    PsiConfig(temporal=temporal, numerator=numerator, factor=factor, beta_t=0.15, unmatched=unmatched)
+    for temporal, numerator, factor, unmatched in product(
+        ("plateau", "gaussian"), ("tau/2", "tau"), ("distance", "kappa"), (0.0, 1.0)
     )
 ]
 variants = st.sampled_from(VARIANTS)

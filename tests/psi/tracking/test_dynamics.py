@@ -25,6 +25,7 @@ from mqslam.psi.tracking.dynamics import (
     replace_motion,
     smooth_last,
 )
+from mqslam.psi.tracking.setup import SPEED_MIN, START_ALPHA
 from mqslam.psi.tracking.state import (
     ACCELERATION,
     ALPHA,
@@ -143,7 +144,7 @@ def test_coasting_keeps_the_twist_and_forgets_the_acceleration() -> None:
     after = coast(belief(), 3.0, 0.25, SETTINGS)
     np.testing.assert_array_equal(after.mean.acceleration, 0.0)
     np.testing.assert_allclose(after.mean.twist, VECTOR[TWIST])
-    np.testing.assert_allclose(np.diag(after.covariance)[ACCELERATION], [SIGMA_AX**2, SETTINGS.start_alpha**2])
+    np.testing.assert_allclose(np.diag(after.covariance)[ACCELERATION], [SIGMA_AX**2, START_ALPHA**2])
 
 
 def test_a_sure_measurement_of_the_motion_replaces_it_and_moves_the_pose_with_it() -> None:
@@ -260,9 +261,7 @@ def test_a_motion_that_was_never_observed_is_unknown_within_all_that_is_possible
     for _ in range(10_000):
         long_ago = long_ago.after(0.25, settings)
     np.testing.assert_allclose(long_ago.speeds, never.after(0.25, settings).speeds)
-    assert never.after(10.0, settings).travelled[0] == pytest.approx(
-        10.0 * (settings.speed_max - settings.speed_min) / 12**0.5
-    )
+    assert never.after(10.0, settings).travelled[0] == pytest.approx(10.0 * (settings.speed_max - SPEED_MIN) / 12**0.5)
 
 
 def test_a_stamp_that_may_be_wrong_widens_a_prediction_along_the_motion_alone() -> None:

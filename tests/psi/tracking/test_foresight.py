@@ -9,22 +9,23 @@ from support.clouds import point_set
 from mqslam.config import Config
 from mqslam.psi.minimiser import annealed_scale, final_scale
 from mqslam.psi.tracking.foresight import _FORESIGHT_SCANS, YOUNG_SCANS, Foresight
+from mqslam.psi.tracking.setup import USUAL
 
 CONFIG = Config()
-SETTINGS, MATCHING = CONFIG.tracker, CONFIG.estimator
+MATCHING = CONFIG.estimator
 POINTS = point_set(1, 50)
 
 
 def after(errors: list[float]) -> Foresight:
     """Returns what is known after scans whose returns all lay so far [m] from where they had been predicted."""
-    foresight = Foresight(SETTINGS, MATCHING)
+    foresight = Foresight(USUAL, MATCHING)
     for error in errors:
         foresight.add(POINTS, replace(POINTS, points=POINTS.points + np.array([error, 0.0])))
     return foresight
 
 
 def test_a_match_begins_wide_until_some_predictions_are_known() -> None:
-    assert after([0.01] * (YOUNG_SCANS - 1)).choose_step() == SETTINGS.first_step
+    assert after([0.01] * (YOUNG_SCANS - 1)).choose_step() == USUAL.first_step
 
 
 def test_where_predictions_are_good_a_match_begins_at_the_final_widths() -> None:
@@ -35,15 +36,15 @@ def test_where_predictions_are_good_a_match_begins_at_the_final_widths() -> None
 @pytest.mark.parametrize("error", [0.3, 0.5])
 def test_a_match_begins_as_wide_as_predictions_err(error: float) -> None:
     step = after([error] * YOUNG_SCANS).choose_step()
-    assert annealed_scale(MATCHING, step).beta_s >= SETTINGS.foresight_margin * error
-    assert annealed_scale(MATCHING, step + 1).beta_s < SETTINGS.foresight_margin * error
+    assert annealed_scale(MATCHING, step).beta_s >= USUAL.foresight_margin * error
+    assert annealed_scale(MATCHING, step + 1).beta_s < USUAL.foresight_margin * error
 
 
 def test_bad_predictions_are_met_with_the_first_step_and_forgotten_with_the_track() -> None:
     foresight = after([0.01] * _FORESIGHT_SCANS + [5.0] * YOUNG_SCANS)
-    assert foresight.choose_step() == SETTINGS.first_step
+    assert foresight.choose_step() == USUAL.first_step
     foresight.forget()
-    assert foresight.choose_step() == SETTINGS.first_step
+    assert foresight.choose_step() == USUAL.first_step
 
 
 def test_old_errors_are_forgotten() -> None:
@@ -53,7 +54,7 @@ def test_old_errors_are_forgotten() -> None:
 
 def test_the_error_is_that_of_all_returns() -> None:
     """A few returns that were mispredicted hardly widen the search."""
-    foresight = Foresight(SETTINGS, MATCHING)
+    foresight = Foresight(USUAL, MATCHING)
     moved = POINTS.points.copy()
     moved[0, 0] += 0.3
     for _ in range(YOUNG_SCANS):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from mqslam.config import Config
 from mqslam.psi.place import PointSet
 from mqslam.psi.tracking.local_map import LocalMap
+from mqslam.psi.tracking.setup import Tuning
 
-SETTINGS = Config().tracker.model_copy(update={"keyframes": 5})
+TUNING = Tuning(keyframes=5)
 
 
 def offer_scans(into: LocalMap, count: int = 40, step_m: float = 1.0) -> LocalMap:
@@ -20,11 +20,11 @@ def offer_scans(into: LocalMap, count: int = 40, step_m: float = 1.0) -> LocalMa
 
 
 def test_scans_that_are_far_apart_are_kept_and_the_oldest_ones_leave() -> None:
-    kept = offer_scans(LocalMap(SETTINGS))
-    assert len(kept) == 5 and np.all(np.diff(kept.times) >= SETTINGS.keyframe_m / 2.0)
+    kept = offer_scans(LocalMap(TUNING))
+    assert len(kept) == 5 and np.all(np.diff(kept.times) >= TUNING.keyframe_m / 2.0)
     assert kept.references.points.times.tolist() == kept.times
 
 
 def test_scans_that_were_chosen_are_kept_wherever_they_are() -> None:
-    chosen = offer_scans(LocalMap(SETTINGS, [7.0, 8.0, 30.0]), step_m=0.0)
+    chosen = offer_scans(LocalMap(TUNING, [7.0, 8.0, 30.0]), step_m=0.0)
     assert chosen.times == [0.0, 7.0, 8.0, 30.0]  # an empty map takes the first one

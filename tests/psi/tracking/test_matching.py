@@ -8,12 +8,13 @@ from numpy.typing import NDArray
 
 from mqslam.config import Config
 from mqslam.core.scans import Returns, Scan
-from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, score_against
+from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, kernel_of
 from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import Beam
+from mqslam.psi.scoring.references import evaluate_against
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.matching import Matcher
-from mqslam.psi.tracking.setup import Setup
+from mqslam.psi.tracking.setup import USUAL, Setup
 from mqslam.psi.tracking.state import State
 
 TURN_S = 0.25
@@ -50,7 +51,7 @@ def drive_between_walls(objects: int, seed: int, apart_m: float = 4.0) -> tuple[
         walls = np.column_stack([rng.uniform(-60.0, 60.0, 300), rng.choice([-7.0, 7.0], 300)])
         return see(np.concatenate([fixed, walls]), x, t0, rng)
 
-    before = LocalMap(CONFIG.tracker)
+    before = LocalMap(USUAL)
     for k in range(10, 0, -1):
         x, t0 = -apart_m * k, 30.0 - 2.5 * k
         before.add(t0, at_rest(x).pose, MATCHER.place(look(x, t0), at_rest(x)))
@@ -60,8 +61,8 @@ def drive_between_walls(objects: int, seed: int, apart_m: float = 4.0) -> tuple[
 def seem_weak(scan: Scan, into: LocalMap) -> NDArray[np.float64]:
     """Returns the directions that the widest scale takes for not observed."""
     points, scale = MATCHER.place(scan, at_rest(0.0)), annealed_scale(CONFIG.estimator, 0)
-    wide = score_against(points, into.references, scale, TURN_S, CONFIG.estimator)
-    return find_weak_directions(wide, 3, CONFIG.estimator.observed_share)
+    wide = evaluate_against(points, into.references, scale, kernel_of(CONFIG.estimator, TURN_S))
+    return find_weak_directions(wide, 3)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -98,7 +99,7 @@ def leave_in_company(speed: float, seed: int) -> tuple[Scan, LocalMap]:
     """Returns the scan of a sensor that has set off [m/s], and the map from before; a third of what it sees moves along."""
     rng = np.random.default_rng(seed)
     world, company = rng.uniform(-40.0, 40.0, (2, 150, 2))
-    before = LocalMap(CONFIG.tracker)
+    before = LocalMap(USUAL)
     for k in range(4):
         still = see(np.concatenate([world, company]), 0.0, TURN_S * k, rng)
         before.add(still.t0, at_rest(0.0).pose, MATCHER.place(still, at_rest(0.0)))
@@ -114,7 +115,7 @@ def set_off(speed: float) -> State:
 
 
 def minimise_narrowly(scan: Scan, start: State, into: LocalMap) -> Minimum:
-    return MATCHER.minimise(scan, start, Prior(start.vector, INFORMATION), into, CONFIG.tracker.matching_steps)
+    return MATCHER.minimise(scan, start, Prior(start.vector, INFORMATION), into)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -139,7 +140,7 @@ def turn_suddenly(rate: float, seed: int) -> tuple[Scan, LocalMap]:
     """Returns the scan of a sensor that has turned for a turn [rad/s] and the map from before."""
     rng = np.random.default_rng(seed)
     world = rng.uniform(-40.0, 40.0, (200, 2))
-    before = LocalMap(CONFIG.tracker)
+    before = LocalMap(USUAL)
     for k in range(4):
         still = see(world, 0.0, TURN_S * k, rng)
         before.add(still.t0, at_rest(0.0).pose, MATCHER.place(still, at_rest(0.0)))

@@ -1,17 +1,15 @@
-"""Which scans can be matched, and which matches can be believed, as the settings say."""
+"""Which scans can be matched, and which matches can be believed."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from mqslam.config import TrackerConfig
 from mqslam.core.scans import Returns, Scan
 from mqslam.psi.minimiser import Minimum
 from mqslam.psi.scoring.estimator import PsiEvaluation
 from mqslam.psi.tracking.plausibility import Usual, is_usable, measure_overlap, overlaps
-
-SETTINGS = TrackerConfig()
+from mqslam.psi.tracking.setup import USUAL
 
 
 def scan(count: int, sector: float) -> Scan:
@@ -30,12 +28,7 @@ def minimum(matched: int, count: int, psi: float = 0.0) -> Minimum:
 
 @pytest.mark.parametrize(("count", "sector", "usable"), [(39, 3.0, False), (40, 3.0, True), (40, 0.19, False)])
 def test_a_scan_is_usable_with_enough_returns_in_more_than_one_direction(count: int, sector: float, usable: bool) -> None:
-    assert is_usable(scan(count, sector), SETTINGS) is usable
-
-
-def test_the_settings_say_how_many_returns_are_enough() -> None:
-    assert is_usable(scan(20, 3.0), TrackerConfig(fewest_returns=20))
-    assert is_usable(scan(40, 0.19), TrackerConfig(least_sector=0.1))
+    assert is_usable(scan(count, sector)) is usable
 
 
 @pytest.mark.parametrize(
@@ -46,14 +39,9 @@ def test_a_match_needs_enough_returns_on_the_map_and_a_share_of_them(matched: in
     assert measure_overlap(minimum(matched, count)) == pytest.approx(matched / max(count, 1))
 
 
-def test_a_track_is_given_up_after_no_fewer_scans_than_begin_a_new_one() -> None:
-    with pytest.raises(ValueError, match="patience"):
-        TrackerConfig(patience=2)
-
-
 def test_before_the_first_match_nothing_is_poor_or_doubtful() -> None:
     assert not Usual().is_poor(0.1)
-    assert not Usual().is_doubtful(minimum(10, 100, psi=9.0), SETTINGS)
+    assert not Usual().is_doubtful(minimum(10, 100, psi=9.0), USUAL.doubtful_psi)
 
 
 def test_the_first_match_is_usual_and_later_ones_change_that_slowly() -> None:
@@ -66,5 +54,5 @@ def test_the_first_match_is_usual_and_later_ones_change_that_slowly() -> None:
 def test_a_match_is_poor_or_doubtful_compared_with_usual_ones() -> None:
     usual = Usual(share=0.6, psi=2.0)
     assert usual.is_poor(0.29) and not usual.is_poor(0.31)
-    assert usual.is_doubtful(minimum(60, 100, psi=2.31), SETTINGS)
-    assert not usual.is_doubtful(minimum(60, 100, psi=2.29), SETTINGS)
+    assert usual.is_doubtful(minimum(60, 100, psi=2.31), USUAL.doubtful_psi)
+    assert not usual.is_doubtful(minimum(60, 100, psi=2.29), USUAL.doubtful_psi)
