@@ -96,7 +96,10 @@ def test_what_is_written_is_read_back_equal(tmp_path: Path, name: str) -> None:
         ("sensor: {doppler_beta: 5}", "sensor.doppler_beta: Input should be less than or equal to 1"),
         ("detector: {min_range_m: 3, max_range_m: 2}", "detector: max_range_m (2.0) must be larger than min_range_m (3.0)"),
         ("tracker: {segment_scans: 71}", "tracker.segment_scans: must be 0 or at least 72"),
-        ("graph: {huber: 2}", "graph.huber is no setting any more, but fixed: nobody had a reason to change it; leave it out"),
+        (
+            "graph: {huber: 2}",
+            "graph.huber is no setting any more, but fixed: nobody had a reason to change it; leave it out",
+        ),
         ("1: 2", "Keys should be strings"),
         ("- map", "must hold settings"),
         ("map", "must hold settings"),
