@@ -19,7 +19,7 @@ from mqslam.config import EstimatorConfig
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.estimator import Kernel, PsiEvaluation, Scale, evaluate, find_reach
 from mqslam.psi.scoring.neighbours import NeighbourCache, find_candidates, sort_into_cells
-from mqslam.psi.scoring.references import Pairs, References, Surroundings, do_serve, evaluate_against, list_pairs
+from mqslam.psi.scoring.references import Pairs, References, do_serve, evaluate_against, list_pairs
 
 # Offset at which a point's weight has fallen to a quarter, at the end of annealing [standard deviations].
 C = 1.5
@@ -228,8 +228,7 @@ class Rendered:
     def _list_pairs(self, points: NDArray[np.float64], references: References, reach: float) -> Pairs:
         """Returns the references near points (N, 2) m, which are listed anew where the last list does not serve."""
         if self._pairs is None or len(points) != len(self._pairs.points) or not do_serve(self._pairs, points, reach):
-            around = Surroundings(references.grid, references.known, references.firsts)
-            self._pairs = list_pairs(points, around, reach)
+            self._pairs = list_pairs(points, references.surroundings, reach)
         return self._pairs
 
 

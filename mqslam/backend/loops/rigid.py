@@ -73,7 +73,7 @@ def minimise_rigidly(
         tolerances: as for `minimise`.
         first: step of the annealing that it begins with.
     """
-    around = Surroundings(references.grid, references.known, references.firsts)
+    around = references.surroundings
     scales = [annealed_scale(config, step) for step in range(first, first + STEPS)]
     kernel, last = kernel_of(config, ANY_TIME), final_scale(config)
     start, submap = np.asarray(start, dtype=np.float64), (points.points, points.covariances)

@@ -30,7 +30,7 @@ from mqslam.psi.scoring.neighbours import CandidateLists
 
 Fields: TypeAlias = tuple[
     NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
-]  # of an `PsiEvaluation`
+]  # of a `PsiEvaluation`
 
 _BEYOND: Final = 1.0 + 1e-9  # numerical: rounding must not lose a neighbour at the limit
 _BLOCK: Final = 1024  # neighbours that are summed at a time, so that they stay at hand: a matter of speed only
@@ -142,12 +142,27 @@ def arrays_of(points: PointSet) -> PointArrays:
 def evaluate_arrays(
     queries: PointArrays, references: PointArrays, lists: CandidateLists, scale: Scale, kernel: Kernel, moving: bool
 ) -> Fields:
-    """Returns the fields of an `PsiEvaluation`."""
-    n, size = len(queries.points), queries.jacobians.shape[2]
+    """Returns the fields of a `PsiEvaluation` of points among references that lists name; see `evaluate`."""
     known = arrange(np.arange(len(references.points)), references)
-    knows_aspects = len(queries.rays) == n and len(references.rays) == len(known)
-    sums, pulls = np.empty((n, 10)), np.zeros((n if moving else 0, 2, size))
+    knows_aspects = len(queries.rays) == len(queries.points) and len(references.rays) == len(known)
     near = Neighbours(known, references.jacobians[: len(known) if moving else 0], lists.offsets, lists.indices)
+    fields: Fields = evaluate_near(queries, near, scale, kernel, knows_aspects)
+    return fields
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def evaluate_near(queries: PointArrays, near: Neighbours, scale: Scale, kernel: Kernel, knows_aspects: bool) -> Fields:
+    """Returns the fields of a `PsiEvaluation` of points among references that are near them.
+
+    Args:
+        queries: points whose offsets are scored.
+        near: references near them.
+        scale: widths of selection and weights.
+        kernel: the score besides its widths.
+        knows_aspects: whether both know the directions that they were seen from.
+    """
+    n, size = len(queries.points), queries.jacobians.shape[2]
+    sums, pulls = np.empty((n, 10)), np.zeros((n if len(near.jacobians) else 0, 2, size))
     rays = queries.rays[: n if knows_aspects else 0]
     add_up_neighbours(queries.points, queries.times, rays, near, scale, kernel, sums, pulls)
     fields: Fields = weigh_offsets(queries.covariances, queries.jacobians, sums, pulls, scale)
@@ -162,7 +177,7 @@ def weigh_offsets(
     pulls: NDArray[np.float64],
     scale: Scale,
 ) -> Fields:
-    """Returns the fields of an `PsiEvaluation` from sums over the neighbours of each query.
+    """Returns the fields of a `PsiEvaluation` from sums over the neighbours of each query.
 
     Of each query m is the neighbours' centroid, s their scatter S_kappa, c the covariance Sigma of the offset e = -m and
     i its inverse, f = Sigma^-1 e, j the offset's jacobian J, and h = Sigma^-1 (I - 2 S_kappa / beta_s^2), made symmetric.

@@ -19,17 +19,24 @@ from mqslam.psi.scoring.estimator import (
     Neighbours,
     PsiEvaluation,
     Scale,
-    add_up_neighbours,
     arrange,
     arrays_of,
+    evaluate_near,
     find_reach,
-    weigh_offsets,
 )
 from mqslam.psi.scoring.neighbours import CellGrid, list_firsts, list_near, measure_largest_move, sort_into_cells
 
 _CELL_M: Final = 1.0  # side of the cells in which neighbours are looked up [m]: a matter of speed only
 _SKIN_M: Final = 0.2  # by how much lists reach farther than the score [m]: a matter of speed only
 _WASTE: Final = 2.0  # a list that reaches farther than so many times a new one is renewed: a matter of speed only
+
+
+class Surroundings(NamedTuple):
+    """What `References` hold besides their points, as kernels take it."""
+
+    grid: CellGrid
+    known: NDArray[np.float64]
+    firsts: NDArray[np.int32]
 
 
 class References(NamedTuple):
@@ -46,6 +53,11 @@ class References(NamedTuple):
     grid: CellGrid
     known: NDArray[np.float64]
     firsts: NDArray[np.int32]
+
+    @property
+    def surroundings(self) -> Surroundings:
+        """Everything besides the points, as kernels take it."""
+        return Surroundings(self.grid, self.known, self.firsts)
 
 
 def make_references(points: PointSet, cell_m: float = _CELL_M, corner: NDArray[np.float64] | None = None) -> References:
@@ -77,14 +89,6 @@ class Pairs(NamedTuple):
     radius: float
 
 
-class Surroundings(NamedTuple):
-    """What `References` hold besides their points, as kernels take it."""
-
-    grid: CellGrid
-    known: NDArray[np.float64]
-    firsts: NDArray[np.int32]
-
-
 @register_jitable
 def list_pairs(x: NDArray[np.float64], around: Surroundings, reach: float) -> Pairs:
     """Returns the references of points (N, 2) m within a reach [m], and some beyond."""
@@ -112,14 +116,10 @@ def evaluate_against(
         kernel: the score besides its widths.
         pairs: references near the queries, which serve this score; None lists them.
     """
-    n, size = len(queries), queries.jacobians.shape[2]
     if pairs is None:
         offsets, indices = list_near(references.grid, references.firsts, queries.points, find_reach(scale, kernel))
     else:
         offsets, indices = pairs.begins, pairs.indices
-    knows_aspects = len(queries.rays) == n and len(references.points.rays) == len(references.points)
-    rays = queries.rays[: n if knows_aspects else 0]
-    near = Neighbours(references.known, np.empty((0, 2, size)), offsets, indices)
-    sums, no_pulls = np.empty((n, 10)), np.empty((0, 2, size))
-    add_up_neighbours(queries.points, queries.times, rays, near, scale, kernel, sums, no_pulls)
-    return PsiEvaluation(*weigh_offsets(queries.covariances, queries.jacobians, sums, no_pulls, scale))
+    knows_aspects = len(queries.rays) == len(queries) and len(references.points.rays) == len(references.points)
+    near = Neighbours(references.known, np.empty((0, 2, queries.jacobians.shape[2])), offsets, indices)
+    return PsiEvaluation(*evaluate_near(arrays_of(queries), near, scale, kernel, knows_aspects))

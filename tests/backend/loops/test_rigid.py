@@ -12,7 +12,7 @@ from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, ke
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.estimator import Neighbours, Scale, add_up_neighbours, evaluate
 from mqslam.psi.scoring.neighbours import find_candidates
-from mqslam.psi.scoring.references import References, Surroundings, list_pairs, make_references
+from mqslam.psi.scoring.references import References, list_pairs, make_references
 
 CONFIG = EstimatorConfig()
 TOLERANCES = np.array([1e-3, 1e-3, 2e-5])
@@ -71,7 +71,7 @@ def test_the_compiled_score_is_that_of_points_rendered_one_by_one(scale: Scale, 
     placed = move_rigidly(query, state)
     lists = find_candidates(references.grid, placed.points, scale.s)
     expected = evaluate(placed, references.points, lists, scale, kernel_of(CONFIG, ANY_TIME), moving_references=False)
-    around = Surroundings(references.grid, references.known, references.firsts)
+    around = references.surroundings
     pairs, sums = list_pairs(placed.points, around, scale.s), np.empty((len(query), 10))
     no_pulls = np.empty((0, 2, 3))
     near, kernel = Neighbours(references.known, no_pulls, pairs.begins, pairs.indices), kernel_of(CONFIG, ANY_TIME)

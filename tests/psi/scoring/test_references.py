@@ -11,7 +11,7 @@ from mqslam.psi.minimiser import annealed_scale, final_scale, kernel_of
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.estimator import Neighbours, Scale, add_up_neighbours, find_reach
 from mqslam.psi.scoring.neighbours import list_near
-from mqslam.psi.scoring.references import Pairs, References, Surroundings, do_serve, list_pairs, make_references
+from mqslam.psi.scoring.references import Pairs, References, do_serve, list_pairs, make_references
 
 CONFIG = EstimatorConfig()
 KERNEL = kernel_of(CONFIG, 0.0)
@@ -46,20 +46,16 @@ def add_up_listed(points: NDArray[np.float64], listed: Pairs, references: Refere
     return add_up(points, (listed.begins, listed.indices), references, scale)
 
 
-def around(references: References) -> Surroundings:
-    return Surroundings(references.grid, references.known, references.firsts)
-
-
 @pytest.mark.parametrize("half_m", [3.0, 20.0, 400.0])
 def test_sums_of_a_search_are_those_of_neighbours_looked_up_anew(half_m: float) -> None:
     rng, references = np.random.default_rng(1), make_references(scattered(2, 3000, half_m))
     points, lists = references.points.points[:1500] + 0.1, 0
-    listed = list_pairs(points, around(references), 0.0)
+    listed = list_pairs(points, references.surroundings, 0.0)
     for step in range(12):
         points = points + rng.normal(0.0, 0.3 * 0.6**step, 2)
         scale = annealed_scale(CONFIG, step)
         if not do_serve(listed, points, find_reach(scale, KERNEL)):
-            listed, lists = list_pairs(points, around(references), find_reach(scale, KERNEL)), lists + 1
+            listed, lists = list_pairs(points, references.surroundings, find_reach(scale, KERNEL)), lists + 1
         expected = add_up_anew(points, references, scale)
         np.testing.assert_allclose(add_up_listed(points, listed, references, scale), expected, rtol=1e-12, atol=0.0)
     assert 2 <= lists <= 6
@@ -68,21 +64,21 @@ def test_sums_of_a_search_are_those_of_neighbours_looked_up_anew(half_m: float) 
 def test_a_list_serves_small_moves_and_no_large_ones() -> None:
     references, reach = make_references(scattered(3, 500)), 0.5
     points = scattered(4, 300).points
-    listed = list_pairs(points, around(references), reach)
+    listed = list_pairs(points, references.surroundings, reach)
     assert do_serve(listed, points + np.array([0.1, 0.0]), reach)
     assert not do_serve(listed, points + np.array([0.3, 0.0]), reach)
     assert not do_serve(listed, points, 1.0)
-    assert not do_serve(list_pairs(points, around(references), 4.0 * reach), points, reach)
+    assert not do_serve(list_pairs(points, references.surroundings, 4.0 * reach), points, reach)
 
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_points_without_any_reference_have_no_sums(count: int) -> None:
     points, references = scattered(5, 7).points + 50.0, make_references(scattered(6, count, 0.1))
-    listed = list_pairs(points, around(references), 1.0)
+    listed = list_pairs(points, references.surroundings, 1.0)
     np.testing.assert_array_equal(add_up_listed(points, listed, references, final_scale(CONFIG)), np.zeros((7, 10)))
 
 
 def test_no_points_have_no_sums() -> None:
     points, references = np.empty((0, 2)), make_references(scattered(7, 20))
-    listed = list_pairs(points, around(references), 1.0)
+    listed = list_pairs(points, references.surroundings, 1.0)
     assert add_up_listed(points, listed, references, final_scale(CONFIG)).shape == (0, 10)
