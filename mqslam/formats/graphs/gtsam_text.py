@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -34,7 +35,7 @@ def read_gtsam(graph: Path, values: Path) -> StoredGraph:
     Where no factor tells where a variable lies, such as a prior or a place by GNSS, the first pose is held.
 
     Raises:
-        DataError: a file cannot be read, a variable has no value, or there is no pose.
+        DataError: a file cannot be read, a variable has no value, there is no pose, or the graph's error is not finite.
     """
     import gtsam
 
@@ -47,6 +48,8 @@ def read_gtsam(graph: Path, values: Path) -> StoredGraph:
     keys = tuple(key for key in sorted(factors.keyVector()) if _is_pose(known, key))
     if not keys:
         raise DataError(graph, "holds no pose", "give a graph over gtsam.Pose2 or gtsam.Pose3")
+    if not _has_finite_error(factors, known):
+        raise DataError(graph, "has no finite error at the values", "check the values, and the noise models of the factors")
     joined = [factors.at(k).keys() for k in range(factors.size()) if factors.exists(k)]
     is_held = any(len(some) == 1 and some[0] in keys for some in joined)
     return StoredGraph(factors, known, keys, () if is_held else keys[:1])
@@ -81,6 +84,14 @@ def _read_again(path: Path, kind: str) -> str:
         raise DataError(path, f"is not a readable gtsam.{kind}", _REMEDY) from error
     except OSError as error:
         raise DataError(path, "cannot be read", _REMEDY) from error
+
+
+def _has_finite_error(factors: gtsam.NonlinearFactorGraph, known: gtsam.Values) -> bool:
+    """Returns whether factors have an error at values, and a finite one."""
+    try:
+        return math.isfinite(factors.error(known))
+    except RuntimeError:  # a value is of another kind than its factor needs
+        return False
 
 
 def _is_pose(values: gtsam.Values, key: int) -> bool:

@@ -12,6 +12,7 @@ import pytest
 from gtsam.symbol_shorthand import E, X
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
 
 from mqslam.backend.problem import Problem
 from mqslam.backend.sensors.gnss.alignment import align
@@ -36,6 +37,7 @@ class Receiver(NamedTuple):
     jump_m: float = 0.0
     late_s: float = 0.0
     antenna: tuple[float, float] = (0.0, 0.0)
+    every_s: float = 1.0
 
 
 def true_poses(scans: int) -> se2.Array:
@@ -54,11 +56,11 @@ def measured(scans: int, turned: float = 0.0) -> list[Measurement]:
 
 
 def fixed(receiver: Receiver, scans: int, seed: int = 1) -> Fixes:
-    """Returns the fixes of a receiver on the drive, one a second, half a scan off the scans' starts."""
-    rng, times = np.random.default_rng(seed), np.arange(0.125, (scans - 2) * TURN_S, 1.0)
+    """Returns the fixes of a receiver on the drive, half a scan off the scans' starts."""
+    rng, times = np.random.default_rng(seed), np.arange(0.125, (scans - 2) * TURN_S, receiver.every_s)
     poses = se2.interpolate(TURN_S * np.arange(scans), true_poses(scans), times)
     antenna = se2.compose(poses, np.array([*receiver.antenna, 0.0]))[:, :2]
-    walk = np.cumsum(rng.normal(0.0, receiver.walk_m, antenna.shape), axis=0)
+    walk = np.cumsum(rng.normal(0.0, receiver.walk_m * np.sqrt(receiver.every_s), antenna.shape), axis=0)
     positions = se2.transform(LIES, antenna) + walk + rng.normal(0.0, receiver.white_m, antenna.shape)
     for begin in range(20, len(times), 40):
         positions[begin : begin + 6] += receiver.jump_m * rng.choice([-1.0, 1.0], 2)
@@ -95,6 +97,19 @@ def test_fixes_mend_the_drift_of_a_trajectory(receiver: Receiver) -> None:
     alone = off_m(None, 800, 2e-5)
     assert off_m(use, 800, 2e-5) < 0.7 * alone
     assert alone > 1.0
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_trajectory_hardly_depends_on_where_the_values_of_the_wandering_error_stand(seed: int) -> None:
+    motions, fixes = measured(800), fixed(Receiver(white_m=0.2, walk_m=0.1, every_s=1 / 16), 800, seed)
+    edges = join_fixes(fixes, START_US, motions, np.zeros(2)).edges
+    assert edges is not None
+    half = int(np.count_nonzero(edges.knots == 1)) // 2
+    later = replace(edges, knots=np.concatenate([edges.knots[half:], edges.knots[-half:]]))
+    track, moved = (Problem(motions, [], fixes=use).solve_poses([])[:, :2] for use in (edges, later))
+    turn, _ = Rotation.align_vectors(*(np.pad(xy - xy.mean(axis=0), ((0, 0), (0, 1))) for xy in (track, moved)))
+    laid = turn.apply(np.pad(moved - moved.mean(axis=0), ((0, 0), (0, 1))))[:, :2] + track.mean(axis=0)
+    assert np.sqrt(np.mean(np.sum((laid - track) ** 2, axis=1))) < 0.05
 
 
 @pytest.mark.parametrize("scale", [0.7, 0.85, 1.2])

@@ -71,3 +71,12 @@ def test_a_damaged_file_is_refused_even_where_gtsam_ends_with_the_process(files:
     files[0].write_text(text[: len(text) // 2])
     with pytest.raises(DataError, match=r"graph\.txt: is not a readable gtsam\.NonlinearFactorGraph"):
         read_gtsam(*files)
+
+
+@pytest.mark.parametrize("x", [1e300, 1e200])
+def test_values_without_a_finite_error_are_refused(files: tuple[Path, Path], x: float) -> None:
+    _, values = graph_and_values()
+    values.update(X(1), gtsam.Pose2(x, 0.0, 0.0))
+    files[1].write_text(values.serialize())
+    with pytest.raises(DataError, match=r"graph\.txt: has no finite error at the values; check the values, and the noise"):
+        read_gtsam(*files)
