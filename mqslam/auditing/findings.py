@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.revisits import RevisitAudit
+from mqslam.auditing.sizes import STEP_FEWEST, STEP_SCANS, WINDOW
 from mqslam.auditing.spans.delay import Delay
 from mqslam.auditing.spans.lever import Lever
 from mqslam.auditing.spans.pooled import Pooled
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.steps import StepAudit
-from mqslam.auditing.verdict import Finding, Share, VerdictStatus
+from mqslam.auditing.verdict import WINDOWS_FAIL, WINDOWS_WARN, Finding, Share, VerdictStatus
 from mqslam.auditing.windows.windows import Undecided, WindowAudit, share_torn
 from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core import se2
@@ -32,43 +33,47 @@ _REVISITS_WARN = 0.02
 _REVISITS_FAIL = 0.1
 # A sensor that sits farther from where the trajectory has it than this is worth a look [m].
 _LEVER_WARN = 0.05
+# A yaw that drifts by more than this is worth a look [rad/m]: 0.05 degrees in 100 m.
+_TURN_WARN = 8.7e-6
+# A trajectory whose stamps are late or early by more than this is worth a look [s].
+_DELAY_WARN_S = 0.01
+# A window in which a smaller share of points than this is seen twice does not overlap, so that psi cannot judge it.
+LEAST_MATCHED = 0.15
 # With a larger share than this of windows that do not overlap, a map is useless as a whole.
 _APART_FAIL = 0.5
 
 
-def judge_windows(windows: Sequence[WindowAudit], scans: int, size: int, settings: VerdictConfig) -> list[Finding]:
+def judge_windows(windows: Sequence[WindowAudit], scans: int) -> list[Finding]:
     """Returns what the windows of a map say about it, in a run as in an audit.
 
     Args:
         windows: those that were checked.
         scans: number of scans of the map.
-        size: number of scans of a window.
-        settings: limits, and the evidence that a verdict takes.
     """
     if not windows:
-        reason = f"no window of {size} scans could be checked, so that nothing shows how good the map is"
-        if scans < size:
-            reason = f"{count_of(scans, 'scan')} {is_or_are(scans)} too few to judge a map by: a window takes {size}"
+        reason = f"no window of {WINDOW} scans could be checked, so that nothing shows how good the map is"
+        if scans < WINDOW:
+            reason = f"{count_of(scans, 'scan')} {is_or_are(scans)} too few to judge a map by: a window takes {WINDOW}"
         return [Finding(VerdictStatus.NOT_JUDGED, reason)]
     torn = share_torn(windows)
-    status = torn.judge(settings.windows_warn, settings.windows_fail, settings)
+    status = torn.judge(WINDOWS_WARN, WINDOWS_FAIL)
     reason = f"{torn.count} of {count_of(torn.total, 'window')} {is_or_are(torn.count)} torn"
     if not torn.total:
         reason = f"none of {count_of(len(windows), 'window')} could be decided"
     elif status is VerdictStatus.NOT_JUDGED:
-        reason += f", too few to judge the map by: the share of torn ones may be {torn.describe_range(settings)}"
+        reason += f", too few to judge the map by: the share of torn ones may be {torn.describe_range()}"
     elif status is VerdictStatus.PASS and torn.count:
-        reason += f", which is no evidence of more than {settings.windows_warn:.0%}"
+        reason += f", which is no evidence of more than {WINDOWS_WARN:.0%}"
     if 0 < torn.total < len(windows):
         reason += f", {len(windows) - torn.total} undecided"
     findings = [Finding(status, reason, p_value=find_smallest(window.p_value for window in windows))]
     blind = Share(sum(w.undecided is Undecided.APART for w in windows), len(windows))
-    if blind.is_above(settings.windows_fail, settings):
+    if blind.is_above(WINDOWS_FAIL):
         reason = f"{blind.count} of {count_of(blind.total, 'window')} {is_or_are(blind.count)} undecided: {Undecided.APART}"
         findings.append(Finding(VerdictStatus.WARN, reason))
     known = [w for w in windows if w.undecided is not Undecided.GAP]  # where the trajectory has poses of its own
-    apart = Share(sum(w.bend.matched < settings.matched for w in known), len(known))
-    if apart.is_above(_APART_FAIL, settings):
+    apart = Share(sum(w.bend.matched < LEAST_MATCHED for w in known), len(known))
+    if apart.is_above(_APART_FAIL):
         matched = float(np.median([w.bend.matched for w in known]))
         findings.append(Finding(VerdictStatus.FAIL, f"only {matched:.0%} of the points are seen twice: nothing overlaps"))
     return findings
@@ -84,7 +89,7 @@ def judge_steps(steps: Sequence[StepAudit], jumps: Sequence[StepAudit], settings
     """
     if not jumps:
         shown = [step for step in steps if step.judged and step.laid.doubt_m <= settings.jump_m]
-        if len(shown) < settings.step_fewest:
+        if len(shown) < STEP_FEWEST:
             reason = "too few steps could be measured to see a jump of the trajectory"
             return Finding(VerdictStatus.PASS, reason, judged=False)
         reason = f"no jump of up to {settings.search_m:g} m at any of {count_of(len(shown), 'step')}"
@@ -133,7 +138,7 @@ def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: V
     off = [step for step in steps if is_off(step)]
     jumps: list[StepAudit] = []
     for step in off:
-        if jumps and step.laid.later - jumps[-1].laid.later <= 2 * settings.step_scans:  # they share scans
+        if jumps and step.laid.later - jumps[-1].laid.later <= 2 * STEP_SCANS:  # they share scans
             jumps[-1] = min(jumps[-1], step, key=lambda s: s.laid.psi_best)
         else:
             jumps.append(step)
@@ -195,7 +200,7 @@ def find_lever(pooled: Pooled, limits: VerdictConfig) -> Lever | None:
 def find_delay(pooled: Pooled, limits: VerdictConfig) -> Delay | None:
     """Returns how late all of a map asks for the stamps of its trajectory to be, or None if that is tolerated."""
     delay = pooled.delay
-    found = abs(delay.seconds) > limits.delay_warn and delay.p_value < limits.share_of_false_alarms
+    found = abs(delay.seconds) > _DELAY_WARN_S and delay.p_value < limits.share_of_false_alarms
     return delay if found else None
 
 
@@ -209,7 +214,7 @@ def _name_extrinsics(given: se2.Array, turned: float, lever: Lever | None) -> st
 
 def find_biases(pooled: Pooled, limits: VerdictConfig) -> list[int]:
     """Returns the axes (forward 0, left 1, yaw 2) along which all of a map asks for a correction that is worth a look."""
-    largest = (SCALE_WARN, SCALE_WARN, limits.turn_warn)
+    largest = (SCALE_WARN, SCALE_WARN, _TURN_WARN)
     found = (np.abs(pooled.bias) > largest) & (pooled.p_value < limits.share_of_false_alarms)
     return np.flatnonzero(found).tolist()
 
@@ -253,13 +258,8 @@ _WISHES: Final = (_wish_length, _wish_side, _wish_turn)  # what is asked for for
 _SIDE: Final = 1  # index of that to the side
 
 
-def judge_spans(spans: Sequence[SpanAudit], limits: VerdictConfig) -> Finding:
-    """Returns what single spans of a map say about it.
-
-    Args:
-        spans: all that were laid.
-        limits: of the verdict; spans have the limits of windows.
-    """
+def judge_spans(spans: Sequence[SpanAudit]) -> Finding:
+    """Returns what single spans of a map say about it; they have the limits of windows."""
     judged = [span for span in spans if np.isfinite(span.p_value)]
     if not judged:
         reason = "too few places some path apart see the same to show a stretch that is off"
@@ -272,7 +272,7 @@ def judge_spans(spans: Sequence[SpanAudit], limits: VerdictConfig) -> Finding:
         return Finding(VerdictStatus.PASS, f"none of {all_spans} is off by more than chance explains", p_value=p_value)
     worst = max(torn, key=lambda span: span.distance_m)
     reason = f"{len(torn)} of {all_spans} {is_or_are(len(torn))} off, the worst {_describe_span(worst)}"
-    fails = Share(len(torn), len(judged)).is_above(limits.windows_fail, limits)
+    fails = Share(len(torn), len(judged)).is_above(WINDOWS_FAIL)
     return Finding(VerdictStatus.FAIL if fails else VerdictStatus.WARN, reason, p_value=p_value)
 
 
@@ -293,7 +293,7 @@ def judge_locally(windows: Sequence[WindowAudit]) -> Finding:
     return Finding(VerdictStatus.NOT_JUDGED, reason)
 
 
-def judge_revisits(revisits: Sequence[RevisitAudit], settings: VerdictConfig) -> Finding:
+def judge_revisits(revisits: Sequence[RevisitAudit]) -> Finding:
     """Returns what the revisits of a map say about it. A map passes without any: many a drive comes back to no place."""
     sure = [r for r in revisits if r.revisit.sure]
     if not sure:
@@ -307,16 +307,16 @@ def judge_revisits(revisits: Sequence[RevisitAudit], settings: VerdictConfig) ->
         if any(r.claimed is not None for r in off):
             reason += ", beyond what the trajectory claims to know"
         torn = Share(len(off), len(sure))
-        status = torn.judge(_REVISITS_WARN, _REVISITS_FAIL, settings)
+        status = torn.judge(_REVISITS_WARN, _REVISITS_FAIL)
         # one torn revisit alone may be of two places that look alike
         if status is not VerdictStatus.FAIL and any(a.torn and b.torn for a, b in itertools.pairwise(sure)):
             status = VerdictStatus.WARN
         if status is VerdictStatus.NOT_JUDGED:
-            reason += f", too few to judge drift by: the share of torn ones may be {torn.describe_range(settings)}"
+            reason += f", too few to judge drift by: the share of torn ones may be {torn.describe_range()}"
     if excused:
         farthest = max(r.revisit.distance_m for r in excused)
         reason += f", and the passes of {len(excused)} lie up to {farthest:.2f} m apart, as the trajectory says they may"
-        if status is VerdictStatus.PASS and Share(len(excused), len(sure)).is_above(_REVISITS_WARN, settings):
+        if status is VerdictStatus.PASS and Share(len(excused), len(sure)).is_above(_REVISITS_WARN):
             status = VerdictStatus.WARN
     return Finding(status, reason, p_value=p_value)
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.findings import (
+    LEAST_MATCHED,
     find_bias,
     find_delay,
     find_lever,
@@ -25,6 +26,7 @@ from mqslam.auditing.findings import (
 )
 from mqslam.auditing.laying import Laid
 from mqslam.auditing.revisits import RevisitAudit, audit_revisits, doubt_interpolated
+from mqslam.auditing.sizes import STEP_SCANS
 from mqslam.auditing.spans.delay import measure_twists
 from mqslam.auditing.spans.measured import lay_spans
 from mqslam.auditing.spans.pooled import Pooled, pool, predict_offsets
@@ -112,18 +114,18 @@ def audit(
         claims: how sure the trajectory is of itself, by the numbers of the sweeps; None where it does not say.
     """
     windows = audit_windows(sweeps, settings, estimator, engine, progress, sampled)
-    interpolated = _mark_interpolated(sweeps, settings)
+    interpolated = _mark_interpolated(sweeps)
     middles = [(w.begin + w.end) // 2 - 1 for w in windows]
     speeds = check_speeds(sweeps, middles, ~interpolated, settings, estimator, engine, progress)
-    capture = find_capture_range(sweeps.revolution_s, settings, estimator)
-    windows = state_p_values(_decide(windows, speeds, interpolated, capture, limits))
+    capture = find_capture_range(sweeps.revolution_s, estimator)
+    windows = state_p_values(_decide(windows, speeds, interpolated, capture))
     steps = audit_steps(sweeps, ~interpolated, settings, estimator, limits, engine, progress)
     jumps = find_torn_steps(steps, settings, limits)
     track = sweeps.track
     tests = {
-        "trajectory": _judge_trajectory(sweeps, settings, limits),
-        "speeds": judge_speeds(speeds, capture, limits),
-        "windows": judge_windows(windows, len(sweeps), settings.window, limits),
+        "trajectory": _judge_trajectory(sweeps, settings),
+        "speeds": judge_speeds(speeds, capture),
+        "windows": judge_windows(windows, len(sweeps)),
         "steps": [judge_steps(steps, jumps, settings)],
     }
     spans: list[SpanAudit] = []
@@ -133,16 +135,16 @@ def audit(
         tests["revisits"] = [judge_locally(windows)]
     else:
         laid = lay_spans(sweeps, ~interpolated, settings, estimator, engine, progress)
-        twists = measure_twists(sweeps, settings.step_scans)
+        twists = measure_twists(sweeps, STEP_SCANS)
         pooled = pool(laid, twists)
         spans = audit_spans(laid, _expect(laid, twists, pooled, limits), sweeps.times, limits)
         revisits = audit_revisits(sweeps, settings, estimator, limits, engine, progress, claims)
         revisits = doubt_interpolated(revisits, interpolated)
         tests |= {
-            "spans": [judge_spans(spans, limits)],
+            "spans": [judge_spans(spans)],
             "pooled": [judge_pooled(pooled, limits, track.extrinsics, track.time_offset_s)],
             "shaking": [judge_shaking(sweeps, windows, settings, estimator, limits, engine)],
-            "revisits": [judge_revisits(revisits, limits)],
+            "revisits": [judge_revisits(revisits)],
         }
     tests = {name: findings for name, findings in tests.items() if findings}
     verdict = verdict_of(chain.from_iterable(tests.values()))
@@ -181,19 +183,19 @@ def _expect(
     return predict_offsets(spans, twists, find_bias(pooled, limits), find_lever(pooled, limits), find_delay(pooled, limits))
 
 
-def _judge_trajectory(sweeps: Sweeps, settings: AuditConfig, limits: VerdictConfig) -> list[Finding]:
+def _judge_trajectory(sweeps: Sweeps, settings: AuditConfig) -> list[Finding]:
     """Returns what is wrong with the trajectory itself, and where it is too sparse to be judged."""
     if sweeps.track is None:
         return []
     own = judge_track(sweeps.track, sweeps.times, sweeps.revolution_s, settings)
-    return [*own, *judge_part(sweeps.track, limits), *judge_doubt(sweeps.doubt_m, settings)]
+    return [*own, *judge_part(sweeps.track), *judge_doubt(sweeps.doubt_m, settings)]
 
 
-def _mark_interpolated(sweeps: Sweeps, settings: AuditConfig) -> NDArray[np.bool_]:
+def _mark_interpolated(sweeps: Sweeps) -> NDArray[np.bool_]:
     """Marks the sweeps (S,) that lie in a gap of the trajectory."""
     if sweeps.track is None:
         return np.zeros(len(sweeps), dtype=np.bool_)
-    return mark_interpolated(sweeps.track, sweeps.times, sweeps.revolution_s, settings)
+    return mark_interpolated(sweeps.track, sweeps.times, sweeps.revolution_s)
 
 
 def _decide(
@@ -201,7 +203,6 @@ def _decide(
     speeds: Sequence[SpeedCheck | None],
     interpolated: NDArray[np.bool_],
     capture: CaptureRange,
-    limits: VerdictConfig,
 ) -> list[WindowAudit]:
     """Returns the windows with their speeds, each torn, whole or undecided.
 
@@ -214,7 +215,7 @@ def _decide(
         undecided = None if is_off else window.undecided
         if np.mean(interpolated[window.begin : window.end]) > 0.5:
             undecided = Undecided.GAP
-        elif window.bend.matched_best < limits.matched and not is_off:
+        elif window.bend.matched_best < LEAST_MATCHED and not is_off:
             undecided = Undecided.APART
         torn = (window.torn or is_off) and undecided is None
         decided.append(replace(window, torn=torn, undecided=undecided, speed=speed))

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.laying import Laid, lay
+from mqslam.auditing.sizes import PROBABILITY, TORN_INFLATION
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Share
-from mqslam.auditing.windows.windows import torn_threshold
 from mqslam.backend.claims import Claims
 from mqslam.backend.loops.agreement import Offsets, compare_neighbours, find_agreeing
 from mqslam.backend.loops.align import TOLERANCES
@@ -156,7 +156,7 @@ def judge_laid(
         np.array([compute_reach(one.path_m, settings)[0] for one in laid]),
         settings.least_path_m,
         compute_same_m(estimator),
-        settings.probability,
+        PROBABILITY,
     )
     claimed = claims.relate([(one.earlier, one.later) for one in laid]) if claims is not None else None
     total = measured if claimed is None else replace(measured, covariances=measured.covariances + claimed)
@@ -245,7 +245,7 @@ def _lay_pair(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], pair: tuple[i
 
 def is_torn(revisit: Revisit, settings: AuditConfig) -> bool:
     """Returns whether two passes of a trajectory that does not say how sure it is are off each other."""
-    beyond = revisit.inflation > torn_threshold(settings)
+    beyond = revisit.inflation > TORN_INFLATION
     far = revisit.distance_m > settings.torn_m or abs(revisit.offset[2]) > settings.torn_rad
     return bool(revisit.sure and beyond and far)
 

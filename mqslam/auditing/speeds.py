@@ -25,10 +25,11 @@ from mqslam.auditing.laying import (
     lay,
     measure_span,
 )
+from mqslam.auditing.sizes import WINDOW
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.tracks import Track, find_gaps
-from mqslam.auditing.verdict import Finding, Share, VerdictStatus
-from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
+from mqslam.auditing.verdict import WINDOWS_FAIL, WINDOWS_WARN, Finding, Share, VerdictStatus
+from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.wording import count_of
@@ -71,7 +72,7 @@ class SpeedCheck:
         return float(np.hypot(self.error[0], self.error[1]))
 
 
-def find_capture_range(revolution_s: float, settings: AuditConfig, estimator: EstimatorConfig) -> CaptureRange:
+def find_capture_range(revolution_s: float, estimator: EstimatorConfig) -> CaptureRange:
     """Returns the capture range of the windows' test.
 
     The widest search for a window's best map begins with neighbourhoods of `estimator.s_start`: a correction that moves a
@@ -79,17 +80,16 @@ def find_capture_range(revolution_s: float, settings: AuditConfig, estimator: Es
 
     Args:
         revolution_s: usual duration of a scan [s].
-        settings: of the audit.
         estimator: settings of the score.
     """
     reach_m = estimator.s_start
-    return CaptureRange(reach_m, reach_m / (settings.window * revolution_s), SPEED_ERROR_MPS)
+    return CaptureRange(reach_m, reach_m / (WINDOW * revolution_s), SPEED_ERROR_MPS)
 
 
 def _find_capture(shared: _Shared) -> CaptureRange:
     """Returns the capture range of the windows of a map."""
-    sweeps, settings, estimator = shared
-    return find_capture_range(sweeps.revolution_s, settings, estimator)
+    sweeps, _, estimator = shared
+    return find_capture_range(sweeps.revolution_s, estimator)
 
 
 def check_speeds(
@@ -149,7 +149,7 @@ def _find_wrong(
         progress("speeds in gaps", number, len(pairs))
 
     motions = dict(zip(pairs, engine.map(_measure_twist, (curved, settings, estimator), pairs, report), strict=True))
-    longest_s, speed_mps = settings.window * sweeps.revolution_s, _find_capture(shared).speed_mps
+    longest_s, speed_mps = WINDOW * sweeps.revolution_s, _find_capture(shared).speed_mps
     wrong = set()
     for gap, begins in inner.items():
         found_m = _chain_across(gap, sweeps.times, {k: motions[k] for k in begins}, longest_s)
@@ -231,13 +231,12 @@ def contradicts(check: SpeedCheck | None, capture: CaptureRange) -> bool:
     return check is not None and check.sure and check.error_mps > capture.speed_mps
 
 
-def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange, limits: VerdictConfig) -> list[Finding]:
-    """Returns what the speeds say about a map; nothing where none of them is sure.
+def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange) -> list[Finding]:
+    """Returns what the speeds say about a map; nothing where none of them is sure. Speeds have the limits of windows.
 
     Args:
         checks: of all windows.
         capture: of the windows' test.
-        limits: settings of the verdict; speeds have the limits of windows.
     """
     sure = [check for check in checks if check is not None and check.sure]
     if not sure:
@@ -256,11 +255,11 @@ def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange, lim
         f"m/s in the median: corrections beyond {capture.window_m:.2g} m over a window ({capture.speed_mps:.2g} m/s) cannot "
         "be measured, and inflation means nothing there"
     )
-    if share.is_above(limits.windows_fail, limits):
+    if share.is_above(WINDOWS_FAIL):
         if 2 * share.count >= share.total:
             reason += (
                 "; if its scale, its clock and the frame of its poses (the mount of the sensor, the order of quaternions) "
                 "are right, the trajectory may belong to another recording"
             )
         return [Finding(VerdictStatus.FAIL, reason)]
-    return [Finding(VerdictStatus.WARN if share.is_above(limits.windows_warn, limits) else VerdictStatus.PASS, reason)]
+    return [Finding(VerdictStatus.WARN if share.is_above(WINDOWS_WARN) else VerdictStatus.PASS, reason)]

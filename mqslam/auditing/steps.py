@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from mqslam.auditing.laying import Laid, ask_of_scans, compute_far_reach, fits_far_better, lay, measure_span
+from mqslam.auditing.sizes import STEP_FEWEST, STEP_SCANS
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.backend.loops.align import TOLERANCES, score_at_pose
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
@@ -23,6 +24,10 @@ from mqslam.core.statistics.chances import correct_for_places, find_usual_scale
 from mqslam.execution.progress import Progress
 from mqslam.psi.scoring.references import make_references
 
+# Every how many scans a step is judged.
+_EVERY = 2
+# Share of the steps, those that match worst, whose sides are looked for farther apart as well.
+_DOUBTFUL = 0.1
 _Shared = tuple[Sweeps, AuditConfig, EstimatorConfig]  # what every step is laid with
 
 
@@ -70,19 +75,19 @@ def audit_steps(
         engine: where the steps are judged; the result does not depend on it.
         progress: called as steps are done.
     """
-    size = settings.step_scans
+    size = STEP_SCANS
 
     def lies_in_no_gap(place: int) -> bool:
         return bool(known[place - size : place + size].all())
 
-    places = list(filter(lies_in_no_gap, range(size, len(sweeps) - size + 1, settings.step_every)))
+    places = list(filter(lies_in_no_gap, range(size, len(sweeps) - size + 1, _EVERY)))
     shared = sweeps, settings, estimator
 
     def report(number: int, laid: Laid | None) -> None:
         progress("steps", number, len(places))
 
     near = dict(zip(places, engine.map(_lay_near, shared, places, report), strict=True))
-    doubtful = list(filter(lies_in_no_gap, _pick_doubtful(near, settings)))
+    doubtful = list(filter(lies_in_no_gap, _pick_doubtful(near)))
 
     def report_far(number: int, laid: Laid | None) -> None:
         progress("doubtful steps", number, len(doubtful))
@@ -94,7 +99,7 @@ def audit_steps(
     placed = zip(beside, engine.map(_lay_beside, shared, beside), strict=True)
     found |= {place: step for (place, _), step in placed if step is not None}
     laid = [step for _, step in sorted(found.items())]
-    steps = zip(laid, compute_p_values(laid, settings).tolist(), strict=True)
+    steps = zip(laid, compute_p_values(laid).tolist(), strict=True)
     return [StepAudit(step, float(sweeps.times[step.later]), p, _lasts(step, p, shared, limits)) for step, p in steps]
 
 
@@ -110,7 +115,7 @@ def _lasts(step: Laid, p_value: float, shared: _Shared, limits: VerdictConfig) -
     sweeps, settings, estimator = shared
     if not (p_value < limits.share_of_false_alarms and step.size_m > settings.jump_m):
         return True
-    size, place = settings.step_scans, step.later
+    size, place = STEP_SCANS, step.later
     before = range(max(place - 2 * size, 0), max(place - size, size))
     after = range(min(place + size, len(sweeps) - size), min(place + 2 * size, len(sweeps)))
     reference = sweeps.local(before, sweeps.poses[step.earlier])
@@ -123,7 +128,7 @@ def _lasts(step: Laid, p_value: float, shared: _Shared, limits: VerdictConfig) -
     return moved_psi < kept_psi
 
 
-def compute_p_values(steps: Sequence[Laid], settings: AuditConfig) -> NDArray[np.float64]:
+def compute_p_values(steps: Sequence[Laid]) -> NDArray[np.float64]:
     """Returns for each step the probability that one as far off shows somewhere in a map without a jump.
 
     The curvature's covariance of so few scans is too small by a factor that depends on the world, and a trajectory that is
@@ -132,7 +137,6 @@ def compute_p_values(steps: Sequence[Laid], settings: AuditConfig) -> NDArray[np
 
     Args:
         steps: of the whole map.
-        settings: of the audit.
 
     Returns:
         (N,) corrected for the number of steps; NaN where the scans do not hold every direction, and where too few steps
@@ -140,7 +144,7 @@ def compute_p_values(steps: Sequence[Laid], settings: AuditConfig) -> NDArray[np
     """
     judged = np.array([step.observed for step in steps], dtype=bool)
     p_values = np.full(len(steps), np.nan)
-    if judged.sum() < settings.step_fewest:
+    if judged.sum() < STEP_FEWEST:
         return p_values
     offsets = np.array([step.offset for step in steps])[judged]
     covariances = scale_covariances([step for step, is_judged in zip(steps, judged, strict=True) if is_judged])
@@ -155,7 +159,7 @@ def scale_covariances(steps: Sequence[Laid]) -> NDArray[np.float64]:
     return se2.scale_covariance(covariances, find_usual_scale(offsets**2 / np.einsum("kii->ki", covariances)))
 
 
-def _pick_doubtful(near: Mapping[int, Laid | None], settings: AuditConfig) -> list[int]:
+def _pick_doubtful(near: Mapping[int, Laid | None]) -> list[int]:
     """Returns the places in order whose two sides are to be looked for farther apart: a jump may be wider than the search.
 
     They are those that fit nowhere near or worse than the others do, and the places up to the next steps, since the scans of
@@ -163,17 +167,16 @@ def _pick_doubtful(near: Mapping[int, Laid | None], settings: AuditConfig) -> li
 
     Args:
         near: the step of each place that was laid, in order; None where either side holds too few points.
-        settings: of the audit.
     """
     laid = {place: step for place, step in near.items() if step is not None}
     if not laid:
         return []
-    poor = np.quantile([step.matched for step in laid.values()], settings.step_doubtful)
+    poor = np.quantile([step.matched for step in laid.values()], _DOUBTFUL)
     picked = {
         place + aside
         for place, step in laid.items()
         if step.matched <= poor or not step.unrivalled
-        for aside in range(1 - settings.step_every, settings.step_every)
+        for aside in range(1 - _EVERY, _EVERY)
     }
     return sorted(place for place in picked if min(near) <= place <= max(near))
 
@@ -195,12 +198,12 @@ def _pick_beside(
     """
     places = sorted(laid)
     reaches: dict[int, tuple[float, float]] = {}
-    p_values = compute_p_values([laid[place] for place in places], settings)
+    p_values = compute_p_values([laid[place] for place in places])
     for place, p_value in zip(places, p_values.tolist(), strict=True):
         off_m = float(np.hypot(*laid[place].offset[:2]))
         if not (p_value < limits.share_of_false_alarms and laid[place].size_m > settings.jump_m):
             continue
-        for other in range(place + 1 - settings.step_every, place + settings.step_every):
+        for other in range(place + 1 - _EVERY, place + _EVERY):
             if other not in laid and places[0] <= other <= places[-1]:
                 reaches[other] = (max(settings.search_m, 2.0 * off_m), settings.search_rad)
     return sorted(reaches.items())
@@ -228,9 +231,9 @@ def _lay_beside(shared: _Shared, item: tuple[int, tuple[float, float]]) -> Laid 
 def _lay_step(shared: _Shared, place: int, reach: tuple[float, float]) -> Laid | None:
     """Lays the scans from a place on upon those before it, where they may be off by a reach [m], [rad]."""
     sweeps, settings, estimator = shared
-    return lay(sweeps, (place - 1, place), pick_sides(place, settings), reach, ask_of_scans(settings), estimator)
+    return lay(sweeps, (place - 1, place), pick_sides(place), reach, ask_of_scans(settings), estimator)
 
 
-def pick_sides(place: int, settings: AuditConfig) -> tuple[range, range]:
+def pick_sides(place: int) -> tuple[range, range]:
     """Returns the sweeps before a place and those from it on that a step compares."""
-    return range(place - settings.step_scans, place), range(place, place + settings.step_scans)
+    return range(place - STEP_SCANS, place), range(place, place + STEP_SCANS)

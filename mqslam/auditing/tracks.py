@@ -12,8 +12,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.auditing.sizes import WINDOW
 from mqslam.auditing.verdict import Finding, VerdictStatus
-from mqslam.config import AuditConfig, VerdictConfig
+from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.wording import count_of
 from mqslam.errors import Remedy
@@ -32,6 +33,9 @@ _JUMP_QUANTILE = 0.9
 # A trajectory that covers no pose of a larger share of scans than this is worth a look: its stamps may not be the
 # recording's.
 _UNCOVERED_WARN = 0.5
+# A trajectory without a pose for a larger share of scans than this covers only a part of the recording, which is worth a
+# look: nothing is known of the rest. The first poses of a SLAM may be missing.
+_PART_WARN = 0.1
 
 _LISTED: Final = 3  # stretches or jumps that a sentence names one by one, so that it stays readable
 _MOST: Final = 0.5  # by definition: most scans are more than half of them
@@ -88,9 +92,9 @@ def judge_track(track: Track, times: NDArray[np.float64], revolution_s: float, s
         revolution_s: usual duration of a scan [s].
         settings: of the audit.
     """
-    findings = _judge_cover(track, settings)
-    span_s = settings.window * revolution_s
-    inside = mark_interpolated(track, times, revolution_s, settings)
+    findings = _judge_cover(track)
+    span_s = WINDOW * revolution_s
+    inside = mark_interpolated(track, times, revolution_s)
     if inside.any():
         share = float(np.mean(inside))
         where = _list_spans(find_gaps(track, times[inside]), float(times[-1]))
@@ -110,9 +114,7 @@ def judge_track(track: Track, times: NDArray[np.float64], revolution_s: float, s
     return findings
 
 
-def mark_interpolated(
-    track: Track, times: NDArray[np.float64], revolution_s: float, settings: AuditConfig
-) -> NDArray[np.bool_]:
+def mark_interpolated(track: Track, times: NDArray[np.float64], revolution_s: float) -> NDArray[np.bool_]:
     """Marks the scans (S,) that lie between two poses farther apart than a window is long, and at neither of the two.
 
     Where a recording itself has a gap, no scan lies in it, and none is marked.
@@ -128,7 +130,7 @@ def mark_interpolated(
     before = _find_steps(track, times)
     since, until = times - track.times[before], track.times[before + 1] - times
     close_s = _CLOSE_TURNS * revolution_s
-    is_wide = since + until > settings.window * revolution_s
+    is_wide = since + until > WINDOW * revolution_s
     return np.asarray(is_wide & (since > close_s) & (until > close_s))
 
 
@@ -231,7 +233,7 @@ def _find_steps(track: Track, times: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, len(track.times) - 2)
 
 
-def _judge_cover(track: Track, settings: AuditConfig) -> list[Finding]:
+def _judge_cover(track: Track) -> list[Finding]:
     """Returns what scans without a pose say: nothing where most have one, and that nothing is judged without a window."""
     if track.uncovered <= _UNCOVERED_WARN * track.scans:
         return []
@@ -240,18 +242,13 @@ def _judge_cover(track: Track, settings: AuditConfig) -> list[Finding]:
         f"the trajectory covers only {track.scans - track.uncovered} of {count_of(track.scans, 'scan')}, from {begin:.1f} s "
         f"to {end:.1f} s: the others were not judged, and its stamps may not fit the recording's"
     )
-    too_few = track.scans - track.uncovered < settings.window
+    too_few = track.scans - track.uncovered < WINDOW
     return [Finding(VerdictStatus.NOT_JUDGED if too_few else VerdictStatus.WARN, reason)]
 
 
-def judge_part(track: Track, limits: VerdictConfig) -> list[Finding]:
-    """Returns that a trajectory covers only a part of the recording; nothing if it covers almost all, or less than half.
-
-    Args:
-        track: the trajectory.
-        limits: settings of the verdict.
-    """
-    if not limits.part_warn * track.scans < track.uncovered <= _UNCOVERED_WARN * track.scans:
+def judge_part(track: Track) -> list[Finding]:
+    """Returns that a trajectory covers only a part of the recording; nothing if it covers almost all, or less than half."""
+    if not _PART_WARN * track.scans < track.uncovered <= _UNCOVERED_WARN * track.scans:
         return []
     begin, end = float(track.times[0]), float(track.times[-1])
     reason = (

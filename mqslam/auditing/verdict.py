@@ -9,7 +9,16 @@ from typing import Final
 
 from scipy.special import betaincinv
 
-from mqslam.config import VerdictConfig
+# Confidence of the exact binomial bounds (Clopper and Pearson) of a share. The lower one must exceed a limit before the
+# share is called too large: at most one in twenty good maps is called bad by chance.
+CONFIDENCE: Final = 0.95
+# A map passes only if a map at the limit of `fail` would have shown more faults with this probability. If no window is torn,
+# that takes 8 windows.
+_POWER: Final = 0.8
+# A map with a larger share of torn windows than this is worth a look.
+WINDOWS_WARN = 0.05
+# A map with a larger share of torn windows than this is useless.
+WINDOWS_FAIL = 0.2
 
 
 class VerdictStatus(StrEnum):
@@ -52,25 +61,25 @@ class Share:
             return 1.0
         return float(betaincinv(self.count + 1, self.total - self.count, confidence))
 
-    def is_above(self, bound: float, settings: VerdictConfig) -> bool:
+    def is_above(self, bound: float) -> bool:
         """Returns whether there is evidence that the share is above a bound."""
-        return self.lower_bound(settings.confidence) > bound + _ROUNDING
+        return self.lower_bound(CONFIDENCE) > bound + _ROUNDING
 
-    def is_below(self, bound: float, settings: VerdictConfig) -> bool:
+    def is_below(self, bound: float) -> bool:
         """Returns whether there is evidence that the share is not above a bound."""
-        return self.upper_bound(settings.power) <= bound + _ROUNDING
+        return self.upper_bound(_POWER) <= bound + _ROUNDING
 
-    def judge(self, warn: float, fail: float, settings: VerdictConfig) -> VerdictStatus:
+    def judge(self, warn: float, fail: float) -> VerdictStatus:
         """Returns the verdict that the share alone gives: `not judged` if it may be above or below the limit of `fail`."""
-        if self.is_above(fail, settings):
+        if self.is_above(fail):
             return VerdictStatus.FAIL
-        if self.is_above(warn, settings):
+        if self.is_above(warn):
             return VerdictStatus.WARN
-        return VerdictStatus.PASS if self.is_below(fail, settings) else VerdictStatus.NOT_JUDGED
+        return VerdictStatus.PASS if self.is_below(fail) else VerdictStatus.NOT_JUDGED
 
-    def describe_range(self, settings: VerdictConfig) -> str:
+    def describe_range(self) -> str:
         """Returns the range in which the share lies, in words."""
-        low, high = (100.0 * bound(settings.confidence) for bound in (self.lower_bound, self.upper_bound))
+        low, high = (100.0 * bound(CONFIDENCE) for bound in (self.lower_bound, self.upper_bound))
         return f"anything from {low:.0f} to {high:.0f} %"
 
 

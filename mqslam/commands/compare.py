@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from mqslam.auditing.sizes import WINDOW
 from mqslam.commands.inputs.opening import choose_gyroscope, choose_odometry, choose_settings, open_data
 from mqslam.commands.result import CompareResult
 from mqslam.commands.work import QUIET, Work
@@ -113,7 +114,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
             work.tell(note)
         if kiss_config is not None and _KISS in frontends:  # a file that KISS-ICP refuses is a mistake, not a row that fails
             known_frontends.create(_KISS, Context.of(recording, settings))
-        take_common_scans(given, make_scans(recording), settings.audit)  # a mistake is raised before the recording is read
+        take_common_scans(given, make_scans(recording))  # a mistake is raised before the recording is read
         key = hash_run(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track, sensors)
         with keep_checkpoint(out, key, resume=resume) as checkpoint:
             runner = Runner(work.engine, work.progress, checkpoint)
@@ -136,16 +137,16 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
             if not ran:
                 raise EstimationError("; ".join(f"{row.name}: {row.failure}" for row in rows))
             tracks = [row.trajectory for row in ran if row.trajectory is not None]
-            common = take_common_scans(ran, scans, settings.audit)
+            common = take_common_scans(ran, scans)
             if len(common) < len(scans):
                 notes.append(f"{len(common)} of {len(scans)} scans are in every trajectory; the rows are judged on those")
-            where = find_places(common, tracks, settings.audit.window)
-            along = pick_stations(common, settings.audit.window)
+            where = find_places(common, tracks, WINDOW)
+            along = pick_stations(common, WINDOW)
             judges = JudgeSettings(settings.audit, settings.estimator, settings.verdict)
             rows, judged = judge_rows(
                 rows, common, recording.ground_truth, [*where, *along], judges, beam, work.engine, work.progress
             )
-            best = find_best([Standing.of(row) for row in judged.values()], settings.verdict.confidence)
+            best = find_best([Standing.of(row) for row in judged.values()])
             notes += [f"{row.name}: {warning}" for row in rows for warning in row.warnings]
             failures = [f"{row.name} could not run: {row.failure}" for row in rows if row.failure is not None]
             comparison = Comparison(

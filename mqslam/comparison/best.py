@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from mqslam.auditing.revisits import share_torn_revisits
-from mqslam.auditing.verdict import Share
+from mqslam.auditing.verdict import CONFIDENCE, Share
 from mqslam.auditing.windows.windows import share_torn
 from mqslam.comparison.judgement import JudgedRow
 
@@ -81,7 +81,7 @@ class _Tie(NamedTuple):
     worse: list[_Figure]
 
 
-def find_best(rows: Sequence[Standing], confidence: float) -> Best | None:
+def find_best(rows: Sequence[Standing]) -> Best | None:
     """Finds the best row: by drift, then by ATE, then by the share of torn windows, then by that of torn revisits.
 
     A criterion keeps the row with the smallest figure and all rows that it cannot tell from that one, and the next
@@ -90,7 +90,6 @@ def find_best(rows: Sequence[Standing], confidence: float) -> Best | None:
 
     Args:
         rows: those that ran.
-        confidence: of the exact binomial bounds of a share, on either side.
 
     Returns:
         the best row; None where there are not two rows to compare.
@@ -100,7 +99,7 @@ def find_best(rows: Sequence[Standing], confidence: float) -> Best | None:
     left = list(rows)
     ties: list[_Tie] = []
     for criterion, measure in _CRITERIA.items():
-        known = [figure for row in left if (figure := measure(row, confidence)) is not None]
+        known = [figure for row in left if (figure := measure(row)) is not None]
         if len(known) < len(left):
             continue
         figures = sorted(known, key=lambda figure: figure.value)
@@ -117,23 +116,23 @@ def find_best(rows: Sequence[Standing], confidence: float) -> Best | None:
     return Best(names, None, _join(f"{undecided}.", ties))
 
 
-def _find_drift(row: Standing, confidence: float) -> _Figure | None:
+def _find_drift(row: Standing) -> _Figure | None:
     return None if row.drift_percent is None else _state_error(row.name, row.drift_percent, "%")
 
 
-def _find_ate(row: Standing, confidence: float) -> _Figure | None:
+def _find_ate(row: Standing) -> _Figure | None:
     return None if row.ate_rmse_m is None else _state_error(row.name, row.ate_rmse_m, "m")
 
 
-def _find_torn_windows(row: Standing, confidence: float) -> _Figure | None:
-    return _state_share(row.name, row.windows, confidence)
+def _find_torn_windows(row: Standing) -> _Figure | None:
+    return _state_share(row.name, row.windows)
 
 
-def _find_torn_revisits(row: Standing, confidence: float) -> _Figure | None:
-    return _state_share(row.name, row.revisits, confidence)
+def _find_torn_revisits(row: Standing) -> _Figure | None:
+    return _state_share(row.name, row.revisits)
 
 
-_CRITERIA: Final[dict[str, Callable[[Standing, float], _Figure | None]]] = {
+_CRITERIA: Final[dict[str, Callable[[Standing], _Figure | None]]] = {
     "drift": _find_drift,
     "ATE": _find_ate,
     "share of torn windows": _find_torn_windows,
@@ -147,13 +146,13 @@ def _state_error(name: str, error: float, unit: str) -> _Figure:
     return _Figure(name, float(text), float(text), float(text), f"{text} {unit}")
 
 
-def _state_share(name: str, share: Share, confidence: float) -> _Figure | None:
+def _state_share(name: str, share: Share) -> _Figure | None:
     """Returns a share as a figure with its exact binomial range; None where there is nothing to be counted."""
     if not share.total:
         return None
     value = share.count / share.total
     text = f"{100.0 * value:.1f} % ({share.count} of {share.total})"
-    return _Figure(name, value, share.lower_bound(confidence), share.upper_bound(confidence), text)
+    return _Figure(name, value, share.lower_bound(CONFIDENCE), share.upper_bound(CONFIDENCE), text)
 
 
 def _say_best(criterion: str, best: _Figure, others: Sequence[_Figure]) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.judge import Audit, audit
+from mqslam.auditing.sizes import WINDOW
 from mqslam.auditing.sweeps import Sweeps, find_covered, place_sweeps
 from mqslam.auditing.windows.inflation import centre_window
 from mqslam.comparison.rows import Row
@@ -92,18 +93,17 @@ class JudgedRow:
     map: PointMap
 
 
-def take_common_scans(rows: Sequence[Row], scans: Scans, settings: AuditConfig) -> Scans:
+def take_common_scans(rows: Sequence[Row], scans: Scans) -> Scans:
     """Returns the scans that the trajectory of every row covers.
 
     Args:
         rows: those without a trajectory do not count.
         scans: of the recording.
-        settings: of the audit, whose window is the fewest scans that can be judged.
 
     Raises:
         EstimationError: they are fewer than a window.
     """
-    fewest = settings.window
+    fewest = WINDOW
     by_row = {row.name: find_covered(scans, row.trajectory) for row in rows if row.trajectory is not None}
     inside = set(range(len(scans))).intersection(*by_row.values())
     if len(scans) < fewest:

@@ -84,7 +84,8 @@ _GONE = {
         "span_torn_m lever_turn_rad sampled_windows coverage_slack few_stamps cloud_sweep_s narrow_start "
         "narrow_reach speed_error_mps speed_fewest jump_mps2 jump_radps2 jump_factor jump_quantile "
         "least_overlap_kept difference_step unobserved fewest_neighbours hit_log_odds miss_log_odds "
-        "log_odds_limit lever_turns span_least_m rival"
+        "log_odds_limit lever_turns span_least_m rival window probability step_scans step_every span_m step_fewest "
+        "step_doubtful span_every_m step"
     ),
     "merge": (
         "near_m object_m margin_m fewest rival rounds moved_m sure_m cell_m also seen looks chance reach_m rays "
@@ -94,7 +95,10 @@ _GONE = {
     "localisation": (
         "aside_rad give_up_m confirmed renew_m reach_m matched aside_m sigmas block sample_m apart_m fewest usual_scale"
     ),
-    "verdict": ("revisits_warn revisits_fail lever_warn lost_fail degenerate_warn uncovered_warn apart_fail scale_warn"),
+    "verdict": (
+        "revisits_warn revisits_fail lever_warn lost_fail degenerate_warn uncovered_warn apart_fail scale_warn "
+        "confidence power windows_warn windows_fail turn_warn delay_warn matched part_warn worse wrong_scale"
+    ),
     "mend": "rounds",
     "compare": "places_apart lever_m places",
     "check": (

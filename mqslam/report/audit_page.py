@@ -12,8 +12,9 @@ import numpy as np
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.rounds import AuditedTrajectory
 from mqslam.auditing.revisits import share_torn_revisits
+from mqslam.auditing.sizes import TORN_INFLATION, WINDOW
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.windows.windows import share_torn, torn_threshold
+from mqslam.auditing.windows.windows import share_torn
 from mqslam.config import Config, dump_yaml
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_bytes
@@ -157,8 +158,7 @@ def _make_window_tiles(report: AuditReport) -> tuple[Tile, ...]:
     if torn.total:
         share = Tile(
             f"{100.0 * torn.count / torn.total:.1f} %",
-            f"of windows torn: {torn.count:,} of {torn.total:,}, so that the true share may be "
-            f"{torn.describe_range(report.config.verdict)}",
+            f"of windows torn: {torn.count:,} of {torn.total:,}, so that the true share may be {torn.describe_range()}",
         )
     return (
         share,
@@ -184,8 +184,7 @@ def _make_revisit_tiles(report: AuditReport) -> tuple[Tile, ...]:
     return (
         Tile(
             f"{torn.count:,} of {torn.total:,}",
-            "revisits torn, of those that are sure, so that the true share may be "
-            f"{torn.describe_range(report.config.verdict)}",
+            f"revisits torn, of those that are sure, so that the true share may be {torn.describe_range()}",
         ),
         Tile(format_length(float(np.median([r.revisit.distance_m for r in sure]))), "median offset of two passes"),
     )
@@ -195,7 +194,7 @@ def _show_map(report: AuditReport) -> Section:
     settings, audit = report.config.audit, report.audit
     caption = (
         "the map in grey, the path in the colour of its windows' inflation: blue up to the threshold "
-        f"{torn_threshold(settings):.1f}, orange beyond it; red where two passes of a place are off each other"
+        f"{TORN_INFLATION:.1f}, orange beyond it; red where two passes of a place are off each other"
     )
     if any(window.undecided is not None for window in audit.windows):
         caption += "; grey where nothing could be decided"
@@ -211,7 +210,7 @@ def _show_map(report: AuditReport) -> Section:
             caption = "torn where neither the measurement nor what the trajectory claims to know explains the offset"
         charts.append(Figure(draw_revisits(report.sweeps, audit, settings), "Offset of the revisits", caption))
     note = (
-        f"Every {settings.window} sweeps are compared with the best map that the same returns can make. Inflation is the "
+        f"Every {WINDOW} sweeps are compared with the best map that the same returns can make. Inflation is the "
         "correction that leads there, squared, in units of its own covariance. No ground truth takes part."
     )
     return Section("Map", (note,), (heat_map,), tuple(charts))

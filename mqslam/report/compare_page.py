@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from mqslam.auditing.windows.windows import torn_threshold
-from mqslam.config import AuditConfig
+from mqslam.auditing.sizes import TORN_INFLATION
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_bytes
 from mqslam.report.content import (
@@ -84,7 +83,7 @@ def write_compare_report(path: Path, report: CompareReport) -> list[str]:
         OutputError: the file cannot be written.
     """
     failures: list[str] = []
-    threshold = report.summary.get("threshold") or torn_threshold(AuditConfig())
+    threshold = report.summary.get("threshold") or TORN_INFLATION
     parts = CompareParts(
         trajectories=collect("the pictures of the trajectories", lambda: _show_trajectories(report, threshold), failures),
         ranks=collect("the ranking", lambda: _rank_rows(report), failures),

@@ -12,11 +12,12 @@ from mqslam.auditing.findings import SCALE_WARN
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.rounds import Mended
 from mqslam.auditing.revisits import share_torn_revisits
+from mqslam.auditing.sizes import TORN_INFLATION, WINDOW
 from mqslam.auditing.spans.pooled import Pooled
 from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
-from mqslam.auditing.windows.windows import share_torn, torn_threshold
+from mqslam.auditing.verdict import CONFIDENCE, Finding, VerdictStatus, verdict_of
+from mqslam.auditing.windows.windows import share_torn
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
 from mqslam.core.statistics.chances import find_smallest
 from mqslam.core.wording import count_of
@@ -65,7 +66,6 @@ def summarise(
     sure = [r for r in audit.revisits if r.revisit.sure]
     torn = share_torn(audit.windows)
     off = share_torn_revisits(audit.revisits)
-    confidence = bounds.confidence
     inflation = [w.bend.inflation for w in audit.windows]
     jumps = {step.laid.later for step in audit.jumps}
     return {
@@ -79,16 +79,16 @@ def summarise(
         },
         "trajectory": trajectory,
         "verdict": {"status": audit.status, "reasons": audit.reasons},
-        "not_judged": list_unjudged(audit) + list_uncovered(sweeps, settings.window * sweeps.revolution_s),
-        "threshold": torn_threshold(settings),
+        "not_judged": list_unjudged(audit) + list_uncovered(sweeps, WINDOW * sweeps.revolution_s),
+        "threshold": TORN_INFLATION,
         "bend_m": settings.bend_m,
         "speeds": _summarise_speeds(audit),
         "windows": {
             "count": len(audit.windows),
             "undecided": len(audit.windows) - torn.total,
             "torn": torn.count,
-            "torn_share_at_least": torn.lower_bound(confidence),
-            "torn_share_at_most": torn.upper_bound(confidence),
+            "torn_share_at_least": torn.lower_bound(CONFIDENCE),
+            "torn_share_at_most": torn.upper_bound(CONFIDENCE),
             "inflation_median": float(np.median(inflation)) if inflation else None,
             "psi_per_point": _mean([w.bend.psi for w in audit.windows]),
             "matched": _mean([w.bend.matched for w in audit.windows]),
@@ -97,8 +97,8 @@ def summarise(
             "count": len(audit.revisits),
             "sure": off.total,
             "torn": off.count,
-            "torn_share_at_least": off.lower_bound(confidence),
-            "torn_share_at_most": off.upper_bound(confidence),
+            "torn_share_at_least": off.lower_bound(CONFIDENCE),
+            "torn_share_at_most": off.upper_bound(CONFIDENCE),
             "median_m": float(np.median([r.revisit.distance_m for r in sure])) if sure else None,
             "worst_m": max((r.revisit.distance_m for r in sure if r.torn), default=None),
         }

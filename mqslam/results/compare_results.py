@@ -9,9 +9,10 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from mqslam.auditing.judge import Audit
+from mqslam.auditing.sizes import TORN_INFLATION
 from mqslam.auditing.speeds import contradicts
-from mqslam.auditing.verdict import VerdictStatus
-from mqslam.auditing.windows.windows import WindowAudit, torn_threshold
+from mqslam.auditing.verdict import CONFIDENCE, VerdictStatus
+from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.comparison.best import Standing
 from mqslam.comparison.comparison import Comparison
 from mqslam.comparison.judgement import JudgedRow
@@ -82,7 +83,7 @@ def summarise(comparison: Comparison) -> dict[str, Any]:
             "compared": comparison.compared,
         },
         "doppler_beta": comparison.doppler_beta,
-        "threshold": torn_threshold(settings.audit),
+        "threshold": TORN_INFLATION,
         "warnings": list(comparison.warnings),
         "best": best and {"rows": list(best.rows), "decided_by": best.decided_by, "sentence": best.sentence},
         "rows": [
@@ -124,8 +125,8 @@ def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: i
         "inflation": _find_median_inflation(judged.audit),
         "windows": len(windows),
         "windows_torn": torn.count / torn.total if torn.total else None,
-        "windows_torn_at_least": torn.lower_bound(settings.verdict.confidence),
-        "windows_torn_at_most": torn.upper_bound(settings.verdict.confidence),
+        "windows_torn_at_least": torn.lower_bound(CONFIDENCE),
+        "windows_torn_at_most": torn.upper_bound(CONFIDENCE),
         "revisits": standing.revisits.total,
         "revisits_torn": standing.revisits.count,
         "revisit_m": float(np.median([r.revisit.distance_m for r in sure])) if sure else None,

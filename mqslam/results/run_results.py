@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from mqslam.auditing.verdict import CONFIDENCE
 from mqslam.auditing.windows.windows import share_torn
 from mqslam.backend.linear.marginals import PoseCovariances
 from mqslam.backend.pose_graph import count_submaps
@@ -68,7 +69,6 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
     """Returns the content of summary.json, but for the run's key and its warnings."""
     before, after = run.map_odometry, run.map_optimised
     torn = share_torn(run.checks)
-    confidence = run.config.verdict.confidence
     truth = recording.ground_truth
     status, reasons = judge_run(run)
     return {
@@ -99,8 +99,8 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         "inflation": {
             "windows": torn.total,
             "torn": torn.count,
-            "torn_share_at_least": torn.lower_bound(confidence),
-            "torn_share_at_most": torn.upper_bound(confidence),
+            "torn_share_at_least": torn.lower_bound(CONFIDENCE),
+            "torn_share_at_most": torn.upper_bound(CONFIDENCE),
             "median": float(np.median([w.bend.inflation for w in run.checks])) if run.checks else None,
         },
         **(summarise_tests(run.checked, run.config.verdict) if run.checked else {}),

@@ -11,7 +11,6 @@ from mqslam.auditing.verdict import Finding, VerdictStatus
 from mqslam.backend.sensors.gnss.fix_use import FixUse
 from mqslam.check.following import FEWEST_STEPS
 from mqslam.check.motion_checks import LEAST_SPEED
-from mqslam.config import VerdictConfig
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import Remedy
@@ -19,19 +18,22 @@ from mqslam.solution import Run
 
 _SPAN_US: Final = 1_000_000  # over which speeds are compared [us]: long against what single motions err by
 _UNITS: Final = {"km/h": 1.0 / 3.6, "miles per hour": 0.44704, "mm/s": 1e-3, "cm/s": 1e-2}  # [m/s]
+# A run whose speed differs from odometry's by a larger share, or the distances between GNSS fixes from those in the
+# trajectory, has the wrong length of range bins, or odometry the wrong scale. Worn tyres and slip are a few percent.
+_WRONG_SCALE = 0.1
 _SAME_UNIT: Final = 0.1  # by which a wheel's scale, or a range bin's, may be off besides
 
 
 def judge_scale(run: Run) -> list[Finding]:
     """Returns that odometry or fixes contradict the trajectory's scale; nothing where they do not, or there are too few."""
     reasons, ratio, fixes = [], measure_ratio(run), run.sensors.fixes
-    if ratio is not None and _is_wrong(ratio, run.config.verdict):
+    if ratio is not None and _is_wrong(ratio):
         fits = f"range bins {1.0 / ratio:.3g} times as long would fit: {Remedy.GIVE_RANGE_RESOLUTION}"
-        agreed = _shows_scale(fixes) and not (fixes and fixes.stretch and _is_wrong(fixes.stretch, run.config.verdict))
+        agreed = _shows_scale(fixes) and not (fixes and fixes.stretch and _is_wrong(fixes.stretch))
         remedy = "mend odometry's speeds, since GNSS agrees with the radar" if agreed else f"or {fits}"
         wrong = f"odometry's scale is wrong{_guess_unit(ratio)}"
         reasons.append(f"the trajectory is {ratio:.3g} times as fast as odometry: {wrong}, {remedy}")
-    if fixes is not None and fixes.stretch is not None and _is_wrong(fixes.stretch, run.config.verdict):
+    if fixes is not None and fixes.stretch is not None and _is_wrong(fixes.stretch):
         reasons.append(
             f"GNSS fixes lie {fixes.stretch:.3g} times as far apart as the trajectory has them: range bins "
             f"{fixes.stretch:.3g} times as long would fit: {Remedy.GIVE_RANGE_RESOLUTION}"
@@ -50,9 +52,9 @@ def _guess_unit(ratio: float) -> str:
     return f", as if its speeds were in {unit}" if unit else ""
 
 
-def _is_wrong(ratio: float, limits: VerdictConfig) -> bool:
+def _is_wrong(ratio: float) -> bool:
     """Returns whether a ratio of two scales is too far from 1."""
-    return not 1.0 / (1.0 + limits.wrong_scale) <= ratio <= 1.0 + limits.wrong_scale
+    return not 1.0 / (1.0 + _WRONG_SCALE) <= ratio <= 1.0 + _WRONG_SCALE
 
 
 def list_unknown_scale(run: Run, recording: Recording) -> list[str]:

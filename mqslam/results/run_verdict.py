@@ -11,7 +11,6 @@ import numpy as np
 
 from mqslam.auditing.findings import judge_windows
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus, verdict_of
-from mqslam.config import VerdictConfig
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.recording import Recording
 from mqslam.detection.stage import warn_of_unread
@@ -27,6 +26,9 @@ _LOST_FAIL = 0.2
 # A larger share than this of scans that do not observe every direction is worth a look.
 _DEGENERATE_WARN = 0.1
 
+# Ratio of psi per point after optimisation to that before, above which optimisation made the map worse. Passes that loops
+# lay on each other cost a little more than each pass alone.
+_WORSE = 1.1
 _LISTED: Final = 5  # gaps that are named one by one, so that the warnings stay readable
 _SEEN_BY_CHIRPS: Final = "; the velocities by chirps carry the trajectory there"
 _NEAR_S: Final = 5.0  # stretches that are less than so long apart [s] are told in one line
@@ -41,7 +43,7 @@ def judge_run(run: Run) -> tuple[VerdictStatus, list[str]]:
         crash = f"{CHECK} crashed ({run.crashes[CHECK]}), so that nothing has judged the map; run.log has the traceback"
         seen = [Finding(VerdictStatus.NOT_JUDGED, crash)]
     elif run.checked is None:
-        seen = judge_windows([], len(run.optimised), run.config.audit.window, run.config.verdict)
+        seen = judge_windows([], len(run.optimised))
     else:
         seen = list(chain.from_iterable(run.checked.tests.values()))
     others = [*_judge_direction(run), *judge_scale(run), *_judge_track(run), *_judge_whole_map(run)]
@@ -132,17 +134,17 @@ def _describe_stretches(what: str, group: Sequence[tuple[float, float]]) -> str:
 
 def _judge_track(run: Run) -> list[Finding]:
     """Returns what the scans that were read and tracked say about the map."""
-    settings, measurements = run.config.verdict, run.measurements
+    measurements = run.measurements
     lost, degenerate = _count_status(measurements, Status.LOST), _count_status(measurements, Status.DEGENERATE)
     findings = [Finding(VerdictStatus.PASS, "no scan lost track")]
     if lost.count:
-        grave = lost.is_above(_LOST_FAIL, settings)
+        grave = lost.is_above(_LOST_FAIL)
         reason = f"{lost.count} of {lost.total} scans lost track and follow the prediction"
         findings = [Finding(VerdictStatus.FAIL if grave else VerdictStatus.WARN, reason)]
     if run.unread:
         reason = f"{len(run.unread)} of {len(run.optimised)} polar scans could not be read"
         findings.append(Finding(VerdictStatus.WARN, reason))
-    if degenerate.is_above(_DEGENERATE_WARN, settings):
+    if degenerate.is_above(_DEGENERATE_WARN):
         reason = f"{degenerate.count} of {degenerate.total} scans do not observe every direction of motion"
         findings.append(Finding(VerdictStatus.WARN, reason))
     return findings
@@ -152,7 +154,7 @@ def _judge_passes(run: Run) -> list[Finding]:
     """Returns what optimisation made of psi across passes; nothing where psi cannot tell."""
     if not _can_compare(run):
         return []
-    return _compare_psi("psi per point across passes", run.refined.psi_before, run.refined.psi_across, run.config.verdict)
+    return _compare_psi("psi per point across passes", run.refined.psi_before, run.refined.psi_across)
 
 
 def _judge_whole_map(run: Run) -> list[Finding]:
@@ -169,14 +171,12 @@ def _judge_whole_map(run: Run) -> list[Finding]:
     if not _can_compare(run):
         return []
     before, after = run.map_odometry.psi_per_point, run.map_optimised.psi_per_point
-    findings = _compare_psi("psi per point", before, after, run.config.verdict)
+    findings = _compare_psi("psi per point", before, after)
     if run.refined.psi_across is not None:  # the returns of two passes are neighbours only once the passes meet
         findings = [replace(finding, status=VerdictStatus.PASS) for finding in findings]
         told = "the returns of other passes count in it once the passes meet, so that psi across passes decides"
         return [replace(finding, reason=f"{finding.reason}: {told}") for finding in findings]
-    return [
-        replace(finding, reason=f"{finding.reason}: {_explain_psi(finding, run.config.verdict)}") for finding in findings
-    ]
+    return [replace(finding, reason=f"{finding.reason}: {_explain_psi(finding)}") for finding in findings]
 
 
 def _can_compare(run: Run) -> bool:
@@ -186,29 +186,26 @@ def _can_compare(run: Run) -> bool:
     return bool(run.checks) and bool(run.map_optimised.matched_share)
 
 
-def _compare_psi(what: str, before: float | None, after: float | None, settings: VerdictConfig) -> list[Finding]:
+def _compare_psi(what: str, before: float | None, after: float | None) -> list[Finding]:
     """Returns whether psi became larger by optimisation; nothing where it is not known or was zero.
 
     Args:
         what: names the psi that is compared.
         before: psi per point before optimisation, or None.
         after: psi per point after it, or None.
-        settings: of the verdict.
     """
     if before is None or after is None or before <= 0.0:
         return []
     ratio = after / before
-    status = VerdictStatus.FAIL if ratio > settings.worse else VerdictStatus.PASS
+    status = VerdictStatus.FAIL if ratio > _WORSE else VerdictStatus.PASS
     return [Finding(status, f"{what} is {ratio:.2f} times that of the map before optimisation")]
 
 
-def _explain_psi(finding: Finding, settings: VerdictConfig) -> str:
+def _explain_psi(finding: Finding) -> str:
     """Returns what psi per point over neighbours in time, which hardly sees drift, says about a map, in words."""
     if finding.status is VerdictStatus.PASS:
-        return (
-            f"it did not blur the map, which takes more than {settings.worse:g} times, but drift hardly shows in this number"
-        )
-    return f"it blurred the map, which takes more than {settings.worse:g} times"
+        return f"it did not blur the map, which takes more than {_WORSE:g} times, but drift hardly shows in this number"
+    return f"it blurred the map, which takes more than {_WORSE:g} times"
 
 
 def _count_status(measurements: Sequence[Measurement], status: Status) -> Share:

@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import chi2
 from support.drives import ON_THE_STREET, street_drive
 
+from mqslam.auditing.sizes import WINDOW
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.windows.inflation import Bend, centre_window, fit_bend, twist_points
 from mqslam.config import Config
@@ -20,7 +21,7 @@ from mqslam.psi.place import beam_of
 
 CONFIG = Config()
 BEAM = beam_of(CONFIG.estimator, 0.0)
-SIZE = CONFIG.audit.window
+SIZE = WINDOW
 
 
 def bent(truth: Trajectory, twist: tuple[float, float, float]) -> Trajectory:

@@ -10,6 +10,7 @@ from support.drives import block_drive
 
 from mqslam.auditing.judge import Audit, audit
 from mqslam.auditing.revisits import find_revisit_pairs
+from mqslam.auditing.sizes import STEP_FEWEST, WINDOW
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config
@@ -40,7 +41,7 @@ def judged(shift_m: float, jobs: int = 1) -> Audit:
 def test_the_true_map_passes() -> None:
     judgement = judged(0.0)
     assert judgement.status == "pass", judgement.reasons
-    assert len(judgement.windows) == -(-len(block_drive()[1]) // CONFIG.audit.window)
+    assert len(judgement.windows) == -(-len(block_drive()[1]) // WINDOW)
     assert judgement.windows[-1].end == len(block_drive()[1])
     sure = [r.revisit for r in judgement.revisits if r.revisit.sure]
     assert len(sure) >= 3 and max(r.distance_m for r in sure) < 0.2
@@ -60,7 +61,7 @@ def test_poses_of_every_fourth_scan_pass_and_still_show_a_jump(jump_m: float, st
     assert any("too sparse for its turns" in finding.reason for finding in judgement.tests["trajectory"])
     if status == "pass":  # nothing is claimed of steps in turns, where a jump may be interpolation's
         shown = [step for step in judgement.steps if step.judged and step.laid.doubt_m <= CONFIG.audit.jump_m]
-        assert len(shown) < CONFIG.audit.step_fewest <= sum(step.judged for step in judgement.steps)
+        assert len(shown) < STEP_FEWEST <= sum(step.judged for step in judgement.steps)
         assert not judgement.tests["steps"][0].judged
 
 

@@ -128,7 +128,7 @@ def test_a_span_whose_scans_lie_on_both_sides_of_a_jump_ties_nothing(jump_at: in
     sure = 1e-4 * np.eye(3)
     laid = Laid(10, 20, np.array([30.0, 0.0, 0.0]), 30.0, np.zeros(3), sure, 0.1, 0.8, 1.0, 1.0, True, True)
     span = SpanAudit(laid, 2.5, 5.0, np.zeros(3), sure, 0.5, torn=False)
-    assert len(tie_spans([span], sweeps, {jump_at}, CONFIG.audit)) == ties
+    assert len(tie_spans([span], sweeps, {jump_at})) == ties
 
 
 @pytest.mark.slow

@@ -14,10 +14,11 @@ from support.laser_drive import drive_truth, write_laser_bag
 
 from mqslam.auditing.findings import judge_pooled
 from mqslam.auditing.laying import Laid
+from mqslam.auditing.sizes import STEP_SCANS
 from mqslam.auditing.sources import LIDAR_CONFIG, make_lidar_source, place_source
 from mqslam.auditing.spans.delay import Delay, measure_twists
 from mqslam.auditing.spans.lever import _LEVER_TURNS
-from mqslam.auditing.spans.measured import find_spans, lay_spans
+from mqslam.auditing.spans.measured import SPAN_M, find_spans, lay_spans
 from mqslam.auditing.spans.pooled import Pooled, pool
 from mqslam.auditing.sweeps import place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
@@ -59,7 +60,7 @@ def pooled(
     sweeps = place_sweeps(scans, track, beam_of(CONFIG.estimator, 0.0))[0]
     known = np.ones(len(sweeps), bool)
     spans = lay_spans(sweeps, known, CONFIG.audit, CONFIG.estimator, LocalEngine(2), ignore_progress)
-    found = pool(spans, measure_twists(sweeps, CONFIG.audit.step_scans))
+    found = pool(spans, measure_twists(sweeps, STEP_SCANS))
     assert found is not None
     return found
 
@@ -216,17 +217,17 @@ def test_a_good_map_is_called_bad_as_rarely_as_promised() -> None:
 
 def test_a_short_drive_shows_nothing() -> None:
     assert pool([span(np.zeros(3))] * 9, STEADY) is None
-    assert find_spans(np.linspace(0.0, 20.0, 40), CONFIG.audit) == []
-    assert find_spans(np.zeros(2), CONFIG.audit) == []
+    assert find_spans(np.linspace(0.0, 20.0, 40), SPAN_M) == []
+    assert find_spans(np.zeros(2), SPAN_M) == []
     assert not judge_pooled(None, CONFIG.verdict).judged
 
 
 def test_spans_have_their_path_between_them() -> None:
     travelled = np.cumsum(np.random.default_rng(1).uniform(0.0, 3.0, 400))
-    pairs = find_spans(travelled, CONFIG.audit)
+    pairs = find_spans(travelled, SPAN_M)
     assert len(pairs) > 20
     lengths = np.array([travelled[b] - travelled[a] for a, b in pairs])
-    assert (lengths >= CONFIG.audit.span_m).all() and (lengths < CONFIG.audit.span_m + 3.0).all()
+    assert (lengths >= SPAN_M).all() and (lengths < SPAN_M + 3.0).all()
 
 
 def test_a_lidar_that_does_not_see_far_shows_no_scale(tmp_path: Path) -> None:
@@ -235,7 +236,7 @@ def test_a_lidar_that_does_not_see_far_shows_no_scale(tmp_path: Path) -> None:
     sweeps, _ = place_source(source, drive_truth(), beam_of(config.estimator, 0.0))
     known = np.ones(len(sweeps), bool)
     spans = lay_spans(sweeps, known, config.audit, config.estimator, LocalEngine(2), ignore_progress)
-    found = pool(spans, measure_twists(sweeps, config.audit.step_scans))
+    found = pool(spans, measure_twists(sweeps, STEP_SCANS))
     assert found is None  # 30 m apart the lidar sees opposite faces, and the scale seems 3 % off; closer by is too close
     assert not judge_pooled(found, config.verdict).judged
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mqslam.auditing.judge import Audit, audit
+from mqslam.auditing.sizes import WINDOW
 from mqslam.auditing.sources import LIDAR_CONFIG, divide_cloud, is_cloud, make_lidar_source, place_source
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.inflation import fit_bend
@@ -63,7 +64,7 @@ def test_a_true_cloud_passes_and_a_bent_one_is_told(given: bool) -> None:
     wrong = se2.compose(POSES, np.c_[0.02 * np.arange(24), np.zeros(24), 0.004 * np.arange(24)])
     good, bad = (divide_cloud(cloud(poses), track, BEAM) for poses in (POSES, wrong))
     assert len(good) == 24 and good.revolution_s == pytest.approx(REVOLUTION_S)
-    size = CONFIG.audit.window
+    size = WINDOW
     for begin in range(0, 24 - size + 1, size):
         a, b = (fit_bend(sweeps, begin, begin + size, CONFIG.audit, CONFIG.estimator) for sweeps in (good, bad))
         assert b.inflation > 10.0 * max(a.inflation, 3.0)

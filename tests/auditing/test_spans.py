@@ -40,14 +40,14 @@ def judged(stretch: float, first_m: float = 0.0, last_m: float = 0.0) -> list[Sp
 
 
 def test_no_span_of_the_truth_is_torn() -> None:
-    finding = judge_spans(judged(0.0), CONFIG.verdict)
+    finding = judge_spans(judged(0.0))
     assert finding.status is VerdictStatus.PASS and finding.judged, finding.reason
 
 
 @pytest.mark.parametrize("stretch", [-0.01, 0.01])
 def test_a_stretch_that_is_too_long_by_a_hundredth_is_found(stretch: float) -> None:
     spans = judged(stretch, 120.0, 220.0)
-    finding = judge_spans(spans, CONFIG.verdict)
+    finding = judge_spans(spans)
     assert finding.status is not VerdictStatus.PASS and finding.p_value < CONFIG.verdict.share_of_false_alarms
     torn = [span for span in spans if span.torn]
     assert all(np.sign(span.offset[0]) == -np.sign(stretch) for span in torn)
@@ -61,12 +61,12 @@ def test_scans_at_one_end_that_see_other_things_move_no_span() -> None:
     recording, scans = block_drive()
     sweeps = place_sweeps(scans, recording.ground_truth, beam_of(CONFIG.estimator, 0.0))[0]
     known = np.ones(len(sweeps), bool)
-    middle = find_spans(sweeps.travelled, fit_to_reach(sweeps, CONFIG.audit))[6]
+    middle = find_spans(sweeps.travelled, fit_to_reach(sweeps))[6]
     points = sweeps.points.copy()
     points[sweeps.span(middle[1] - 1, middle[1] + 2)] += [0.3, 0.0]
     moved = replace(sweeps, points=points)
     sections = CONFIG.audit, CONFIG.estimator
-    asked = lay(moved, middle, pick_ends(middle, CONFIG.audit), (2.0, 0.1), *sections)
+    asked = lay(moved, middle, pick_ends(middle), (2.0, 0.1), *sections)
     assert asked is not None and np.hypot(*asked.offset[:2]) == pytest.approx(0.3, abs=0.06)
     spans = lay_spans(moved, known, *sections, LocalEngine(2), ignore_progress)
     assert max(np.hypot(*span.offset[:2]) for span in spans if (span.earlier, span.later) == middle) < 0.1
@@ -80,7 +80,7 @@ def test_a_heading_that_passes_180_deg_between_the_ends_of_a_span_is_no_whole_tu
     sweeps = place_sweeps(scans, Trajectory(truth.stamps_us, poses), beam_of(CONFIG.estimator, 0.0))[0]
     crossing = int(np.argmax(np.abs(np.diff(sweeps.poses[:, 2]))))
     pair = crossing - 1, crossing + 2
-    laid = lay(sweeps, pair, pick_ends(pair, CONFIG.audit), (2.0, 0.1), CONFIG.audit, CONFIG.estimator)
+    laid = lay(sweeps, pair, pick_ends(pair), (2.0, 0.1), CONFIG.audit, CONFIG.estimator)
     assert laid is not None and abs(laid.between[2]) < 1.0
 
 
@@ -104,10 +104,10 @@ def test_half_of_a_drive_that_is_off_does_not_pass_for_what_is_usual() -> None:
     offsets = random.normal(0.0, 0.02, (40, 3)) * [1.0, 1.0, 0.05] + np.outer(np.arange(40) >= 20, [0.3, 0.0, 0.0])
     spans = audit_spans([laid(off) for off in offsets], np.zeros((40, 3)), np.zeros(2), CONFIG.verdict)
     torn = [span for span in spans if span.torn]
-    assert len(torn) >= 18 and judge_spans(spans, CONFIG.verdict).status is VerdictStatus.FAIL
+    assert len(torn) >= 18 and judge_spans(spans).status is VerdictStatus.FAIL
 
 
 def test_a_few_spans_show_nothing() -> None:
     spans = audit_spans([laid(np.ones(3))] * 5, np.zeros((5, 3)), np.zeros(2), CONFIG.verdict)
-    assert not judge_spans(spans, CONFIG.verdict).judged
+    assert not judge_spans(spans).judged
     assert audit_spans([], np.zeros((0, 3)), np.zeros(2), CONFIG.verdict) == []

@@ -10,6 +10,7 @@ import pytest
 from support.drives import block_drive, noise, street_drive
 
 from mqslam.auditing.judge import Audit, audit
+from mqslam.auditing.sizes import WINDOW
 from mqslam.auditing.speeds import CaptureRange, SpeedCheck, check_speeds, contradicts, find_capture_range, judge_speeds
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
@@ -43,9 +44,9 @@ def check(error_mps: float, sure: bool = True) -> SpeedCheck:
 
 
 def test_the_capture_range_is_the_widest_neighbourhood_over_a_window() -> None:
-    capture = find_capture_range(0.25, CONFIG.audit, CONFIG.estimator)
+    capture = find_capture_range(0.25, CONFIG.estimator)
     assert capture.window_m == CONFIG.estimator.s_start
-    assert capture.speed_mps == pytest.approx(CONFIG.estimator.s_start / (CONFIG.audit.window * 0.25))
+    assert capture.speed_mps == pytest.approx(CONFIG.estimator.s_start / (WINDOW * 0.25))
 
 
 def test_a_true_trajectory_contradicts_no_speed() -> None:
@@ -120,7 +121,7 @@ def test_a_wrong_speed_beside_a_gap_of_right_poses_is_still_contradicted() -> No
 
 
 def test_speeds_need_evidence() -> None:
-    assert judge_speeds([None, check(9.0, sure=False)], CAPTURE, CONFIG.verdict) == []
+    assert judge_speeds([None, check(9.0, sure=False)], CAPTURE) == []
     fine = [check(0.1)] * 99
     for checks, status in (
         ([*fine, check(9.0)], VerdictStatus.PASS),  # one place of a hundred may only look alike
@@ -128,7 +129,7 @@ def test_speeds_need_evidence() -> None:
         ([check(9.0)] * 5, VerdictStatus.FAIL),
         ([check(1.0)] * 5, VerdictStatus.PASS),  # windows can measure that
     ):
-        (finding,) = judge_speeds(checks, CAPTURE, CONFIG.verdict)
+        (finding,) = judge_speeds(checks, CAPTURE)
         assert finding.status is status, finding.reason
         assert ("another recording" in finding.reason) is (status is VerdictStatus.FAIL)  # where most places contradict it
 

@@ -2,26 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
 import pytest
 from support.drives import street_drive
 
+from mqslam.auditing import steps as steps_module
 from mqslam.auditing.findings import find_torn_steps, judge_steps
 from mqslam.auditing.laying import Laid
 from mqslam.auditing.steps import StepAudit, audit_steps, compute_p_values
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
-from mqslam.config import AuditConfig, Config, VerdictConfig
+from mqslam.config import Config, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.progress import ignore_progress
 from mqslam.psi.place import beam_of
 
-CONFIG = Config(audit=AuditConfig(step_every=1))
+CONFIG = Config()
 PLACE = 31  # the scan with whose start the trajectory jumps
+
+
+@pytest.fixture(autouse=True, scope="module")
+def every_step() -> Iterator[None]:
+    """Has every step judged."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(steps_module, "_EVERY", 1)
+        yield
 
 
 def lay_street(jump: tuple[float, float, float], place: int = PLACE) -> Sweeps:
@@ -79,25 +89,29 @@ def test_a_lasting_jump_is_found_where_it_is(jump: tuple[float, float, float], s
 @pytest.mark.parametrize("place", [30, 31])
 @pytest.mark.parametrize("jump", [(0.6, 0.8, 0.0), (2.0, 0.0, 0.0)])
 def test_a_jump_between_the_places_that_are_judged_is_placed_where_it_is(
-    place: int, jump: tuple[float, float, float]
+    place: int, jump: tuple[float, float, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As every second place is judged, one of the two lies between them."""
-    settings = AuditConfig(step_every=2, step_fewest=10)
+    monkeypatch.setattr(steps_module, "_EVERY", 2)
+    monkeypatch.setattr(steps_module, "STEP_FEWEST", 10)
     sweeps = lay_street(jump, place)
     known = np.ones(len(sweeps), bool)
-    steps = audit_steps(sweeps, known, settings, CONFIG.estimator, CONFIG.verdict, LocalEngine(2), ignore_progress)
-    assert [step.laid.later for step in find_torn_steps(steps, settings, CONFIG.verdict)] == [place]
+    steps = audit_steps(sweeps, known, CONFIG.audit, CONFIG.estimator, CONFIG.verdict, LocalEngine(2), ignore_progress)
+    assert [step.laid.later for step in find_torn_steps(steps, CONFIG.audit, CONFIG.verdict)] == [place]
     judged = [step.laid.later for step in steps]
     assert judged == sorted(set(judged)) and len(judged) < 0.75 * len(sweeps)
 
 
-def test_what_is_off_beside_a_step_follows_the_rate_of_false_alarms_as_the_verdict_does() -> None:
-    settings = AuditConfig(step_every=2, step_fewest=10, step_doubtful=0.0)
+def test_what_is_off_beside_a_step_follows_the_rate_of_false_alarms_as_the_verdict_does(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name, value in (("_EVERY", 2), ("STEP_FEWEST", 10), ("_DOUBTFUL", 0.0)):
+        monkeypatch.setattr(steps_module, name, value)
     sweeps = lay_street((-0.25, 0.0, 0.0), 30)
     known = np.ones(len(sweeps), bool)
 
     def lay_beside(limits: VerdictConfig) -> set[int]:
-        steps = audit_steps(sweeps, known, settings, CONFIG.estimator, limits, LocalEngine(2), ignore_progress)
+        steps = audit_steps(sweeps, known, CONFIG.audit, CONFIG.estimator, limits, LocalEngine(2), ignore_progress)
         return {step.laid.later for step in steps}
 
     usual, strict = lay_beside(CONFIG.verdict), lay_beside(VerdictConfig(false_alarms=1e-300))
@@ -121,20 +135,20 @@ def wander(count: int, spread: float, seed: int) -> list[Laid]:
 
 @pytest.mark.parametrize("spread", [0.5, 1.0, 4.0])
 def test_good_maps_are_called_bad_as_rarely_as_promised(spread: float) -> None:
-    smallest = [compute_p_values(wander(200, spread, seed), CONFIG.audit).min() for seed in range(400)]
+    smallest = [compute_p_values(wander(200, spread, seed)).min() for seed in range(400)]
     assert np.mean(np.array(smallest) < 0.05) < 0.08
 
 
 def test_a_step_that_stands_out_is_seen_however_noisy_the_others_are() -> None:
     steps = wander(200, 4.0, 1)
     steps[50] = wander(51, 40.0, 2)[50]
-    p_values = compute_p_values(steps, CONFIG.audit)
+    p_values = compute_p_values(steps)
     assert np.argmin(p_values) == 50 and p_values[50] < 1e-6
 
 
 def test_too_few_steps_and_those_that_do_not_hold_every_direction_judge_nothing() -> None:
-    assert np.isnan(compute_p_values(wander(10, 1.0, 1), CONFIG.audit)).all()
+    assert np.isnan(compute_p_values(wander(10, 1.0, 1))).all()
     hidden = [Laid(k, k + 1, np.zeros(3), 2.0, np.ones(3), np.eye(3), 0.1, 0.8, 1.0, 1.0, False, False) for k in range(30)]
-    assert np.isnan(compute_p_values(hidden, CONFIG.audit)).all()
+    assert np.isnan(compute_p_values(hidden)).all()
     finding = judge_steps([StepAudit(step, 0.0, float("nan")) for step in hidden], [], CONFIG.audit)
     assert finding.reason == "too few steps could be measured to see a jump of the trajectory"

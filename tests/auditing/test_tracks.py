@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mqslam.auditing.sizes import WINDOW
 from mqslam.auditing.tracks import Track, find_jumps, judge_doubt, judge_part, judge_track, mark_interpolated, measure_doubt
 from mqslam.auditing.verdict import Finding, VerdictStatus
 from mqslam.config import Config
@@ -12,7 +13,7 @@ from mqslam.core import se2
 
 CONFIG = Config()
 REVOLUTION_S = 0.25
-WINDOW_S = CONFIG.audit.window * REVOLUTION_S
+WINDOW_S = WINDOW * REVOLUTION_S
 TIMES = REVOLUTION_S * np.arange(160)  # 40 s
 
 
@@ -38,7 +39,7 @@ def judged(given: Track) -> list[Finding]:
 @pytest.mark.parametrize(("uncovered", "warns"), [(0, 0), (16, 0), (17, 1), (60, 1), (80, 1), (81, 0)])
 def test_a_trajectory_of_a_part_of_the_scans_is_a_warning_of_its_own(uncovered: int, warns: int) -> None:
     part = Track(TIMES[uncovered:], driven(TIMES)[uncovered:], 160, uncovered)
-    findings = judge_part(part, CONFIG.verdict)
+    findings = judge_part(part)
     assert [finding.status for finding in findings] == [VerdictStatus.WARN] * warns
     named = f"{160 - uncovered} of 160 scans from {TIMES[uncovered]:.1f} s to 39.8 s"
     assert all(named in finding.reason for finding in findings)
@@ -69,9 +70,9 @@ def test_poses_a_window_apart_are_no_gap_and_farther_ones_are_one_stretch() -> N
 
 def test_scans_beside_a_pose_are_not_interpolated_and_a_gap_of_the_recording_itself_is_no_gap() -> None:
     given = track((TIMES <= 10.0) | (TIMES >= 15.0))
-    marked = mark_interpolated(given, TIMES, REVOLUTION_S, CONFIG.audit)
+    marked = mark_interpolated(given, TIMES, REVOLUTION_S)
     np.testing.assert_array_equal(TIMES[marked], TIMES[(TIMES > 10.0) & (TIMES < 15.0)])
-    assert not mark_interpolated(given, given.times, REVOLUTION_S, CONFIG.audit).any()
+    assert not mark_interpolated(given, given.times, REVOLUTION_S).any()
 
 
 @pytest.mark.parametrize("noise_m", [0.0, 0.02])

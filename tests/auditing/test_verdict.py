@@ -9,14 +9,12 @@ import pytest
 from scipy.stats import binomtest
 from support.reported import judge_map, judged_revisit, judged_window, swept_walls
 
+from mqslam.auditing import findings
 from mqslam.auditing.revisits import RevisitAudit
-from mqslam.auditing.verdict import Finding, Share, VerdictStatus, verdict_of
+from mqslam.auditing.verdict import WINDOWS_FAIL, WINDOWS_WARN, Finding, Share, VerdictStatus, verdict_of
 from mqslam.auditing.windows.windows import Undecided, WindowAudit
-from mqslam.config import VerdictConfig
 
 PASS, WARN, FAIL, NOT_JUDGED = VerdictStatus
-SETTINGS = VerdictConfig()
-WINDOW = 6  # scans
 
 
 @pytest.mark.parametrize(("count", "total"), [(0, 8), (1, 3), (3, 3), (5, 41), (6, 100), (99, 100)])
@@ -28,7 +26,7 @@ def test_bounds_of_a_share_are_those_of_clopper_and_pearson(count: int, total: i
 
 def test_a_share_of_nothing_may_be_anything() -> None:
     assert (Share(0, 0).lower_bound(0.95), Share(0, 0).upper_bound(0.95)) == (0.0, 1.0)
-    assert Share(0, 0).judge(0.05, 0.2, SETTINGS) is NOT_JUDGED
+    assert Share(0, 0).judge(0.05, 0.2) is NOT_JUDGED
 
 
 @pytest.mark.parametrize(
@@ -48,14 +46,12 @@ def test_a_share_of_nothing_may_be_anything() -> None:
     ],
 )
 def test_a_share_needs_evidence_to_be_called_too_large(count: int, total: int, status: VerdictStatus) -> None:
-    assert Share(count, total).judge(SETTINGS.windows_warn, SETTINGS.windows_fail, SETTINGS) is status
+    assert Share(count, total).judge(WINDOWS_WARN.windows_fail) is status
 
 
 @pytest.mark.parametrize("total", [40, 60, 100, 400])
 def test_a_recording_of_ordinary_length_is_judged_whatever_its_share(total: int) -> None:
-    result = [
-        Share(count, total).judge(SETTINGS.windows_warn, SETTINGS.windows_fail, SETTINGS) for count in range(total + 1)
-    ]
+    result = [Share(count, total).judge(WINDOWS_WARN, WINDOWS_FAIL) for count in range(total + 1)]
     assert NOT_JUDGED not in result
     ranks = [(PASS, WARN, FAIL).index(status) for status in result]
     assert ranks == sorted(ranks) and ranks[0] == 0 and ranks[-1] == 2
@@ -64,9 +60,9 @@ def test_a_recording_of_ordinary_length_is_judged_whatever_its_share(total: int)
 def test_one_good_map_in_twenty_at_most_is_called_bad_by_chance() -> None:
     rng = np.random.default_rng(1)
     for total in (10, 40, 100):
-        draws = rng.binomial(total, SETTINGS.windows_warn, 20_000)
+        draws = rng.binomial(total, WINDOWS_WARN, 20_000)
         counts, times = np.unique(draws, return_counts=True)
-        bad = [Share(int(c), total).is_above(SETTINGS.windows_warn, SETTINGS) for c in counts]
+        bad = [Share(int(c), total).is_above(WINDOWS_WARN) for c in counts]
         assert times[bad].sum() <= 0.05 * 20_000 * 1.1
 
 
@@ -90,28 +86,29 @@ def revisits(torn: tuple[int, ...], total: int) -> list[RevisitAudit]:
 
 @pytest.mark.parametrize("scans", [1, 2, 5])
 def test_a_map_of_fewer_scans_than_a_window_is_not_judged_and_the_verdict_says_why(scans: int) -> None:
-    status, reasons = judge_map([], [], scans, WINDOW, SETTINGS)
+    status, reasons = judge_map([], [], scans)
     assert status is NOT_JUDGED
     assert reasons[0] == f"{scans} {'scan is' if scans == 1 else 'scans are'} too few to judge a map by: a window takes 6"
 
 
 def test_a_map_of_which_no_window_could_be_checked_is_not_judged() -> None:
-    status, reasons = judge_map([], [], 400, WINDOW, SETTINGS)
+    status, reasons = judge_map([], [], 400)
     assert status is NOT_JUDGED and reasons[0].startswith("no window of 6 scans could be checked")
 
 
 def test_one_torn_window_of_three_is_too_little_evidence() -> None:
-    status, reasons = judge_map(scans(1, 3), [], 18, WINDOW, SETTINGS)
+    status, reasons = judge_map(scans(1, 3), [], 18)
     assert status is NOT_JUDGED
     assert reasons[0] == (
         "1 of 3 windows is torn, too few to judge the map by: the share of torn ones may be anything from 2 to 86 %"
     )
 
 
-def test_points_that_are_seen_once_fail_where_enough_windows_say_so() -> None:
-    status, reasons = judge_map(scans(0, 10), [], 60, WINDOW, VerdictConfig(matched=0.9))
+def test_points_that_are_seen_once_fail_where_enough_windows_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(findings, "LEAST_MATCHED", 0.9)
+    status, reasons = judge_map(scans(0, 10), [], 60)
     assert status is FAIL and reasons == ["only 80% of the points are seen twice: nothing overlaps"]
-    assert judge_map(scans(0, 4), [], 24, WINDOW, VerdictConfig(matched=0.9))[0] is NOT_JUDGED
+    assert judge_map(scans(0, 4), [], 24)[0] is NOT_JUDGED
 
 
 @pytest.mark.parametrize(
@@ -125,14 +122,14 @@ def test_points_that_are_seen_once_fail_where_enough_windows_say_so() -> None:
     ],
 )
 def test_torn_revisits_need_evidence_too(torn: tuple[int, ...], total: int, status: VerdictStatus) -> None:
-    result, reasons = judge_map(scans(0, 40), revisits(torn, total), 240, WINDOW, SETTINGS)
+    result, reasons = judge_map(scans(0, 40), revisits(torn, total), 240)
     assert result is status
     assert any(f"{len(torn)} of {total} revisit" in reason for reason in reasons)
 
 
 def test_what_cannot_be_sure_is_no_revisit() -> None:
     unsure = [judged_revisit(k, k + 30, (9.0, 0.0, 0.0), False, sure=False) for k in range(3)]
-    assert judge_map(scans(0, 40), unsure, 240, WINDOW, SETTINGS) == (
+    assert judge_map(scans(0, 40), unsure, 240) == (
         PASS,
         ["0 of 40 windows are torn", "none of 3 revisits is sure enough to show its drift"],
     )
@@ -140,27 +137,27 @@ def test_what_cannot_be_sure_is_no_revisit() -> None:
 
 def test_undecided_windows_count_neither_as_torn_nor_as_whole() -> None:
     gaps = [replace(window, undecided=Undecided.GAP) for window in scans(0, 20)]
-    status, reasons = judge_map([*scans(5, 10), *gaps], [], 180, WINDOW, SETTINGS)
+    status, reasons = judge_map([*scans(5, 10), *gaps], [], 180)
     assert status is FAIL and reasons == ["5 of 10 windows are torn, 20 undecided"]
-    status, reasons = judge_map(gaps, [], 120, WINDOW, SETTINGS)
+    status, reasons = judge_map(gaps, [], 120)
     assert status is NOT_JUDGED and reasons == ["none of 20 windows could be decided"]
 
 
 def test_many_windows_in_which_nothing_is_seen_twice_are_a_warning() -> None:
     apart = [replace(window, undecided=Undecided.APART) for window in scans(0, 15)]
-    status, reasons = judge_map([*scans(0, 25), *apart], [], 240, WINDOW, SETTINGS)
+    status, reasons = judge_map([*scans(0, 25), *apart], [], 240)
     assert status is WARN and reasons == ["15 of 40 windows are undecided: nothing is seen twice, even at its best"]
-    assert judge_map([*scans(0, 38), *apart[:2]], [], 240, WINDOW, SETTINGS)[0] is PASS
+    assert judge_map([*scans(0, 38), *apart[:2]], [], 240)[0] is PASS
 
 
 def test_what_is_wrong_with_the_trajectory_comes_first() -> None:
     jump = Finding(FAIL, "it jumps")
-    assert judge_map(scans(40, 40), [], 240, WINDOW, SETTINGS, [jump]) == (FAIL, ["it jumps", "40 of 40 windows are torn"])
+    assert judge_map(scans(40, 40), [], 240, [jump]) == (FAIL, ["it jumps", "40 of 40 windows are torn"])
 
 
 def test_without_a_trajectory_a_crisp_map_is_not_judged_and_a_torn_one_still_fails() -> None:
     nothing = "without its trajectory nothing global can be judged: no path, no drift and no revisits"
-    status, reasons = judge_map(scans(0, 40), None, 240, WINDOW, SETTINGS)
+    status, reasons = judge_map(scans(0, 40), None, 240)
     assert status is NOT_JUDGED and reasons == [f"its 40 windows are crisp, but {nothing}"]
-    status, reasons = judge_map(scans(20, 40), None, 240, WINDOW, SETTINGS)
+    status, reasons = judge_map(scans(20, 40), None, 240)
     assert status is FAIL and reasons == ["20 of 40 windows are torn", nothing]

@@ -16,7 +16,7 @@ def standing(name: str, drift: float | None = None, ate: float | None = None, **
 
 
 def best_of(*rows: Standing) -> Best:
-    best = find_best(rows, CONFIDENCE)
+    best = find_best(rows)
     assert best is not None
     return best
 
@@ -99,5 +99,5 @@ def test_rows_that_nothing_judges_cannot_be_told_apart() -> None:
 
 
 def test_one_row_needs_no_winner() -> None:
-    assert find_best([standing("a", 0.1, 0.1)], CONFIDENCE) is None
-    assert find_best([], CONFIDENCE) is None
+    assert find_best([standing("a", 0.1, 0.1)]) is None
+    assert find_best([]) is None

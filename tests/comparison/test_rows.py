@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from support.drives import street_drive
 
+from mqslam.comparison import judgement
 from mqslam.comparison.judgement import JudgeSettings, compare_pairs, find_places, judge, judge_rows, take_common_scans
 from mqslam.comparison.rows import FrontEndTask, Row, make_given_row, run_front_end, run_front_ends
-from mqslam.config import AuditConfig, Config, SensorConfig
+from mqslam.config import Config, SensorConfig
 from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.trajectory import Trajectory
@@ -87,7 +88,7 @@ def test_rows_are_judged_by_truth_and_without_it() -> None:
     bad[:, 2] += 0.03 * np.sin(np.arange(len(bad)))
     rows = [row("psi", False), make_given_row("truth", truth), make_given_row("shaken", Trajectory(truth.stamps_us, bad))]
     tracks = [r.trajectory for r in rows]
-    common = take_common_scans(rows, scans, CONFIG.audit)
+    common = take_common_scans(rows, scans)
     assert len(common) == len(scans)
     where = find_places(common, tracks, 6)
     assert where and all(a.apart_m >= b.apart_m for a, b in itertools.pairwise(where))
@@ -113,7 +114,7 @@ def test_errors_are_those_of_the_part_that_every_row_covers() -> None:
         make_given_row("late", Trajectory(truth.stamps_us, late)),
         make_given_row("part", Trajectory(truth.stamps_us[:16], truth.poses[:16])),
     ]
-    common = take_common_scans(rows, scans, CONFIG.audit)
+    common = take_common_scans(rows, scans)
     _, judged = judge_rows(rows, common, truth, [], JUDGES, BEAM, HERE, lambda *_: None)
     assert [row.after.ate_rmse_m for row in judged.values()] == pytest.approx([0.0, 0.0], abs=1e-6)
     elsewhere = Trajectory(truth.stamps_us + 10**12, truth.poses)
@@ -121,12 +122,13 @@ def test_errors_are_those_of_the_part_that_every_row_covers() -> None:
     assert [row.after for row in judged.values()] == [None, None]
 
 
-def test_only_what_every_trajectory_covers_is_compared() -> None:
+def test_only_what_every_trajectory_covers_is_compared(monkeypatch: pytest.MonkeyPatch) -> None:
     recording, scans = street_drive()
     truth = recording.ground_truth
     part = Trajectory(truth.stamps_us[10:30], truth.poses[10:30])
     rows = [make_given_row("truth", truth), make_given_row("part", part)]
-    common = take_common_scans(rows, scans, CONFIG.audit)
+    common = take_common_scans(rows, scans)
     assert 18 <= len(common) <= 22 and common[0].t0 >= scans[9].t0
+    monkeypatch.setattr(judgement, "WINDOW", 30)
     with pytest.raises(EstimationError, match=f"the rows share {len(common)} of {len(scans)} scans .*part covers"):
-        take_common_scans(rows, scans, AuditConfig(window=30))
+        take_common_scans(rows, scans)

@@ -127,7 +127,7 @@ def test_rows_that_cannot_be_told_apart_share_a_rank() -> None:
     rows = [judged("psi", bow(0.01)), judged("icp", bow(0.01)), judged("odometry", bow(0.01))]
     ate = Evaluation(0.1, 0.5, 0.1, 0.0, 0.0, 0.0, 0.0)
     errors = [ate, ate, replace(ate, drift_percent=2.0)]
-    assert rank_rows([replace(r, after=e) for r, e in zip(rows, errors, strict=True)], 0.95) == (
+    assert rank_rows([replace(r, after=e) for r, e in zip(rows, errors, strict=True)]) == (
         ("psi", "icp"),
         ("odometry",),
     )

@@ -61,7 +61,7 @@ def test_p_values_are_empty_where_nothing_was_judged(tmp_path: Path) -> None:
     assert told[5] is None and told[3] == min(p for p in told if p is not None)
     expected = [min(9.0 * chi2.sf(w.bend.inflation, 3), 1.0) for w in audit.windows]  # nine were decided
     assert told[:5] == pytest.approx(expected[:5])
-    (finding,) = judge_windows(audit.windows, len(sweeps), 6, CONFIG.verdict)
+    (finding,) = judge_windows(audit.windows, len(sweeps))
     assert finding.p_value == told[3]
     rows = list(csv.DictReader((tmp_path / "a" / "revisits.csv").read_text().splitlines()))
     assert [row["p_value"] for row in rows] == ["", "1e-07", ""]

@@ -57,7 +57,7 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others)
     sweeps = swept_walls()
     windows = [judged_window(sweeps, 0, 90.0, (0.2, 0.0, 0.0), k < torn) for k in range(scans // 6)]
     settings = Config()
-    tests = {"windows": judge_windows(windows, scans, settings.audit.window, settings.verdict)}
+    tests = {"windows": judge_windows(windows, scans)}
     return SimpleNamespace(
         frontend="psi",
         config=settings,

@@ -30,7 +30,7 @@ from mqslam.auditing.tracks import Track
 from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
 from mqslam.auditing.windows.inflation import Bend
 from mqslam.auditing.windows.windows import WindowAudit
-from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
+from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.mapping.measures import Measures
 
@@ -219,20 +219,18 @@ def judged_walls(sweeps: Sweeps) -> Audit:
         judged_revisit(9, 50, (-1.25, 0.5, -0.02), True),
         judged_revisit(5, 54, (6.0, 0.0, 0.0), False, sure=False),
     ]
-    return audit_of(windows, revisits, *judge_map(windows, revisits, len(sweeps), WINDOW, VerdictConfig()))
+    return audit_of(windows, revisits, *judge_map(windows, revisits, len(sweeps)))
 
 
 def judge_map(
     windows: list[WindowAudit],
     revisits: list[RevisitAudit] | None,
     scans: int,
-    size: int,
-    settings: VerdictConfig,
     others: Sequence[Finding] = (),
 ) -> tuple[VerdictStatus, list[str]]:
     """Returns the verdict on a map by its windows and, unless it has no trajectory, its revisits, and the reasons."""
-    last = judge_locally(windows) if revisits is None else judge_revisits(revisits, settings)
-    return verdict_of([*others, *judge_windows(windows, scans, size, settings), last])
+    last = judge_locally(windows) if revisits is None else judge_revisits(revisits)
+    return verdict_of([*others, *judge_windows(windows, scans), last])
 
 
 def audit_of(

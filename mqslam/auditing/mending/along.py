@@ -50,15 +50,14 @@ def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Be
     """
     sweeps, inside = place_sweeps(scans, trajectory, beam)
     known = np.ones(len(sweeps), dtype=np.bool_)
-    often = config.audit.model_copy(update={"span_every_m": config.audit.span_every_m / _DENSER})
 
     def report(stage: str, done: int, total: int) -> None:
         runner.progress(f"{stage} along", done, total)
 
     steps = audit_steps(sweeps, known, config.audit, config.estimator, config.verdict, runner.engine, report)
-    laid = lay_spans(sweeps, known, often, config.estimator, runner.engine, report)
+    laid = lay_spans(sweeps, known, config.audit, config.estimator, runner.engine, report, _DENSER)
     spans = audit_spans(laid, np.zeros(3), sweeps.times, config.verdict)
-    ties = [*tie_steps(steps, sweeps, (), config.audit).values(), *tie_spans(spans, sweeps, (), often)]
+    ties = [*tie_steps(steps, sweeps, ()).values(), *tie_spans(spans, sweeps, ())]
     return [Loop(inside[tie.a], inside[tie.b], tie.pose, tie.covariance, np.nan, np.nan) for tie in ties]
 
 

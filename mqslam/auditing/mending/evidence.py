@@ -13,6 +13,7 @@ from mqslam.auditing.judge import Audit
 from mqslam.auditing.laying import Laid, ask_of_single_scans, lay
 from mqslam.auditing.mending.tied_chain import Tie
 from mqslam.auditing.revisits import RevisitAudit
+from mqslam.auditing.sizes import STEP_SCANS
 from mqslam.auditing.spans.measured import pick_ends
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.speeds import contradicts
@@ -96,7 +97,7 @@ def allow_for_turns(
     return wider
 
 
-def tie_steps(steps: Sequence[StepAudit], sweeps: Sweeps, jumps: Collection[int], settings: AuditConfig) -> dict[int, Tie]:
+def tie_steps(steps: Sequence[StepAudit], sweeps: Sweeps, jumps: Collection[int]) -> dict[int, Tie]:
     """Returns the motions across steps as psi has them, from the middle of the scans before to that of those after.
 
     Steps that are not sure are left out, and those of which either side holds a jump.
@@ -105,7 +106,6 @@ def tie_steps(steps: Sequence[StepAudit], sweeps: Sweeps, jumps: Collection[int]
         steps: of the trajectory.
         sweeps: points under it.
         jumps: sweeps that a jump leads to.
-        settings: of the audit.
 
     Returns:
         ties by the first sweep after the step.
@@ -113,33 +113,31 @@ def tie_steps(steps: Sequence[StepAudit], sweeps: Sweeps, jumps: Collection[int]
     judged = [step.laid for step in steps if np.isfinite(step.p_value)]
     if not judged:
         return {}
-    size = settings.step_scans
     return {
-        laid.later: _tie_step(laid, covariance, sweeps, size // 2)
+        laid.later: _tie_step(laid, covariance, sweeps, STEP_SCANS // 2)
         for laid, covariance in zip(judged, scale_covariances(judged), strict=True)
-        if laid.unrivalled and not any(0 < abs(laid.later - jump) < size for jump in jumps)
+        if laid.unrivalled and not any(0 < abs(laid.later - jump) < STEP_SCANS for jump in jumps)
     }
 
 
-def tie_spans(spans: Sequence[SpanAudit], sweeps: Sweeps, jumps: Collection[int], settings: AuditConfig) -> list[Tie]:
+def tie_spans(spans: Sequence[SpanAudit], sweeps: Sweeps, jumps: Collection[int]) -> list[Tie]:
     """Returns the motions through spans as psi has them, but for spans that hold a jump, which is put in where it is.
 
     Args:
         spans: of the trajectory.
         sweeps: points under it.
         jumps: sweeps that a jump leads to.
-        settings: of the audit.
     """
     return [
         _tie_step(span.laid, span.covariance, sweeps, 0)
         for span in spans
-        if np.isfinite(span.p_value) and not _holds_any(span.laid, jumps, settings)
+        if np.isfinite(span.p_value) and not _holds_any(span.laid, jumps)
     ]
 
 
-def _holds_any(laid: Laid, jumps: Collection[int], settings: AuditConfig) -> bool:
+def _holds_any(laid: Laid, jumps: Collection[int]) -> bool:
     """Returns whether any jump lies within a span, the scans around its ends included."""
-    begin, end = pick_ends((laid.earlier, laid.later), settings)
+    begin, end = pick_ends((laid.earlier, laid.later))
     return any(begin[0] < jump <= end[-1] for jump in jumps)
 
 

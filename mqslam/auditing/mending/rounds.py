@@ -34,7 +34,7 @@ from mqslam.auditing.mending.evidence import (
 )
 from mqslam.auditing.mending.tied_chain import Tie, TiedChain
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.verdict import GRAVEST_FIRST, VerdictStatus
+from mqslam.auditing.verdict import GRAVEST_FIRST, WINDOWS_WARN, VerdictStatus
 from mqslam.auditing.windows.windows import share_torn
 from mqslam.backend.loops.consistency import PROBABILITY
 from mqslam.config import Config
@@ -190,7 +190,7 @@ class _Mender:
         if self._is_biased:
             steps = _take_out(steps, bias)
         self._steps, self._chain = steps, se2.chain(steps, poses[0])
-        self._is_noisy = share_torn(given.audit.windows).is_above(config.verdict.windows_warn, config.verdict)
+        self._is_noisy = share_torn(given.audit.windows).is_above(WINDOWS_WARN)
         self._jumps = {
             step.laid.later: step.laid.offset
             for step in given.audit.jumps
@@ -200,7 +200,7 @@ class _Mender:
         self._pairs: dict[int, Laid] = {}  # successive scans as the round has laid them in which they fit best
         windows = tie_windows(given.audit, given.sweeps, self._jumps)
         self._torn = tie_windows(given.audit, given.sweeps, self._jumps, torn=True)
-        self._bent = tie_spans([span for span in given.audit.spans if span.torn], given.sweeps, self._jumps, config.audit)
+        self._bent = tie_spans([span for span in given.audit.spans if span.torn], given.sweeps, self._jumps)
         self._noise = estimate_variances(windows, measure_misses(windows, self._chain))
         self._variances = self._list_variances()
 
@@ -213,13 +213,13 @@ class _Mender:
         """Returns the poses (S, 3) of the sweeps with what an audit has found, and how many ties and loops hold them."""
         config, audit, sweeps = self._config, current.audit, current.sweeps
         jumps = {step.laid.later for step in audit.jumps}
-        across = tie_steps(audit.steps, sweeps, jumps, config.audit)
+        across = tie_steps(audit.steps, sweeps, jumps)
         self._across |= {place: across[place] for place in self._jumps if place in across}
         windows = tie_windows(audit, sweeps, jumps)
         if not self._is_noisy:
             torn = {tie.a for tie in self._torn}
             windows = [tie for tie in windows if tie.a in torn]
-        beside = tie_spans(audit.spans, sweeps, jumps, config.audit) if self._bent else []
+        beside = tie_spans(audit.spans, sweeps, jumps) if self._bent else []
         variances = self._variances
         if self._is_noisy:
             turns = self._tie_scans(sweeps)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.laying import Laid, lay
+from mqslam.auditing.sizes import STEP_SCANS
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
@@ -28,6 +29,11 @@ from mqslam.mapping.keyframing import pick_spaced
 # Such scans less than this apart [m] show no scale: laid on each other, they seem closer than they are by a few
 # centimetres, whatever the path between them.
 _SPAN_LEAST_M = 15.0
+# Path [m] between scans that show what the whole map asks for together, such as a scale; less where half of what the sensor
+# sees is nearer than this.
+SPAN_M = 30.0
+# Path from one such pair of scans to the next, as a share of the path between the two.
+_EVERY = 0.5
 
 _SWEEPS: Final = 500  # sweeps whose ranges are in memory at a time: a matter of memory only
 
@@ -39,6 +45,7 @@ def lay_spans(
     estimator: EstimatorConfig,
     engine: Engine,
     progress: Progress,
+    denser: float = 1.0,
 ) -> list[Laid]:
     """Lays the spans of a map; returns in the order of time those that hold every direction and lead away from a place.
 
@@ -49,37 +56,29 @@ def lay_spans(
         estimator: settings of the score.
         engine: where spans are laid; the result does not depend on it.
         progress: called as spans are done.
+        denser: how many times as many spans as usual are laid.
     """
-    settings = fit_to_reach(sweeps, settings)
-    if settings.span_m < _SPAN_LEAST_M:
+    span_m = fit_to_reach(sweeps)
+    if span_m < _SPAN_LEAST_M:
         return []
-    pairs = [(a, b) for a, b in find_spans(sweeps.travelled, settings) if known[[a, b]].all()]
+    pairs = [(a, b) for a, b in find_spans(sweeps.travelled, span_m, denser) if known[[a, b]].all()]
 
     def report(number: int, laid: Laid | None) -> None:
         progress("spans", number, len(pairs))
 
-    shared = sweeps, known, settings, estimator
+    shared = sweeps, known, span_m, settings, estimator
     return [span for span in engine.map(_lay_span, shared, pairs, report) if span is not None]
 
 
-def _leads_away(span: Laid, settings: AuditConfig) -> bool:
+def _leads_away(span: Laid, span_m: float) -> bool:
     """Returns whether the ends of a span are at least half as far apart as the path between them is long."""
-    return bool(np.hypot(*span.between[:2]) >= 0.5 * settings.span_m)
+    return bool(np.hypot(*span.between[:2]) >= 0.5 * span_m)
 
 
-def fit_to_reach(sweeps: Sweeps, settings: AuditConfig) -> AuditConfig:
-    """Returns the settings with spans no longer than the range from which on half of the points are seen.
-
-    Args:
-        sweeps: points under the trajectory to judge.
-        settings: of the audit.
-    """
+def fit_to_reach(sweeps: Sweeps) -> float:
+    """Returns the length of spans [m]: no longer than the range beyond which half of the points are seen."""
     usual_m = find_median(lambda: _list_ranges(sweeps))
-    if np.isnan(usual_m):
-        return settings
-    shorter = min(1.0, usual_m / settings.span_m)
-    lengths = {"span_m": shorter * settings.span_m, "span_every_m": shorter * settings.span_every_m}
-    return settings.model_copy(update=lengths)
+    return SPAN_M if np.isnan(usual_m) else min(SPAN_M, usual_m)
 
 
 def _list_ranges(sweeps: Sweeps) -> Iterator[NDArray[np.float64]]:
@@ -91,35 +90,38 @@ def _list_ranges(sweeps: Sweeps) -> Iterator[NDArray[np.float64]]:
         release(sweeps.points)
 
 
-def find_spans(travelled: NDArray[np.float64], settings: AuditConfig) -> list[tuple[int, int]]:
+def find_spans(travelled: NDArray[np.float64], span_m: float, denser: float = 1.0) -> list[tuple[int, int]]:
     """Finds pairs of sweeps (earlier, later) with the path of a span between them, evenly spread over the path.
 
     Args:
         travelled: (N,) length of the path so far [m].
-        settings: of the audit.
+        span_m: length of a span [m].
+        denser: how many times as many spans as usual there are.
     """
-    half = settings.step_scans // 2
+    half = STEP_SCANS // 2
     last = len(travelled) - 1 - half
-    earlier = pick_spaced(travelled, settings.span_every_m)
-    later = np.searchsorted(travelled, travelled[earlier] + settings.span_m)
+    earlier = pick_spaced(travelled, _EVERY * span_m / denser)
+    later = np.searchsorted(travelled, travelled[earlier] + span_m)
     ends = travelled[np.minimum(later, len(travelled) - 1)]
-    there = (half <= earlier) & (later <= last) & (ends - travelled[earlier] < 2.0 * settings.span_m)  # no jump in between
+    there = (half <= earlier) & (later <= last) & (ends - travelled[earlier] < 2.0 * span_m)  # no jump in between
     return list(zip(earlier[there].tolist(), later[there].tolist(), strict=True))
 
 
-def _lay_span(shared: tuple[Sweeps, NDArray[np.bool_], AuditConfig, EstimatorConfig], pair: tuple[int, int]) -> Laid | None:
+def _lay_span(
+    shared: tuple[Sweeps, NDArray[np.bool_], float, AuditConfig, EstimatorConfig], pair: tuple[int, int]
+) -> Laid | None:
     """Lays a span, by the scans at its ends and by those before and after these; None where the first are of no use."""
-    sweeps, known, settings, estimator = shared
+    sweeps, known, span_m, settings, estimator = shared
     reach = settings.search_m, settings.search_rad
-    laid = lay(sweeps, pair, pick_ends(pair, settings), reach, settings, estimator)
-    if laid is None or not laid.observed or not _leads_away(laid, settings):
+    laid = lay(sweeps, pair, pick_ends(pair), reach, settings, estimator)
+    if laid is None or not laid.observed or not _leads_away(laid, span_m):
         return None
     offsets = [laid.offset]
-    for aside in (-settings.step_scans, settings.step_scans):
+    for aside in (-STEP_SCANS, STEP_SCANS):
         beside = pair[0] + aside, pair[1] + aside
-        if not all(_is_there(end, known) for end in pick_ends(beside, settings)):
+        if not all(_is_there(end, known) for end in pick_ends(beside)):
             continue
-        look = lay(sweeps, beside, pick_ends(beside, settings), reach, settings, estimator)
+        look = lay(sweeps, beside, pick_ends(beside), reach, settings, estimator)
         if look is not None and look.observed:
             offsets.append(_carry_over(look, laid, sweeps))
     return replace(laid, offset=np.median(offsets, axis=0))
@@ -138,7 +140,7 @@ def _carry_over(look: Laid, laid: Laid, sweeps: Sweeps) -> se2.Array:
     return se2.wrapped_between(laid.between, se2.compose(se2.compose(begin, seen), end))
 
 
-def pick_ends(pair: tuple[int, int], settings: AuditConfig) -> tuple[range, range]:
+def pick_ends(pair: tuple[int, int]) -> tuple[range, range]:
     """Returns the sweeps around the begin of a span and those around its end."""
-    begin, end = (k - settings.step_scans // 2 for k in pair)
-    return range(begin, begin + settings.step_scans), range(end, end + settings.step_scans)
+    begin, end = (k - STEP_SCANS // 2 for k in pair)
+    return range(begin, begin + STEP_SCANS), range(end, end + STEP_SCANS)

@@ -46,6 +46,9 @@ _LEAST_OVERLAP_KEPT = 0.8
 # Movement of a window's ends, in units of estimator.beta_s, over which the differences are taken that give the curvature
 # of psi.
 _DIFFERENCE_STEP = 0.06
+# Movement of a window's ends, in units of estimator.beta_s, below which the search for its best map ends; no direction is
+# taken to be known better than that.
+_STEP = 2e-3
 # Standard deviation of a window's ends, in units of estimator.beta_s, along a direction that the window does not observe.
 _UNOBSERVED = 100.0
 
@@ -111,7 +114,7 @@ class _Window:
 
     def minimise(self, share: float) -> Minimum:
         """Finds the twist that makes the map its best, with an annealing that begins with a share of its widths."""
-        start, free, tolerances = np.zeros(3), Prior(np.zeros(3), np.zeros((3, 3))), self.settings.step * self.units
+        start, free, tolerances = np.zeros(3), Prior(np.zeros(3), np.zeros((3, 3))), _STEP * self.units
         return minimise(start, self.render, None, free, self.estimator, self.kernel, tolerances, Search(share=share))
 
     def bend_at(self, minimum: Minimum, own: PsiEvaluation, weak: NDArray[np.float64]) -> Bend:
@@ -122,7 +125,7 @@ class _Window:
             own: score of the map as the trajectory has it.
             weak: (K, 3) directions that the window does not observe.
         """
-        settings, units, final = self.settings, self.units, final_scale(self.estimator)
+        units, final = self.units, final_scale(self.estimator)
         placed = self.render(minimum.state)
         rendered = Rendered(self.render, None, self.kernel)  # keeps the neighbours between small differences
         covariance = estimate_covariance_by_differences(
@@ -133,7 +136,7 @@ class _Window:
             minimum.state,
             _DIFFERENCE_STEP * units,
         )
-        covariance = floor_variances(covariance, settings.step * units) + spread_along(weak, _UNOBSERVED * units)
+        covariance = floor_variances(covariance, _STEP * units) + spread_along(weak, _UNOBSERVED * units)
         moved = placed.points - self.render(np.zeros(3)).points
         return Bend(
             correction=minimum.state * self.count,

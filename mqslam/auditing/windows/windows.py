@@ -9,6 +9,7 @@ from enum import StrEnum
 import numpy as np
 from scipy.stats import chi2
 
+from mqslam.auditing.sizes import TORN_INFLATION, WINDOW
 from mqslam.auditing.speeds import SpeedCheck
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Share
@@ -78,7 +79,7 @@ def audit_windows(
         progress: called as windows are done.
         sampled: how many windows at most are judged, evenly spread; None takes all.
     """
-    size = settings.window
+    size = WINDOW
     begins = list(range(0, len(sweeps) - size + 1, size))
     if begins and begins[-1] + size < len(sweeps):
         begins.append(len(sweeps) - size)  # the last one overlaps the one before, so that every sweep is judged
@@ -95,7 +96,7 @@ def audit_windows(
 def _audit_from(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: int) -> WindowAudit:
     """Judges the window that begins with a sweep."""
     sweeps, settings, estimator = shared
-    return audit_window(sweeps, begin, begin + settings.window, settings, estimator)
+    return audit_window(sweeps, begin, begin + WINDOW, settings, estimator)
 
 
 def audit_window(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, estimator: EstimatorConfig) -> WindowAudit:
@@ -118,7 +119,7 @@ def audit_window(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, es
         settings,
     )
     explained = bend.size_m <= sweeps.doubt([range(begin, end)])
-    is_bent = bend.inflation > torn_threshold(settings) and bend.size_m > settings.bend_m
+    is_bent = bend.inflation > TORN_INFLATION and bend.size_m > settings.bend_m
     return WindowAudit(
         begin=begin,
         end=end,
@@ -143,8 +144,3 @@ def state_p_values(windows: Sequence[WindowAudit]) -> list[WindowAudit]:
     inflations = np.array([np.nan if window.undecided else window.bend.inflation for window in windows])
     p_values = correct_for_places(np.asarray(chi2.sf(inflations, 3)))
     return [replace(window, p_value=p) for window, p in zip(windows, p_values.tolist(), strict=True)]
-
-
-def torn_threshold(settings: AuditConfig) -> float:
-    """Returns the inflation beyond which a window or a revisit is off by more than chance: it has 3 degrees of freedom."""
-    return float(chi2.ppf(settings.probability, 3))

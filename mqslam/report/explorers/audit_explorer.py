@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from mqslam.auditing.judge import Audit
+from mqslam.auditing.sizes import TORN_INFLATION
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import VerdictStatus
-from mqslam.auditing.windows.windows import torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.report.explorers.explorer import (
@@ -85,7 +85,7 @@ def _show_spot(sweeps: Sweeps, spot: Spot) -> ExplorerPlace:
 def _make_charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> tuple[Chart, ...]:
     charts = []
     if audit.windows:
-        charts.append(chart_inflation("inflation", audit.windows, BLUE, torn_threshold(settings)))
+        charts.append(chart_inflation("inflation", audit.windows, BLUE, TORN_INFLATION))
     curves = []
     kinds = ((False, BLUE, "revisits", FINE), (True, RED, "revisits: torn", TORN))
     for torn, colour, name, mark in kinds:

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mqslam.auditing.sizes import TORN_INFLATION
 from mqslam.auditing.verdict import VerdictStatus
-from mqslam.auditing.windows.windows import WindowAudit, torn_threshold
+from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap
@@ -157,7 +158,7 @@ def _make_charts(report: Report) -> tuple[Chart, ...]:
         curves.append(ExplorerCurve("ψ at its minimum", BLUE, times, scores.psi_minimum / points))
     charts = [Chart("ψ per point of a scan", tuple(curves))] if curves else []
     if checks:
-        charts.append(chart_inflation("inflation", checks, BLUE, torn_threshold(report.settings)))
+        charts.append(chart_inflation("inflation", checks, BLUE, TORN_INFLATION))
     return tuple(charts)
 
 
@@ -199,7 +200,7 @@ def list_levels(threshold: float) -> tuple[tuple[str, float, str], ...]:
 def explain_torn(settings: AuditConfig) -> str:
     """Explains when a window is torn, for those who see dots beyond the threshold."""
     return (
-        f"A window is torn where its inflation is above {torn_threshold(settings):.1f} and its correction moves its "
+        f"A window is torn where its inflation is above {TORN_INFLATION:.1f} and its correction moves its "
         f"points by more than {format_length(settings.bend_m)}. Torn places are red triangles, "
         "the others blue dots, and those of which nothing could be decided grey squares."
     )

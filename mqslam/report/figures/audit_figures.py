@@ -10,8 +10,9 @@ from scipy.stats import chi2
 
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.revisits import RevisitAudit
+from mqslam.auditing.sizes import TORN_INFLATION
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.windows.windows import WindowAudit, torn_threshold
+from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.config import AuditConfig
 from mqslam.report.figures.canvas import (
     BLUE,
@@ -65,7 +66,7 @@ def draw_heat_map(sweeps: Sweeps, audit: Audit, settings: AuditConfig | None = N
     lay_ink(axes, view, counts, well_seen, GREY)
     axes.plot(*sweeps.poses[:, :2].T, color="white", linewidth=4.5, solid_joinstyle="round")
     axes.plot(*sweeps.poses[:, :2].T, color=GREY, linewidth=1.0)
-    threshold = torn_threshold(settings or AuditConfig())
+    threshold = TORN_INFLATION
     colours = _make_colours(threshold)
     decided = [window for window in audit.windows if window.undecided is None]
     windows = sorted(decided, key=_inflation_of)  # the worst on top where the path crosses itself
@@ -95,7 +96,7 @@ def draw_inflation(audit: Audit, settings: AuditConfig) -> bytes:
         label = f"undecided ({undecided.sum()})"
         axes.plot(time[undecided], drawn[undecided], "o", color=GREY, markersize=4, fillstyle="none", label=label)
     _draw_marks(axes, time[~undecided], drawn[~undecided], torn[~undecided], "window")
-    threshold = torn_threshold(settings)
+    threshold = TORN_INFLATION
     axes.axhline(threshold, color=RED, linewidth=1.2, label=f"threshold {threshold:.1f}")
     axes.axhline(EXPECTED, color=INK, linewidth=1.2, linestyle="--", label=f"expected median {EXPECTED:.2f}")
     put_legend_strip(axes, 5)

@@ -81,16 +81,15 @@ def report_comparison(
         warnings=tuple(summary["warnings"]),
         settings_yaml=dump_yaml(comparison.settings),
         notes=recording.notes,
-        ranks=rank_rows(tuple(comparison.judged.values()), comparison.settings.verdict.confidence),
+        ranks=rank_rows(tuple(comparison.judged.values())),
     )
 
 
-def rank_rows(rows: Sequence[JudgedRow], confidence: float) -> tuple[tuple[str, ...], ...]:
+def rank_rows(rows: Sequence[JudgedRow]) -> tuple[tuple[str, ...], ...]:
     """Ranks rows: the best of all, then the best of those that are left, and so on.
 
     Args:
         rows: those that ran.
-        confidence: of the bounds of a share, on either side.
 
     Returns:
         the names of each rank; rows that cannot be told apart share one.
@@ -98,7 +97,7 @@ def rank_rows(rows: Sequence[JudgedRow], confidence: float) -> tuple[tuple[str, 
     left = [Standing.of(row) for row in rows]
     ranks = []
     while left:
-        best = find_best(left, confidence)
+        best = find_best(left)
         ranks.append(best.rows if best is not None else (left[0].name,))
         left = [standing for standing in left if standing.name not in ranks[-1]]
     return tuple(ranks)

@@ -149,7 +149,7 @@ def _spot_of_jump(sweeps: Sweeps, jump: StepAudit, settings: AuditConfig) -> Spo
     return _spot_of_pair(
         sweeps,
         (laid.earlier, laid.later),
-        pick_sides(laid.later, settings),
+        pick_sides(laid.later),
         kind="jump",
         off_m=laid.size_m,
         correction=laid.offset,
@@ -165,7 +165,7 @@ def _spot_of_span(sweeps: Sweeps, span: SpanAudit, settings: AuditConfig) -> Spo
     return _spot_of_pair(
         sweeps,
         pair,
-        pick_ends(pair, settings),
+        pick_ends(pair),
         kind="span",
         off_m=span.distance_m,
         correction=span.offset,
