@@ -12,10 +12,18 @@ from mqslam.auditing import judge
 from mqslam.auditing.gyroscope_check import GyroscopeCheck, check_gyroscope
 from mqslam.auditing.mending.rounds import AuditedTrajectory, Mended
 from mqslam.auditing.mending.rounds import mend as mend_trajectory
-from mqslam.auditing.sources import LIDAR_CONFIG, Source, divide_cloud, is_cloud, make_lidar_source, move_cloud, place_source
+from mqslam.auditing.sources import (
+    LIDAR_CONFIG,
+    Source,
+    divide_cloud,
+    find_claims,
+    is_cloud,
+    make_lidar_source,
+    move_cloud,
+    place_source,
+)
 from mqslam.auditing.sweeps import Sweeps, require_covered
 from mqslam.commands.inputs.extrinsics import read_extrinsics
-from mqslam.commands.inputs.given_covariances import find_claims
 from mqslam.commands.inputs.opening import WHOLE, Span, carry_to_radar, choose_settings, open_data
 from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work

@@ -2,18 +2,192 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
-from mqslam.commands.batches.batch_plan import read_plan
-from mqslam.commands.batches.batch_schedule import AGAIN, run_all
+from pydantic import BaseModel, ConfigDict, Field
+
+from mqslam.commands.inputs.extrinsics import parse_extrinsics, to_pose
+from mqslam.commands.inputs.opening import Inputs
 from mqslam.commands.result import Result
+from mqslam.commands.run import Job, execute, find_finished, open_job
 from mqslam.commands.work import QUIET, Work
-from mqslam.errors import ClusterError
+from mqslam.config import list_shipped, load_config
+from mqslam.config.yaml_file import parse_yaml
+from mqslam.core import frontend as frontends
+from mqslam.core.engine import Engine
+from mqslam.errors import ClusterError, ConfigError, MqslamError, describe_error, raise_interrupt, untrusted
+from mqslam.execution.folders import claim_folder
 from mqslam.execution.guards.locks import lock_output
+from mqslam.execution.local_engine import DIED, LocalEngine
+from mqslam.execution.progress import Progress
 from mqslam.report.batch_page import write_batch_pages
-from mqslam.results.batch_results import Order, check_batch, summarise, write_batch
+from mqslam.results.batch_results import Order, RunOutcome, check_batch, summarise, write_batch
 from mqslam.results.summary_files import add_warnings
+
+_CHOICES = ("auto", "none")  # instead of a file, or of extrinsics
+
+
+class PlannedRun(BaseModel):
+    """One entry of RUNS.yaml; its paths are relative to that file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    data: Path = Field(description="the recording")
+    name: str | None = Field(None, description="folder of its results; null takes the recording's own name")
+    frontend: str = Field("psi", description="name of the front end")
+    odometry: str = Field("auto", description="auto (the recording's own, if it has one), none, or a file")
+    imu: str = Field("auto", description="gyroscope: auto (the recording's own, if it has one), none, or a file")
+    gnss: str = Field("auto", description="auto (the recording's own, if its truth is not made from it), none, or a file")
+    extrinsics: str = Field("auto", description="of the radar: auto (what the recording states), none, or X,Y,YAW")
+    frame: Literal["radar", "vehicle"] = Field("radar", description="whose poses are written: radar or vehicle")
+    config: str | None = Field(None, description="a YAML file of settings, or the name of one that ships")
+
+
+class Plan(BaseModel):
+    """The content of RUNS.yaml."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    runs: list[PlannedRun] = Field(min_length=1, description="what to run")
+
+
+def read_plan(path: Path) -> tuple[list[Order], str]:
+    """Reads the runs that a file asks for; returns them with the text of the file.
+
+    Raises:
+        ConfigError: the file cannot be read, holds a mistake, or gives two runs the same name.
+    """
+    try:
+        text = untrusted.read_document(path, untrusted.YAML_BYTES)
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
+        raise ConfigError(f"{path}: cannot be read ({reason}); give a YAML file with the runs") from error
+    plan = parse_yaml(Plan, path, text)
+    orders: list[Order] = []
+    for number, run in enumerate(plan.runs):
+        try:
+            orders.append(_prepare_order(run, path.absolute().parent, {order.name for order in orders}))
+        except ConfigError as error:
+            raise ConfigError(f"{path}: runs.{number}: {error}") from error
+    return orders, text
+
+
+def _prepare_order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
+    """Returns a run with all paths resolved against a folder.
+
+    Raises:
+        ConfigError: its name cannot be that of a folder or is taken, its front end or settings are unknown, or its
+            extrinsics are no pose.
+    """
+    data = folder / run.data
+    name = run.name if run.name is not None else data.name
+    if not re.fullmatch(r"\w[\w. -]*", name):
+        raise ConfigError(f"name {name!r}: cannot be the name of a folder; give one of letters and digits")
+    if name in taken:
+        raise ConfigError(f"name {name}: is the name of another run too; give one of them another name")
+    frontends.find_entry_point(run.frontend)
+    config = run.config if run.config is None or run.config in list_shipped() else folder / run.config
+    if run.extrinsics not in _CHOICES:
+        to_pose(parse_extrinsics(run.extrinsics))
+    odometry, imu, gnss = (
+        choice if choice in _CHOICES else str(folder / choice) for choice in (run.odometry, run.imu, run.gnss)
+    )
+    return Order(name, data, run.frontend, load_config(config), odometry, imu, gnss, run.extrinsics, run.frame)
+
+
+AGAIN = "the same command continues the batch"
+
+
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """The terms that all runs of a batch share.
+
+    Args:
+        out: folder of the batch.
+        jobs: processes that a run may use.
+        force: whether results that are there are replaced.
+    """
+
+    out: Path
+    jobs: int
+    force: bool
+
+
+def run_all(orders: Sequence[Order], out: Path, engine: Engine, progress: Progress, *, force: bool) -> list[RunOutcome]:
+    """Does the runs that are not finished yet, and returns the outcome of each run.
+
+    Args:
+        orders: the runs.
+        out: folder of the batch, an absolute path.
+        engine: where they run.
+        progress: called as runs are done.
+        force: whether results that are there are replaced.
+
+    Raises:
+        ClusterError: the cluster is lost.
+    """
+    terms = Terms(out, engine.jobs, force)
+    before = [_find_kept(terms, order) for order in orders]
+    missing = [order for order, kept in zip(orders, before, strict=True) if kept is None]
+
+    def done(number: int, outcome: RunOutcome | None) -> None:
+        progress("runs", len(orders) - len(missing) + number, len(orders))
+
+    ran = iter(engine.map_apart(run_one, terms, missing, done))
+    return [
+        _check_outcome(out / order.name, kept or next(ran) or RunOutcome(failure=DIED))
+        for order, kept in zip(orders, before, strict=True)
+    ]
+
+
+def run_one(terms: Terms, order: Order) -> RunOutcome:
+    """Does a run in this process and returns its outcome, which is the error's text if it fails."""
+    out = terms.out / order.name
+    try:
+        kept = _find_kept(terms, order)  # a worker may have done it and died before it could report it
+        if kept is not None:
+            return kept
+        with claim_folder(out, force=terms.force, resume=True, sources=[order.data]):
+            job = _open_order(order)
+            with LocalEngine(terms.jobs) as engine:
+                summary = execute(job, out, Work(engine), resume=not terms.force, how=AGAIN)
+        return RunOutcome(summary)
+    except Exception as error:  # a front end may be anyone's code, and the others are to go on
+        raise_interrupt(error)
+        return RunOutcome(failure=describe_error(error))
+
+
+def _find_kept(terms: Terms, order: Order) -> RunOutcome | None:
+    """Returns the outcome of the same run if it was finished before, or None."""
+    out = terms.out / order.name
+    if terms.force or not (out / "summary.json").exists():
+        return None
+    try:
+        summary = find_finished(out, _open_order(order).key)
+    except MqslamError:
+        return None  # `run_one` fails in the same way and reports why
+    return None if summary is None else RunOutcome(summary, kept=True)
+
+
+def _open_order(order: Order) -> Job:
+    """Opens the recording of a run.
+
+    Raises:
+        MqslamError: the recording, its odometry, its sensors or its front end cannot be used.
+    """
+    inputs = Inputs(order.odometry, order.imu, order.gnss, order.extrinsics, order.frame)
+    return open_job(order.data, order.settings, order.frontend, inputs)
+
+
+def _check_outcome(out: Path, outcome: RunOutcome) -> RunOutcome:
+    """Returns an outcome, or a failure if its results cannot be seen from this machine."""
+    if outcome.summary is None or (out / "summary.json").is_file():
+        return outcome
+    return RunOutcome(failure=f"{out}: does not exist on this machine; choose an output folder that all machines share")
 
 
 def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: Work = QUIET) -> Result:

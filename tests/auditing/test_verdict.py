@@ -46,7 +46,7 @@ def test_a_share_of_nothing_may_be_anything() -> None:
     ],
 )
 def test_a_share_needs_evidence_to_be_called_too_large(count: int, total: int, status: VerdictStatus) -> None:
-    assert Share(count, total).judge(WINDOWS_WARN.windows_fail) is status
+    assert Share(count, total).judge(WINDOWS_WARN, WINDOWS_FAIL) is status
 
 
 @pytest.mark.parametrize("total", [40, 60, 100, 400])

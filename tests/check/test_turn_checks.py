@@ -13,11 +13,11 @@ from support.conversions import convert, spinning
 from support.layouts import left_turn
 from support.recordings import START_US, TURN_US, oxford_rows, with_metadata, write_oxford, write_png
 
+from mqslam.check.checks import check_azimuths, check_stamps
 from mqslam.check.finding import CheckFinding, CheckVerdict
 from mqslam.check.following import FollowedStretches, Steps, follow
 from mqslam.check.motion_checks import check_order
 from mqslam.check.stretches import read_stretches
-from mqslam.check.turn_checks import check_azimuths, check_stamps
 from mqslam.config import Config, DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
@@ -183,7 +183,7 @@ def test_few_short_stretches_are_too_few_to_tell(tmp_path: Path, monkeypatch: py
     recording = open_recording(write_oxford(tmp_path / "d", polar_scans=20))
     monkeypatch.setattr("mqslam.check.stretches.STRETCHES", 2)
     monkeypatch.setattr("mqslam.check.stretches.STRETCH_SCANS", 5)
-    monkeypatch.setattr("mqslam.check.turn_checks._FEWEST_TURNS", 30)
+    monkeypatch.setattr("mqslam.check.checks._FEWEST_TURNS", 30)
     stretches = read_stretches(recording, None, DetectorConfig(), lambda done, total: None)
     assert [len(stretch.scans) for stretch in stretches] == [5, 5]
     assert "too few to tell how steady turns are" in check_stamps(recording, stretches, CONFIG.reading).text

@@ -122,18 +122,18 @@ def test_results_of_other_settings_are_neither_kept_nor_replaced_unasked(work: P
 
 def test_a_run_that_was_killed_goes_on_where_it_stopped(work: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from mqslam import slam
-    from mqslam.commands.batches import batch_schedule
-    from mqslam.commands.batches.batch_plan import read_plan
+    from mqslam.commands import batch as batch_module
+    from mqslam.commands.batch import read_plan
 
     orders, _ = read_plan(work / "runs.yaml")
-    terms = batch_schedule.Terms(tmp_path, 1, False)
+    terms = batch_module.Terms(tmp_path, 1, False)
     with monkeypatch.context() as patch:
         patch.setattr(slam, "find_loops", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt):
-            batch_schedule.run_one(terms, orders[1])
+            batch_module.run_one(terms, orders[1])
     assert {path.name for path in (tmp_path / "drive").iterdir()} == {FOLDER}
     monkeypatch.setattr("mqslam.detection.stage.detect_stretch", lambda *_: pytest.fail("detected again"))
-    assert batch_schedule.run_one(terms, orders[1]).failure is None
+    assert batch_module.run_one(terms, orders[1]).failure is None
     assert tracks(tmp_path) == {"drive": tracks(work / "out")["drive"]}
 
 

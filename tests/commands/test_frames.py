@@ -15,7 +15,7 @@ from plyfile import PlyData
 from support.commands import mqslam
 from support.recordings import TURN_US, circle
 
-from mqslam.commands.batches.batch_plan import read_plan
+from mqslam.commands.batch import read_plan
 from mqslam.commands.inputs.opening import place_truth
 from mqslam.commands.run import run
 from mqslam.config import Config, SensorConfig

@@ -9,8 +9,8 @@ import pytest
 from support.reported import swept_walls
 
 import mqslam
+from mqslam.auditing.sources import find_claims
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.commands.inputs.given_covariances import find_claims
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError

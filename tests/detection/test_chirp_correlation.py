@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mqslam.core.recording import PolarScan
-from mqslam.detection.chirp_correlation import _MIN_RANGE_M, _correlate_neighbours, correlate_chirps, find_echoes
+from mqslam.detection.velocity_fit import _MIN_RANGE_M, _correlate_neighbours, correlate_chirps, find_echoes
 
 BIN_M = 0.08
 AZIMUTHS, BINS = 80, 700

@@ -12,8 +12,7 @@ from scipy.optimize import minimize
 
 from mqslam.core.recording import PolarScan
 from mqslam.core.sensors.velocity import Outcome
-from mqslam.detection import chirp_correlation, velocity_fit
-from mqslam.detection.chirp_correlation import correlate_chirps
+from mqslam.detection import velocity_fit
 from mqslam.detection.velocity_fit import (
     _OUTLIER_SPREADS,
     _SECTORS,
@@ -21,6 +20,7 @@ from mqslam.detection.velocity_fit import (
     Velocity,
     _fit_robustly,
     _leave_out_sectors,
+    correlate_chirps,
     measure_velocity,
     read_shifts,
 )
@@ -166,8 +166,8 @@ def test_what_only_a_narrow_sector_shows_is_uncertain_across_it(monkeypatch: pyt
 def test_twice_the_shift_per_speed_means_half_the_velocity(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = record(make_yard_scene(1), ConstantDrive(5.0, 0.2), 0.25)
     one = measure(recording, 0)
-    monkeypatch.setattr(chirp_correlation, "CHIRP_BETA", 2.0 * CHIRP_BETA)
-    monkeypatch.setattr(chirp_correlation, "FASTEST_MPS", 22.5)
+    monkeypatch.setattr(velocity_fit, "CHIRP_BETA", 2.0 * CHIRP_BETA)
+    monkeypatch.setattr(velocity_fit, "FASTEST_MPS", 22.5)
     monkeypatch.setattr(velocity_fit, "FASTEST_MPS", 22.5)
     half = measure(recording, 0)
     np.testing.assert_allclose(half.velocity, 0.5 * one.velocity, atol=0.02)

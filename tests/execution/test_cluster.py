@@ -187,7 +187,7 @@ def test_without_dask_only_the_cluster_is_missing(lap: Path, tmp_path: Path) -> 
     program = f"""
 import sys
 sys.modules["dask"] = sys.modules["distributed"] = None
-import mqslam.commands.batches.batch_schedule, mqslam.results.batch_results, mqslam.comparison.judgement, mqslam.commands.run
+import mqslam.commands.batch, mqslam.results.batch_results, mqslam.comparison.judgement, mqslam.commands.run
 from mqslam.cli import main
 sys.argv = ["mqslam", "run", {str(lap / "drive")!r}, "--out", {str(tmp_path / "out")!r}, "--cluster", "local:2", "--quiet"]
 main()

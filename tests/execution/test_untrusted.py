@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mqslam.commands.batches.batch_plan import read_plan
+from mqslam.commands.batch import read_plan
 from mqslam.config import load_config
 from mqslam.errors import ConfigError, DataError, untrusted
 from mqslam.formats.maps.nav2_map import read_nav2_map

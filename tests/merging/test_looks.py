@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.merging.changes import _ASPECTS, find_farthest
-from mqslam.merging.looks import _MARGIN_M, _RAYS, CELL_M, REACH_M, Views, count_looks
+from mqslam.merging.changes import _ASPECTS, _MARGIN_M, _RAYS, CELL_M, REACH_M, Views, count_looks, find_farthest
 
 CELL = np.array([[20.0, 0.0]])
 EVERYWHERE = np.full((1, _ASPECTS), 100.0)

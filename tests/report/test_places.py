@@ -16,9 +16,9 @@ from mqslam.comparison.rows import Row
 from mqslam.config import Config
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
+from mqslam.report.compare_page import select_moving_places, select_moving_windows
 from mqslam.report.places.bad_places import list_bad_places, write_bad_places
-from mqslam.report.places.standstills import select_moving_places, select_moving_windows
-from mqslam.report.places.unmatched import find_unmatched
+from mqslam.report.sections.audit_places import find_unmatched
 
 START_US = 1_600_000_000_000_000
 

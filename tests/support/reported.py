@@ -30,7 +30,7 @@ from mqslam.auditing.tracks import Track
 from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
 from mqslam.auditing.windows.inflation import Bend
 from mqslam.auditing.windows.windows import WindowAudit
-from mqslam.config import AuditConfig, EstimatorConfig
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.mapping.measures import Measures
 
@@ -240,5 +240,5 @@ def audit_of(
     reasons: Sequence[str] = (),
 ) -> Audit:
     """Returns the judgement of a map of which only windows and revisits were judged."""
-    capture = find_capture_range(0.25, AuditConfig(), EstimatorConfig())
+    capture = find_capture_range(0.25, EstimatorConfig())
     return Audit(windows, [], [], [], None, revisits, {}, status, list(reasons), capture)

@@ -32,7 +32,7 @@ from support.soundness import (
     check_trajectory,
 )
 
-from mqslam.commands.batches.batch_plan import read_plan
+from mqslam.commands.batch import read_plan
 from mqslam.config import Config, load_config
 from mqslam.formats.clouds import read_cloud
 from mqslam.formats.graphs.gtsam_text import read_gtsam

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mqslam.backend.loops.agreement import Offsets, compare_neighbours, find_agreeing
+from mqslam.auditing.revisits import Offsets, compare_neighbours, find_agreeing
 from mqslam.core import se2
 from mqslam.core.statistics.chances import find_usual_scale
 

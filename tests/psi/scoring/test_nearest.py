@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from mqslam.psi.scoring.nearest import find_nearest
+from mqslam.frontends.icp_covariance import find_nearest
 from mqslam.psi.scoring.neighbours import sort_into_cells
 
 

@@ -1,1 +1,0 @@
-"""What many runs are planned and scheduled by."""
