@@ -10,7 +10,7 @@ from mqslam.check.following import follow
 from mqslam.check.motion_checks import check_mirror, check_order, check_scale, check_stamp
 from mqslam.check.stretches import read_stretches
 from mqslam.check.turn_checks import check_azimuths, check_stamps
-from mqslam.config import DetectorConfig, EstimatorConfig, ReadingConfig, TrackerConfig
+from mqslam.config import DetectorConfig, EstimatorConfig, TrackerConfig
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.psi.place import Beam
@@ -31,7 +31,6 @@ class Checked(NamedTuple):
 class CheckSettings(NamedTuple):
     """The sections of the settings that the checks take."""
 
-    reading: ReadingConfig
     detector: DetectorConfig
     tracker: TrackerConfig
     estimator: EstimatorConfig
@@ -53,11 +52,11 @@ def check_recording(
         beam: the sensor's errors.
         progress: called with (polar scans read, polar scans in all).
     """
-    reading, detector, tracker, estimator = settings
+    detector, tracker, estimator = settings
     stretches = read_stretches(recording, odometry, detector, progress)
     followed = follow(recording, stretches, tracker, estimator, beam)
     findings = (
-        check_stamps(recording, stretches, reading),
+        check_stamps(recording, stretches),
         check_azimuths(stretches),
         check_order(followed),
         check_mirror(recording, followed, odometry),

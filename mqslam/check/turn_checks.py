@@ -8,7 +8,6 @@ import numpy as np
 
 from mqslam.check.finding import CheckFinding, CheckVerdict
 from mqslam.check.stretches import Stretch
-from mqslam.config import ReadingConfig
 from mqslam.core.recording import Recording
 from mqslam.core.wording import count_of
 from mqslam.formats.shared.turns import find_usual_turns
@@ -29,18 +28,17 @@ _DOUBLED = 0.5
 _FEWEST_TURNS = 3
 
 
-def check_stamps(recording: Recording, stretches: Sequence[Stretch], reading: ReadingConfig) -> CheckFinding:
+def check_stamps(recording: Recording, stretches: Sequence[Stretch]) -> CheckFinding:
     """Checks whether polar scans follow one another: none doubled, backward, missing or of another duration.
 
     Args:
         recording: the recording.
         stretches: those parts of it that were read.
-        reading: how recordings are understood.
     """
     turn_s = recording.revolution_s
     steps = np.diff(recording.stamps_us)
     durations = steps[recording.ends_us[:-1] == recording.stamps_us[1:]] * 1e-6
-    close = int(np.count_nonzero(steps < _DOUBLED * find_usual_turns(recording.stamps_us, reading)))
+    close = int(np.count_nonzero(steps < _DOUBLED * find_usual_turns(recording.stamps_us)))
     shown = len(durations) >= _FEWEST_TURNS
     unsteady = float(np.ptp(np.percentile(durations, [5.0, 95.0]))) / turn_s if shown else 0.0
     gaps = recording.gaps()
