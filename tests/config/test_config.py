@@ -94,6 +94,7 @@ def test_what_is_written_is_read_back_equal(tmp_path: Path, name: str) -> None:
             "reading.alike, reading.track_slack_s are no setting any more, but fixed",
         ),
         (
+            "sensor: {doppler_steps: 3}",
             "sensor.doppler_steps is no setting any more, but fixed: nobody had a reason to change",
         ),
         ("{localisation: {}}", "localisation is no setting any more, but fixed: nobody had a reason to change it"),
