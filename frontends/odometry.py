@@ -29,7 +29,6 @@ class OdometryFrontEnd:
             raise EstimationError("the odometry front end needs odometry", Remedy.GIVE_ODOMETRY)
         self._odometry = context.odometry
         self._start_us = context.start_us
-        self._slack_us = context.config.reading.track_slack_us
         self._settings = context.config.odometry
 
     def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
@@ -43,7 +42,7 @@ class OdometryFrontEnd:
 
     def _measure_motion(self, t0: float, scan: Scan) -> Measurement:
         stamps = self._start_us + np.round(np.array([t0, scan.t0]) * 1e6).astype(np.int64)
-        if not self._odometry.covers(int(stamps[0]), int(stamps[1]), self._slack_us):
+        if not self._odometry.covers(int(stamps[0]), int(stamps[1])):
             raise EstimationError(f"the odometry does not cover {t0:.2f} s to {scan.t0:.2f} s of the recording")
         first, last = self._odometry.at(stamps)
         pose = se2.wrapped_between(first, last)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.tracks import Track
 from mqslam.backend.claims import Claims, MarginalClaims
-from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core import se2
 from mqslam.core.scans import Scans
 from mqslam.core.sensors.gyroscope import Gyroscope
@@ -168,7 +167,6 @@ def divide_cloud(
     cloud: TimedCloud,
     trajectory: Trajectory | None,
     beam: Beam,
-    reading: ReadingConfig = USUAL_READING,
 ) -> Sweeps:
     """Divides a finished cloud into sweeps; without a trajectory the middle of a sweep's points stands for the sensor.
 
@@ -176,7 +174,6 @@ def divide_cloud(
         cloud: points with the times they were measured at.
         trajectory: the poses of the sensor that the cloud was made with, or None.
         beam: the sensor's errors.
-        reading: how files are understood.
 
     Raises:
         DataError: the cloud was measured all at once, or the trajectory does not cover it.
@@ -198,7 +195,7 @@ def divide_cloud(
     if trajectory is None:
         poses = np.array([_middle(cloud.points[a:b]) for a, b in itertools.pairwise(begins)])
     else:
-        _check_cover(cloud, trajectory, reading)
+        _check_cover(cloud, trajectory)
         poses = trajectory.at(begin_us)
         track = Track(trajectory.seconds(int(stamps[0])), trajectory.poses, len(present), 0)
     covariances = np.zeros((len(cloud), 3))
@@ -237,10 +234,10 @@ def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.append(points.mean(axis=0), 0.0)
 
 
-def _check_cover(cloud: TimedCloud, trajectory: Trajectory, reading: ReadingConfig) -> None:
+def _check_cover(cloud: TimedCloud, trajectory: Trajectory) -> None:
     """Raises a DataError where a trajectory does not cover a cloud."""
     first, last = int(cloud.stamps_us[0]), int(cloud.stamps_us[-1])
-    if not trajectory.covers(first, last, reading.track_slack_us):
+    if not trajectory.covers(first, last):
         raise DataError(
             cloud.path, f"spans {first} to {last} us, which the trajectory does not", Remedy.GIVE_FITTING_TRAJECTORY
         )

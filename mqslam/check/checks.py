@@ -11,7 +11,7 @@ from mqslam.check.finding import CheckFinding, CheckVerdict
 from mqslam.check.following import follow
 from mqslam.check.motion_checks import check_mirror, check_order, check_scale, check_stamp
 from mqslam.check.stretches import Stretch, read_stretches
-from mqslam.config import DetectorConfig, EstimatorConfig, ReadingConfig, TrackerConfig
+from mqslam.config import DetectorConfig, EstimatorConfig, TrackerConfig
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
@@ -34,18 +34,17 @@ _DOUBLED = 0.5
 _FEWEST_TURNS = 3
 
 
-def check_stamps(recording: Recording, stretches: Sequence[Stretch], reading: ReadingConfig) -> CheckFinding:
+def check_stamps(recording: Recording, stretches: Sequence[Stretch]) -> CheckFinding:
     """Checks whether polar scans follow one another: none doubled, backward, missing or of another duration.
 
     Args:
         recording: the recording.
         stretches: those parts of it that were read.
-        reading: how recordings are understood.
     """
     turn_s = recording.revolution_s
     steps = np.diff(recording.stamps_us)
     durations = steps[recording.ends_us[:-1] == recording.stamps_us[1:]] * 1e-6
-    close = int(np.count_nonzero(steps < _DOUBLED * find_usual_turns(recording.stamps_us, reading)))
+    close = int(np.count_nonzero(steps < _DOUBLED * find_usual_turns(recording.stamps_us)))
     shown = len(durations) >= _FEWEST_TURNS
     unsteady = float(np.ptp(np.percentile(durations, [5.0, 95.0]))) / turn_s if shown else 0.0
     gaps = recording.gaps()
@@ -118,7 +117,6 @@ class Checked(NamedTuple):
 class CheckSettings(NamedTuple):
     """The sections of the settings that the checks take."""
 
-    reading: ReadingConfig
     detector: DetectorConfig
     tracker: TrackerConfig
     estimator: EstimatorConfig
@@ -140,11 +138,11 @@ def check_recording(
         beam: the sensor's errors.
         progress: called with (polar scans read, polar scans in all).
     """
-    reading, detector, tracker, estimator = settings
+    detector, tracker, estimator = settings
     stretches = read_stretches(recording, odometry, detector, progress)
     followed = follow(recording, stretches, tracker, estimator, beam)
     findings = (
-        check_stamps(recording, stretches, reading),
+        check_stamps(recording, stretches),
         check_azimuths(stretches),
         check_order(followed),
         check_mirror(recording, followed, odometry),

@@ -277,7 +277,7 @@ def _pick_carried(path: Path, tracks: dict[str, Trajectory], name: str) -> Traje
 
 def _divide(cloud: TimedCloud, trajectory: Trajectory | None, settings: Config) -> Sweeps:
     """Returns the sweeps of a cloud."""
-    return divide_cloud(cloud, trajectory, beam_of(settings.estimator, 0.0), settings.reading)
+    return divide_cloud(cloud, trajectory, beam_of(settings.estimator, 0.0))
 
 
 def _divide_moved(cloud: TimedCloud, given: Trajectory | None, settings: Config, mended: Trajectory) -> Sweeps:

@@ -71,14 +71,14 @@ def check(
     """
     settings = choose_settings(config)
     recording = open_data(Path(data), format, range_resolution, settings)
-    track, notes = choose_odometry(recording, odometry, settings.reading, recording.mount)
+    track, notes = choose_odometry(recording, odometry, recording.mount)
     notes = [*recording.notes, *notes]
     for note in notes:
         work.tell(note)
     findings, read = check_recording(
         recording,
         track,
-        CheckSettings(settings.reading, settings.detector, settings.tracker, settings.estimator),
+        CheckSettings(settings.detector, settings.tracker, settings.estimator),
         beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0),
         partial(work.progress, "detect"),
     )

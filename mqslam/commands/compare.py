@@ -106,7 +106,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     given, told = _make_given_rows(trajectories or {}, frontends)
     with claim_folder(out, force=force, resume=resume, sources=[data]):
         recording = open_data(data, format, range_resolution, settings, span=(start_s, end_s))
-        track, notes = choose_odometry(recording, odometry, settings.reading, recording.mount)
+        track, notes = choose_odometry(recording, odometry, recording.mount)
         notes += told
         chosen = _choose_gyroscope(recording, imu, frontends)
         sensors, notes = chosen.sensor, [*notes, *chosen.notes, *chosen.faults]

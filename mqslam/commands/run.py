@@ -166,7 +166,7 @@ def open_job(
     recording = open_data(data, format, range_resolution, settings, strict=strict, span=span)
     chosen = choose_sensors(recording, inputs)
     sensors = chosen.sensor
-    track, unused = choose_odometry(recording, inputs.odometry, settings.reading, sensors.mount)
+    track, unused = choose_odometry(recording, inputs.odometry, sensors.mount)
     check_frame(inputs.frame, sensors.mount, data)
     recording = replace(place_truth(recording, sensors.mount), notes=(*recording.notes, *chosen.notes))
     return Job(recording, track, settings, frontend, strict, (*unused, *chosen.faults), sensors, inputs.frame)

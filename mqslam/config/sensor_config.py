@@ -6,8 +6,6 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from mqslam.config.fields import expert
-
 
 class SensorConfig(BaseModel):
     """Properties of the radar that its recording does not state."""
@@ -50,17 +48,3 @@ class SensorConfig(BaseModel):
     )
     odometry_topic: str | None = Field(None, description="Topic of a bag's odometry. null chooses it by type and name.")
     truth_topic: str | None = Field(None, description="Topic of a bag's ground truth. null chooses it by type and name.")
-
-    doppler_stretches: int = expert(
-        4, ge=1, description="Number of stretches of a recording on which psi measures the Doppler shift."
-    )
-    doppler_scans: int = expert(
-        12, ge=3, description="Number of scans in a stretch on which psi measures the Doppler shift."
-    )
-    doppler_step: float = expert(
-        0.05,
-        gt=0.0,
-        description="Step between the Doppler shifts that are tried [s]. The tried shifts include those of Navtech's "
-        "radars.",
-    )
-    doppler_steps: int = expert(2, ge=1, description="Number of Doppler shifts that are tried to either side of zero.")

@@ -19,9 +19,9 @@ _GONE = {
         "smoothest_ratio roughest_ratio equal_likelihood most_turn_change stray_spreads most_late_s "
         "scans_around_break break_spreads break_lasts fewest_rows validity_share chirp_share lidar_clip_share "
         "lidar_clip_count lidar_clip_m lidar_same_m lidar_same_rad lidar_same_track_m lidar_same_track_rad "
-        "lidar_longest_sweep"
+        "lidar_longest_sweep alike fewest_azimuths track_slack_s"
     ),
-    "sensor": "doppler_gain doppler_least",
+    "sensor": "doppler_gain doppler_least doppler_stretches doppler_scans doppler_step doppler_steps",
     "detector": (
         "join_bins ring_contrast ring_cells saturation_bins noise_azimuths fixed_range_m fixed_sectors "
         "fixed_share fixed_most most_unread fixed_scans strongest smoothing_m "

@@ -100,7 +100,7 @@ class Context:
         if self.odometry is None or t1 <= t0:
             return None
         stamps = self.start_us + np.round(np.array([t0, t1]) * 1e6).astype(np.int64)
-        if not self.odometry.covers(int(stamps[0]), int(stamps[1]), self.config.reading.track_slack_us):
+        if not self.odometry.covers(int(stamps[0]), int(stamps[1])):
             return None
         return np.asarray(self.odometry.mean_twists(stamps[:1], stamps[1:])[0])
 

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
+
+# A trajectory covers a recording if it lacks at most this much [us] of it at each end, where its first or last motion is
+# continued.
+_TRACK_SLACK_US: Final = 500_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +57,6 @@ class Trajectory:
         moves = se2.wrapped_between(self.at(begins_us), self.at(ends_us))
         return np.asarray(se2.log(moves) / ((ends_us - begins_us) * 1e-6)[:, None])
 
-    def covers(self, start_us: int, end_us: int, slack_us: int) -> bool:
+    def covers(self, start_us: int, end_us: int, slack_us: int = _TRACK_SLACK_US) -> bool:
         """Returns whether a span of time [us] lies within the trajectory, which may lack slack_us [us] of it at each end."""
         return bool(self.stamps_us[0] - slack_us <= start_us and end_us <= self.stamps_us[-1] + slack_us)

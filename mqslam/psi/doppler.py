@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import Config, EstimatorConfig, SensorConfig, TrackerConfig
+from mqslam.config import Config, EstimatorConfig, TrackerConfig
 from mqslam.core.engine import Engine
 from mqslam.core.scans import Scans
 from mqslam.psi.place import beam_of
@@ -22,6 +22,14 @@ from mqslam.psi.tracking.plausibility import is_usable
 from mqslam.psi.tracking.setup import START_SCANS
 from mqslam.psi.tracking.tracker import Tracker
 
+# Number of stretches of a recording on which psi measures the Doppler shift.
+_STRETCHES = 4
+# Number of scans in a stretch on which psi measures the Doppler shift.
+_STRETCH_SCANS = 12
+# Step between the Doppler shifts that are tried [s]. The tried shifts include those of Navtech's radars.
+_STEP_S = 0.05
+# Number of Doppler shifts that are tried to either side of zero.
+_STEPS = 2
 # Share of psi that a Doppler shift must save to be believed.
 _DOPPLER_GAIN = 0.003
 # A smaller Doppler shift counts as none [s]: it moves returns by a tenth of their own error.
@@ -48,24 +56,21 @@ class Doppler(NamedTuple):
     sigma: float = 0.0
 
 
-def measure_doppler(
-    scans: Scans, sensor: SensorConfig, tracker: TrackerConfig, estimator: EstimatorConfig, engine: Engine
-) -> Doppler:
+def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorConfig, engine: Engine) -> Doppler:
     """Measures the Doppler shift that makes the recording's map crispest.
 
     There is none where it gains nothing, unless most stretches show one that such radars have, each for itself.
 
     Args:
         scans: of the recording.
-        sensor: settings of the search.
         tracker: settings of the tracker.
         estimator: settings of the score.
         engine: where stretches of the recording are tracked; the result does not depend on it.
     """
-    stretches = _choose_stretches(scans, sensor)
+    stretches = _choose_stretches(scans)
     if not stretches:
         return Doppler(0.0)
-    grid: NDArray[np.float64] = sensor.doppler_step * np.arange(-sensor.doppler_steps, sensor.doppler_steps + 1.0)
+    grid: NDArray[np.float64] = _STEP_S * np.arange(-_STEPS, _STEPS + 1.0)
     shared = tracker, estimator
     twists = engine.map(_find_first_twist, shared, stretches)
 
@@ -75,7 +80,7 @@ def measure_doppler(
         return np.array(engine.map(_measure_psi, shared, cases)).reshape(len(betas), len(stretches))
 
     psi = measure_all(grid.tolist())
-    without = psi[sensor.doppler_steps]
+    without = psi[_STEPS]
 
     def compare(psi: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns psi over that without a shift, in the median stretch: on some a track may go wrong, so most must agree."""
@@ -86,7 +91,7 @@ def measure_doppler(
     is_crisper = compare(measure_all([beta]))[0] <= 1.0 - _DOPPLER_GAIN
     if abs(beta) < _DOPPLER_LEAST or not (is_crisper or _is_usual(each, beta)):
         return Doppler(0.0)
-    return _hold(beta, _estimate_sigma(each, sensor))
+    return _hold(beta, _estimate_sigma(each))
 
 
 def _is_usual(each: Sequence[float], beta: float) -> bool:
@@ -95,16 +100,15 @@ def _is_usual(each: Sequence[float], beta: float) -> bool:
     return len(each) >= _FEWEST and bool(np.count_nonzero(usual) > len(each) / 2)
 
 
-def _estimate_sigma(each: Sequence[float], sensor: SensorConfig) -> float:
+def _estimate_sigma(each: Sequence[float]) -> float:
     """Returns the standard deviation [s] of a shift that the median stretch shows.
 
     Args:
-        each: the shifts that single stretches show.
-        sensor: settings of the search. Of one stretch nothing is known but the step between shifts.
+        each: the shifts that single stretches show. Of one stretch nothing is known but the step between shifts.
     """
     if len(each) < 2:
-        return sensor.doppler_step
-    return float(max(_OF_MEDIAN * np.std(each, ddof=1) / np.sqrt(len(each)), _FINEST * sensor.doppler_step))
+        return _STEP_S
+    return float(max(_OF_MEDIAN * np.std(each, ddof=1) / np.sqrt(len(each)), _FINEST * _STEP_S))
 
 
 def _hold(beta: float, sigma: float) -> Doppler:
@@ -126,13 +130,13 @@ def choose_doppler(scans: Scans, config: Config, engine: Engine) -> Doppler:
     """
     if config.sensor.doppler_beta is not None:
         return Doppler(config.sensor.doppler_beta)
-    beta, sigma = measure_doppler(scans, config.sensor, config.tracker, config.estimator, engine)
+    beta, sigma = measure_doppler(scans, config.tracker, config.estimator, engine)
     return Doppler(round(beta, 4), round(sigma, 4))
 
 
-def _choose_stretches(scans: Scans, sensor: SensorConfig) -> list[Scans]:
+def _choose_stretches(scans: Scans) -> list[Scans]:
     """Chooses short stretches, spread over the recording, whose scans can all be tracked."""
-    length, count = sensor.doppler_scans, sensor.doppler_stretches
+    length, count = _STRETCH_SCANS, _STRETCHES
     begins = np.unique(np.linspace(0, max(len(scans) - length, 0), count + 2).astype(int)[1:-1])
     loaded = [tuple(scans[int(k) : int(k) + length]) for k in begins]
     stretches = [Scans(stretch, scans.start_us, scans.revolution_s) for stretch in loaded]

@@ -31,7 +31,7 @@ BEAM = beam_of(CONFIG.estimator, 0.0)
 
 def findings(recording: Recording) -> tuple[CheckFinding, CheckFinding]:
     stretches = read_stretches(recording, None, DetectorConfig(), lambda done, total: None)
-    return check_stamps(recording, stretches, CONFIG.reading), check_azimuths(stretches)
+    return check_stamps(recording, stretches), check_azimuths(stretches)
 
 
 class Holed(SimulatedRecording):
@@ -186,4 +186,4 @@ def test_few_short_stretches_are_too_few_to_tell(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr("mqslam.check.checks._FEWEST_TURNS", 30)
     stretches = read_stretches(recording, None, DetectorConfig(), lambda done, total: None)
     assert [len(stretch.scans) for stretch in stretches] == [5, 5]
-    assert "too few to tell how steady turns are" in check_stamps(recording, stretches, CONFIG.reading).text
+    assert "too few to tell how steady turns are" in check_stamps(recording, stretches).text

@@ -89,6 +89,14 @@ def test_what_is_written_is_read_back_equal(tmp_path: Path, name: str) -> None:
             "map.stop_s is no setting any more, but fixed: nobody had a reason to change it; leave it out",
         ),
         ("recognition: {row: 4}", "recognition.row is no setting any more, but fixed: nobody had a reason to change it"),
+        (
+            "reading: {alike: 1.3, track_slack_s: 1}",
+            "reading.alike, reading.track_slack_s are no setting any more, but fixed",
+        ),
+        (
+            "sensor: {doppler_steps: 3}",
+            "sensor.doppler_steps is no setting any more, but fixed: nobody had a reason to change",
+        ),
         ("{localisation: {}}", "localisation is no setting any more, but fixed: nobody had a reason to change it"),
         ("recognition: {rwo: 4}", "recognition is no setting any more, but fixed: nobody had a reason to change it"),
         ("{detector: {join_bins: 2}, tracker: {beside_turn: 1}}", "detector.join_bins, tracker.beside_turn are no setting"),

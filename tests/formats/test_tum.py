@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mqslam.config.reading_config import USUAL_READING
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
@@ -105,4 +104,4 @@ def test_the_length_is_that_of_the_path_not_of_the_way_home() -> None:
 )
 def test_half_a_second_may_be_missing_at_either_end(arc: Trajectory, begin: int, end: int, covered: bool) -> None:
     first, last = arc.stamps_us[[0, -1]].tolist()
-    assert arc.covers(first + begin, last + end, USUAL_READING.track_slack_us) is covered
+    assert arc.covers(first + begin, last + end) is covered

@@ -23,9 +23,10 @@ def test_scans_that_cannot_be_tracked_show_no_shift() -> None:
     assert choose_doppler(joined(drive(3)), Config(), HERE).beta == 0.0
 
 
-def test_a_radar_without_a_shift_shows_none() -> None:
-    sensor = SensorConfig(doppler_stretches=1, doppler_scans=5, doppler_steps=1)
-    assert choose_doppler(joined(drive(8)), Config(sensor=sensor), HERE).beta == 0.0
+def test_a_radar_without_a_shift_shows_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in ("_STRETCHES", 1), ("_STRETCH_SCANS", 5), ("_STEPS", 1):
+        monkeypatch.setattr(doppler, name, value)
+    assert choose_doppler(joined(drive(8)), Config(), HERE).beta == 0.0
 
 
 def test_a_shift_that_was_measured_badly_is_held_by_what_is_known_of_such_radars() -> None:
@@ -43,13 +44,12 @@ def test_a_shift_that_contradicts_such_radars_is_believed() -> None:
 
 
 def test_the_sigma_is_that_of_a_median_of_stretches() -> None:
-    sensor = SensorConfig()
     rng = np.random.default_rng(1)
     drawn = rng.normal(0.05, 0.004, (4000, 5))
-    told = np.sqrt(np.mean([_estimate_sigma(each.tolist(), sensor) ** 2 for each in drawn]))
+    told = np.sqrt(np.mean([_estimate_sigma(each.tolist()) ** 2 for each in drawn]))
     assert told == pytest.approx(np.median(drawn, axis=1).std(), rel=0.1)
-    assert _estimate_sigma([0.05], sensor) == sensor.doppler_step
-    assert _estimate_sigma([0.05, 0.05, 0.05], sensor) > 0.0
+    assert _estimate_sigma([0.05]) == doppler._STEP_S
+    assert _estimate_sigma([0.05, 0.05, 0.05]) > 0.0
 
 
 def test_what_most_stretches_show_alike_is_believed_if_such_radars_have_it() -> None:

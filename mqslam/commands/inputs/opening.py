@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.commands.inputs.extrinsics import parse_extrinsics, to_pose
-from mqslam.config import Config, ReadingConfig, load_config
+from mqslam.config import Config, load_config
 from mqslam.core.recording import Recording
 from mqslam.core.sensors.clock_offsets import describe_offset, find_offset
 from mqslam.core.sensors.fixes import Fixes
@@ -96,16 +96,13 @@ def open_data(
         stamp=sensor.stamp,
         topics=Topics(sensor.radar_topic, sensor.odometry_topic, sensor.truth_topic),
         encoder_size=sensor.encoder_size,
-        settings=settings.reading,
     )
     if strict and recording.faults:
         raise DataError(data, recording.faults[0], Remedy.LEAVE_STRICT_OUT)
     return clip(recording, *span)
 
 
-def choose_odometry(
-    recording: Recording, choice: str, reading: ReadingConfig, mount: Mount | None
-) -> tuple[Trajectory | None, list[str]]:
+def choose_odometry(recording: Recording, choice: str, mount: Mount | None) -> tuple[Trajectory | None, list[str]]:
     """Returns the odometry that a run uses, as the motion of the radar, and what the user should know about the choice.
 
     Odometry moves the vehicle's frame. Where it is not known how the radar is mounted, it is taken as the radar's motion.
@@ -113,7 +110,6 @@ def choose_odometry(
     Args:
         recording: the recording.
         choice: `auto` (the recording's own, if it has one), `none`, or the path of a file.
-        reading: how recordings are understood.
         mount: where the radar sits on the vehicle, or None.
 
     Raises:
@@ -124,14 +120,14 @@ def choose_odometry(
     last = int(recording.stamps_us[-1])
     if choice != "auto":
         track = read_odometry(Path(choice))
-        if not track.covers(recording.start_us, last, reading.track_slack_us):
+        if not track.covers(recording.start_us, last):
             raise DataError(
                 choice,
                 f"spans {track.stamps_us[0]} to {track.stamps_us[-1]} us, which does not cover the recording",
                 f"give odometry that spans {recording.start_us} to {last} us in the radar's clock",
             )
         return carry_to_radar(track, mount), []
-    if recording.odometry is not None and not recording.odometry.covers(recording.start_us, last, reading.track_slack_us):
+    if recording.odometry is not None and not recording.odometry.covers(recording.start_us, last):
         return None, ["the recording's odometry does not cover the whole recording and is not used"]
     return carry_to_radar(recording.odometry, mount), []
 

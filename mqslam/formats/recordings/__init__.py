@@ -6,7 +6,6 @@ import importlib
 from pathlib import Path
 from typing import Protocol, cast
 
-from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core.recording import Recording
 from mqslam.errors import ConfigError, DataError, Remedy, suggest, untrusted
 from mqslam.execution.checkpoint import FOLDER
@@ -28,7 +27,7 @@ class Layout(Protocol):
     def recognises(self, path: Path) -> bool:
         """Returns whether the path looks like a recording of this layout; reads names only."""
 
-    def open_recording(self, path: Path, sensing: Sensing, settings: ReadingConfig) -> Recording:
+    def open_recording(self, path: Path, sensing: Sensing) -> Recording:
         """Indexes the recording; `sensing` overrides what the layout says."""
 
 
@@ -52,7 +51,6 @@ def open_recording(
     stamp: Stamp | None = None,
     topics: Topics = USUAL_TOPICS,
     encoder_size: int | None = None,
-    settings: ReadingConfig = USUAL_READING,
 ) -> Recording:
     """Opens a recording without reading its polar scans.
 
@@ -66,7 +64,6 @@ def open_recording(
         topics: of a bag, where their types and names do not tell which ones are meant.
         encoder_size: ticks of the encoder in a turn, where azimuths carry encoder values; None takes what the recording
             states, else what Navtech's radars have.
-        settings: how recordings are understood where they do not say.
 
     Raises:
         ConfigError: the format is unknown, or the range resolution is no length.
@@ -86,7 +83,7 @@ def open_recording(
         layout = _load(format) if format else _guess_layout(path)
         if topics != USUAL_TOPICS and layout is not _load("rosbag"):
             raise DataError(path, "is no bag, and has no topics", "leave the topics out")
-        opened = layout.open_recording(path, Sensing(range_resolution, clockwise, stamp, topics, encoder_size), settings)
+        opened = layout.open_recording(path, Sensing(range_resolution, clockwise, stamp, topics, encoder_size))
         return turn_as_told(opened, clockwise)
 
 

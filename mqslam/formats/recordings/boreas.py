@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config.reading_config import ReadingConfig
 from mqslam.core import se2
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
@@ -47,19 +46,18 @@ def recognises(path: Path) -> bool:
     return oxford.recognises(path) and any((root / name).is_dir() for name in ("calib", "applanix"))
 
 
-def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> RowImageRecording:
+def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
     """Indexes a recording of Boreas: names, two images, poses and sensors are read, however long it is.
 
     Args:
         path: the recording.
         sensing: what the user says about the radar.
-        settings: how recordings are understood.
 
     Raises:
         DataError: there are no polar scans, or a file cannot be used.
     """
     folder = oxford.find_image_folder(path)
-    images = index_rows(folder, list_stamps(folder), settings, sensing.encoder_size)
+    images = index_rows(folder, list_stamps(folder), sensing.encoder_size)
     poses = folder.parent / "applanix" / "radar_poses.csv"
     truth, faults = read_beside(lambda: _read_poses(poses) if poses.exists() else None)
     resolution, assumed = sensing.choose_resolution(_find_resolution(int(images.stamps_us[0])), _RADAR)

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config.reading_config import ReadingConfig
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.errors import DataError, untrusted
@@ -109,7 +108,6 @@ def open_columns(
     numbers: NDArray[np.int64] | None,
     usual_resolution: tuple[float, str],
     sensing: Sensing,
-    settings: ReadingConfig,
 ) -> ColumnImageRecording:
     """Indexes polar images: the first that can be read is read, however many there are.
 
@@ -121,7 +119,6 @@ def open_columns(
         numbers: (N,) increasing numbers of the polar scans, of which some may be missing; None numbers them one by one.
         usual_resolution: length of a range bin [m], unless `sensing` says otherwise, and whose radar has such bins.
         sensing: what the user says; the radar turns clockwise, unless it says otherwise.
-        settings: how recordings are understood.
 
     Raises:
         DataError: there are no images, or half of them cannot be used.
@@ -131,9 +128,9 @@ def open_columns(
     shape, skipped, missing = read_first(images.names.tolist(), images.read_shape, "first")
     stamp = sensing.stamp or "end"
     clockwise = sensing.clockwise is not False
-    arrivals = estimate_arrivals(named_us[skipped:], settings, None if numbers is None else numbers[skipped:])
+    arrivals = estimate_arrivals(named_us[skipped:], None if numbers is None else numbers[skipped:])
     resolution, assumed = sensing.choose_resolution(*usual_resolution)
-    starts, turns = place_turns(arrivals.stamps_us, stamp, find_usual_turns(arrivals.stamps_us, settings), settings)
+    starts, turns = place_turns(arrivals.stamps_us, stamp, find_usual_turns(arrivals.stamps_us))
     return ColumnImageRecording(
         path=path,
         format=format,

@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 
-from mqslam.config.reading_config import ReadingConfig
 from mqslam.core import se2
 from mqslam.core.recording import Recording
 from mqslam.core.sensors.mount import Mount
@@ -49,7 +48,7 @@ def recognises(path: Path) -> bool:
     return any(_list_folders(path))
 
 
-def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Recording:
+def open_recording(path: Path, sensing: Sensing) -> Recording:
     """Indexes a recording of MulRan: names, two images, poses and sensors are read, however long it is.
 
     Rows with own stamps are preferred to columns without.
@@ -57,7 +56,6 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Rec
     Args:
         path: the recording.
         sensing: what the user says about the radar.
-        settings: how recordings are understood.
 
     Raises:
         DataError: there are no polar scans, or a file cannot be used.
@@ -72,12 +70,12 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Rec
     if folder.resolve().name == _ROWS:
         resolution, assumed = sensing.choose_resolution(RANGE_RESOLUTION_M, _RADAR)
         notes = [*assumed, *sensing.note_unused()]
-        images = index_rows(folder, names, settings, sensing.encoder_size)
+        images = index_rows(folder, names, sensing.encoder_size)
         rows = images.to_recording(path, "mulran", resolution, ground_truth=truth, notes=notes, faults=faults)
         return _read_sensors(folder).add_to(replace(rows, is_resolution_assumed=bool(assumed)))
     columns = ColumnImages(folder, names)
     usual = RANGE_RESOLUTION_M, _RADAR
-    recording = open_columns(path, "mulran", columns, stamps_in_us(names), None, usual, sensing, settings)
+    recording = open_columns(path, "mulran", columns, stamps_in_us(names), None, usual, sensing)
     return _read_sensors(folder).add_to(replace(recording, ground_truth=truth, faults=(*faults, *recording.faults)))
 
 

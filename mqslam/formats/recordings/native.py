@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, untrusted
@@ -77,13 +76,12 @@ def recognises(path: Path) -> bool:
     return path.suffix == ".npz" and path.is_file()
 
 
-def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> NativeRecording:
+def open_recording(path: Path, sensing: Sensing) -> NativeRecording:
     """Indexes a native `.npz`: everything but the polar scans is read.
 
     Args:
         path: the recording.
         sensing: what the user says about the radar.
-        settings: how recordings are understood.
 
     Raises:
         DataError: the file is none of these, is damaged, or holds no polar scans.
@@ -95,7 +93,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Nat
         missing = {f"power_{k:06d}" for k in range(len(stamps))} - set(npz.list_arrays(archive))
         if missing:
             raise DataError(path, f"lacks {len(missing)} of {len(stamps)} polar scans", _REMEDY)
-        turns = _read_turns(path, archive, stamps, settings)
+        turns = _read_turns(path, archive, stamps)
         resolution = float(_read_member(path, archive, "range_resolution", np.float64, 0))
         if not is_bin_length(resolution):
             raise DataError(path, f"has a range resolution of {resolution} m", _REMEDY)
@@ -129,31 +127,29 @@ def _read_member(path: Path, archive: zipfile.ZipFile, name: str, kind: Any, dim
     return array
 
 
-def _read_turns(
-    path: Path, archive: zipfile.ZipFile, stamps_us: NDArray[np.int64], settings: ReadingConfig
-) -> NDArray[np.int64]:
+def _read_turns(path: Path, archive: zipfile.ZipFile, stamps_us: NDArray[np.int64]) -> NDArray[np.int64]:
     """Reads how long the turns take (N,) [us]; older files say only when the last one ends."""
     if "turns_us" in npz.list_arrays(archive):
         turns = _read_member(path, archive, "turns_us", np.int64, 1)
         if turns.shape != stamps_us.shape or np.any(turns <= 0) or np.any(turns > _LONGEST_TURN_S * 1e6):
             raise DataError(path, "has turns that take no time, or too long", _REMEDY)
         return turns
-    usual = find_usual_turns(stamps_us, settings, lambda k: _measure(path, archive, k, settings))
-    turns = place_turns(stamps_us, "start", usual, settings)[1]
+    usual = find_usual_turns(stamps_us, lambda k: _measure(path, archive, k))
+    turns = place_turns(stamps_us, "start", usual)[1]
     turns[-1] = int(_read_member(path, archive, "end_us", np.int64, 0)) - stamps_us[-1]
     if turns[-1] <= 0:
         raise DataError(path, "ends before its last turn", _REMEDY)
     return turns
 
 
-def _measure(path: Path, archive: zipfile.ZipFile, k: int, settings: ReadingConfig) -> float | None:
+def _measure(path: Path, archive: zipfile.ZipFile, k: int) -> float | None:
     """Measures how long turn k took by its azimuths' times [us]; None where they do not say."""
     try:
         times, azimuths = (_read_member(path, archive, f"{name}_{k:06d}", np.float64, 1) for name in ("times", "azimuths"))
     except DataError:
         return None
     sound = len(times) == len(azimuths) and np.isfinite(times).all() and np.isfinite(azimuths).all()
-    return measure_turn(times * 1e6, azimuths, settings) if sound else None
+    return measure_turn(times * 1e6, azimuths) if sound else None
 
 
 def _read_trajectory(path: Path, archive: zipfile.ZipFile, name: str) -> Trajectory | None:

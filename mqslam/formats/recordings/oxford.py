@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config.reading_config import ReadingConfig
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.sensors.fixes import Fixes
@@ -56,13 +55,12 @@ def recognises(path: Path) -> bool:
     return folder.is_dir() and any(image.stem.isdigit() for image in folder.glob("*.png"))
 
 
-def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> RowImageRecording:
+def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
     """Indexes a recording in the Oxford layout: names, two images and sensors are read, however long it is.
 
     Args:
         path: the recording.
         sensing: what the user says about the radar.
-        settings: how recordings are understood.
 
     Raises:
         DataError: there are no polar scans, or a file beside them cannot be used.
@@ -72,7 +70,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Row
     if not folder.is_dir():
         raise DataError(path, "holds no folder radar/", "give the folder whose radar/ holds <t>.png images")
     names, notes, faults = _list_names(root, folder)
-    images = index_rows(folder, names, settings, sensing.encoder_size)
+    images = index_rows(folder, names, sensing.encoder_size)
     resolution, assumed = _find_resolution(root, sensing.range_resolution)
     end_us = int(images.stamps_us[-1] + images.turns_us[-1])
     beside, unread = read_beside(lambda: _read_ground_truth(root, int(images.stamps_us[0]), end_us))

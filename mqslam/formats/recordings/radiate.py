@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 
-from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import Recording
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.gyroscope import Gyroscope
@@ -106,13 +105,12 @@ def recognises(path: Path) -> bool:
     return _find_image_folder(path).is_dir()
 
 
-def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> ColumnImageRecording:
+def open_recording(path: Path, sensing: Sensing) -> ColumnImageRecording:
     """Indexes a recording of RADIATE: names, stamps and one image are read, however long it is.
 
     Args:
         path: the recording.
         sensing: what the user says about the radar.
-        settings: how recordings are understood.
 
     Raises:
         DataError: there are no polar scans, or a file cannot be used.
@@ -139,7 +137,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Col
     skipped = [f"{missing} of {len(frames)} frames in {listing.name} have no image and are skipped"] if missing else []
     notes = (*skipped, *([_OTHER_CLOCK] if (folder.parent / NAME).exists() else []))
     images = ColumnImages(folder, names, FRAME_DIGITS)
-    recording = open_columns(path, "radiate", images, stamps, names, (RANGE_RESOLUTION_M, _RADAR), sensing, settings)
+    recording = open_columns(path, "radiate", images, stamps, names, (RANGE_RESOLUTION_M, _RADAR), sensing)
     recording = replace(recording, notes=(*notes, *recording.notes), faults=(*faults, *recording.faults))
     return _read_sensors(folder.parent).add_to(recording)
 

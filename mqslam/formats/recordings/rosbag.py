@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
@@ -118,13 +117,12 @@ def recognises(path: Path) -> bool:
     return bags.recognises(path)
 
 
-def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Recording:
+def open_recording(path: Path, sensing: Sensing) -> Recording:
     """Indexes a bag in one pass over its messages, of which only stamps, poses and the readings of sensors stay.
 
     Args:
         path: the bag.
         sensing: what the user says about the radar.
-        settings: how recordings are understood.
 
     Raises:
         DataError: the bag cannot be read, has no radar topic, or a radar message cannot be used.
@@ -134,9 +132,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Rec
         topic, layout, notes = polar_message.choose_topic(path, reader, sensing.topics.radar, encoder)
         odometry_topic, truth_topic = _choose_pose_topics(path, reader, sensing.topics)
         sensors, stated = RosSensors.choose(reader), read_bin_size(reader)
-        index = _read_index(
-            path, reader, (topic, layout, encoder), {odometry_topic, truth_topic} - {None}, sensors, settings
-        )
+        index = _read_index(path, reader, (topic, layout, encoder), {odometry_topic, truth_topic} - {None}, sensors)
     ordered = np.ones(len(index.stamps_us), dtype=np.bool_)
     if layout.stamps_azimuths:  # else the order of messages is that of the polar scans
         ordered = mark_increasing(index.stamps_us)
@@ -152,14 +148,14 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Rec
         measured = [turn for turn, kept in zip(index.measured_turns_us, ordered.tolist(), strict=True) if kept]
         if encoder is None:
             faults += check_encoder(path, messages_us, [measured[0], measured[-1]], index.turn_ticks)
-        usual = find_usual_turns(messages_us, settings, measured.__getitem__)
-        starts, turns = place_turns(messages_us, "start", usual, settings)
+        usual = find_usual_turns(messages_us, measured.__getitem__)
+        starts, turns = place_turns(messages_us, "start", usual)
         turns[-1] = index.turns_us[int(np.flatnonzero(ordered)[-1])] or turns[-1]
         notes += sensing.note_unused()
     else:
         stamp = sensing.stamp or polar_message.usual_stamp(topic, layout)
-        arrivals = estimate_arrivals(messages_us, settings)
-        starts, turns = place_turns(arrivals.stamps_us, stamp, find_usual_turns(arrivals.stamps_us, settings), settings)
+        arrivals = estimate_arrivals(messages_us)
+        starts, turns = place_turns(arrivals.stamps_us, stamp, find_usual_turns(arrivals.stamps_us))
         stamp_sigma_s = arrivals.sigma_s
         notes.append(f"{layout.value} of the images are taken as azimuths; " + note_spread("header", stamp, clockwise))
         notes += arrivals.notes
@@ -264,7 +260,6 @@ def _read_index(
     radar: tuple[str, AzimuthLayout, int | None],
     pose_topics: set[str | None],
     sensors: RosSensors,
-    settings: ReadingConfig,
 ) -> _Index:
     """Reads the messages of the radar, of the pose topics and of the sensors, once."""
     topic, layout, encoder = radar
@@ -294,8 +289,8 @@ def _read_index(
         if layout.stamps_azimuths:
             index.turn_ticks = max(index.turn_ticks, polar_message.find_turn(layout, message))
             azimuths = polar_message.read_azimuths(layout, message, encoder)
-            index.turns_us.append(azimuths.find_duration(settings))
-            index.measured_turns_us.append(azimuths.measure_turn(settings))
+            index.turns_us.append(azimuths.find_duration())
+            index.measured_turns_us.append(azimuths.measure_turn())
     if 2 * index.unread > index.unread + len(index.stamps_us) and index.error is not None:
         raise index.error
     return index

@@ -22,12 +22,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.core.statistics.gross import SIGMAS_PER_DEVIATION
 from mqslam.core.wording import count_of
 from mqslam.formats.shared.stamps import mark_increasing
-from mqslam.formats.shared.turns import LONGEST_STEP, TURNS_AROUND, USUAL_TURN_S, find_usual_turns
+from mqslam.formats.shared.turns import ALIKE_TURNS, LONGEST_STEP, TURNS_AROUND, USUAL_TURN_S, find_usual_turns
 
 # Jitter of arrival stamps below this [s] is left alone: at 30 m/s a vehicle drives 3 mm meanwhile.
 _LEAST_JITTER_S = 0.0001
@@ -81,27 +80,24 @@ class Arrivals:
     faults: tuple[str, ...] = ()
 
 
-def estimate_arrivals(
-    stamps_us: NDArray[np.int64], settings: ReadingConfig, numbers: NDArray[np.int64] | None = None
-) -> Arrivals:
+def estimate_arrivals(stamps_us: NDArray[np.int64], numbers: NDArray[np.int64] | None = None) -> Arrivals:
     """Frees the arrival stamps of polar scans of their delays.
 
     Args:
         stamps_us: (N,) stamps of arrival [us] in the order of the polar scans; they may repeat and run backward.
-        settings: how recordings are understood.
         numbers: (N,) increasing numbers of the polar scans, of which some may be missing; None numbers them one by one.
     """
     if len(stamps_us) < 2:
         return Arrivals(stamps_us)
     numbers = np.arange(1, len(stamps_us) + 1) if numbers is None else numbers
     places = np.concatenate([[0], np.cumsum(np.minimum(np.diff(numbers), _MOST_MISSING))])
-    known = _mark_in_time(stamps_us, places, settings)
-    smooth, usual = _fill_turns(stamps_us, places, known, settings)
+    known = _mark_in_time(stamps_us, places)
+    smooth, usual = _fill_turns(stamps_us, places, known)
     weights, sigma_s = np.full(len(smooth), _IGNORED), 0.0
     weights[places[known]] = 1.0
     for _ in range(_ROUNDS):
         before = smooth
-        smooth, sigma = _smooth_once(smooth, weights, settings)
+        smooth, sigma = _smooth_once(smooth, weights)
         sigma_s = max(sigma_s, sigma)
         if np.array_equal(before, smooth):
             break
@@ -130,33 +126,32 @@ def _describe_damaged(numbers: NDArray[np.int64], damaged: NDArray[np.bool_]) ->
     )
 
 
-def _find_takes(stamps_us: NDArray[np.int64], places: NDArray[np.int64], settings: ReadingConfig) -> NDArray[np.float64]:
+def _find_takes(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.float64]:
     """Finds how long a turn usually takes (N - 1,) [us] between increasing stamps (N,) [us] of turns at places (N,)."""
     steps = np.maximum(1, np.diff(stamps_us) // np.diff(places))
-    return find_usual_turns(np.append(0, np.cumsum(steps)), settings)
+    return find_usual_turns(np.append(0, np.cumsum(steps)))
 
 
-def _mark_in_time(stamps_us: NDArray[np.int64], places: NDArray[np.int64], settings: ReadingConfig) -> NDArray[np.bool_]:
+def _mark_in_time(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Marks stamps (N,) [us] that increase, and that the radar can have reached the later ones from by whole turns.
 
     Args:
         stamps_us: of arrival.
         places: (N,) of the polar scans among the turns.
-        settings: how recordings are understood.
     """
     from scipy.ndimage import minimum_filter1d
 
     rows = np.flatnonzero(mark_increasing(stamps_us.tolist()))
     if len(rows) < 2:
         return np.isin(np.arange(len(stamps_us)), rows)
-    takes = minimum_filter1d(_find_takes(stamps_us[rows], places[rows], settings), TURNS_AROUND)
-    early = stamps_us[rows] - np.append(0.0, np.cumsum(takes / settings.alike * np.diff(places[rows])))
+    takes = minimum_filter1d(_find_takes(stamps_us[rows], places[rows]), TURNS_AROUND)
+    early = stamps_us[rows] - np.append(0.0, np.cumsum(takes / ALIKE_TURNS * np.diff(places[rows])))
     in_time = early <= np.minimum.accumulate(early[::-1])[::-1]
     return np.isin(np.arange(len(stamps_us)), rows[in_time])
 
 
 def _fill_turns(
-    stamps_us: NDArray[np.int64], places: NDArray[np.int64], known: NDArray[np.bool_], settings: ReadingConfig
+    stamps_us: NDArray[np.int64], places: NDArray[np.int64], known: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], float]:
     """Estimates the stamps (M,) [us] of all turns, steadily between known ones; returns how long one usually takes as well.
 
@@ -166,10 +161,9 @@ def _fill_turns(
         stamps_us: (N,) of arrival [us].
         places: (N,) of the polar scans among the turns.
         known: (N,) which of the stamps, increasing ones, count.
-        settings: how recordings are understood.
     """
     stamps, counts = stamps_us[known], places[known]
-    apart, steps, takes = np.diff(counts), np.diff(stamps), _find_takes(stamps, counts, settings)
+    apart, steps, takes = np.diff(counts), np.diff(stamps), _find_takes(stamps, counts)
     usual = float(np.median(takes)) if len(takes) else USUAL_TURN_S * 1e6
     every = np.arange(places[-1] + 1)
     filled = np.interp(every, counts, stamps.astype(np.float64))
@@ -184,22 +178,19 @@ def _fill_turns(
     return np.round(filled).astype(np.int64), usual
 
 
-def _smooth_once(
-    stamps_us: NDArray[np.int64], known: NDArray[np.float64], settings: ReadingConfig
-) -> tuple[NDArray[np.int64], float]:
+def _smooth_once(stamps_us: NDArray[np.int64], known: NDArray[np.float64]) -> tuple[NDArray[np.int64], float]:
     """Subtracts from stamps the delays that they show; returns the standard deviation of what is left [s] as well.
 
     Args:
         stamps_us: (N,) increasing stamps of turns [us].
         known: (N,) weights of the stamps; next to nothing where they are but estimated.
-        settings: how recordings are understood.
     """
     if len(stamps_us) < 3:
         return stamps_us, 0.0
     least_us = _LEAST_JITTER_S * 1e6
     bends = np.diff(stamps_us, 2).astype(np.float64)
-    usual = find_usual_turns(stamps_us, settings)
-    tied = _find_ties(stamps_us, usual, settings)
+    usual = find_usual_turns(stamps_us)
+    tied = _find_ties(stamps_us, usual)
     if not np.any(np.abs(bends[tied]) > least_us):
         return stamps_us, 0.0
     fit = _estimate_delays(bends, tied, known, usual[1:])
@@ -210,7 +201,7 @@ def _smooth_once(
     return np.asarray(smooth), fit.measure_sigma(_mark_members(tied)) * 1e-6
 
 
-def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64], settings: ReadingConfig) -> NDArray[np.bool_]:
+def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Finds the polar scans, as a mask (N - 2,), that the next two follow without a break at the same turn rate.
 
     A break is a step after which the stamps stay behind their schedule, or ahead of it: a gap, or a clock that jumps. A
@@ -219,11 +210,10 @@ def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64], setting
     Args:
         stamps_us: (N,) of the polar scans [us], three at least.
         usual: (N - 1,) how long a turn usually takes at each step between them [us].
-        settings: how recordings are understood.
     """
     from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-    alike = np.abs(np.diff(np.log(usual))) < np.log(settings.alike)
+    alike = np.abs(np.diff(np.log(usual))) < np.log(ALIKE_TURNS)
     rates = np.split(usual, np.flatnonzero(~alike) + 1)
     usual = np.concatenate([uniform_filter1d(rate, min(_AVERAGED, len(rate)), mode="nearest") for rate in rates])
     count = _SCANS_AROUND_BREAK

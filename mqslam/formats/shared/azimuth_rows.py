@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US, PolarScan, Recording
 from mqslam.errors import DataError
 from mqslam.formats.shared.sensing import Stamp
@@ -54,16 +53,16 @@ class Azimuths:
         first, last = int(self.stamps_us[0]), int(self.stamps_us[-1])
         return last + max(1, round((last - first) / (len(self.stamps_us) - 1)))
 
-    def measure_turn(self, settings: ReadingConfig) -> float | None:
+    def measure_turn(self) -> float | None:
         """Measures how long a whole turn takes [us] at the rate of these azimuths; None where they do not tell."""
-        return measure_turn((self.stamps_us - self.stamps_us[0]).astype(np.float64), self.angles, settings)
+        return measure_turn((self.stamps_us - self.stamps_us[0]).astype(np.float64), self.angles)
 
-    def find_duration(self, settings: ReadingConfig) -> int | None:
+    def find_duration(self) -> int | None:
         """Finds how long the turn takes [us]; None where these azimuths do not tell.
 
         It takes until its end, unless the rate of the azimuths shows that they are not those of exactly one turn.
         """
-        until_end, measured = self.end_us - int(self.stamps_us[0]), self.measure_turn(settings)
+        until_end, measured = self.end_us - int(self.stamps_us[0]), self.measure_turn()
         if measured is None:
             return until_end if FASTEST_TURN_US <= until_end <= SLOWEST_TURN_US else None
         return until_end if abs(until_end - measured) < _SAME_TURN * measured else round(measured)

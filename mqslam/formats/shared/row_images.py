@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, untrusted
@@ -179,7 +178,7 @@ class RowImages:
         )
 
 
-def index_rows(path: Path, names: NDArray[np.int64], settings: ReadingConfig, encoder: int | None = None) -> RowImages:
+def index_rows(path: Path, names: NDArray[np.int64], encoder: int | None = None) -> RowImages:
     """Indexes images by their names: the first and the last that can be read are read, however many there are.
 
     An image is named after an instant of its turn: in Oxford the first azimuth, in Boreas the middle, in MulRan the end.
@@ -188,7 +187,6 @@ def index_rows(path: Path, names: NDArray[np.int64], settings: ReadingConfig, en
     Args:
         path: the folder of the images.
         names: (N,) of the images, increasing.
-        settings: how recordings are understood.
         encoder: encoder ticks of a turn, as the user states them; None takes those of Navtech's radars.
 
     Raises:
@@ -210,23 +208,23 @@ def index_rows(path: Path, names: NDArray[np.int64], settings: ReadingConfig, en
     named_us = stamps_in_us(names)
     known = {0: first, len(names) - 1: last}
     if encoder is None:
-        faults = [*faults, *check_encoder(path, named_us, [azimuths.measure_turn(settings) for azimuths in (first, last)])]
+        faults = [*faults, *check_encoder(path, named_us, [azimuths.measure_turn() for azimuths in (first, last)])]
 
     def measure(k: int) -> float | None:
         try:
             azimuths = known[k] if k in known else folder.read(int(names[k]))[0]
         except DataError:
             return None
-        return azimuths.measure_turn(settings)
+        return azimuths.measure_turn()
 
-    usual = find_usual_turns(named_us, settings, measure)
-    before = place_turns(named_us, "end", usual, settings)[1]
-    before[0] = first.find_duration(settings) or before[0]
+    usual = find_usual_turns(named_us, measure)
+    before = place_turns(named_us, "end", usual)[1]
+    before[0] = first.find_duration() or before[0]
     lead = int(named_us[0]) - int(first.stamps_us[0])
     within = 0 <= lead <= before[0]
     starts = named_us - (np.round(lead * before / before[0]).astype(np.int64) if within else lead)
-    turns = place_turns(starts, "start", usual, settings)[1]
-    duration = last.find_duration(settings)
+    turns = place_turns(starts, "start", usual)[1]
+    duration = last.find_duration()
     if duration is not None:
         turns[-1] = max(1, int(last.stamps_us[0]) + duration - int(starts[-1]))
     return RowImages(whole, names, starts, turns, notes, (*faults, *missing))

@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US
 from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.formats.shared.sensing import Stamp
@@ -19,6 +18,10 @@ USUAL_TURN_S = 0.25
 TURNS_AROUND = 9
 # A step of more usual turns than this from one polar scan to the next holds a gap, since at least half a turn is missing.
 LONGEST_STEP = 1.5
+# Turns whose durations differ by less than this factor count as turns at the same rate.
+ALIKE_TURNS = 1.25
+# A polar scan of fewer azimuths does not tell how fast they were swept.
+_FEWEST_AZIMUTHS = 8
 # Quantile of the steps between polar scans that counts as the duration of a turn in a recording of few polar scans. It is
 # low, because polar scans may be missing but never come early.
 _SHORT_SHARE = 0.25
@@ -41,11 +44,11 @@ _COMPARED_AZIMUTHS = 128
 # which a driver hands azimuths over.
 _COMPARED_APART = 0.25
 
-_COST_MISSING = 1.0  # cost of assuming that a polar scan is missing: the unit of the costs in the settings
+_COST_MISSING = 1.0  # cost of assuming that a polar scan is missing: the unit of the other costs
 Measure = Callable[[int], float | None]
 
 
-def measure_turn(stamps_us: NDArray[np.float64], angles: NDArray[np.float64], settings: ReadingConfig) -> float | None:
+def measure_turn(stamps_us: NDArray[np.float64], angles: NDArray[np.float64]) -> float | None:
     """Measures how long a whole turn takes [us], at the rate at which azimuths were swept.
 
     The rate is the median over pairs of azimuths that lie well apart. Neither bursts of stamps, nor missing azimuths, nor a
@@ -54,12 +57,11 @@ def measure_turn(stamps_us: NDArray[np.float64], angles: NDArray[np.float64], se
     Args:
         stamps_us: (A,) [us], not decreasing, counted from any instant.
         angles: (A,) [rad], unwrapped.
-        settings: how recordings are understood.
 
     Returns:
         The duration, or None where there are too few azimuths, or where no radar sweeps like these.
     """
-    if len(angles) < settings.fewest_azimuths:
+    if len(angles) < _FEWEST_AZIMUTHS:
         return None
     rows = pick_evenly(len(angles), _COMPARED_AZIMUTHS)
     stamps, turns = stamps_us[rows], angles[rows] / (2.0 * np.pi)
@@ -72,9 +74,7 @@ def measure_turn(stamps_us: NDArray[np.float64], angles: NDArray[np.float64], se
     return turn if FASTEST_TURN_US <= turn <= SLOWEST_TURN_US else None
 
 
-def find_usual_turns(
-    stamps_us: NDArray[np.int64], settings: ReadingConfig, measure: Measure | None = None
-) -> NDArray[np.float64]:
+def find_usual_turns(stamps_us: NDArray[np.int64], measure: Measure | None = None) -> NDArray[np.float64]:
     """Finds how long a turn usually takes (N - 1,) [us] at each step from one polar scan to the next: the measure for gaps.
 
     It is found from the steps around, since a radar may be told to turn at another rate. Where there are few steps, or
@@ -82,26 +82,25 @@ def find_usual_turns(
 
     Args:
         stamps_us: (N,) increasing stamps of the polar scans [us].
-        settings: how recordings are understood.
         measure: tells of a polar scan's number how long its turn took by its azimuths' own stamps [us], None where they do
             not say. It may read the polar scan, so it is asked for all of a few, and of many for one or two per turn rate.
     """
-    usual = _find_usual_steps(np.diff(stamps_us).astype(np.float64), settings)
+    usual = _find_usual_steps(np.diff(stamps_us).astype(np.float64))
     if measure is None or not len(usual):
         return usual
     if len(usual) < TURNS_AROUND:
         return np.array([measure(k) or step for k, step in enumerate(usual.tolist())])
-    rates = np.round(np.log(usual / np.median(usual)) / np.log(settings.alike))
+    rates = np.round(np.log(usual / np.median(usual)) / np.log(ALIKE_TURNS))
     for rate in np.unique(rates):
         steps = np.flatnonzero(rates == rate)
         measured = [turn for k in _choose_examples(steps, len(usual)) if (turn := measure(k)) is not None]
-        if measured and np.median(usual[steps]) > settings.alike * np.median(measured):
+        if measured and np.median(usual[steps]) > ALIKE_TURNS * np.median(measured):
             usual[steps] = np.median(measured)
     return usual
 
 
 def place_turns(
-    stamps_us: NDArray[np.int64], stamp: Stamp, usual_us: NDArray[np.float64], settings: ReadingConfig
+    stamps_us: NDArray[np.int64], stamp: Stamp, usual_us: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Finds starts (N,) and durations (N,) [us] of turns of which only their increasing stamps (N,) [us] are known.
 
@@ -112,7 +111,6 @@ def place_turns(
         stamps_us: one per turn.
         stamp: which instant of the turns they are.
         usual_us: (N - 1,) how long a turn usually takes at each step between them [us].
-        settings: how recordings are understood.
     """
     between = np.diff(stamps_us)
     if not len(between):
@@ -124,7 +122,7 @@ def place_turns(
         durations = usual
         if len(whole):
             durations = between[whole[np.minimum(np.searchsorted(whole, own), len(whole) - 1)]]
-            alone = ~np.isin(own, whole) & (np.abs(np.log(durations / usual)) > np.log(settings.alike))
+            alone = ~np.isin(own, whole) & (np.abs(np.log(durations / usual)) > np.log(ALIKE_TURNS))
             durations = np.where(alone, usual, durations)
         durations = np.round(durations).astype(np.int64)
     return (stamps_us if stamp == "start" else stamps_us - durations), durations
@@ -135,27 +133,27 @@ def _to_us(seconds: float) -> int:
     return round(seconds * 1e6)
 
 
-def _find_usual_steps(steps: NDArray[np.float64], settings: ReadingConfig) -> NDArray[np.float64]:
+def _find_usual_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Finds the usual duration (M,) of a turn [us] at each of some steps (M,) [us].
 
     Of few steps it is one of the shortest: no radar delivers a polar scan sooner than it turns, while any may be missing.
     """
     unknown = _to_us(USUAL_TURN_S)
     if len(steps) >= TURNS_AROUND:
-        usual = _explain_steps(steps, settings)
+        usual = _explain_steps(steps)
     else:
         turns = np.sort(steps[(steps >= FASTEST_TURN_US) & (steps <= SLOWEST_TURN_US)])
         usual = np.full(len(steps), turns[int(_SHORT_SHARE * (len(turns) - 1))] if len(turns) else unknown)
     return np.where((usual >= FASTEST_TURN_US) & (usual <= SLOWEST_TURN_US), usual, unknown)
 
 
-def _explain_steps(steps: NDArray[np.float64], settings: ReadingConfig) -> NDArray[np.float64]:
+def _explain_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Finds the usual duration (M,) of a turn [us] at each of many steps (M,) [us].
 
     The steps are explained by the sequence of turn rates that takes the cheapest assumptions: that polar scans are missing,
     that one is late or early, or that the radar is told to turn at another rate.
     """
-    rates = _collect_rates(steps, settings)
+    rates = _collect_rates(steps)
     turns = steps[:, None] / rates
     whole = np.maximum(1.0, np.round(turns))
     odd = np.abs(turns - whole) > _WHOLE_TURN
@@ -171,14 +169,14 @@ def _explain_steps(steps: NDArray[np.float64], settings: ReadingConfig) -> NDArr
     return np.asarray(np.median(around, axis=1))
 
 
-def _collect_rates(steps: NDArray[np.float64], settings: ReadingConfig) -> NDArray[np.float64]:
+def _collect_rates(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Collects the durations of a turn (R,) [us] that may explain steps: those that occur most, unlike one another."""
     cells = np.round(np.log(steps) / np.log(_RATE_CELL)).astype(np.int64)
     names, counts = np.unique(cells, return_counts=True)
     rates: list[float] = []
     for name in names[np.argsort(-counts, kind="stable")].tolist():
         rate = float(np.median(steps[np.abs(cells - name) <= 1]))
-        unlike = all(not 1.0 / settings.alike < rate / other < settings.alike for other in rates)
+        unlike = all(not 1.0 / ALIKE_TURNS < rate / other < ALIKE_TURNS for other in rates)
         if FASTEST_TURN_US <= rate <= SLOWEST_TURN_US and unlike:
             rates.append(rate)
         if len(rates) == _MOST_RATES:

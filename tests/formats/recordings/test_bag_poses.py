@@ -12,7 +12,7 @@ from support.recordings import START_US, TURN_US, circle
 from mqslam.commands.audit import detect_radar
 from mqslam.commands.inputs.opening import choose_odometry, open_data
 from mqslam.commands.work import QUIET
-from mqslam.config import Config, ReadingConfig
+from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.recording import Recording
 from mqslam.core.sensors.mount import Mount
@@ -120,10 +120,10 @@ def test_a_bag_keeps_that_its_ground_truth_is_the_vehicles(mounted: Recording, t
 
 def test_a_run_and_an_audit_take_odometry_as_the_motion_of_the_radar(mounted: Recording, tmp_path: Path) -> None:
     expected = se2.compose(TRACK.poses, RADAR)
-    track, notes = choose_odometry(mounted, "auto", ReadingConfig(), mounted.mount)
+    track, notes = choose_odometry(mounted, "auto", mounted.mount)
     assert track is not None and notes == []
     np.testing.assert_allclose(track.poses, expected)
-    unknown, _ = choose_odometry(mounted, "auto", ReadingConfig(), None)
+    unknown, _ = choose_odometry(mounted, "auto", None)
     assert unknown is mounted.odometry
     convert(mounted, tmp_path / "drive.mcap")
     config = Config.model_validate({"sensor": {"doppler_beta": 0.0}})

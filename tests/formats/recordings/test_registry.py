@@ -23,8 +23,8 @@ def recognises(path):
     return path.suffix == ".toy"
 
 
-def open_recording(path, sensing, settings):
-    return replace(native.open_recording(path, sensing, settings), format="toy")
+def open_recording(path, sensing):
+    return replace(native.open_recording(path, sensing), format="toy")
 """
 WRITER = """
 

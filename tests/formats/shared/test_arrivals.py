@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from support.conversions import EVEN, arriving, convert, spinning, write_jittered
 from support.recordings import START_US, TURN_US
 
-from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.shared.arrivals import estimate_arrivals
 
@@ -24,9 +23,9 @@ def turning(takes_us: NDArray[np.float64] | NDArray[np.int64]) -> Stamps:
     return np.asarray(START_US + np.cumsum(takes_us).round().astype(np.int64))
 
 
-def smooth_arrivals(stamps: Stamps, settings: ReadingConfig) -> tuple[Stamps, list[str]]:
+def smooth_arrivals(stamps: Stamps) -> tuple[Stamps, list[str]]:
     """Returns the stamps that take the place of those of arrival, and the notes."""
-    arrivals = estimate_arrivals(stamps, settings)
+    arrivals = estimate_arrivals(stamps)
     return arrivals.stamps_us, list(arrivals.notes)
 
 
@@ -51,7 +50,7 @@ def test_jitter_of_a_steady_radar_falls_to_a_third_at_most(kind: str, turn_us: i
     for seed in range(3):
         turns = turning(np.full(200, turn_us))
         stamps = arriving(turns, delays_of(kind, 200, seed))
-        smooth, (note,) = smooth_arrivals(stamps, USUAL_READING)
+        smooth, (note,) = smooth_arrivals(stamps)
         assert rms(smooth - turns) < rms(stamps - turns) / 3.0
         moved = (smooth - stamps) * 1e-3
         assert f"by {np.sqrt(np.mean(moved**2)):.1f} ms (RMS) and at most by {np.abs(moved).max():.1f} ms" in note
@@ -62,7 +61,7 @@ def test_eighteen_polar_scans_are_enough_for_durations_of_turns_that_can_be_used
     ratios = []
     for seed in range(20):
         stamps = arriving(turns, delays_of("normal", 18, seed))
-        ratios.append(np.std(np.diff(estimate_arrivals(stamps, USUAL_READING).stamps_us)) / np.std(np.diff(stamps)))
+        ratios.append(np.std(np.diff(estimate_arrivals(stamps).stamps_us)) / np.std(np.diff(stamps)))
     assert np.mean(ratios) < 0.15 and max(ratios) < 0.6
 
 
@@ -70,7 +69,7 @@ def test_a_rate_that_wanders_is_followed() -> None:
     wander = TURN_US * (1.0 + 0.02 * np.sin(np.arange(400) / 60.0))
     turns = turning(wander)
     stamps = arriving(turns, delays_of("normal", 400, 1))
-    smooth, _ = smooth_arrivals(stamps, USUAL_READING)
+    smooth, _ = smooth_arrivals(stamps)
     assert rms(smooth - turns) < rms(stamps - turns) / 3.0
     assert np.abs(np.diff(smooth) - wander[1:]).max() < 1500.0
 
@@ -79,7 +78,7 @@ def test_a_turn_rate_that_is_commanded_is_not_smeared() -> None:
     takes = np.repeat([500_000, 250_000], 40)
     for seed in range(5):
         turns = turning(takes)
-        smooth, _ = smooth_arrivals(arriving(turns, delays_of("normal", 80, seed)), USUAL_READING)
+        smooth, _ = smooth_arrivals(arriving(turns, delays_of("normal", 80, seed)))
         assert np.abs(np.diff(smooth) - takes[1:]).max() < 2500.0
 
 
@@ -97,7 +96,7 @@ def test_a_turn_rate_that_is_commanded_is_not_smeared() -> None:
 )
 def test_stamps_that_do_not_jitter_stay_as_they_are(takes: NDArray[np.float64]) -> None:
     stamps = turning(takes)
-    smooth, notes = smooth_arrivals(stamps, USUAL_READING)
+    smooth, notes = smooth_arrivals(stamps)
     assert notes == []
     np.testing.assert_array_equal(smooth, stamps)
 
@@ -105,14 +104,14 @@ def test_stamps_that_do_not_jitter_stay_as_they_are(takes: NDArray[np.float64]) 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_up_to_three_polar_scans_cannot_tell_jitter(count: int) -> None:
     stamps = arriving(turning(np.full(count, TURN_US)), delays_of("uniform", count, 1))
-    assert estimate_arrivals(stamps, USUAL_READING).stamps_us.tolist() == stamps.tolist()
+    assert estimate_arrivals(stamps).stamps_us.tolist() == stamps.tolist()
 
 
 @pytest.mark.parametrize("missing_us", [TURN_US, 60_000_000, 7_200_000_000, 77_777])
 def test_a_gap_a_pause_and_a_jump_of_the_clock_stay_where_they_are(missing_us: int) -> None:
     turns = turning(np.where(np.arange(100) == 50, TURN_US + missing_us, TURN_US))
     stamps = arriving(turns, delays_of("uniform", 100, 3))
-    smooth, _ = smooth_arrivals(stamps, USUAL_READING)
+    smooth, _ = smooth_arrivals(stamps)
     for half in (slice(0, 50), slice(50, None)):
         assert rms((smooth - turns)[half]) < rms((stamps - turns)[half]) / 2.0
 
@@ -121,7 +120,7 @@ def test_polar_scans_that_are_held_up_together_are_put_back_and_leave_no_gap() -
     turns = turning(np.full(60, TURN_US))
     delays = delays_of("normal", 60, 2)
     delays[30:33] += [600_000.0, 350_000.0, 100_000.0]
-    smooth, _ = smooth_arrivals(arriving(turns, delays), USUAL_READING)
+    smooth, _ = smooth_arrivals(arriving(turns, delays))
     assert np.abs(np.diff(smooth) - TURN_US).max() < 5000.0
 
 
@@ -142,7 +141,7 @@ def test_stamps_behind_the_next_ones_are_put_back_and_no_polar_scan_is_lost() ->
         turns = turning(drift)
         stamps = turns + busy(700, seed).astype(np.int64)
         assert np.count_nonzero(np.diff(stamps) <= 0) > 10
-        arrivals = estimate_arrivals(stamps, USUAL_READING)
+        arrivals = estimate_arrivals(stamps)
         assert rms(arrivals.stamps_us - turns) < 2500.0 and arrivals.faults == ()
         assert np.abs(np.diff(arrivals.stamps_us) - drift[1:]).max() < 4000.0
         assert 0.0003 < arrivals.sigma_s < 0.003 and len(arrivals.notes) == 1
@@ -154,7 +153,7 @@ def test_gaps_between_late_stamps_stay_where_they_are(gap_us: int) -> None:
     right = 0
     for seed in range(4):
         turns = turning(TURN_US + np.where(np.isin(np.arange(650), places), gap_us, 0))
-        errors = estimate_arrivals(turns + busy(650, seed).astype(np.int64), USUAL_READING).stamps_us - turns
+        errors = estimate_arrivals(turns + busy(650, seed).astype(np.int64)).stamps_us - turns
         errors -= round(float(np.median(errors)))
         right += np.count_nonzero(np.abs(errors) < 60_000)
         assert np.all(np.abs(errors[places]) < 60_000)
@@ -165,7 +164,7 @@ def test_polar_scans_that_are_missing_by_their_numbers_keep_the_others_in_place(
     numbers = np.flatnonzero(np.random.default_rng(2).random(300) > 0.2) + 1
     turns = turning(np.full(300, TURN_US))[numbers - 1]
     stamps = turns + busy(300, 6)[numbers - 1].astype(np.int64)
-    arrivals = estimate_arrivals(stamps, USUAL_READING, numbers)
+    arrivals = estimate_arrivals(stamps, numbers)
     assert rms(arrivals.stamps_us - turns) < 2500.0
 
 
@@ -174,7 +173,7 @@ def test_a_run_of_late_stamps_does_not_bend_the_turns_before_and_after_it() -> N
     delays = delays_of("normal", 200, 4)
     delays[:5] += [76_000.0, 290_000.0, 57_000.0, 53_000.0, 425_000.0]
     delays[100:104] += [700_000.0, 62_000.0, 43_000.0, 23_000.0]
-    smooth = estimate_arrivals(turns + delays.astype(np.int64), USUAL_READING).stamps_us
+    smooth = estimate_arrivals(turns + delays.astype(np.int64)).stamps_us
     assert np.abs(np.diff(smooth) - TURN_US).max() < 1000.0
 
 
@@ -183,9 +182,9 @@ def test_a_few_polar_scans_with_late_stamps_all_stay(count: int) -> None:
     for late in range(count):
         stamps = turning(np.full(count, TURN_US))
         stamps[late] += 700_000
-        arrivals = estimate_arrivals(stamps, USUAL_READING)
+        arrivals = estimate_arrivals(stamps)
         assert len(arrivals.stamps_us) == count and np.all(np.diff(arrivals.stamps_us) > 0) and arrivals.faults == ()
-    assert np.all(np.diff(estimate_arrivals(np.full(count, START_US), USUAL_READING).stamps_us) > 0)
+    assert np.all(np.diff(estimate_arrivals(np.full(count, START_US)).stamps_us) > 0)
 
 
 @pytest.mark.parametrize("off_s", [-1_000_000, -60, -0.9, 30, 1_000_000])
@@ -193,7 +192,7 @@ def test_a_damaged_stamp_is_said_and_its_turn_estimated_from_those_around(off_s:
     turns = turning(np.full(100, TURN_US))
     stamps = turns.copy()
     stamps[40] += round(off_s * 1e6)
-    arrivals = estimate_arrivals(stamps, USUAL_READING)
+    arrivals = estimate_arrivals(stamps)
     (fault,) = arrivals.faults
     assert fault.startswith("the stamp of number 41 among 100 polar scans lies too far from those around it")
     assert arrivals.notes == () and np.abs(arrivals.stamps_us - turns).max() <= 1
@@ -203,7 +202,7 @@ def test_a_damaged_stamp_is_said_and_its_turn_estimated_from_those_around(off_s:
 @settings(max_examples=150, deadline=None, derandomize=True)
 def test_any_stamps_out_of_order_are_put_in_order(delays: list[int]) -> None:
     stamps = turning(np.full(len(delays), TURN_US)) + np.array(delays)
-    smooth = estimate_arrivals(stamps, USUAL_READING).stamps_us
+    smooth = estimate_arrivals(stamps).stamps_us
     assert len(smooth) == len(stamps) and np.all(np.diff(smooth) > 0)
 
 
@@ -211,10 +210,10 @@ def test_any_stamps_out_of_order_are_put_in_order(delays: list[int]) -> None:
 @settings(max_examples=150, deadline=None, derandomize=True)
 def test_any_stamps_stay_in_order_and_smoothing_them_again_changes_nothing(steps: list[int], scale: int) -> None:
     stamps = START_US + np.cumsum(np.array(steps, dtype=np.int64) * scale)
-    smooth, notes = smooth_arrivals(stamps, USUAL_READING)
+    smooth, notes = smooth_arrivals(stamps)
     assert len(smooth) == len(stamps) and np.all(np.diff(smooth) > 0)
     assert bool(notes) == bool(np.any(smooth != stamps))
-    np.testing.assert_array_equal(estimate_arrivals(smooth, USUAL_READING).stamps_us, smooth)
+    np.testing.assert_array_equal(estimate_arrivals(smooth).stamps_us, smooth)
 
 
 @pytest.mark.parametrize("layout", [*EVEN, "bag"])

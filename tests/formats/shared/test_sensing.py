@@ -19,7 +19,6 @@ from support.layouts import (
 )
 from support.recordings import write_bag
 
-from mqslam.config.reading_config import USUAL_READING
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.recordings.native import write as write_native
 from mqslam.formats.shared.turns import find_usual_turns, place_turns
@@ -89,10 +88,10 @@ def test_a_setting_that_is_no_convention_is_refused(tmp_path: Path) -> None:
 
 def test_turns_follow_their_stamps_and_stop_at_gaps() -> None:
     stamps = 1000 * np.array([1000, 1100, 1190, 2000, 2105])
-    starts, durations = place_turns(stamps, "start", find_usual_turns(stamps, USUAL_READING), USUAL_READING)
+    starts, durations = place_turns(stamps, "start", find_usual_turns(stamps))
     np.testing.assert_array_equal(starts, stamps)
     np.testing.assert_array_equal(durations, [100_000, 90_000, 105_000, 105_000, 105_000])
-    starts, durations = place_turns(stamps, "end", find_usual_turns(stamps, USUAL_READING), USUAL_READING)
+    starts, durations = place_turns(stamps, "end", find_usual_turns(stamps))
     np.testing.assert_array_equal(durations, [100_000, 100_000, 90_000, 105_000, 105_000])
     np.testing.assert_array_equal(starts, stamps - durations)
     assert np.all(starts[1:] >= stamps[:-1])

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from support.conversions import STAMPED, Turns, angles_of, convert, spinning, stamps_of
 from support.recordings import START_US
 
-from mqslam.config.reading_config import USUAL_READING
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.detection.stage import make_scans
 from mqslam.formats.recordings import open_recording
@@ -37,18 +36,18 @@ def written(recording: Recording, folder: Path, layout: str) -> Recording:
 @pytest.mark.parametrize("burst", [1, 4, 16])
 @pytest.mark.parametrize("rate_hz", [0.4, 4.0, 10.0])
 def test_a_turn_is_measured_through_bursts_of_stamps(azimuths: int, burst: int, rate_hz: float) -> None:
-    turn = measure_turn(stamps_of(azimuths, 1e6 / rate_hz, burst), angles_of(azimuths), USUAL_READING)
+    turn = measure_turn(stamps_of(azimuths, 1e6 / rate_hz, burst), angles_of(azimuths))
     assert turn == pytest.approx(1e6 / rate_hz, rel=0.015)
 
 
 def test_a_part_that_is_missing_late_stamps_and_either_sense_of_rotation_change_nothing() -> None:
     stamps, angles = stamps_of(400, 250_000.0, 16), angles_of(400)
     for kept in (slice(0, 150), slice(200, None), np.r_[0:100, 260:400]):
-        assert measure_turn(stamps[kept], angles[kept], USUAL_READING) == pytest.approx(250_000.0, rel=0.03)
+        assert measure_turn(stamps[kept], angles[kept]) == pytest.approx(250_000.0, rel=0.03)
     late = np.maximum.accumulate(np.where(np.arange(400) % 97 == 0, stamps + 20_000.0, stamps))
-    assert measure_turn(late, angles, USUAL_READING) == pytest.approx(250_000.0, rel=0.1)
+    assert measure_turn(late, angles) == pytest.approx(250_000.0, rel=0.1)
     stamps[-5:] += 2e6
-    assert measure_turn(stamps, -angles, USUAL_READING) == pytest.approx(250_000.0, rel=0.02)
+    assert measure_turn(stamps, -angles) == pytest.approx(250_000.0, rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -65,7 +64,7 @@ def test_a_part_that_is_missing_late_stamps_and_either_sense_of_rotation_change_
 def test_azimuths_that_no_radar_sweeps_like_that_measure_nothing(
     stamps: NDArray[np.float64], angles: NDArray[np.float64]
 ) -> None:
-    assert measure_turn(stamps, angles, USUAL_READING) is None
+    assert measure_turn(stamps, angles) is None
 
 
 @pytest.mark.parametrize("layout", STAMPED)
@@ -131,9 +130,9 @@ def test_a_last_polar_scan_that_breaks_off_takes_a_turn_all_the_same(tmp_path: P
 )
 def test_few_stamps_tell_the_turn_as_far_as_they_can(steps: list[int], usual: int) -> None:
     stamps = np.cumsum([0, *steps])
-    assert np.all(find_usual_turns(stamps, USUAL_READING) == usual)
+    assert np.all(find_usual_turns(stamps) == usual)
     for stamp in ("start", "end"):
-        starts, turns = place_turns(stamps, stamp, find_usual_turns(stamps, USUAL_READING), USUAL_READING)  # type: ignore[arg-type]
+        starts, turns = place_turns(stamps, stamp, find_usual_turns(stamps))  # type: ignore[arg-type]
         assert np.all(turns > 0) and np.all(np.diff(starts) > 0)
 
 
@@ -144,7 +143,7 @@ def test_polar_scans_that_are_missing_anywhere_are_gaps_by_stamps_alone(missing:
     for _ in range(10):
         numbers = np.flatnonzero(rng.random(80) >= missing)
         stamps = numbers * turn_us + rng.normal(0.0, 0.02 * turn_us, len(numbers)).round().astype(np.int64)
-        starts, turns = place_turns(stamps, "start", find_usual_turns(stamps, USUAL_READING), USUAL_READING)
+        starts, turns = place_turns(stamps, "start", find_usual_turns(stamps))
         np.testing.assert_array_equal(np.diff(starts) > turns[:-1], np.diff(numbers) > 1)
         assert np.median(turns) == pytest.approx(turn_us, rel=0.05)
 
@@ -153,9 +152,9 @@ def test_a_change_of_the_turn_rate_shows_in_stamps_alone_and_is_no_gap() -> None
     rng = np.random.default_rng(5)
     takes = np.array([500_000] * 15 + [250_000] * 20 + [100_000] * 15)
     stamps = np.cumsum(takes) + rng.normal(0.0, 2000.0, len(takes)).round().astype(np.int64)
-    starts, turns = place_turns(stamps, "start", find_usual_turns(stamps, USUAL_READING), USUAL_READING)
+    starts, turns = place_turns(stamps, "start", find_usual_turns(stamps))
     assert np.all(np.diff(starts) == turns[:-1])
-    np.testing.assert_allclose(find_usual_turns(stamps, USUAL_READING), takes[1:], rtol=0.1)
+    np.testing.assert_allclose(find_usual_turns(stamps), takes[1:], rtol=0.1)
 
 
 @pytest.mark.parametrize(("name", "gap", "missing"), [("mulran_kaist03", 1, 1.748), ("oxford_gap", 10, 1.762)])
@@ -177,7 +176,7 @@ def test_real_recordings_with_a_gap_turn_at_4_hz(name: str, gap: int, missing: f
 @settings(max_examples=200, deadline=None, derandomize=True)
 def test_any_stamps_make_turns_that_follow_one_another(steps: list[int], stamp: Stamp, measured: float | None) -> None:
     stamps = START_US + np.cumsum([0, *steps])
-    starts, turns = place_turns(stamps, stamp, find_usual_turns(stamps, USUAL_READING, lambda k: measured), USUAL_READING)
+    starts, turns = place_turns(stamps, stamp, find_usual_turns(stamps, lambda k: measured))
     assert len(starts) == len(turns) == len(stamps) and turns.dtype == np.int64
     assert np.all(turns > 0) and np.all(np.diff(starts) > 0)
     np.testing.assert_array_equal(starts if stamp == "start" else starts + turns, stamps)
