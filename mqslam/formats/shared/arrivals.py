@@ -91,17 +91,13 @@ def estimate_arrivals(stamps_us: NDArray[np.int64], numbers: NDArray[np.int64] |
         return Arrivals(stamps_us)
     numbers = np.arange(1, len(stamps_us) + 1) if numbers is None else numbers
     places = np.concatenate([[0], np.cumsum(np.minimum(np.diff(numbers), _MOST_MISSING))])
-    known = _mark_in_time(stamps_us, places)
-    smooth, usual = _fill_turns(stamps_us, places, known)
-    weights, sigma_s = np.full(len(smooth), _IGNORED), 0.0
-    weights[places[known]] = 1.0
-    for _ in range(_ROUNDS):
+    smooth, usual, sigma_s = _estimate_once(stamps_us, places)
+    for _ in range(_ROUNDS):  # what comes of absurd stamps may be absurd itself, such as turns faster than any radar's
         before = smooth
-        smooth, sigma = _smooth_once(smooth, weights)
+        smooth, usual, sigma = _estimate_once(smooth, places)
         sigma_s = max(sigma_s, sigma)
         if np.array_equal(before, smooth):
             break
-    smooth = smooth[places]
     delays = stamps_us - smooth
     damaged = (delays > _MOST_LATE_S * 1e6) | (delays < -_MOST_EARLY * usual)
     faults = (_describe_damaged(numbers, damaged),) if damaged.any() else ()
@@ -114,6 +110,29 @@ def estimate_arrivals(stamps_us: NDArray[np.int64], numbers: NDArray[np.int64] |
         f"uncertain by {sigma_s * 1e3:.1f} ms"
     )
     return Arrivals(smooth, sigma_s, (note,), faults)
+
+
+def _estimate_once(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> tuple[NDArray[np.int64], float, float]:
+    """Frees stamps (N,) [us] of the delays that they show.
+
+    Args:
+        stamps_us: of arrival.
+        places: (N,) of the polar scans among the turns.
+
+    Returns:
+        the stamps (N,) [us], how long a turn usually takes [us], and the standard deviation of the stamps [s].
+    """
+    known = _mark_in_time(stamps_us, places)
+    smooth, usual = _fill_turns(stamps_us, places, known)
+    weights, sigma_s = np.full(len(smooth), _IGNORED), 0.0
+    weights[places[known]] = 1.0
+    for _ in range(_ROUNDS):
+        before = smooth
+        smooth, sigma = _smooth_once(smooth, weights)
+        sigma_s = max(sigma_s, sigma)
+        if np.array_equal(before, smooth):
+            break
+    return smooth[places], usual, sigma_s
 
 
 def _describe_damaged(numbers: NDArray[np.int64], damaged: NDArray[np.bool_]) -> str:
