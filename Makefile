@@ -32,7 +32,7 @@ demo: $(READY)
 	$(BIN)/mqslam run demo/drive --out demo/run
 	@echo "open demo/run/report.html in a browser; trajectory, map and numbers lie beside it"
 
-$(KERNELS): $(READY) tests/support/kernels.py $(shell grep -rl 'nb\.njit' --include '*.py' mqslam)
+$(KERNELS): $(READY) tests/support/kernels.py $(shell grep -rl 'nb\.njit' --include '*.py' mqslam tests/worlds)
 	PYTHONPATH=tests $(BIN)/python -m support.kernels
 	touch $(KERNELS)
 
@@ -55,7 +55,7 @@ lint: $(READY) types
 
 types: $(READY)
 	rm -rf build && $(BIN)/pip install --quiet --disable-pip-version-check --no-deps --target $(TYPED) .
-	MYPYPATH=$(TYPED) $(BIN)/mypy --strict -p mqslam
+	MYPYPATH=$(TYPED):tests $(BIN)/mypy --strict -p mqslam -p worlds.hard -m worlds.statistics -m worlds.writing
 
 docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet

@@ -15,10 +15,7 @@ _MOVERS = {"street": 6, "yard": 6, "corridor": 0, "tunnel": 0}
 
 def simulate(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder for the recording; it must not exist yet.")],
-    scene: Annotated[str, typer.Option(help="The scene: street, yard, corridor, tunnel, city or queue.")] = "street",
-    realism: Annotated[
-        str, typer.Option(help="The world: kind (all shows from everywhere) or hard (as hard as real radar).")
-    ] = "kind",
+    scene: Annotated[str, typer.Option(help="The scene: street, yard, corridor, tunnel or city.")] = "street",
     duration: Annotated[float, typer.Option(min=1.0, help=r"Length of the drive \[s].")] = 60.0,
     turn_rate: Annotated[float, typer.Option(min=0.1, help=r"Turns of the radar per second \[1/s].")] = 4.0,
     azimuths: Annotated[int, typer.Option(min=8, help="Number of azimuths per turn.")] = 400,
@@ -72,7 +69,6 @@ def simulate(
             sensor=SensorModel(turn_rate, azimuths, range_resolution, max_range, doppler_beta=beta, chirps=chirps),
             seed=seed,
             movers=_MOVERS.get(scene) if movers is None else movers,
-            realism=realism,
             imu=imu,
             imu_rate_hz=imu_rate,
             imu_late_s=imu_late,

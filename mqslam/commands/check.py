@@ -8,7 +8,6 @@ from pathlib import Path
 
 from mqslam.check.checks import CheckSettings, check_recording
 from mqslam.check.finding import CheckFinding, CheckVerdict
-from mqslam.check.statistics import Statistics, measure_statistics
 from mqslam.commands.inputs.opening import choose_odometry, choose_settings, open_data
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config
@@ -83,39 +82,3 @@ def check(
         partial(work.progress, "detect"),
     )
     return Check(findings, tuple(notes), read, len(recording))
-
-
-def describe_statistics(
-    data: Path | str,
-    *,
-    config: Config | Path | str | None = None,
-    format: str | None = None,
-    range_resolution: float | None = None,
-    work: Work = QUIET,
-) -> Statistics:
-    """Returns what a recording's power and returns are like, over a few short stretches of it.
-
-    Args:
-        data: the recording.
-        config: settings, or the path of a YAML file, or the name of one that ships; None takes the defaults.
-        format: layout of the recording; None guesses it.
-        range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
-        work: who is told about the work, which is done in this process.
-
-    Raises:
-        ConfigError: the format is unknown, or the range resolution is not a length.
-        DataError: the recording cannot be used.
-        EstimationError: no stretch of it can be followed.
-    """
-    settings = choose_settings(config)
-    recording = open_data(Path(data), format, range_resolution, settings)
-    for note in recording.notes:
-        work.tell(note)
-    return measure_statistics(
-        recording,
-        settings.detector,
-        settings.tracker,
-        settings.estimator,
-        beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0),
-        partial(work.progress, "detect"),
-    )

@@ -1,6 +1,7 @@
 """A simulated radar drive: a geometric scene, a true motion, a spinning radar, wheels that slip, a gyroscope and GNSS.
 
 `simulate_recording` renders a drive in memory, `simulate` writes the same drive as a recording in the Oxford layout.
+Both take another `World` than the simulator's own, which stands in for what the radar sees of the scene, and when.
 """
 
 from mqslam.core.sensors.velocity import CHIRP_BETA
@@ -12,15 +13,18 @@ from mqslam.simulator.satellites import ReceiverModel, simulate_fixes
 from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene, make_tunnel_scene, make_yard_scene
 from mqslam.simulator.sensor import SensorModel, render_polar_scan
 from mqslam.simulator.wheels import OdometryModel, WheelOdometry, simulate_wheel_odometry
+from mqslam.simulator.world import ClearWorld, MakeWorld, World
 from mqslam.simulator.write import SCENES, simulate
 
 __all__ = [
     "CHIRP_BETA",
     "GRADES",
     "SCENES",
+    "ClearWorld",
     "ConstantDrive",
     "Drive",
     "GyroscopeModel",
+    "MakeWorld",
     "OdometryModel",
     "ReceiverModel",
     "SampledDrive",
@@ -28,6 +32,7 @@ __all__ = [
     "SensorModel",
     "SimulatedRecording",
     "WheelOdometry",
+    "World",
     "clear_way",
     "give_way",
     "make_city_drive",

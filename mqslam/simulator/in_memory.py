@@ -13,17 +13,12 @@ from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError
 from mqslam.simulator.drive import Drive
-from mqslam.simulator.hard import HardWorld, Realism, make_hard_world
 from mqslam.simulator.inertial import GyroscopeModel, simulate_gyroscope
 from mqslam.simulator.satellites import ReceiverModel, simulate_fixes
 from mqslam.simulator.scene import Scene
-from mqslam.simulator.sensor import SensorModel, render_polar_scan
+from mqslam.simulator.sensor import SensorModel
 from mqslam.simulator.wheels import OdometryModel, WheelOdometry, simulate_wheel_odometry
-
-START_US = 1_600_000_000_000_000
-"""Stamp [us] of a simulated drive's time zero, at which the first azimuth of a kind recording is measured."""
-REALISMS = ("kind", "hard")
-"""Names of the worlds that a scene can be seen in."""
+from mqslam.simulator.world import START_US, ClearWorld, MakeWorld, World, to_stamps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,35 +29,25 @@ class SimulatedRecording(Recording):
         scene: what reflects.
         drive: how the sensor moves.
         sensor: the radar.
-        seed: of the noise; the noise of a polar scan does not depend on which others are rendered.
         wheel_odometry: what the wheels report.
-        hard_world: what the radar sees of the scene in the hard world; None for the kind one.
+        world: what the radar sees of the scene, and when.
     """
 
     scene: Scene
     drive: Drive
     sensor: SensorModel
-    seed: int
     wheel_odometry: WheelOdometry
-    hard_world: HardWorld | None = None
+    world: World
 
     def azimuth_stamps(self, k: int) -> NDArray[np.int64]:
         """Returns the stamps (A,) [us] of the azimuths of polar scan k, in whole microseconds as files have them."""
-        if self.hard_world is not None:
-            return _to_stamps(self.hard_world.clock.stamps(k))
-        turns = k + np.arange(self.sensor.azimuths) / self.sensor.azimuths
-        return _to_stamps(turns / self.sensor.turn_rate_hz)
+        return to_stamps(self.world.stamps(k))
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Renders the polar scans start <= k < stop, one after the other."""
         for k in range(*slice(start, stop).indices(len(self))):
             times = np.asarray((self.azimuth_stamps(k) - self.start_us) * 1e-6, dtype=np.float64)
-            if self.hard_world is not None:
-                power = self.hard_world.render(k)
-            else:
-                poses, twists = self.drive.poses(times), self.drive.twists(times)
-                power = render_polar_scan(self.scene, poses, twists, times, self.sensor, (self.seed, k))
-            polar_scan = PolarScan(times, self.sensor.angles, power, np.ones(len(times), dtype=np.bool_))
+            polar_scan = PolarScan(times, self.sensor.angles, self.world.render(k), np.ones(len(times), dtype=np.bool_))
             yield polar_scan.split(self.sensor.rising) if self.sensor.chirps else polar_scan
 
 
@@ -74,7 +59,7 @@ def simulate_recording(  # noqa: PLR0913 - these are the options of a simulation
     sensor: SensorModel | None = None,
     seed: int = 1,
     odometry: OdometryModel | None = None,
-    realism: str = "kind",
+    world: MakeWorld = ClearWorld,
     gyroscope: GyroscopeModel | None = None,
     receiver: ReceiverModel | None = None,
 ) -> SimulatedRecording:
@@ -87,27 +72,19 @@ def simulate_recording(  # noqa: PLR0913 - these are the options of a simulation
         sensor: the radar; None takes a Navtech CTS350-X.
         seed: of all noise.
         odometry: errors of the wheel odometry; None takes the usual ones.
-        realism: `kind` (every surface shows from everywhere) or `hard` (as hard as real radar).
+        world: makes what the radar sees; every surface shows from everywhere in the usual one.
         gyroscope: errors of the gyroscope; None takes none along.
         receiver: errors of the GNSS receiver; None takes none along.
 
     Raises:
-        ConfigError: the duration holds no whole turn, or there is no such realism.
+        ConfigError: the duration holds no whole turn.
     """
-    if realism not in REALISMS:
-        raise ConfigError(f"simulator: there is no realism '{realism}'; choose one of {', '.join(REALISMS)}")
-    if scene.queue and realism == "kind":
-        raise ConfigError("simulator: the kind world has no queue; choose the hard one")
     sensor = sensor or SensorModel()
     turns = int(duration_s * sensor.turn_rate_hz + 1e-9) if np.isfinite(duration_s) else 0
     if turns < 1:
         raise ConfigError(f"simulator: {duration_s} s hold no whole turn at {sensor.turn_rate_hz} turns/s")
-    world = make_hard_world(scene, drive, sensor, turns, Realism(), seed) if realism == "hard" else None
-    if world is None:
-        stamps_us = _to_stamps(np.arange(turns + 1) / sensor.turn_rate_hz)
-    else:
-        starts = np.array([world.clock.stamps(k)[0] for k in range(turns)])
-        stamps_us = _to_stamps(np.append(starts, starts[-1] + np.diff(world.clock.borders[-2:])))
+    seen = world(scene, drive, sensor, turns, seed)
+    stamps_us = to_stamps(np.array([*(seen.stamps(k)[0] for k in range(turns)), seen.end()]))
     times = np.asarray((stamps_us - START_US) * 1e-6, dtype=np.float64)
     end = float(times[-1])
     wheels = simulate_wheel_odometry(drive, end, START_US, odometry or OdometryModel(), seed)
@@ -124,12 +101,6 @@ def simulate_recording(  # noqa: PLR0913 - these are the options of a simulation
         scene=scene,
         drive=drive,
         sensor=sensor,
-        seed=seed,
         wheel_odometry=wheels,
-        hard_world=world,
+        world=seen,
     )
-
-
-def _to_stamps(times: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Returns the stamps (N,) [us] of times (N,) [s] of a drive."""
-    return START_US + np.round(times * 1e6).astype(np.int64)

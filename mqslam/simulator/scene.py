@@ -36,7 +36,6 @@ class Scene:
             the lane at time zero [m], speed [m/s], vehicle length [m], width [m], reflectivity. A vehicle that reaches
             the lane's end begins again at its start.
         plants: (P, 4) round shrubs and crowns: x [m], y [m], radius [m], density: share of the beam taken per metre, 0..1.
-        queue: whether vehicles keep exact pace with the sensor for a minute, in the hard world.
         roofs: (R, 4) x0 [m], y0 [m], x1 [m], y1 [m] of rectangles under which no satellite is seen.
     """
 
@@ -44,7 +43,6 @@ class Scene:
     poles: Array = field(default_factory=lambda: _no_rows(4))
     movers: Array = field(default_factory=lambda: _no_rows(9))
     plants: Array = field(default_factory=lambda: _no_rows(4))
-    queue: bool = False
     roofs: Array = field(default_factory=lambda: _no_rows(4))
 
 

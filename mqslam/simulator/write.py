@@ -27,8 +27,9 @@ from mqslam.simulator.satellites import ReceiverModel
 from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene, make_tunnel_scene, make_yard_scene
 from mqslam.simulator.sensor import SensorModel
 from mqslam.simulator.wheels import OdometryModel
+from mqslam.simulator.world import ClearWorld, MakeWorld
 
-SCENES = ("street", "corridor", "tunnel", "yard", "city", "queue")
+SCENES = ("street", "corridor", "tunnel", "yard", "city")
 """Names of the scenes that `simulate` knows."""
 COARSE_SENSOR = SensorModel(range_resolution=0.175, max_range=120.0)
 """A Navtech CTS350-X whose range bins are longer than they could be, and end sooner: its recordings stay small."""
@@ -44,7 +45,7 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
     sensor: SensorModel = COARSE_SENSOR,
     seed: int = 1,
     movers: int | None = None,
-    realism: str = "kind",
+    world: MakeWorld = ClearWorld,
     imu: str = "mems",
     imu_rate_hz: float = 100.0,
     imu_late_s: float = 0.0,
@@ -56,14 +57,13 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
     Args:
         out: folder to make; it may exist, but must be empty.
         scene: `street` (rounds of a block), `corridor` (straight on between endless walls), `tunnel` (a bare tunnel
-            of 400 m between two streets, at changing speed), `yard` (a slow circle),
-            `city` (kilometres of streets, of which a drive comes to many again) or `queue` (the city, where vehicles keep
-            exact pace with the sensor for a minute; hard world only).
+            of 400 m between two streets, at changing speed), `yard` (a slow circle) or
+            `city` (kilometres of streets, of which a drive comes to many again).
         duration_s: how long to drive [s].
         sensor: the radar.
         seed: of the scene and of all noise.
         movers: number of vehicles in the scene's lanes; None takes the scene's usual number.
-        realism: `kind` (every surface shows from everywhere) or `hard` (as hard as real radar).
+        world: makes what the radar sees of the scene; every surface shows from everywhere in the usual one.
         imu: grade of the gyroscope: `mems` (a consumer part), `good` (a tactical one) or `none`.
         imu_rate_hz: readings of the gyroscope per second.
         imu_late_s: how much later than the radar's clock the gyroscope's stamps the same instant [s].
@@ -82,15 +82,15 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
     if seed < 0:
         raise ConfigError(f"simulator: seed is {seed}; it must be 0 or more")
     errors, receiver, gyroscope = OdometryModel(), ReceiverModel(), _find_gyroscope(imu, imu_rate_hz, imu_late_s)
-    world, drive = _make_world(scene, seed, duration_s, movers)
+    surroundings, drive = _make_scene(scene, seed, duration_s, movers)
     recording = simulate_recording(
-        world,
+        surroundings,
         drive,
         duration_s=duration_s,
         sensor=sensor,
         seed=seed,
         odometry=errors,
-        realism=realism,
+        world=world,
         gyroscope=gyroscope,
         receiver=receiver,
     )
@@ -100,7 +100,7 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
         "scene": scene,
         "duration_s": duration_s,
         "seed": seed,
-        "movers": len(world.movers),
+        "movers": len(surroundings.movers),
         "revolutions": len(recording),
         "length_m": round(truth.length_m, 3),
         "range_resolution_m": sensor.range_resolution,
@@ -108,9 +108,8 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
         "odometry": asdict(errors),
         "gyroscope": None if gyroscope is None else asdict(gyroscope),
         "receiver": asdict(receiver),
+        **recording.world.describe(),
     }
-    if recording.hard_world is not None:
-        parameters |= {"realism": realism, "effects": asdict(recording.hard_world.realism)}
     with _write_new_folder(out) as folder:
         (folder / "radar").mkdir()
         oxford.write_ground_truth(folder, recording)
@@ -127,7 +126,7 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
     return recording
 
 
-def _make_world(scene: str, seed: int, duration_s: float, movers: int | None) -> tuple[Scene, Drive]:
+def _make_scene(scene: str, seed: int, duration_s: float, movers: int | None) -> tuple[Scene, Drive]:
     """Makes the scene that goes by a name, and the drive through it."""
     if movers is not None and movers < 0:
         raise ConfigError(f"simulator: movers is {movers}; it must be 0 or more")
@@ -136,10 +135,8 @@ def _make_world(scene: str, seed: int, duration_s: float, movers: int | None) ->
     if scene == "street":
         drive = make_loop_drive(duration_s)
         return clear_way(make_street_scene(seed, movers=10 if movers is None else movers), drive, duration_s), drive
-    if scene in ("city", "queue"):
+    if scene == "city":
         drive = make_city_drive(seed, duration_s)
-        if scene == "queue":
-            return replace(make_city_scene(seed, movers=movers or 0), queue=True), drive
         return give_way(make_city_scene(seed, movers=movers), drive, duration_s), drive
     if scene == "yard":
         return make_yard_scene(seed, movers=movers or 0), ConstantDrive(1.0, -0.192)

@@ -46,12 +46,6 @@ def test_every_option_reaches_the_simulation(tmp_path: Path) -> None:
     assert described["turn_rate_hz"] == pytest.approx(2.0) and described["range_resolution_m"] == 0.5
 
 
-def test_the_realism_reaches_the_simulation(tmp_path: Path) -> None:
-    assert mqslam("simulate", tmp_path / "drive", *SMALL, "--realism", "hard").code == 0
-    written = json.loads((tmp_path / "drive" / "simulation.json").read_text())
-    assert written["realism"] == "hard" and written["effects"]
-
-
 def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
     for name, words in {"one": ["--seed", "3"], "two": ["--seed", "3", "--jobs", "2"], "three": ["--seed", "4"]}.items():
         assert mqslam("simulate", tmp_path / name, *SMALL, *words).code == 0
@@ -70,7 +64,6 @@ def test_progress_and_the_place_are_told_unless_quiet(tmp_path: Path) -> None:
     "words",
     [
         ["--scene", "moon"],
-        ["--realism", "soft"],
         ["--scene", "queue"],
         ["--seed", "-1"],
         ["--scene", "corridor", "--movers", "2"],

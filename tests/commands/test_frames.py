@@ -46,7 +46,7 @@ def wheels() -> Trajectory:
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small recording of a street, whose ground truth is that of a mounted radar on another way, and no odometry."""
     folder = tmp_path_factory.mktemp("drive") / "drive"
-    simulate(folder, duration_s=SCANS * TURN_US * 1e-6, realism="kind", seed=1)
+    simulate(folder, duration_s=SCANS * TURN_US * 1e-6, seed=1)
     (folder / "odom.csv").unlink()
     write_tum(folder / "gt" / "poses_tum.txt", Trajectory(wheels().stamps_us, se2.compose(wheels().poses, MOUNT)))
     write_tum(folder.parent / "wheels.tum", wheels())

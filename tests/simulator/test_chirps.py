@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from support.recordings import assert_same_polar_scan
+from worlds.writing import WORLDS
 
 from mqslam.formats.conversion import find_target, write_recording
 from mqslam.formats.recordings import open_recording
@@ -28,10 +29,10 @@ QUIET = SensorModel(
 SMALL = SensorModel(azimuths=90, range_resolution=0.5, max_range=60.0, doppler_beta=0.05, chirps=True)
 
 
-@pytest.mark.parametrize("realism", ["kind", "hard"])
-def test_what_the_radar_approaches_is_nearer_in_up_chirps_and_farther_in_down_chirps(realism: str) -> None:
+@pytest.mark.parametrize("world", WORLDS)
+def test_what_the_radar_approaches_is_nearer_in_up_chirps_and_farther_in_down_chirps(world: str) -> None:
     wall = Scene(np.array([[20.0, -30.0, 20.0, 30.0, 1.0, 0.9]]))
-    turn = simulate_recording(wall, ConstantDrive(10.0, 0.0), duration_s=0.25, sensor=QUIET, realism=realism)[0]
+    turn = simulate_recording(wall, ConstantDrive(10.0, 0.0), duration_s=0.25, sensor=QUIET, world=WORLDS[world])[0]
     assert turn.down is not None
     place = (np.arange(turn.power.shape[1]) + 0.5) * QUIET.range_resolution
     for part, shift in ((turn, -0.5), (turn.down, 0.5)):
@@ -39,7 +40,7 @@ def test_what_the_radar_approaches_is_nearer_in_up_chirps_and_farther_in_down_ch
         weight = 10.0 ** (part.power[ahead] / 20.0) * (place > 15.0)
         moved = 10.0 * part.times[ahead]
         assert np.sum(weight * place) / np.sum(weight) == pytest.approx(
-            20.0 - moved + shift, abs=0.15 if realism == "kind" else 0.35
+            20.0 - moved + shift, abs=0.15 if world == "kind" else 0.35
         )
 
 

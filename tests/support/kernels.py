@@ -10,16 +10,17 @@ import tempfile
 from pathlib import Path
 
 from support.commands import mqslam
+from worlds.writing import simulate_hard
 
 
 def main() -> None:
-    """Runs commands that together call all kernels on a recording of a second; numba keeps what it compiles."""
+    """Simulates hard radar and runs commands on a short drive, which together call all kernels; numba keeps the results."""
     with tempfile.TemporaryDirectory() as folder:
+        simulate_hard(Path(folder) / "hard", scene="city", duration_s=1.0)
         drive, out, quick = (Path(folder) / name for name in ("drive", "out", "quick.yaml"))
         quick.write_text("sensor: {doppler_beta: 0.0}\n")
         for words in (
             ["simulate", drive, "--duration", 2, "--azimuths", 100, "--movers", 1],
-            ["simulate", Path(folder) / "hard", "--duration", 1, "--scene", "city", "--realism", "hard"],
             ["run", drive, "--out", out, "--config", quick],
             ["audit", drive, "--trajectory", out / "trajectory.tum", "--out", Path(folder) / "audited", "--config", quick],
             ["score", drive, "--start", 0, "--motion", "8,0"],

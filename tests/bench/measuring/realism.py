@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from bench.benchmark import Column, Row, label
-from bench.measuring.recordings import MQSLAM
+from worlds.statistics import describe_statistics
 
-_FIGURES = {  # key of the command's JSON: what it is, format
+_FIGURES = {  # name of a figure: what it is, format
     "returns_per_azimuth": ("returns per azimuth", ".2f"),
     "power": ("power at 50 / 90 / 99 / 99.9 %", ".0f"),
     "loud": ("share of bins over 40 / 60 / 80", ".3f"),
@@ -34,20 +31,13 @@ def make_columns(names: Mapping[str, str]) -> tuple[Column, ...]:
 
 def measure_realism(recordings: Mapping[str, Path]) -> list[Row]:
     """Returns a row per figure, for recordings by their key."""
-    figures = {key: _describe(data) for key, data in recordings.items()}
+    figures = {key: describe_statistics(data) for key, data in recordings.items()}
     return [
-        Row({"figure": shown} | {key: _join(one[name], form) for key, one in figures.items()}, judged=False)
+        Row({"figure": shown} | {key: _join(getattr(one, name), form) for key, one in figures.items()}, judged=False)
         for name, (shown, form) in _FIGURES.items()
     ]
 
 
-def _describe(data: Path) -> dict[str, Any]:
-    words = [MQSLAM, "check", data, "--statistics", "--json"]
-    shown = subprocess.run([str(word) for word in words], check=True, capture_output=True, text=True).stdout
-    figures: dict[str, Any] = json.loads(shown)
-    return figures
-
-
-def _join(value: float | list[float], form: str) -> str:
-    values = value if isinstance(value, list) else [value]
+def _join(value: float | tuple[float, ...], form: str) -> str:
+    values = value if isinstance(value, tuple) else (value,)
     return " / ".join(format(number, form) for number in values)

@@ -1,7 +1,7 @@
-"""The recordings that benchmarks measure: simulated by mqslam, or of the material that it does not ship.
+"""The recordings that benchmarks measure: simulated, or of the material that mqslam does not ship.
 
-They are made once. A simulated one carries a digest of the simulator in its name, so that it is made again when the
-simulator changes.
+They are made once. A simulated one carries a digest of what simulates it in its name, so that it is made again when that
+changes.
 """
 
 from __future__ import annotations
@@ -11,9 +11,14 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from bench.benchmark import MissingData
+from worlds.writing import simulate_hard
+
+from mqslam.simulator import simulate as simulate_kind
 
 ROOT = Path(__file__).resolve().parents[3]
 SHARED = ROOT.parent / "shared"
@@ -40,19 +45,18 @@ def simulate_short_city(world: str, seed: int) -> Path:
     return simulate("city", world, seed, _SHORT_S)
 
 
-def simulate(scene: str, realism: str, seed: int, duration_s: float) -> Path:
+def simulate(scene: str, world: str, seed: int, duration_s: float) -> Path:
     """Returns a simulated drive.
 
     Args:
-        scene: of `mqslam simulate`.
-        realism: `kind` or `hard`.
+        scene: of `mqslam simulate`, or `queue` of the hard world.
+        world: `kind` or `hard`.
         seed: of the scene and of the noise.
         duration_s: how long the drive is [s].
     """
-    out = cache() / f"{scene}-{realism}-{duration_s:g}s-seed{seed}-{_digest_simulator()}"
-    options = {"scene": scene, "realism": realism, "duration": f"{duration_s:g}", "seed": str(seed)}
-    words = [word for name, value in options.items() for word in (f"--{name}", value)]
-    return _make([MQSLAM, "simulate"], [*words, "--quiet"], out)
+    write = simulate_hard if world == "hard" else simulate_kind
+    out = cache() / f"{scene}-{world}-{duration_s:g}s-seed{seed}-{_digest_simulator(world)}"
+    return _make(partial(write, scene=scene, seed=seed, duration_s=duration_s, jobs=os.cpu_count() or 1), out)
 
 
 def twin(
@@ -84,7 +88,7 @@ def twin(
     words += ["--data", str(data)] if data else []
     words += [] if movers is None else ["--movers", str(movers)]
     scans = f"{frames or 'all'}{f'-from{start}' if start else ''}"
-    return _make([Path(sys.executable), script, name], words, cache() / f"twin-{name}-{world}-{scans}-seed{seed}")
+    return _make(_call(script, name, options=words), cache() / f"twin-{name}-{world}-{scans}-seed{seed}")
 
 
 def draw_worlds() -> Path:
@@ -93,7 +97,7 @@ def draw_worlds() -> Path:
     Raises:
         MissingData: the twin is not on this machine.
     """
-    return _make([Path(sys.executable), shared(SHARED / "twin" / "worlds.py")], [], cache() / "worlds")
+    return _make(_call(shared(SHARED / "twin" / "worlds.py")), cache() / "worlds")
 
 
 def shared(path: Path) -> Path:
@@ -107,20 +111,30 @@ def shared(path: Path) -> Path:
     return path
 
 
-def _make(begin: list[Path | str], options: list[str], out: Path) -> Path:
-    """Makes a recording by a command, whole or not at all, unless it is there or another process has made it meanwhile."""
+def _call(script: Path, *words: str, options: Sequence[str] = ()) -> Callable[[Path], object]:
+    """Returns a function that calls a script with some words, the folder to make, and options."""
+
+    def call(out: Path) -> None:
+        subprocess.run([sys.executable, script, *words, out, *options], check=True, stdout=subprocess.DEVNULL)
+
+    return call
+
+
+def _make(make: Callable[[Path], object], out: Path) -> Path:
+    """Makes a recording, whole or not at all, unless it is there or another process has made it meanwhile."""
     if not out.exists():
         with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as scratch:
             made = Path(scratch, out.name)
-            subprocess.run([*begin, made, *options], check=True, stdout=subprocess.DEVNULL)
+            make(made)
             if not out.exists():
                 made.rename(out)
     return out
 
 
-def _digest_simulator() -> str:
-    """Returns a digest of the simulator's source."""
+def _digest_simulator(world: str) -> str:
+    """Returns a digest of the source of the simulator, and of the hard world for a drive through that."""
     digest = hashlib.sha256()
-    for path in sorted((ROOT / "mqslam" / "simulator").rglob("*.py")):
+    folders = [ROOT / "mqslam" / "simulator", *([ROOT / "tests" / "worlds" / "hard"] if world == "hard" else [])]
+    for path in (path for folder in folders for path in sorted(folder.rglob("*.py"))):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:8]

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from worlds.hard import Realism
+from worlds.hard.traffic import Traffic, Vehicles, make_traffic
+from worlds.hard.vehicles import box_sides, outline
 
 from mqslam.core import se2
 from mqslam.simulator import ConstantDrive, Scene, make_loop_drive
 from mqslam.simulator.drive import Drive
-from mqslam.simulator.hard import Realism
-from mqslam.simulator.hard.traffic import Traffic, Vehicles, make_traffic
-from mqslam.simulator.hard.vehicles import box_sides, outline
 from mqslam.simulator.parts import Array
 
 NOWHERE = np.array([[1e6, 1e6]])
 STOPPING = make_loop_drive(60.0, from_standstill=True)
 
 
-def make(drive: Drive, scene: Scene | None = None, solid: Array = NOWHERE, duration_s: float = 90.0) -> Traffic:
-    return make_traffic(scene or Scene(), solid, drive, duration_s, Realism(), 1)
+def make(
+    drive: Drive, scene: Scene | None = None, solid: Array = NOWHERE, duration_s: float = 90.0, *, queue: bool = False
+) -> Traffic:
+    return make_traffic(scene or Scene(), solid, drive, duration_s, Realism(), 1, queue=queue)
 
 
 def only(vehicles: Vehicles, thousands: int) -> Vehicles:
@@ -52,7 +52,7 @@ def test_no_pacer_drives_through_the_own_vehicle() -> None:
 
 def test_a_queue_keeps_the_very_place_beside_the_own_vehicle_for_a_minute() -> None:
     drive = ConstantDrive(7.0, 0.0)
-    traffic = make(drive, Scene(queue=True))
+    traffic = make(drive, queue=True)
 
     def places(time: float) -> Array:
         return only(traffic.vehicles(time, 0.25), 30).poses[:, :2] - drive.poses(np.array([time]))[:, :2]
@@ -113,6 +113,6 @@ def test_a_vehicles_scatterers_lie_along_its_outline_and_move_with_it(yaw: float
     assert np.hypot(*(sides[:, 2:] - sides[:, :2]).T).sum() == pytest.approx(2.0 * (4.5 + 1.8))
 
 
-def test_a_scene_with_a_queue_has_no_other_traffic_beside_its_lanes() -> None:
+def test_a_drive_in_a_queue_has_no_other_traffic_beside_its_lanes() -> None:
     drive = ConstantDrive(7.0, 0.0)
-    assert set(make(drive, replace(Scene(), queue=True)).vehicles(30.0, 0.25).numbers // 1000) == {30}
+    assert set(make(drive, queue=True).vehicles(30.0, 0.25).numbers // 1000) == {30}

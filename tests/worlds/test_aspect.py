@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from worlds.hard import Realism
+from worlds.hard.aspect import change_with_aspect, fluctuate, glint
+from worlds.hard.scatterers import PLANT, VEHICLE, WALL, Scatterers, sample_scene
 
 from mqslam.simulator import Scene
-from mqslam.simulator.hard import Realism
-from mqslam.simulator.hard.aspect import change_with_aspect, fluctuate, glint
-from mqslam.simulator.hard.scatterers import PLANT, VEHICLE, WALL, Scatterers, sample_scene
 
 REALISM = Realism()
 

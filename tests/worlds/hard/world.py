@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from mqslam.simulator.drive import Drive
-from mqslam.simulator.hard.aspect import change_with_aspect, fluctuate, glint
-from mqslam.simulator.hard.clock import JitteringClock, make_clock
-from mqslam.simulator.hard.echoes import Beams, Echoes, add_echoes
-from mqslam.simulator.hard.elevation import Suspension, attenuate, make_suspension
-from mqslam.simulator.hard.ground import lay_ground
-from mqslam.simulator.hard.hiding import NEAREST_M, Obstacles, Passed, cast_shadows, make_rays, to_depths
-from mqslam.simulator.hard.realism import Realism
-from mqslam.simulator.hard.receiver import receive
-from mqslam.simulator.hard.scatterers import (
+from worlds.hard.aspect import change_with_aspect, fluctuate, glint
+from worlds.hard.clock import JitteringClock, make_clock
+from worlds.hard.echoes import Beams, Echoes, add_echoes
+from worlds.hard.elevation import Suspension, attenuate, make_suspension
+from worlds.hard.ground import lay_ground
+from worlds.hard.hiding import NEAREST_M, Obstacles, Passed, cast_shadows, make_rays, to_depths
+from worlds.hard.realism import USUAL, Realism
+from worlds.hard.receiver import receive
+from worlds.hard.scatterers import (
     PLANT,
     Scatterers,
     is_vehicle,
@@ -26,9 +25,11 @@ from mqslam.simulator.hard.scatterers import (
     sample_scene,
     wall_heights,
 )
-from mqslam.simulator.hard.strays import bounce, draw_strays
-from mqslam.simulator.hard.traffic import Traffic, Vehicles, make_traffic
-from mqslam.simulator.hard.vehicles import box_sides, outline
+from worlds.hard.strays import bounce, draw_strays
+from worlds.hard.traffic import Traffic, Vehicles, make_traffic
+from worlds.hard.vehicles import box_sides, outline
+
+from mqslam.simulator.drive import Drive
 from mqslam.simulator.parts import Array
 from mqslam.simulator.scene import Scene
 from mqslam.simulator.sensor import SensorModel
@@ -65,6 +66,19 @@ class HardWorld:
     traffic: Traffic
     suspension: Suspension
     clock: JitteringClock
+
+    def stamps(self, k: int) -> Array:
+        """Returns the times (A,) [s] at which the azimuths of turn k are said to be measured."""
+        return self.clock.stamps(k)
+
+    def end(self) -> float:
+        """Returns the time [s] at which the last turn is said to end."""
+        borders = self.clock.borders
+        return float(self.stamps(len(borders) - 2)[0] + (borders[-1] - borders[-2]))
+
+    def describe(self) -> dict[str, Any]:
+        """Returns what the parameters of a written recording say of this world."""
+        return {"realism": "hard", "effects": asdict(self.realism)} | ({"queue": True} if len(self.traffic.queue) else {})
 
     def render(self, k: int) -> NDArray[np.uint8]:
         """Renders the readings (A, B) uint8 of turn k; they do not depend on which other turns are rendered."""
@@ -152,8 +166,27 @@ class HardWorld:
         return Echoes(seen.places + offsets, seen.velocities, amplitudes, at[kept]), seen.names
 
 
-def make_hard_world(scene: Scene, drive: Drive, sensor: SensorModel, turns: int, realism: Realism, seed: int) -> HardWorld:
-    """Makes the hard world of a drive of so many turns through a scene: its scatterers, traffic, tilt and clock."""
+def make_hard_world(
+    scene: Scene,
+    drive: Drive,
+    sensor: SensorModel,
+    turns: int,
+    seed: int,
+    *,
+    realism: Realism = USUAL,
+    queue: bool = False,
+) -> HardWorld:
+    """Makes the hard world of a drive through a scene: its scatterers, traffic, tilt and clock.
+
+    Args:
+        scene: what reflects and hides.
+        drive: how the radar moves.
+        sensor: the radar.
+        turns: how often it turns.
+        seed: of everything.
+        realism: the magnitudes of all effects.
+        queue: whether vehicles keep exact pace with the radar for a minute, in the place of all other traffic.
+    """
     clock = make_clock(turns, sensor.turn_rate_hz, sensor.azimuths, realism, seed)
     scatterers = sample_scene(scene, realism, seed)
     solid = scatterers.places[scatterers.materials != PLANT]
@@ -165,7 +198,7 @@ def make_hard_world(scene: Scene, drive: Drive, sensor: SensorModel, turns: int,
         seed=seed,
         scatterers=scatterers,
         standing=_stand_in_the_way(scene, realism),
-        traffic=make_traffic(scene, solid, drive, float(clock.borders[-1]), realism, seed),
+        traffic=make_traffic(scene, solid, drive, float(clock.borders[-1]), realism, seed, queue=queue),
         suspension=make_suspension(drive, realism, seed),
         clock=clock,
     )

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from worlds.hard.realism import Realism
 
 from mqslam.simulator.drive import Drive, Times
-from mqslam.simulator.hard.realism import Realism
 from mqslam.simulator.parts import Array
 
 _WAVES = 14  # so many sines look irregular

@@ -1,6 +1,6 @@
-"""The hard city is like real radar in everything that `check --statistics` measures, within stated bounds.
+"""The hard city is like real radar in everything that `worlds.statistics` measures, within stated bounds.
 
-The figures of the real sample are those that `tests/check/test_statistics.py` holds the sample itself to. The sample was
+The figures of the real sample are those that `tests/worlds/test_statistics.py` holds the sample itself to. The sample was
 driven at 6 to 10 m/s, and so are the stretches of these drives: at rest everything is seen again.
 """
 
@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from worlds.hard import make_hard_world
+from worlds.statistics import Statistics, measure_statistics
 
-from mqslam.check.statistics import Statistics, measure_statistics
 from mqslam.config import Config
-from mqslam.psi.place import beam_of
 from mqslam.simulator import (
     Drive,
     Scene,
@@ -43,16 +43,8 @@ BOUNDS: list[tuple[str, list[float], list[float]]] = [
 
 def measure(scene: Scene, drive: Drive, seed: int) -> Statistics:
     """Returns the statistics of a drive through a hard world."""
-    recording = simulate_recording(scene, drive, duration_s=DURATION_S, sensor=COARSE, seed=seed, realism="hard")
-    settings = Config()
-    return measure_statistics(
-        recording,
-        settings.detector,
-        settings.tracker,
-        settings.estimator,
-        beam_of(settings.estimator, 0.0),
-        lambda done, total: None,
-    )
+    recording = simulate_recording(scene, drive, duration_s=DURATION_S, sensor=COARSE, seed=seed, world=make_hard_world)
+    return measure_statistics(recording, Config())
 
 
 def excess(figures: Statistics, name: str, real: list[float], bounds: list[float]) -> NDArray[np.float64]:

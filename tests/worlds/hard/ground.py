@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-
-from mqslam.simulator.hard import chance
-from mqslam.simulator.hard.realism import Realism
-from mqslam.simulator.hard.scatterers import GROUND, Scatterers
+from worlds.hard import chance
+from worlds.hard.realism import Realism
+from worlds.hard.scatterers import GROUND, Scatterers
 
 _REACH = 40.0  # farther away the ground is grazed too flatly to be seen [m]
 _CELL = 0.8  # at most one scatterer per cell of this size [m]

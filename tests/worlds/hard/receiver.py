@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from scipy.signal import lfilter
+from worlds.hard.realism import Realism
 
 from mqslam.simulator.beam import COUNTS_PER_DECADE
-from mqslam.simulator.hard.realism import Realism
 
 _HAZY_AZIMUTHS = 7  # the haze of a target spreads over so many
 _TO_SIGMA = 1.0 / np.sqrt(8.0 * np.log(2.0))  # of a normal curve, from its half-power width

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from worlds.hard.realism import Realism
 
 from mqslam.core import se2
 from mqslam.simulator.drive import Drive
-from mqslam.simulator.hard.realism import Realism
 from mqslam.simulator.parts import Array
 from mqslam.simulator.scene import LANE, Scene
 
@@ -187,8 +187,17 @@ class Traffic:
         return _between(road, 30_000 + np.arange(len(self.queue)), places, self.queue[:, 1], self.queue[:, 2:], turn)
 
 
-def make_traffic(scene: Scene, solid: Array, drive: Drive, duration_s: float, realism: Realism, seed: int) -> Traffic:
-    """Makes the traffic of a drive: vehicles that pace it, oncoming ones, or a queue where the scene has one.
+def make_traffic(
+    scene: Scene,
+    solid: Array,
+    drive: Drive,
+    duration_s: float,
+    realism: Realism,
+    seed: int,
+    *,
+    queue: bool = False,
+) -> Traffic:
+    """Makes the traffic of a drive: vehicles that pace it and oncoming ones, or a queue in their place.
 
     Args:
         scene: the scene.
@@ -197,17 +206,18 @@ def make_traffic(scene: Scene, solid: Array, drive: Drive, duration_s: float, re
         duration_s: how long it takes [s].
         realism: how much traffic there is.
         seed: of it.
+        queue: whether vehicles keep exact pace with the own one for a minute.
     """
     rng = np.random.default_rng([seed, 13])
     road = _find_road(drive, duration_s)
-    flows = 0.0 if road is None or scene.queue else road.flow[-1]
+    flows = 0.0 if road is None or queue else road.flow[-1]
     pacers = _draw_pacers(rng, int(realism.pacing * flows / _PACER_S + 0.5), flows)
-    ends = 0.0 if road is None or scene.queue else road.reached[-1] + realism.oncoming_mps * duration_s + _IN_SIGHT_M
+    ends = 0.0 if road is None or queue else road.reached[-1] + realism.oncoming_mps * duration_s + _IN_SIGHT_M
     gaps = rng.exponential(realism.oncoming_m, int(ends / realism.oncoming_m)) + 6.0
     lanes = 2.0 * LANE * np.where(rng.random(len(gaps)) < 0.8, 1.0, 2.0) + 0.2 * rng.standard_normal(len(gaps))
     oncoming = np.column_stack([np.cumsum(gaps), lanes, _draw_sizes(rng, len(gaps))])
-    queue = _line_up(rng) if scene.queue else np.empty((0, 5))
-    return Traffic(scene, realism, road, pacers, oncoming, queue, cKDTree(solid))
+    queued = _line_up(rng) if queue else np.empty((0, 5))
+    return Traffic(scene, realism, road, pacers, oncoming, queued, cKDTree(solid))
 
 
 def _find_road(drive: Drive, duration_s: float) -> _Road | None:

@@ -6,8 +6,9 @@ part of the figures' definition: a table stays comparable when the tracker's def
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,8 @@ from scipy.stats import median_abs_deviation
 
 from mqslam.check.following import track_scans
 from mqslam.check.stretches import choose_spans
-from mqslam.config import DetectorConfig, EstimatorConfig, TrackerConfig
+from mqslam.commands.inputs.opening import choose_settings, open_data
+from mqslam.config import Config, DetectorConfig, EstimatorConfig, TrackerConfig
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.scans import Returns, Scans
@@ -25,7 +27,7 @@ from mqslam.detection.detector import detect
 from mqslam.detection.stage import make_scans
 from mqslam.errors import EstimationError
 from mqslam.mapping.render import place_along
-from mqslam.psi.place import Beam
+from mqslam.psi.place import Beam, beam_of
 from mqslam.psi.tracking.setup import START_SCANS, Tuning
 from mqslam.psi.tracking.tracked import Tracked
 from mqslam.psi.tracking.tracker import Tracker
@@ -138,30 +140,31 @@ class _Power:
         return tuple(means[: len(AZIMUTHS_ON)]), tuple(means[len(AZIMUTHS_ON) :])
 
 
-def measure_statistics(
-    recording: Recording,
-    detector: DetectorConfig,
-    tracker: TrackerConfig,
-    estimator: EstimatorConfig,
-    beam: Beam,
-    progress: Callable[[int, int], object],
-) -> Statistics:
+def describe_statistics(data: Path, config: Path | None = None) -> Statistics:
+    """Measures the figures of a recording on disk, with the settings of a file or the usual ones.
+
+    Raises:
+        DataError: the recording cannot be used.
+        EstimationError: no stretch of it can be followed.
+    """
+    settings = choose_settings(config)
+    return measure_statistics(open_data(data, None, None, settings), settings)
+
+
+def measure_statistics(recording: Recording, config: Config) -> Statistics:
     """Measures the figures of a recording over a few short stretches, which psi follows.
 
     Args:
         recording: the recording.
-        detector: settings of the detector.
-        tracker: settings of the tracker, but for its map and the noise of the yaw rate.
-        estimator: settings of the score, but for its widths and how it weighs views.
-        beam: the sensor's errors.
-        progress: called with (polar scans read, polar scans in all).
+        config: settings, of which those of the tracker's yaw rate and of the score's widths do not count.
 
     Raises:
         DataError: a polar scan cannot be read.
         EstimationError: no stretch can be followed.
     """
+    detector = config.detector
+    beam = beam_of(config.estimator, config.sensor.doppler_beta or 0.0)
     spans = choose_spans(recording, None)
-    total = sum(end - begin for begin, end in spans)
     power = _Power(recording.range_resolution, detector)
     azimuths = 0
     stretches: list[Scans] = []
@@ -171,12 +174,11 @@ def measure_statistics(
             power.add(polar_scan)
             azimuths += int(polar_scan.valid.sum())
             returns.append(detect(polar_scan, recording.range_resolution, detector))
-            progress(sum(map(len, stretches)) + len(returns), total)
         stretches.append(make_scans(recording, drop_fixed(returns), begin))
     ranges = np.concatenate([scan.returns.ranges for scans in stretches for scan in scans])
     pairs = _Pairs()
     for scans in stretches:
-        tracked = _follow(scans, tracker, estimator, beam)
+        tracked = _follow(scans, config.tracker, config.estimator, beam)
         if tracked:
             pairs.add(scans, tracked, beam)
     if not pairs.matched:
@@ -186,7 +188,7 @@ def measure_statistics(
     across, along = power.correlations()
     medians = power.medians()
     return Statistics(
-        scans=total,
+        scans=sum(map(len, stretches)),
         returns_per_azimuth=len(ranges) / azimuths,
         power=power.quantiles(),
         loud=power.shares(),

@@ -10,17 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from worlds.hard import HardWorld, Realism
+from worlds.hard.world import make_hard_world
+from worlds.writing import WORLDS, simulate_hard
 
 from mqslam.errors import ConfigError
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import read_tum
 from mqslam.simulator import ConstantDrive, Scene, SensorModel, SimulatedRecording, simulate
 from mqslam.simulator.drive import Drive
-from mqslam.simulator.hard import Realism
-from mqslam.simulator.hard.world import make_hard_world
 
 SENSOR = SensorModel(range_resolution=0.175, max_range=60.0)
-SMALL: dict[str, Any] = {"duration_s": 1.3, "sensor": SENSOR, "realism": "hard", "seed": 3}
+SMALL: dict[str, Any] = {"duration_s": 1.3, "sensor": SENSOR, "seed": 3}
 EMPTY = Realism(
     ground_db=-99.0, strays=0.0, tilt_deg=0.0, skirt_db=200.0, streak_db=200.0, haze_db=200.0, pacing=0.0, oncoming_m=1e9
 )
@@ -33,7 +34,7 @@ def everything(folder: Path) -> dict[str, bytes]:
 
 
 def render(scene: Scene, realism: Realism = EMPTY, k: int = 0, drive: Drive | None = None) -> NDArray[np.uint8]:
-    return make_hard_world(scene, drive or ConstantDrive(0.0, 0.0), SENSOR, 8, realism, 1).render(k)
+    return make_hard_world(scene, drive or ConstantDrive(0.0, 0.0), SENSOR, 8, 1, realism=realism).render(k)
 
 
 def ahead(power: NDArray[np.uint8], near: float, far: float) -> float:
@@ -45,14 +46,14 @@ def ahead(power: NDArray[np.uint8], near: float, far: float) -> float:
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, SimulatedRecording]:
     out = tmp_path_factory.mktemp("hard") / "drive"
-    return out, simulate(out, **SMALL)
+    return out, simulate_hard(out, **SMALL)
 
 
 @pytest.mark.parametrize("scene", ["street", "corridor", "yard"])
 def test_bytes_depend_on_the_arguments_and_not_on_the_jobs(tmp_path: Path, scene: str) -> None:
     runs = {"one": {}, "two": {"jobs": 2}, "other": {"seed": 4}}
     for name, changes in runs.items():
-        simulate(tmp_path / name, **{**SMALL, "scene": scene, **changes})
+        simulate_hard(tmp_path / name, **{**SMALL, "scene": scene, **changes})
     one, two, other = (everything(tmp_path / name) for name in runs)
     assert one == two
     assert [one[name] for name in one if name.startswith("radar/")] != [
@@ -61,9 +62,9 @@ def test_bytes_depend_on_the_arguments_and_not_on_the_jobs(tmp_path: Path, scene
 
 
 def test_a_queue_can_be_had_by_its_name(tmp_path: Path) -> None:
-    recording = simulate(tmp_path / "queue", **{**SMALL, "duration_s": 0.6, "scene": "queue"})
-    world = recording.hard_world
-    assert world is not None and set(world.traffic.vehicles(0.1, 0.25).numbers // 1000) == {30}
+    recording = simulate_hard(tmp_path / "queue", **{**SMALL, "duration_s": 0.6, "scene": "queue"})
+    world = recording.world
+    assert isinstance(world, HardWorld) and set(world.traffic.vehicles(0.1, 0.25).numbers // 1000) == {30}
 
 
 def test_a_turn_does_not_depend_on_those_rendered_before_it(written: tuple[Path, SimulatedRecording]) -> None:
@@ -97,15 +98,14 @@ def test_parameters_are_written(written: tuple[Path, SimulatedRecording]) -> Non
 
 def test_the_kind_world_is_the_default_and_knows_nothing_of_the_hard_one(tmp_path: Path) -> None:
     simulate(tmp_path / "usual", duration_s=0.6, sensor=SENSOR)
-    simulate(tmp_path / "kind", duration_s=0.6, sensor=SENSOR, realism="kind")
+    simulate(tmp_path / "kind", duration_s=0.6, sensor=SENSOR, world=WORLDS["kind"])
     assert everything(tmp_path / "usual") == everything(tmp_path / "kind")
     assert "effects" not in json.loads((tmp_path / "kind" / "simulation.json").read_text())
 
 
-@pytest.mark.parametrize("bad", [{"realism": "soft"}, {"realism": "kind", "scene": "queue"}])
-def test_worlds_that_do_not_exist_are_refused(tmp_path: Path, bad: dict[str, Any]) -> None:
+def test_the_kind_world_has_no_queue(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="simulator"):
-        simulate(tmp_path / "out", **{**SMALL, **bad})
+        simulate(tmp_path / "out", scene="queue", **SMALL)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-
-from mqslam.simulator.hard import Realism
-from mqslam.simulator.hard.receiver import receive
+from worlds.hard import Realism
+from worlds.hard.receiver import receive
 
 RESOLUTION, AZIMUTHS, BINS = 0.175, 64, 600
 BARE = Realism(leakage=0.0, skirt_db=200.0, streak_db=200.0, haze_db=200.0)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from mqslam.simulator.hard import Realism
-from mqslam.simulator.hard.clock import BURST, make_clock
+from worlds.hard import Realism
+from worlds.hard.clock import BURST, make_clock
 
 CLOCK = make_clock(200, 4.0, 400, Realism(), 1)
 

@@ -6,10 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.commands import mqslam, parse_strict_json
+from worlds.statistics import Statistics, describe_statistics
 
-from mqslam.check.statistics import Statistics
-from mqslam.commands.check import describe_statistics
 from mqslam.errors import EstimationError
 from mqslam.formats.recordings import open_recording
 
@@ -40,20 +38,13 @@ def test_what_is_seen_again_is_far_from_chance_and_fades(figures: Statistics) ->
 
 def test_figures_do_not_change_with_the_settings_of_the_track(street: Path, figures: Statistics, tmp_path: Path) -> None:
     (tmp_path / "other.yaml").write_text("tracker: {sigma_omega: 0.2, sigma_alpha: 1.0}\nestimator: {s: 1.0, beta_s: 0.4}\n")
-    assert describe_statistics(street, config=tmp_path / "other.yaml") == figures
-
-
-def test_the_command_prints_a_line_per_figure(street: Path, figures: Statistics) -> None:
-    shown = mqslam("check", street, "--statistics", "--quiet")
-    assert (shown.code, shown.err) == (0, "")
-    assert f"returns per azimuth                     {figures.returns_per_azimuth:.2f}" in shown.out.splitlines()
-    assert parse_strict_json(mqslam("check", street, "--statistics", "--json").out)["repeats"] == list(figures.repeats)
+    assert describe_statistics(street, tmp_path / "other.yaml") == figures
 
 
 def test_a_recording_that_cannot_be_followed_is_refused(street: Path, tmp_path: Path) -> None:
     (tmp_path / "deaf.yaml").write_text("detector: {threshold: 255.0, contrast: 255.0}\n")
     with pytest.raises(EstimationError, match="no stretch of it can be followed"):
-        describe_statistics(street, config=tmp_path / "deaf.yaml")
+        describe_statistics(street, tmp_path / "deaf.yaml")
 
 
 @pytest.mark.skipif(not REAL.exists(), reason=f"{REAL} is not there")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from worlds.hard import chance
+from worlds.hard.realism import Realism
+from worlds.hard.scatterers import PLANT, VEHICLE, WALL, Scatterers
 
-from mqslam.simulator.hard import chance
-from mqslam.simulator.hard.realism import Realism
-from mqslam.simulator.hard.scatterers import PLANT, VEHICLE, WALL, Scatterers
 from mqslam.simulator.parts import Array
 
 

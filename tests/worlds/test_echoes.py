@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-
-from mqslam.simulator.hard.echoes import WAVELENGTH, Beams, Echoes, add_echoes
+from worlds.hard.echoes import WAVELENGTH, Beams, Echoes, add_echoes
 
 AZIMUTHS, BINS, RESOLUTION = 400, 300, 0.175
 

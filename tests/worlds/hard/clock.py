@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from mqslam.simulator.hard.realism import Realism
+from worlds.hard.realism import Realism
 
 BURST = 16
 """Azimuths that the radar hands over at once."""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from worlds.hard import chance
+from worlds.hard.realism import Realism
+from worlds.hard.scatterers import VEHICLE, Scatterers
+from worlds.hard.traffic import Vehicles
 
 from mqslam.core import se2
 from mqslam.simulator.beam import CORNERS
-from mqslam.simulator.hard import chance
-from mqslam.simulator.hard.realism import Realism
-from mqslam.simulator.hard.scatterers import VEHICLE, Scatterers
-from mqslam.simulator.hard.traffic import Vehicles
 from mqslam.simulator.parts import Array
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from worlds.hard import Realism
+from worlds.hard.elevation import attenuate, make_suspension
 
 from mqslam.simulator import ConstantDrive, make_loop_drive
-from mqslam.simulator.hard import Realism
-from mqslam.simulator.hard.elevation import attenuate, make_suspension
 
 TIMES = np.arange(0.0, 60.0, 0.01)
 AHEAD, LEFT = np.zeros(len(TIMES)), np.full(len(TIMES), np.pi / 2.0)

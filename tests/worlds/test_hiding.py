@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from worlds.hard.hiding import NEAREST_M, STEP_M, Obstacles, Passed, cast_shadows, make_rays
 
-from mqslam.simulator.hard.hiding import NEAREST_M, STEP_M, Obstacles, Passed, cast_shadows, make_rays
 from mqslam.simulator.parts import Array
 
 AZIMUTHS, TURN_S, REACH = 400, 0.25, 60.0

@@ -118,3 +118,7 @@ class Realism:
     stray_db: float = 22.0
 
     spin: float = 0.007
+
+
+USUAL = Realism()
+"""Those of the hard recordings that tests and benchmarks measure."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from worlds.hard import chance
+from worlds.hard.echoes import Echoes
+from worlds.hard.realism import Realism
 
-from mqslam.simulator.hard import chance
-from mqslam.simulator.hard.echoes import Echoes
-from mqslam.simulator.hard.realism import Realism
 from mqslam.simulator.parts import Array
 
 _STRONGEST = 24  # scatterers that bounce

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from worlds.hard import chance
+from worlds.hard.realism import Realism
 
-from mqslam.simulator.hard import chance
-from mqslam.simulator.hard.realism import Realism
 from mqslam.simulator.parts import VEHICLE_OPACITY, Array
 from mqslam.simulator.scene import Scene
 
