@@ -20,7 +20,7 @@ from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
 from mqslam.core.statistics.gross import MEDIAN_OF_CHI2
 from mqslam.execution.local_engine import HERE
-from mqslam.frontends.both_ways import DirectedMotion, MatchTable, join, turn_back
+from mqslam.frontends.bidirectional import DirectedMotion, MatchTable, join, turn_back
 from mqslam.frontends.psi_track import track_backward, track_forward
 from mqslam.frontends.segments import Segment, extend, split_into_segments
 from mqslam.psi.tracking.dynamics import SIGMA_AX, SIGMA_VY

@@ -14,7 +14,7 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
-from mqslam.frontends.both_ways import DirectedMotion, reverse_time
+from mqslam.frontends.bidirectional import DirectedMotion, reverse_time
 from mqslam.psi.place import beam_of
 from mqslam.psi.tracking.state import State
 from mqslam.psi.tracking.track import FollowedScan, ToldTwist, follow_scans

@@ -19,7 +19,7 @@ from mqslam.config import TrackerConfig
 from mqslam.config.tracker_config import WARM_UP_SCANS
 from mqslam.core import se2
 from mqslam.core.scans import Scan
-from mqslam.frontends.both_ways import DirectedMotion, follows_at_once
+from mqslam.frontends.bidirectional import DirectedMotion, follows_at_once
 from mqslam.psi.tracking.plausibility import is_usable
 
 # Number of the last scans of a warm-up over which the motions pass from the track of one segment to that of the next.

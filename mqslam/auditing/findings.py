@@ -304,7 +304,7 @@ def judge_revisits(revisits: Sequence[RevisitAudit]) -> Finding:
     status = VerdictStatus.PASS
     if off:
         reason += f", by up to {max(r.revisit.distance_m for r in off):.2f} m"
-        if any(r.claimed is not None for r in off):
+        if any(r.stated_covariance is not None for r in off):
             reason += ", beyond what the trajectory claims to know"
         torn = Share(len(off), len(sure))
         status = torn.judge(_REVISITS_WARN, _REVISITS_FAIL)

@@ -45,8 +45,8 @@ from mqslam.auditing.tracks import judge_doubt, judge_part, judge_track, mark_in
 from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
 from mqslam.auditing.windows.shaking import judge_shaking
 from mqslam.auditing.windows.windows import Undecided, WindowAudit, audit_windows, state_p_values
-from mqslam.backend.claims import Claims, GraphClaims
 from mqslam.backend.pose_graph import PoseGraph
+from mqslam.backend.relative_covariances import GraphCovariances, RelativeCovariances
 from mqslam.config import AuditConfig, Config, EstimatorConfig, VerdictConfig
 from mqslam.core.engine import Engine
 from mqslam.core.scans import Scans
@@ -99,7 +99,7 @@ def audit(
     engine: Engine,
     progress: Progress,
     sampled: int | None = None,
-    claims: Claims | None = None,
+    stated: RelativeCovariances | None = None,
 ) -> Audit:
     """Judges a map.
 
@@ -111,7 +111,7 @@ def audit(
         engine: where windows and revisits are judged; the result does not depend on it.
         progress: called as its parts are done.
         sampled: how many windows at most are judged, evenly spread; None takes all.
-        claims: how sure the trajectory is of itself, by the numbers of the sweeps; None where it does not say.
+        stated: how sure the trajectory is of itself, by the numbers of the sweeps; None where it does not say.
     """
     windows = audit_windows(sweeps, settings, estimator, engine, progress, sampled)
     interpolated = _mark_interpolated(sweeps)
@@ -138,7 +138,7 @@ def audit(
         twists = measure_twists(sweeps, STEP_SCANS)
         pooled = pool(laid, twists)
         spans = audit_spans(laid, _expect(laid, twists, pooled, limits), sweeps.times, limits)
-        revisits = audit_revisits(sweeps, settings, estimator, limits, engine, progress, claims)
+        revisits = audit_revisits(sweeps, settings, estimator, limits, engine, progress, stated)
         revisits = doubt_interpolated(revisits, interpolated)
         tests |= {
             "spans": [judge_spans(spans)],
@@ -169,9 +169,9 @@ def audit_trajectory(
         EstimationError: there are no returns.
     """
     sweeps, inside = place_sweeps(scans, trajectory, beam)
-    claims = None if optimum is None else GraphClaims(*optimum, inside, sweeps.poses)
+    stated = None if optimum is None else GraphCovariances(*optimum, inside, sweeps.poses)
     sections = config.audit, config.estimator, config.verdict
-    return audit(sweeps, *sections, runner.engine, runner.progress, _SAMPLED_WINDOWS, claims)
+    return audit(sweeps, *sections, runner.engine, runner.progress, _SAMPLED_WINDOWS, stated)
 
 
 def _expect(

@@ -18,10 +18,10 @@ from mqslam.auditing.laying import Laid, lay
 from mqslam.auditing.sizes import PROBABILITY, TORN_INFLATION
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Share
-from mqslam.backend.claims import Claims
 from mqslam.backend.loops.align import TOLERANCES
 from mqslam.backend.loops.passes import find_passes
 from mqslam.backend.loops.submap import LATER_SHARE, pick_around
+from mqslam.backend.relative_covariances import RelativeCovariances
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
@@ -157,7 +157,7 @@ def _chance_of_agreement(
 
 # Where the trajectory says how sure it is, two passes are torn if that and the measurement do not explain their offset,
 # unless it moves the points by less than this [m]. torn_m and torn_rad do not count then.
-_CLAIMED_M = 0.1
+_STATED_M = 0.1
 # A revisit is sure if the next best pose also scores worse by this many standard deviations of the difference of the two
 # scores, so that one of several places that look alike is not best by chance.
 _RIVAL_SIGMAS = 3.0
@@ -206,15 +206,15 @@ class RevisitAudit:
         torn: whether they are off each other beyond what the covariance explains and beyond a tolerance.
         p_value: probability that an offset as large shows at any revisit of a good map; NaN where the revisit is not sure or
             too few revisits show how far off they usually are.
-        claimed: (3, 3) covariance that the trajectory itself states of the later pose against the earlier one, which is part
-            of the revisit's; None where it states none.
+        stated_covariance: (3, 3) covariance that the trajectory itself states of the later pose relative to the earlier one,
+            which is part of the revisit's; None where it states none.
         excused: whether they would be torn if the trajectory did not say that it may be off as far as this.
     """
 
     revisit: Revisit
     torn: bool
     p_value: float = np.nan
-    claimed: NDArray[np.float64] | None = None
+    stated_covariance: NDArray[np.float64] | None = None
     excused: bool = False
 
 
@@ -225,7 +225,7 @@ def audit_revisits(
     limits: VerdictConfig,
     engine: Engine,
     progress: Progress,
-    claims: Claims | None = None,
+    stated: RelativeCovariances | None = None,
 ) -> list[RevisitAudit]:
     """Judges the revisits of a map; those of which either pass holds too few points are left out.
 
@@ -236,7 +236,7 @@ def audit_revisits(
         limits: of the verdict.
         engine: where the revisits are judged; the result does not depend on it.
         progress: called as revisits are done.
-        claims: how sure the trajectory is of itself; None where it does not say.
+        stated: how sure the trajectory is of itself; None where it does not say.
     """
     pairs = find_revisit_pairs(sweeps, settings)
 
@@ -244,7 +244,7 @@ def audit_revisits(
         progress("revisits", number, len(pairs))
 
     laid = [one for one in engine.map(_lay_pair, (sweeps, settings, estimator), pairs, report) if one is not None]
-    return judge_laid(laid, sweeps, settings, estimator, limits, claims)
+    return judge_laid(laid, sweeps, settings, estimator, limits, stated)
 
 
 def doubt_interpolated(revisits: Sequence[RevisitAudit], interpolated: NDArray[np.bool_]) -> list[RevisitAudit]:
@@ -268,7 +268,7 @@ def judge_laid(
     settings: AuditConfig,
     estimator: EstimatorConfig,
     limits: VerdictConfig,
-    claims: Claims | None = None,
+    stated: RelativeCovariances | None = None,
 ) -> list[RevisitAudit]:
     """Judges pairs of passes that are laid on each other, as `audit_revisits` does.
 
@@ -289,8 +289,8 @@ def judge_laid(
         compute_same_m(estimator),
         PROBABILITY,
     )
-    claimed = claims.relate([(one.earlier, one.later) for one in laid]) if claims is not None else None
-    total = measured if claimed is None else replace(measured, covariances=measured.covariances + claimed)
+    known = stated.relate([(one.earlier, one.later) for one in laid]) if stated is not None else None
+    total = measured if known is None else replace(measured, covariances=measured.covariances + known)
     inflations = total.inflations
     p_values = np.full(len(laid), np.nan)
     if freedom > 0.0:
@@ -311,14 +311,14 @@ def judge_laid(
             sure=bool(sure[k]),
         )
         p_value = float(p_values[k])
-        if claimed is None:
+        if known is None:
             audited.append(RevisitAudit(revisit, is_torn(revisit, settings), p_value))
             continue
         torn = is_torn(revisit, settings)  # by the constants, where too few revisits give p-values
         if np.isfinite(p_value):
-            torn = p_value < chance and one.size_m > _CLAIMED_M  # by what the trajectory claims to know
+            torn = p_value < chance and one.size_m > _STATED_M  # by what the trajectory claims to know
         alone = is_torn(replace(revisit, inflation=float(measured.inflations[k])), settings)
-        audited.append(RevisitAudit(revisit, torn, p_value, claimed[k], excused=alone and not torn))
+        audited.append(RevisitAudit(revisit, torn, p_value, known[k], excused=alone and not torn))
     return audited
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.tracks import Track
-from mqslam.backend.claims import Claims, MarginalClaims
+from mqslam.backend.relative_covariances import RelativeCovariances, SingleCovariances
 from mqslam.core import se2
 from mqslam.core.scans import Scans
 from mqslam.core.sensors.gyroscope import Gyroscope
@@ -30,9 +30,9 @@ _SLACK_SWEEPS: Final = 2.0  # over a few sweeps covariances hardly change; farth
 _REMEDY: Final = "give those that were written together with the trajectory"
 
 
-def find_claims(
+def find_relative_covariances(
     covariances: Path | str | None, origin: Trajectory | Path | str, given: Trajectory | None, offset_us: int, sweeps: Sweeps
-) -> tuple[Claims | None, list[str]]:
+) -> tuple[RelativeCovariances | None, list[str]]:
     """Returns how sure a trajectory is of itself, or None if it does not say, and what a user should know about it.
 
     Args:
@@ -49,7 +49,7 @@ def find_claims(
     if covariances is not None:
         if given is None:
             raise ConfigError("covariances belong to a trajectory from a file", Remedy.GIVE_TRAJECTORY)
-        return _read_claims(Path(covariances), given, offset_us, sweeps), []
+        return _read_covariances(Path(covariances), given, offset_us, sweeps), []
     if given is None or isinstance(origin, Trajectory):
         return None, []
     path = Path(origin)
@@ -60,12 +60,12 @@ def find_claims(
     if not beside.is_file():
         return None, []
     try:
-        return _read_claims(beside, given, offset_us, sweeps), []
+        return _read_covariances(beside, given, offset_us, sweeps), []
     except DataError as error:
         return None, [f"revisits are not held against what the trajectory claims to know: {error}"]
 
 
-def _read_claims(path: Path, given: Trajectory, offset_us: int, sweeps: Sweeps) -> Claims:
+def _read_covariances(path: Path, given: Trajectory, offset_us: int, sweeps: Sweeps) -> RelativeCovariances:
     """Reads how sure a trajectory is of its poses; each sweep takes the covariance whose stamp is nearest.
 
     Raises:
@@ -86,7 +86,7 @@ def _read_claims(path: Path, given: Trajectory, offset_us: int, sweeps: Sweeps) 
         raise DataError(path, f"has no covariance within {slack_s:.2g} s of {without} of {total}", _REMEDY)
     turns = (given.poses[0, 2] - sweeps.poses[:, 2]).tolist()  # the file's terms are in the frame of the first pose
     own = [se2.rotate_covariance(c, yaw) for c, yaw in zip(read.covariances[nearest], turns, strict=True)]
-    return MarginalClaims(np.array(own), sweeps.poses)
+    return SingleCovariances(np.array(own), sweeps.poses)
 
 
 # A cloud with at least this many points per stamp is taken to have one stamp per scan.

@@ -16,7 +16,7 @@ from mqslam.auditing.sources import (
     LIDAR_CONFIG,
     Source,
     divide_cloud,
-    find_claims,
+    find_relative_covariances,
     is_cloud,
     make_lidar_source,
     move_cloud,
@@ -153,16 +153,16 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         if given is not None and sweeps.track is not None and not of_cloud:  # the points of a cloud are placed already
             sat = np.zeros(3) if mount is None else mount
             sweeps = replace(sweeps, track=replace(sweeps.track, extrinsics=sat, time_offset_s=time_offset_s))
-        claims = None
+        relative = None
         if mount is None:
-            claims, unclaimed = find_claims(covariances, trajectory, given, round(1e6 * time_offset_s), sweeps)
-            notes += unclaimed
+            relative, missing = find_relative_covariances(covariances, trajectory, given, round(1e6 * time_offset_s), sweeps)
+            notes += missing
         for note in notes:
             work.tell(note)
         if false_alarms is not None:
             settings = set_false_alarms(settings, false_alarms)
         sections = settings.audit, settings.estimator, settings.verdict
-        judged = judge.audit(sweeps, *sections, work.engine, work.progress, claims=claims)
+        judged = judge.audit(sweeps, *sections, work.engine, work.progress, stated=relative)
         dataset = {"format": kind, "path": str(data)}
         origin = name if sweeps.track is not None else None
         summary = {

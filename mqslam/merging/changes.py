@@ -78,7 +78,7 @@ def make_views(keyframes: Keyframes, chosen: NDArray[np.int64]) -> Views:
     return Views(keyframes.poses[chosen], firsts, origins)
 
 
-def count_looks(cells: NDArray[np.float64], farthest: NDArray[np.float64], views: Views) -> NDArray[np.int64]:
+def count_visible(cells: NDArray[np.float64], farthest: NDArray[np.float64], views: Views) -> NDArray[np.int64]:
     """Counts the keyframes that look past each of C cells.
 
     A keyframe looks past a cell if the cell is within reach, and was shown from that direction from as far or farther, and
@@ -102,7 +102,7 @@ def _count(
     origins: NDArray[np.float64],
     sizes: tuple[float, float, float],
 ) -> NDArray[np.int64]:
-    """Does the counting of `count_looks`, of which `sizes` are REACH_M, _MARGIN_M and CELL_M."""
+    """Does the counting of `count_visible`, of which `sizes` are REACH_M, _MARGIN_M and CELL_M."""
     reach_m, margin_m, cell_m = sizes
     sectors, aspects, turn = firsts.shape[1], farthest.shape[1], 2.0 * np.pi
     looks = np.zeros(len(cells), np.int64)
@@ -282,8 +282,8 @@ def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int]) -> Iterator[Cha
     shown[:, 0] = number[shown[:, 0]]
     cells, hits, also = one.cells[rare], hits[rare], also[rare]
     farthest = find_farthest(cells, shown, one.views)
-    misses = count_looks(cells, farthest, one.views)
-    looks = count_looks(cells, farthest, other.views)
+    misses = count_visible(cells, farthest, one.views)
+    looks = count_visible(cells, farthest, other.views)
     share = (hits + 1.0) / (hits + misses + 2.0)  # Laplace's rule: one look of each kind is added
     chance = binom.cdf(also, also + looks, share)
     changed = np.flatnonzero((looks >= _LOOKS) & (chance <= _CHANCE / len(one.cells)))

@@ -35,8 +35,8 @@ from mqslam.errors import EstimationError
 from mqslam.execution.runner import Runner
 from mqslam.factors.prior import prior
 from mqslam.merging.changes import Change, find_changes, measure_relative_uncertainty
-from mqslam.merging.meetings import Meeting, introduce, lay_out
 from mqslam.merging.part import Session, build_alone, list_factors
+from mqslam.merging.recognition import Recognition, introduce, lay_out
 from mqslam.merging.rendering import render_keyframes
 from mqslam.psi.place import Beam, beam_of
 from mqslam.psi.scoring.references import make_references
@@ -128,7 +128,7 @@ class Merged:
     Args:
         config: all settings.
         parts: what was merged.
-        meetings: what recognition says about each two parts.
+        recognitions: what recognition says about each two parts.
         links: those between keyframes of different parts that the map keeps, and what the search for them has led to.
         psi: (L, 2) psi per point of each link's passes, with the parts laid on each other as they were and at the optimum.
         residuals: (L,) of the links at the optimum, in standard deviations.
@@ -145,7 +145,7 @@ class Merged:
 
     config: Config
     parts: tuple[Session, ...]
-    meetings: tuple[Meeting, ...]
+    recognitions: tuple[Recognition, ...]
     links: LoopSearch
     psi: NDArray[np.float64]
     residuals: NDArray[np.float64]
@@ -177,10 +177,10 @@ def merge_parts(parts: Sequence[Session], config: Config, runner: Runner) -> Mer
         chains = [_optimise_alone(part, config) for part in parts]
         moved = tuple(_measure_move(part, chain) for part, chain in zip(parts, chains, strict=True))
     with runner.time_stage("recognise"):
-        meetings = introduce(parts, chains, config.estimator, beam, runner)
+        recognitions = introduce(parts, chains, config.estimator, beam, runner)
     keyframes = join_keyframes(parts)
     groups = np.repeat(np.arange(len(parts)), [len(part.map.keyframes) for part in parts])
-    frames, first = lay_out(parts, chains, meetings)
+    frames, first = lay_out(parts, chains, recognitions)
     del chains  # what they have eliminated takes more memory than anything else here
     problem = join_graphs(parts, frames, config)
     start = np.concatenate([se2.compose(f, part.map.keyframes.poses) for f, part in zip(frames, parts, strict=True)])
@@ -211,7 +211,7 @@ def merge_parts(parts: Sequence[Session], config: Config, runner: Runner) -> Mer
     return Merged(
         config=config,
         parts=tuple(parts),
-        meetings=tuple(meetings),
+        recognitions=tuple(recognitions),
         links=links,
         psi=psi,
         residuals=residuals,
@@ -226,7 +226,7 @@ def merge_parts(parts: Sequence[Session], config: Config, runner: Runner) -> Mer
         warnings=(
             *runner.warnings,
             *sure.warnings,
-            *_warn_of_ambiguity(parts, meetings),
+            *_warn_of_ambiguity(parts, recognitions),
             *_warn_of_moves(parts, moved),
         ),
     )
@@ -255,12 +255,12 @@ def _warn_of_moves(parts: Sequence[Session], moved_m: Sequence[float]) -> list[s
     ]
 
 
-def _warn_of_ambiguity(parts: Sequence[Session], meetings: Sequence[Meeting]) -> list[str]:
+def _warn_of_ambiguity(parts: Sequence[Session], recognitions: Sequence[Recognition]) -> list[str]:
     """Returns a warning for each two parts of which more submaps match several places than match one."""
     return [
         f"several places fit: {m.ambiguous} submaps of {parts[m.later].folder} match more than one place of "
         f"{parts[m.earlier].folder} about as well, and {m.matches} match one; the former were not used"
-        for m in meetings
+        for m in recognitions
         if m.ambiguous > m.matches
     ]
 

@@ -254,7 +254,7 @@ def _show_map(report: AuditReport) -> Section:
         charts.append(Figure(draw_inflation(audit, settings), "Inflation of the windows", caption))
     if audit.revisits:
         caption = f"torn beyond the tolerance, or turned by more than {np.rad2deg(settings.torn_rad):.2g}°, where sure"
-        if any(revisit.claimed is not None for revisit in audit.revisits):
+        if any(revisit.stated_covariance is not None for revisit in audit.revisits):
             caption = "torn where neither the measurement nor what the trajectory claims to know explains the offset"
         charts.append(Figure(draw_revisits(report.sweeps, audit, settings), "Offset of the revisits", caption))
     note = (

@@ -146,7 +146,7 @@ def list_revisit(judged: RevisitAudit, sweeps: Sweeps) -> RevisitRow:
     """Returns the row of a revisit."""
     revisit = judged.revisit
     pose, sigma = sweeps.poses[revisit.later], np.sqrt(np.diag(revisit.covariance))
-    claimed = None if judged.claimed is None else np.sqrt(np.diag(judged.claimed))
+    claimed = None if judged.stated_covariance is None else np.sqrt(np.diag(judged.stated_covariance))
     return {
         "t_earlier": float(sweeps.times[revisit.earlier]),
         "t_later": float(sweeps.times[revisit.later]),

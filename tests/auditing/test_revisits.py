@@ -58,8 +58,8 @@ def lay_passes(
 
 
 def judged(sweeps: Sweeps, laid: list[Laid], sigma_m: float | None = None) -> list[RevisitAudit]:
-    claims = None if sigma_m is None else Alike(sigma_m)
-    return judge_laid(laid, sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.verdict, claims)
+    stated = None if sigma_m is None else Alike(sigma_m)
+    return judge_laid(laid, sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.verdict, stated)
 
 
 @pytest.mark.parametrize("count", [12, 40])

@@ -9,7 +9,7 @@ import pytest
 from support.reported import swept_walls
 
 import mqslam
-from mqslam.auditing.sources import find_claims
+from mqslam.auditing.sources import find_relative_covariances
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
@@ -39,7 +39,7 @@ def written(folder: Path, stamps_us: np.ndarray, poses: np.ndarray, along_m: flo
 def test_covariances_are_those_of_the_poses_own_frames(tmp_path: Path) -> None:
     sweeps, given = turned_walls()
     path = written(tmp_path, given.stamps_us, given.poses)
-    claims, notes = find_claims(path, "any.tum", given, 0, sweeps)
+    claims, notes = find_relative_covariances(path, "any.tum", given, 0, sweeps)
     assert claims is not None and notes == []
     first, later = (given.poses[k] for k in PAIR)
     lever = se2.adjoint(se2.between(later, first))
@@ -51,26 +51,26 @@ def test_covariances_are_those_of_the_poses_own_frames(tmp_path: Path) -> None:
 def test_those_beside_a_runs_own_trajectory_are_found(tmp_path: Path, name: str, found: bool) -> None:
     sweeps, given = turned_walls()
     written(tmp_path, given.stamps_us, given.poses)
-    claims, notes = find_claims(None, tmp_path / name, given, 0, sweeps)
+    claims, notes = find_relative_covariances(None, tmp_path / name, given, 0, sweeps)
     assert (claims is not None) is found and notes == []
-    assert find_claims(None, tmp_path / "away" / "trajectory.tum", given, 0, sweeps) == (None, [])
-    assert find_claims(None, given, given, 0, sweeps) == (None, [])
+    assert find_relative_covariances(None, tmp_path / "away" / "trajectory.tum", given, 0, sweeps) == (None, [])
+    assert find_relative_covariances(None, given, given, 0, sweeps) == (None, [])
 
 
 def test_an_offset_of_the_trajectory_moves_the_covariances_too(tmp_path: Path) -> None:
     sweeps, given = turned_walls()
     path = written(tmp_path, given.stamps_us - 3_600_000_000, given.poses)
-    assert find_claims(path, "any.tum", given, 3_600_000_000, sweeps)[0] is not None
+    assert find_relative_covariances(path, "any.tum", given, 3_600_000_000, sweeps)[0] is not None
     with pytest.raises(DataError, match=r"has no covariance within 0.5 s of 60 of 60 scans; give those that were written"):
-        find_claims(path, "any.tum", given, 0, sweeps)
+        find_relative_covariances(path, "any.tum", given, 0, sweeps)
 
 
 def test_covariances_of_half_of_the_drive_are_refused_or_said_not_to_be_used(tmp_path: Path) -> None:
     sweeps, given = turned_walls()
     path = written(tmp_path, given.stamps_us[:30], given.poses[:30])
     with pytest.raises(DataError, match="of 28 of 60 scans"):
-        find_claims(path, "any.tum", given, 0, sweeps)
-    claims, (note,) = find_claims(None, tmp_path / "trajectory.tum", given, 0, sweeps)
+        find_relative_covariances(path, "any.tum", given, 0, sweeps)
+    claims, (note,) = find_relative_covariances(None, tmp_path / "trajectory.tum", given, 0, sweeps)
     assert claims is None and "revisits are not held against what the trajectory claims to know: " in note
 
 
@@ -78,9 +78,9 @@ def test_covariances_need_a_trajectory_from_a_file(tmp_path: Path) -> None:
     sweeps, given = turned_walls()
     path = written(tmp_path, given.stamps_us, given.poses)
     with pytest.raises(ConfigError, match="covariances belong to a trajectory from a file"):
-        find_claims(path, "ground_truth", None, 0, sweeps)
+        find_relative_covariances(path, "ground_truth", None, 0, sweeps)
     with pytest.raises(DataError, match="does not exist"):
-        find_claims(tmp_path / "nowhere.csv", "any.tum", given, 0, sweeps)
+        find_relative_covariances(tmp_path / "nowhere.csv", "any.tum", given, 0, sweeps)
 
 
 def test_covariances_of_a_sensor_are_not_those_of_what_extrinsics_move(tmp_path: Path) -> None:

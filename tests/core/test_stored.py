@@ -19,7 +19,7 @@ from mqslam.core.scans import Returns, ScanStore
 from mqslam.core.statistics.median import find_median
 from mqslam.core.stored import StoredRows, make_stored, release
 from mqslam.errors import OutputError
-from mqslam.frontends.both_ways import DirectedMotion, MatchTable
+from mqslam.frontends.bidirectional import DirectedMotion, MatchTable
 
 
 def make_motion(k: int) -> Measurement:

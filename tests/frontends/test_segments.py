@@ -17,7 +17,7 @@ from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Returns, Scan
 from mqslam.execution.local_engine import LocalEngine
-from mqslam.frontends.both_ways import DirectedMotion
+from mqslam.frontends.bidirectional import DirectedMotion
 from mqslam.frontends.psi import PsiFrontEnd
 from mqslam.frontends.segments import Segment, extend, split_into_segments
 

@@ -55,7 +55,7 @@ def test_p_values_are_empty_where_nothing_was_judged(tmp_path: Path) -> None:
     audit = judged_walls(sweeps)
     audit.windows[5] = replace(audit.windows[5], undecided=Undecided.APART)
     audit = replace(audit, windows=state_p_values(audit.windows))
-    audit.revisits[1] = replace(audit.revisits[1], p_value=1e-7, claimed=np.diag([0.04, 0.01, 1e-4]))
+    audit.revisits[1] = replace(audit.revisits[1], p_value=1e-7, stated_covariance=np.diag([0.04, 0.01, 1e-4]))
     content, _, _ = written(tmp_path / "a", audit, sweeps)
     told = [row["p_value"] for row in content["per_window"]]
     assert told[5] is None and told[3] == min(p for p in told if p is not None)

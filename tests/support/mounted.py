@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.simulator import Drive, Scene, SensorModel, SimulatedRecording, simulate_recording
-from mqslam.simulator.in_memory import START_US
 from mqslam.simulator.wheels import OdometryModel, simulate_wheel_odometry
+from mqslam.simulator.world import START_US
 
 
 @dataclass(frozen=True)

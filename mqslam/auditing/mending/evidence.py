@@ -204,7 +204,7 @@ def as_loop(judged: RevisitAudit, sweeps: Sweeps) -> Loop:
         sweeps: points under the trajectory that was audited.
     """
     revisit = judged.revisit
-    measured = revisit.covariance - (0.0 if judged.claimed is None else judged.claimed)
+    measured = revisit.covariance - (0.0 if judged.stated_covariance is None else judged.stated_covariance)
     between = se2.between(sweeps.poses[revisit.earlier], sweeps.poses[revisit.later])
     pose = se2.compose(between, revisit.offset)
     pose[2] = se2.wrap(pose[2])

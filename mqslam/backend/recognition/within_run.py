@@ -86,15 +86,15 @@ def find_out_of_reach(chain: Chain, places: NDArray[np.int64]) -> NDArray[np.boo
     apart = travelled[nodes[later]] - travelled[nodes[earlier]] > passes.LEAST_PATH_M
     later, earlier = later[apart], earlier[apart]
     pairs = list(zip(nodes[earlier].tolist(), nodes[later].tolist(), strict=True))
-    meeting = np.zeros((len(nodes), len(nodes)), dtype=np.bool_)
-    unsure = meeting.copy()
+    recognition = np.zeros((len(nodes), len(nodes)), dtype=np.bool_)
+    unsure = recognition.copy()
     for a, b, relative in zip(earlier, later, chain.relate(pairs), strict=True):
         # the places of a node lie up to GATE_M farther along the path
-        meeting[b, a] = may_meet(relative, GATE_M)
-        unsure[b, a] = meeting[b, a] and is_beyond_gate(*compute_reach(relative))
-    meeting &= np.asarray(unsure.any(axis=1))[:, None]
+        recognition[b, a] = may_meet(relative, GATE_M)
+        unsure[b, a] = recognition[b, a] and is_beyond_gate(*compute_reach(relative))
+    recognition &= np.asarray(unsure.any(axis=1))[:, None]
     node = np.maximum(np.searchsorted(nodes, places, side="right") - 1, 0)
-    allowed: NDArray[np.bool_] = meeting[np.ix_(node, node)]
+    allowed: NDArray[np.bool_] = recognition[np.ix_(node, node)]
     return np.asarray(allowed & (travelled[places][:, None] - travelled[places][None, :] > passes.LEAST_PATH_M))
 
 

@@ -24,7 +24,7 @@ def unpack(path: Path) -> Iterator[Path]:
     Raises:
         DataError: the file cannot be unpacked.
     """
-    compressed, points_bytes = _read_claims(path)
+    compressed, points_bytes = _read_covariances(path)
     if points_bytes > untrusted.bound_unpacked(path.stat().st_size):
         raise DataError(path, f"claims {points_bytes} bytes of points in {path.stat().st_size} bytes", "write it anew")
     if not _is_plausible(path):
@@ -55,7 +55,7 @@ def write_unpacked(words: list[str]) -> bytes:
     return b""
 
 
-def _read_claims(path: Path) -> tuple[bool, int]:
+def _read_covariances(path: Path) -> tuple[bool, int]:
     """Returns whether the points are compressed, and how many bytes of them the header claims."""
     with path.open("rb") as file:
         head = file.read(255).ljust(255, b"\0")

@@ -32,7 +32,7 @@ class Tuning(NamedTuple):
             more than the scans of a window.
         first_step: first step of the annealing at which the match of a predicted scan begins. A prediction is nearer to the
             match than the start of a search is, and the widest scale pulls scans back to where the map is denser.
-        foresight_margin: least beta_s at which a match begins, in units of the error that is expected of its prediction.
+        prediction_margin: least beta_s at which a match begins, in units of the error that is expected of its prediction.
         doubtful_psi: a match whose psi per return is this many times the usual one or more may be at a wrong minimum. Better
             ones are looked for ahead of it, behind it, and turned to either side.
         correlation: number of returns that tell the same (`mqslam.psi.minimiser.CORRELATION`).
@@ -44,7 +44,7 @@ class Tuning(NamedTuple):
     keyframes: int = 60
     final_width: float = 1.2
     first_step: int = 1
-    foresight_margin: float = 1.0
+    prediction_margin: float = 1.0
     doubtful_psi: float = 1.15
     correlation: float = CORRELATION
     apart_share: float = APART_SHARE

@@ -16,8 +16,8 @@ from mqslam.core.measurement import Status
 from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError, FewReturnsError
 from mqslam.psi.tracking.dynamics import limit_step
-from mqslam.psi.tracking.foresight import YOUNG_SCANS
 from mqslam.psi.tracking.plausibility import FEWEST_RETURNS, is_usable
+from mqslam.psi.tracking.prediction_error import YOUNG_SCANS
 from mqslam.psi.tracking.setup import START_SCANS
 from mqslam.psi.tracking.tracked import Tracked
 from mqslam.psi.tracking.tracker import Tracker

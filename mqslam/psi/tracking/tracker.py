@@ -30,10 +30,10 @@ from mqslam.psi.tracking.dynamics import (
     predict,
     replace_motion,
 )
-from mqslam.psi.tracking.foresight import Foresight
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.matching import Matcher
 from mqslam.psi.tracking.plausibility import FEWEST_RETURNS, Usual, is_usable, measure_overlap, overlaps
+from mqslam.psi.tracking.prediction_error import PredictionErrors
 from mqslam.psi.tracking.relocalisation import (
     bridge_gap,
     estimate_arrival,
@@ -82,7 +82,7 @@ class Tracker:
         self._map = LocalMap(tuning, keyframes)
         self._last = LastMatch(0.0, revolution_s, ORIGIN, blind=Blindness.full(settings))
         self._usual = Usual()
-        self._foresight = Foresight(tuning, self._setup.matching)
+        self._prediction_errors = PredictionErrors(tuning, self._setup.matching)
 
     @property
     def settings(self) -> TrackerConfig:
@@ -137,12 +137,12 @@ class Tracker:
             twist: (3,) mean twist since the last matched scan according to other sensors, NaN where they do not tell it; it
                 serves where psi alone does not find or does not observe the motion.
         """
-        predicted = self._last.predict(scan, self._setup.young if self._foresight.is_young else self.settings)
+        predicted = self._last.predict(scan, self._setup.young if self._prediction_errors.is_young else self.settings)
         begin = self._begin_from(predicted, scan, twist)
         if not is_usable(scan):
             return self._pass_over(scan, begin)
         prior = predicted.prior
-        minimum = self._matcher.minimise(scan, predicted.mean, prior, self._map, self._foresight.choose_step())
+        minimum = self._matcher.minimise(scan, predicted.mean, prior, self._map, self._prediction_errors.choose_step())
         if self._usual.is_doubtful(minimum, self._setup.tuning.doubtful_psi):
             minimum = self._matcher.look_beside(scan, minimum, prior.information, self._map) or minimum
         if self._is_out_of_place(minimum):
@@ -177,7 +177,7 @@ class Tracker:
             return self._pass_over(scan, bridged)
         minimum, is_sure = find_again(scan, bridged, self._map, self._matcher, self._is_out_of_place)
         if is_sure:
-            self._foresight.forget()
+            self._prediction_errors.forget()
             tracked = self._accept(scan, minimum, bridged, np.zeros((0, 3)), Blindness.none())
             return replace(tracked, arrival=estimate_arrival(before, tracked.pose))
         if after is None:
@@ -215,7 +215,7 @@ class Tracker:
         """Begins a new map with a scan, whose place defines where the map is."""
         known = belief.in_its_own_frame()
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, known, blind=self._last.blind)
-        self._foresight.forget()
+        self._prediction_errors.forget()
         self._map = LocalMap(self._setup.tuning, self._chosen)
         self._map.offer(scan.t0, known.pose, self._matcher.place(scan, known.mean))
         middle_s = 0.5 * (scan.t1 - scan.t0)  # an error of its twist turns the scan about its start, and so the map
@@ -234,7 +234,7 @@ class Tracker:
         observed = () if len(weak) else (belief.mean.twist,)
         twists = (*self._last.twists, *observed)[-_HELD_SCANS:]
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, belief, blind=blind, twists=twists)
-        self._foresight.add(self._matcher.place(scan, predicted.mean), placed)
+        self._prediction_errors.add(self._matcher.place(scan, predicted.mean), placed)
         self._map.offer(scan.t0, belief.pose, placed)
         status = Status.DEGENERATE if len(weak) else Status.CONVERGED
         return Tracked(scan.t0, belief.mean, covariance, spread_along(weak, blind.pose), evaluation, status)

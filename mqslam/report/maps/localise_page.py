@@ -59,7 +59,7 @@ def draw_scans_in_map(keyframes: Keyframes, localised: Localised) -> bytes:
     return encode_png(figure)
 
 
-def draw_surety(localised: Localised) -> bytes:
+def draw_uncertainty(localised: Localised) -> bytes:
     """Draws the standard deviation of each pose on the map over time."""
     seconds = 1e-6 * (localised.stamps_us - localised.stamps_us[0])
     sigmas = np.sqrt(np.einsum("nii->ni", localised.covariances))
@@ -165,7 +165,7 @@ def _show_path(localised: Localised) -> Section:
         "dotted where the pose is a prediction"
     )
     figures = (
-        Figure(draw_surety(localised), "How sure the poses are", surety),
+        Figure(draw_uncertainty(localised), "How sure the poses are", surety),
         Figure(draw_overlap(localised), "Overlap", "share of each scan's returns that lie on the map"),
     )
     return Section("Along the recording", (), figures)

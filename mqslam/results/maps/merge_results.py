@@ -20,7 +20,7 @@ from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
 from mqslam.merging.changes import SURE_M, Change
 from mqslam.merging.map_merge import Merged
-from mqslam.merging.meetings import Meeting
+from mqslam.merging.recognition import Recognition
 from mqslam.results.run_log import format_log, list_stages
 from mqslam.results.summary_files import format_csv
 from mqslam.version import __version__
@@ -44,7 +44,7 @@ def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, An
             }
             for recording, trajectory in zip(recordings, merged.trajectories, strict=True)
         ],
-        "recognition": [_describe_meeting(meeting) for meeting in merged.meetings],
+        "recognition": [_describe_recognition(recognition) for recognition in merged.recognitions],
         "links": {
             "count": len(links.loops),
             "compared": links.tried,
@@ -149,17 +149,17 @@ def format_links(merged: Merged) -> str:
     return format_csv([describe(link, tuple(psi), residual) for link, psi, residual in rows])
 
 
-def _describe_meeting(meeting: Meeting) -> dict[str, Any]:
+def _describe_recognition(recognition: Recognition) -> dict[str, Any]:
     """Returns what recognition says about two results, which are numbered from 1."""
     return {
-        "earlier": meeting.earlier + 1,
-        "later": meeting.later + 1,
-        "rows": meeting.rows,
-        "matches": meeting.matches,
-        "agreeing": meeting.relation.agreeing,
-        "rivals": meeting.relation.rivals,
-        "ambiguous": meeting.ambiguous,
-        "compared": meeting.compared,
+        "earlier": recognition.earlier + 1,
+        "later": recognition.later + 1,
+        "rows": recognition.rows,
+        "matches": recognition.matches,
+        "agreeing": recognition.relation.agreeing,
+        "rivals": recognition.relation.rivals,
+        "ambiguous": recognition.ambiguous,
+        "compared": recognition.compared,
     }
 
 

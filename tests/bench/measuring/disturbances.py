@@ -20,7 +20,7 @@ from mqslam.detection.stage import detect_all
 from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import write_tum
-from mqslam.frontends.both_ways import reverse_time
+from mqslam.frontends.bidirectional import reverse_time
 from mqslam.psi.place import beam_of
 from mqslam.slam import PSI, Slam
 

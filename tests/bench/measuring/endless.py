@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
-from mqslam.simulator.in_memory import START_US
+from mqslam.simulator.world import START_US
 
 _TURN_S = 0.25
 _AZIMUTHS, _BINS, _BIN_M = 200, 200, 0.3

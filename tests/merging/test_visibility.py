@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.merging.changes import _ASPECTS, _MARGIN_M, _RAYS, CELL_M, REACH_M, Views, count_looks, find_farthest
+from mqslam.merging.changes import _ASPECTS, _MARGIN_M, _RAYS, CELL_M, REACH_M, Views, count_visible, find_farthest
 
 CELL = np.array([[20.0, 0.0]])
 EVERYWHERE = np.full((1, _ASPECTS), 100.0)
@@ -19,7 +19,7 @@ def make_view(first_m: float, pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def count_readably(cells: NDArray[np.float64], farthest: NDArray[np.float64], views: Views) -> list[int]:
-    """Does what `count_looks` does, cell by cell: its readable twin."""
+    """Does what `count_visible` does, cell by cell: its readable twin."""
     looks = []
     for cell, shown in zip(cells, farthest, strict=True):
         count = 0
@@ -42,29 +42,29 @@ def count_readably(cells: NDArray[np.float64], farthest: NDArray[np.float64], vi
 
 
 def test_a_ray_that_ends_behind_the_place_looks_past_it() -> None:
-    assert count_looks(CELL, EVERYWHERE, make_view(40.0)).tolist() == [1]
+    assert count_visible(CELL, EVERYWHERE, make_view(40.0)).tolist() == [1]
 
 
 def test_a_ray_that_ends_before_or_at_the_place_tells_nothing() -> None:
     for first in (10.0, 20.0, 20.5):
-        assert count_looks(CELL, EVERYWHERE, make_view(first)).tolist() == [0]
+        assert count_visible(CELL, EVERYWHERE, make_view(first)).tolist() == [0]
 
 
 def test_a_ray_without_a_return_tells_nothing() -> None:
-    assert count_looks(CELL, EVERYWHERE, make_view(np.inf)).tolist() == [0]
+    assert count_visible(CELL, EVERYWHERE, make_view(np.inf)).tolist() == [0]
 
 
 def test_a_keyframe_farther_away_than_those_that_showed_the_place_does_not_count() -> None:
-    assert count_looks(CELL, np.full((1, _ASPECTS), 19.0), make_view(40.0)).tolist() == [0]
-    assert count_looks(CELL, EVERYWHERE, make_view(90.0, (-45.0, 0.0, 0.0))).tolist() == [0]  # beyond REACH_M
+    assert count_visible(CELL, np.full((1, _ASPECTS), 19.0), make_view(40.0)).tolist() == [0]
+    assert count_visible(CELL, EVERYWHERE, make_view(90.0, (-45.0, 0.0, 0.0))).tolist() == [0]  # beyond REACH_M
 
 
 def test_a_place_that_was_shown_from_the_other_side_does_not_count() -> None:
     shown = np.array([[0, 0]])
     from_ahead = find_farthest(CELL, shown, make_view(40.0, (50.0, 0.0, 0.0)))
     from_behind = find_farthest(CELL, shown, make_view(40.0, (-10.0, 0.0, 0.0)))
-    assert count_looks(CELL, from_ahead, make_view(40.0)).tolist() == [0]
-    assert count_looks(CELL, from_behind, make_view(40.0)).tolist() == [1]
+    assert count_visible(CELL, from_ahead, make_view(40.0)).tolist() == [0]
+    assert count_visible(CELL, from_behind, make_view(40.0)).tolist() == [1]
 
 
 def test_the_kernel_counts_as_its_readable_twin_does() -> None:
@@ -75,5 +75,5 @@ def test_the_kernel_counts_as_its_readable_twin_does() -> None:
     firsts = np.repeat(firsts[:, ::6], 6, axis=1)
     views = Views(poses, firsts, rng.normal(0.0, 1.0, (25, _RAYS, 2)))
     cells, farthest = rng.uniform(-40, 40, (60, 2)), rng.uniform(0.0, 60.0, (60, _ASPECTS))
-    looks = count_looks(cells, farthest, views).tolist()
+    looks = count_visible(cells, farthest, views).tolist()
     assert looks == count_readably(cells, farthest, views) and sum(looks) > 50

@@ -1,4 +1,4 @@
-"""Claims: what a trajectory says of one pose against another, held against many trajectories drawn from its covariances."""
+"""How sure a trajectory is of a pose relative to another, held against many trajectories drawn from its covariances."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from gtsam.symbol_shorthand import X
 from support.chains import chain_of
 from support.passes import path
 
-from mqslam.backend.claims import GraphClaims, MarginalClaims
 from mqslam.backend.linear.marginals import compute_all_marginals
+from mqslam.backend.relative_covariances import GraphCovariances, SingleCovariances
 from mqslam.core import se2
 
 SIGMAS = (0.05, 0.02, 0.004)
@@ -34,8 +34,8 @@ def draw_errors(poses: np.ndarray, count: int) -> np.ndarray:
 def test_a_graph_claims_what_its_edges_leave() -> None:
     chain = chain_of(path(drive_round()), SIGMAS)
     poses = chain.drive.poses
-    claims = GraphClaims(chain.graph, chain.values, range(len(poses)), poses)
-    related = claims.relate([PAIR])
+    stated = GraphCovariances(chain.graph, chain.values, range(len(poses)), poses)
+    related = stated.relate([PAIR])
     assert related is not None
     errors = draw_errors(poses, 4000)
     np.testing.assert_allclose(np.sqrt(np.diag(related[0])), errors.std(axis=0), rtol=0.06)
@@ -46,8 +46,8 @@ def test_a_graph_claims_what_its_edges_leave() -> None:
 def test_numbers_tell_which_poses_of_the_graph_are_judged() -> None:
     chain = chain_of(path(drive_round()), SIGMAS)
     some = [5, 12, 20, 38]
-    few = GraphClaims(chain.graph, chain.values, some, chain.drive.poses[some]).relate([(1, 3)])
-    every = GraphClaims(chain.graph, chain.values, range(50), chain.drive.poses).relate([PAIR])
+    few = GraphCovariances(chain.graph, chain.values, some, chain.drive.poses[some]).relate([(1, 3)])
+    every = GraphCovariances(chain.graph, chain.values, range(50), chain.drive.poses).relate([PAIR])
     np.testing.assert_allclose(few, every, rtol=1e-9)
 
 
@@ -55,14 +55,14 @@ def test_single_poses_never_claim_more_than_the_graph_knows() -> None:
     chain = chain_of(path(drive_round()), SIGMAS)
     poses = chain.drive.poses
     pairs = [(5, 20), PAIR, (2, 49)]
-    exact = GraphClaims(chain.graph, chain.values, range(len(poses)), poses).relate(pairs)
+    exact = GraphCovariances(chain.graph, chain.values, range(len(poses)), poses).relate(pairs)
     assert exact is not None
     marginals = compute_all_marginals(chain.graph, chain.values)
-    bounds = MarginalClaims(marginals.covariances, poses).relate(pairs)
+    bounds = SingleCovariances(marginals.covariances, poses).relate(pairs)
     for bound, one in zip(bounds, exact, strict=True):
         assert np.linalg.eigvalsh(bound - one)[0] > -1e-9
-    from_first = MarginalClaims(marginals.covariances, poses).relate([(0, 30)])
-    first = GraphClaims(chain.graph, chain.values, range(len(poses)), poses).relate([(0, 30)])
+    from_first = SingleCovariances(marginals.covariances, poses).relate([(0, 30)])
+    first = GraphCovariances(chain.graph, chain.values, range(len(poses)), poses).relate([(0, 30)])
     np.testing.assert_allclose(from_first, first, rtol=1e-3, atol=1e-7)  # nothing is in common with a pose that is held
 
 
@@ -71,4 +71,4 @@ def test_a_graph_that_leaves_a_pose_undetermined_claims_nothing() -> None:
     values = gtsam.Values(chain.values)
     values.insert(X(50), gtsam.Pose2(0.0, 0.0, 0.0))
     poses = np.vstack([chain.drive.poses, np.zeros(3)])
-    assert GraphClaims(chain.graph, values, range(51), poses).relate([(3, 50)]) is None
+    assert GraphCovariances(chain.graph, values, range(51), poses).relate([(3, 50)]) is None

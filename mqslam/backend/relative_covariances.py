@@ -1,4 +1,4 @@
-"""Claims: how sure a trajectory is of where one of its poses lies against another."""
+"""The covariances that a trajectory states of its poses relative to each other."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from mqslam.core import se2
 from mqslam.errors import EstimationError
 
 
-class Claims(Protocol):
-    """How sure a trajectory is of its relative poses."""
+class RelativeCovariances(Protocol):
+    """The covariances of pairs of poses of a trajectory."""
 
     def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64] | None:
-        """Returns how sure it is of the second pose of each pair against the first.
+        """Computes the covariance of the second pose of each pair relative to the first.
 
         Args:
             pairs: numbers of K pairs of poses.
@@ -31,8 +31,8 @@ class Claims(Protocol):
 
 
 @dataclass(frozen=True)
-class GraphClaims:
-    """The claims of a trajectory whose graph is known: exact.
+class GraphCovariances:
+    """The relative covariances of a trajectory whose graph is known: exact.
 
     Args:
         graph: the graph that the trajectory optimises.
@@ -47,7 +47,7 @@ class GraphClaims:
     poses: se2.Array
 
     def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64] | None:
-        """Returns how sure the graph is of pairs of poses, as `Claims` says."""
+        """Computes the covariances of pairs of poses by the graph, as `RelativeCovariances` says."""
         inside = [(self.numbers[a], self.numbers[b]) for a, b in pairs]
         try:
             covariances = Uncertainty(self.graph, self.values).relate(inside)
@@ -59,8 +59,8 @@ class GraphClaims:
 
 
 @dataclass(frozen=True)
-class MarginalClaims:
-    """The claims of a trajectory of which only the covariance of every single pose is known: too large.
+class SingleCovariances:
+    """The relative covariances of a trajectory of which only the covariance of every single pose is known: too large.
 
     What two poses have in common is not known then, and their errors are taken as independent. In truth both have grown
     from the same first pose, and their difference is smaller: a trajectory is never held to know more than it says.
@@ -74,7 +74,7 @@ class MarginalClaims:
     poses: se2.Array
 
     def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
-        """Returns the largest covariances that the single poses leave, as `Claims` says."""
+        """Computes the largest covariances that the single poses leave, as `RelativeCovariances` says."""
         related = []
         for a, b in pairs:
             lever = se2.adjoint(se2.between(self.poses[b], self.poses[a]))

@@ -16,13 +16,13 @@ from mqslam.psi.tracking.setup import Tuning
 # Number of scans of a new track that are measured again together, once they make a map.
 YOUNG_SCANS = 16
 # Number of past scans that show how well predictions foresee where returns lie.
-_FORESIGHT_SCANS = 40
+_PREDICTION_SCANS = 40
 
 # Share of those scans whose predictions erred by less than what is expected of the next.
-_FORESIGHT_SHARE = 0.9
+_PREDICTION_SHARE = 0.9
 
 
-class Foresight:
+class PredictionErrors:
     """Errors of the predictions of the last scans.
 
     Args:
@@ -39,12 +39,12 @@ class Foresight:
         """Takes the returns of a scan where its prediction put them, and where its match did."""
         moved = matched.points - predicted.points
         error = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
-        self._errors = [*self._errors, error][-_FORESIGHT_SCANS:]
+        self._errors = [*self._errors, error][-_PREDICTION_SCANS:]
 
     @property
     def is_young(self) -> bool:
         """Whether the track has only begun, or gone on after a loss, so that too few predictions are known."""
-        return len(self._errors) < min(YOUNG_SCANS, _FORESIGHT_SCANS)
+        return len(self._errors) < min(YOUNG_SCANS, _PREDICTION_SCANS)
 
     def forget(self) -> None:
         """Forgets all errors, where a track begins or goes on after a loss."""
@@ -56,7 +56,7 @@ class Foresight:
         step = tuning.first_step
         if self.is_young:
             return step
-        least = tuning.foresight_margin * float(np.quantile(self._errors, _FORESIGHT_SHARE))
+        least = tuning.prediction_margin * float(np.quantile(self._errors, _PREDICTION_SHARE))
         while annealed_scale(matching, step) != final_scale(matching) and annealed_scale(matching, step + 1).beta_s >= least:
             step += 1
         return step

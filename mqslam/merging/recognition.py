@@ -1,4 +1,4 @@
-"""Meetings: each two parts are looked up in each other, and laid on each other where places are recognised."""
+"""Recognition between sessions: the places of each are searched in each other, which gives their relative pose."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def _as_relative(match: PlaceMatch) -> Relative:
 
 
 @dataclass(frozen=True, slots=True)
-class Meeting:
+class Recognition:
     """What recognition says about two parts.
 
     Args:
@@ -140,9 +140,9 @@ class Meeting:
 
 def introduce(
     parts: Sequence[Session], chains: Sequence[Chain], estimator: EstimatorConfig, beam: Beam, runner: Runner
-) -> list[Meeting]:
+) -> list[Recognition]:
     """Looks each part up in every part before it."""
-    meetings = []
+    recognitions = []
     pairs = [(a, b) for b in range(len(parts)) for a in range(b)]
     for a, b in runner.follow("recognise", pairs, len(pairs)):
         places, drive = parts[a].map.places, chains[b].drive
@@ -152,12 +152,12 @@ def introduce(
         found = recognise(drive, queries, ground, allowed, estimator, beam, runner.engine)
         relation = find_relation(found.rows, chains[a], chains[b])
         matches = sum(map(len, found.rows))
-        meetings.append(Meeting(a, b, len(found.rows), matches, len(found.ambiguous), found.compared, relation))
-    return meetings
+        recognitions.append(Recognition(a, b, len(found.rows), matches, len(found.ambiguous), found.compared, relation))
+    return recognitions
 
 
 def lay_out(
-    parts: Sequence[Session], chains: Sequence[Chain], meetings: Sequence[Meeting]
+    parts: Sequence[Session], chains: Sequence[Chain], recognitions: Sequence[Recognition]
 ) -> tuple[list[se2.Array], list[Loop]]:
     """Lays the parts on each other, at each step the one of which the most matches agree.
 
@@ -171,9 +171,9 @@ def lay_out(
     frames: dict[int, se2.Array] = {0: np.zeros(3)}
     links = list[Loop]()
     while len(frames) < len(parts):
-        usable = [m for m in meetings if m.relation.matches and (m.earlier in frames) != (m.later in frames)]
+        usable = [m for m in recognitions if m.relation.matches and (m.earlier in frames) != (m.later in frames)]
         if not usable:
-            raise _explain(parts, set(frames), meetings)
+            raise _explain(parts, set(frames), recognitions)
         best = max(usable, key=lambda m: m.relation.agreeing)
         a, b = best.earlier, best.later
         poses = chains[a].drive.poses, chains[b].drive.poses
@@ -191,18 +191,18 @@ def lay_out(
     return [frames[n] for n in range(len(parts))], links
 
 
-def _find_middle(meeting: Meeting, lies: se2.Array, poses: se2.Array) -> int:
+def _find_middle(recognition: Recognition, lies: se2.Array, poses: se2.Array) -> int:
     """Returns which of N relations (N, 3) leaves the matched keyframes nearest to where all matches have them."""
-    at = poses[[match.query for match in meeting.relation.matches]]
+    at = poses[[match.query for match in recognition.relation.matches]]
     where = np.array([se2.compose(lie, pose) for lie, pose in zip(lies, at, strict=True)])[:, :2]
     off = [np.median(np.hypot(*(se2.compose(lie, at)[:, :2] - where).T)) for lie in lies]
     return int(np.argmin(off))
 
 
-def _explain(parts: Sequence[Session], joined: set[int], meetings: Sequence[Meeting]) -> EstimationError:
+def _explain(parts: Sequence[Session], joined: set[int], recognitions: Sequence[Recognition]) -> EstimationError:
     """Returns the error that says why a part could not be joined."""
     apart = [n for n in range(len(parts)) if n not in joined]
-    own = [m for m in meetings if (m.earlier in joined) != (m.later in joined)]
+    own = [m for m in recognitions if (m.earlier in joined) != (m.later in joined)]
     names = ", ".join(str(parts[n].folder) for n in apart)
     ambiguous, matches = sum(m.ambiguous for m in own), sum(m.matches for m in own)
     rivals = max((m.relation.rivals for m in own), default=0)
