@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -16,35 +15,14 @@ PARTS = [PACKAGE, ROOT / "factors", ROOT / "frontends"]
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
 
 
-def entries(folder: Path) -> list[str]:
-    """Returns the names of the files and folders that a folder holds."""
-    return [path.name for path in folder.iterdir() if path.name != "__pycache__"]
-
-
 def modules() -> list[Path]:
     """Returns all modules of the package."""
     return [path for part in PARTS for path in part.rglob("*.py")]
 
 
-def test_no_folder_is_crowded() -> None:
-    assert len(entries(PACKAGE)) <= 26
-    folders = {path.parent for path in modules()} - {PACKAGE}
-    assert {str(folder): len(entries(folder)) for folder in folders if len(entries(folder)) > 15} == {}
-
-
-def test_the_method_fits_on_a_screen() -> None:
-    assert len((PACKAGE / "slam.py").read_text(encoding="utf-8").splitlines()) < 165
-
-
 def test_no_test_file_is_long() -> None:
     lengths = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in (ROOT / "tests").rglob("*.py")}
     assert {str(path): length for path, length in lengths.items() if length > 400} == {}
-
-
-def test_no_two_modules_share_a_name() -> None:
-    """Other than those of the commands, each of which has a function to call and words to print."""
-    names = [path.stem for path in modules() if "cli" not in path.parts and path.stem != "__init__"]
-    assert [name for name, count in Counter(names).items() if count > 1] == []
 
 
 def test_only_the_command_line_names_options() -> None:

@@ -182,7 +182,7 @@ def test_a_run_that_died_writing_can_be_resumed_by_a_later_version(
 
 def test_other_bounds_of_the_verdict_make_another_run(drive: Path) -> None:
     recording, usual = open_recording(drive), load_config(drive.with_name("quick.yaml"))
-    strict = usual.model_copy(update={"verdict": usual.verdict.model_copy(update={"confidence": 0.99})})
+    strict = usual.model_copy(update={"verdict": usual.verdict.model_copy(update={"false_alarms": 0.02})})
     assert hash_run(recording, usual, "psi", None) != hash_run(recording, strict, "psi", None)
 
 

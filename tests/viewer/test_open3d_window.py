@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import open3d as o3d
 from mqslam.viewer.colours import LOOPS, TRAJECTORY, colour_over_span
-from mqslam.cli.maps.view import open_window
+from mqslam.viewer.open3d_window import open_window
 from mqslam.viewer.finished_run import read_scene
 
 pressed = {}

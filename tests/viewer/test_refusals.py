@@ -40,7 +40,7 @@ def test_without_rerun_its_installation_is_named(
 def test_without_open3d_a_window_names_its_installation_and_what_there_is_besides(
     finished: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mqslam.cli.maps.view.has_display", lambda: True)
+    monkeypatch.setattr("mqslam.viewer.open3d_window.has_display", lambda: True)
     monkeypatch.setitem(sys.modules, "open3d", None)
     said = refusal("view", finished)
     assert "Open3D is not installed; install it with: " in said and "[open3d]'" in said and "report.html" in said

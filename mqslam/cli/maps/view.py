@@ -2,108 +2,14 @@
 
 from __future__ import annotations
 
-import time
 from enum import StrEnum
-from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from mqslam.cli.terminal.echo import echo
 from mqslam.cli.terminal.options import Quiet, Verbose
-from mqslam.errors import Remedy, ViewerError
-from mqslam.execution.extras import describe_missing
-from mqslam.viewer.colours import GROUND, LOOPS, TRAJECTORY, colour_over_span
-from mqslam.viewer.display import has_display
-from mqslam.viewer.finished_run import RunScene
-
-KEYS = {"psi": "P", "intensity": "I", "time": "T"}
-_FRAME_S = 0.02  # time between two frames
-_ABOVE_M = 0.05  # height of lines above the points, which would hide them otherwise
-
-
-def show(scene: RunScene, colour: str) -> None:
-    """Shows a scene until its window is closed.
-
-    Args:
-        scene: the scene.
-        colour: what the points are coloured by at first, one of KEYS.
-
-    Raises:
-        ViewerError: there is no display, or Open3D is not installed.
-    """
-    shown = open_window(scene, colour)
-    while shown.poll_events():  # Open3D's own loop would not react to Ctrl-C
-        shown.update_renderer()
-        time.sleep(_FRAME_S)
-    shown.destroy_window()
-
-
-def open_window(scene: RunScene, colour: str) -> Any:
-    """Opens an Open3D visualizer that shows a scene from above and reacts to the keys.
-
-    Args:
-        scene: the scene.
-        colour: what the points are coloured by at first, one of KEYS.
-
-    Raises:
-        ViewerError: there is no display, or Open3D cannot use it or is not installed.
-    """
-    if not has_display():
-        raise ViewerError("there is no display to open a window on", Remedy.OPEN_MAP_ELSEWHERE)
-    try:
-        import open3d as o3d
-    except ModuleNotFoundError as error:
-        missing, remedy = describe_missing("open3d")
-        raise ViewerError(f"the window is Open3D's, and {missing}", remedy, Remedy.OPEN_MAP_ELSEWHERE) from error
-    except (ImportError, OSError) as error:  # it is there, but a system library that it loads is not
-        raise ViewerError(f"Open3D cannot be imported ({error})", Remedy.OPEN_MAP_ELSEWHERE) from error
-
-    shown = o3d.visualization.VisualizerWithKeyCallback()
-    if not shown.create_window(f"mqslam {scene.name}", 1280, 900):
-        raise ViewerError("Open3D cannot open a window on this display", Remedy.OPEN_MAP_ELSEWHERE)
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(_lift(scene.points, 0.0)))
-    for geometry in (*_make_lines(scene), cloud):  # the view is fitted to the last one
-        shown.add_geometry(geometry)
-
-    def colour_by(name: str, _: Any = None) -> bool:
-        cloud.colors = o3d.utility.Vector3dVector(colour_over_span(scene.values[name]) / 255.0)
-        return bool(shown.update_geometry(cloud))
-
-    for name, key in KEYS.items():
-        if name in scene.values:
-            shown.register_key_callback(ord(key), partial(colour_by, name))
-    colour_by(colour)
-    options, view = shown.get_render_option(), shown.get_view_control()
-    options.background_color, options.point_size = np.array(GROUND) / 255.0, 2.0
-    view.set_front([0.0, 0.0, 1.0])
-    view.set_up([0.0, 1.0, 0.0])
-    view.change_field_of_view(-90.0)  # as far as it goes: without perspective
-    view.set_zoom(0.4)
-    return shown
-
-
-def _make_lines(scene: RunScene) -> list[Any]:
-    """Returns the trajectory and the loop closures as lines."""
-    import open3d as o3d
-
-    poses = o3d.utility.Vector3dVector(_lift(scene.trajectory.poses[:, :2], _ABOVE_M))
-    steps = np.setdiff1d(np.arange(len(scene.trajectory) - 1), scene.starts - 1)  # no line leads to another recording
-    shown = []
-    for ends, colour in ((np.column_stack([steps, steps + 1]), TRAJECTORY), (scene.loops, LOOPS)):
-        if len(ends):
-            lines = o3d.geometry.LineSet(poses, o3d.utility.Vector2iVector(ends))
-            lines.paint_uniform_color(np.array(colour) / 255.0)
-            shown.append(lines)
-    return shown
-
-
-def _lift(points: NDArray[np.float64], z: float) -> NDArray[np.float64]:
-    """Returns points (N, 3) at height z [m] of points (N, 2) [m]."""
-    return np.column_stack([points, np.full(len(points), z)])
 
 
 class Colour(StrEnum):
@@ -136,7 +42,7 @@ def view(
     scene = read_scene(out)
     by = colour.value if colour.value in scene.values else Colour.intensity.value
     if not rerun:
-        from mqslam.cli.maps.view import show
+        from mqslam.viewer.open3d_window import show
 
         show(scene, by)
         return
