@@ -1,6 +1,7 @@
 """Covariance of a scan matched to a map of points, from the residuals of its own correspondences.
 
-A tree of a map that changes with every scan takes longer to build than it takes to search.
+The nearest points are looked for in a grid of cells, with SciPy's `cKDTree` as the readable twin: a tree of a map that
+changes with every scan takes longer to build than it takes to search.
 """
 
 from __future__ import annotations

@@ -145,7 +145,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
                 open_data(data, format, range_resolution, settings, span=(start_s, end_s)), given, name, settings, work
             )
             sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
-            turning = _check_turns(source, track, settings, notes, work)
+            turning = _check_turns(source, track, notes, work)
             place = partial(_place_alone, source, settings)
         notes += told
         if mount is not None:
@@ -296,7 +296,7 @@ def _render_sweeps(source: Source, track: Trajectory, settings: Config) -> tuple
     return sweeps, [*source.notes, *notes]
 
 
-def _check_turns(source: Source, track: Trajectory, settings: Config, notes: list[str], work: Work) -> GyroscopeCheck | None:
+def _check_turns(source: Source, track: Trajectory, notes: list[str], work: Work) -> GyroscopeCheck | None:
     """Returns what a recording's gyroscope says of a trajectory; None where there is none.
 
     A contradiction is added to the notes, which become warnings. Agreement, or that there is too little to compare, is told.

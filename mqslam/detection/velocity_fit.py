@@ -8,9 +8,10 @@ of a jackknife over sectors of the turn: what the scan itself shows.
 Source: the measurement is that of Lisus et al., "Are Doppler Velocity Measurements Useful for Spinning Radar Odometry?",
 RA-L 2025; the estimator is our own.
 
-The Doppler effect shifts the two in opposite directions. From azimuth to azimuth the beam moves on, and with it the range
-of an oblique wall; this also shifts echoes, up to down as much as down to up. So the correlations of three successive pairs
-of azimuths are added with the weights 1, 2, 1: steady changes of range and changes of slope then cancel.
+The Doppler effect shifts echoes of up-chirps and of down-chirps in opposite directions. From azimuth to azimuth the beam
+moves on, and with it the range of an oblique wall; this also shifts echoes, up to down as much as down to up. So the
+correlations of three successive pairs of azimuths are added with the weights 1, 2, 1: steady changes of range and changes
+of slope then cancel.
 """
 
 from __future__ import annotations

@@ -54,13 +54,12 @@ def number_vertices(parts: Sequence[Session]) -> list[NDArray[np.int64]]:
     ]
 
 
-def join_graphs(parts: Sequence[Session], frames: Sequence[se2.Array], config: Config) -> GivenGraph:
+def join_graphs(parts: Sequence[Session], frames: Sequence[se2.Array]) -> GivenGraph:
     """Joins the graphs of all parts; only the first pose of the first one is held.
 
     Args:
         parts: the parts.
         frames: (3,) pose of the frame of each part in that of the first one, from which the optimisation starts.
-        config: all settings.
 
     Returns:
         The graph over the poses of all keyframes. Vertices are numbered from 0: those of all scans, part by part, and after
@@ -73,7 +72,7 @@ def join_graphs(parts: Sequence[Session], frames: Sequence[se2.Array], config: C
             values.insert(key, gtsam.Pose2(*pose))
         if not keys:
             factors.push_back(prior(0, poses[0]))
-        for factor in list_factors(part, numbers.tolist(), config):
+        for factor in list_factors(part, numbers.tolist()):
             factors.push_back(factor)
         keys += numbers[part.map.keyframes.scans].tolist()
     return GivenGraph(factors, values, keys, lambda factor: factor)
@@ -174,7 +173,7 @@ def merge_parts(parts: Sequence[Session], config: Config, runner: Runner) -> Mer
     beam = beam_of(config.estimator, parts[0].map.keyframes.recordings[0].doppler_beta)
     with runner.time_stage("optimise"):
         parts = [replace(part, map=describe_map(part.map, beam, runner.engine)) for part in parts]
-        chains = [_optimise_alone(part, config) for part in parts]
+        chains = [_optimise_alone(part) for part in parts]
         moved = tuple(_measure_move(part, chain) for part, chain in zip(parts, chains, strict=True))
     with runner.time_stage("recognise"):
         recognitions = introduce(parts, chains, config.estimator, beam, runner)
@@ -182,7 +181,7 @@ def merge_parts(parts: Sequence[Session], config: Config, runner: Runner) -> Mer
     groups = np.repeat(np.arange(len(parts)), [len(part.map.keyframes) for part in parts])
     frames, first = lay_out(parts, chains, recognitions)
     del chains  # what they have eliminated takes more memory than anything else here
-    problem = join_graphs(parts, frames, config)
+    problem = join_graphs(parts, frames)
     start = np.concatenate([se2.compose(f, part.map.keyframes.poses) for f, part in zip(frames, parts, strict=True)])
     with runner.time_stage("links"):
         before = MappedDrive.of(keyframes, start)
@@ -232,9 +231,9 @@ def merge_parts(parts: Sequence[Session], config: Config, runner: Runner) -> Mer
     )
 
 
-def _optimise_alone(part: Session, config: Config) -> Chain:
+def _optimise_alone(part: Session) -> Chain:
     """Returns a part's own trajectory and how sure its graph is of it."""
-    graph = build_alone(part, config)
+    graph = build_alone(part)
     optimum = optimise(graph)
     return Chain(MappedDrive.of(part.map.keyframes), graph, optimum.values)
 

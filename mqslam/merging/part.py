@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.backend.pose_graph import PoseGraph, pose_of
-from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.errors import DataError
@@ -90,7 +89,7 @@ def make_part(folder: Path, kept: KeyframeMap, stamps_us: Sequence[NDArray[np.in
     return Session(folder, kept, tuple(stamps_us), graph, frame)
 
 
-def list_factors(part: Session, keys: Sequence[int], config: Config) -> list[gtsam.BetweenFactorPose2]:
+def list_factors(part: Session, keys: Sequence[int]) -> list[gtsam.BetweenFactorPose2]:
     """Returns the edges of a part under other keys, with the losses that a run gives them, which its file lacks.
 
     Edges between scans that do not follow each other are loops; all others are motions.
@@ -98,7 +97,6 @@ def list_factors(part: Session, keys: Sequence[int], config: Config) -> list[gts
     Args:
         part: the part.
         keys: (V,) key of each of its vertices.
-        config: all settings.
     """
     ends = np.cumsum([len(stamps) for stamps in part.stamps_us])
     huber = gtsam.noiseModel.mEstimator.Huber.Create(HUBER)
@@ -114,12 +112,12 @@ def list_factors(part: Session, keys: Sequence[int], config: Config) -> list[gts
     return factors
 
 
-def build_alone(part: Session, config: Config) -> PoseGraph:
+def build_alone(part: Session) -> PoseGraph:
     """Returns the graph of a part by itself, over the poses of its keyframes, held at its first pose."""
     keys = list(range(len(part.graph.keys)))
     factors, values, poses = gtsam.NonlinearFactorGraph(), gtsam.Values(), part.poses
     factors.push_back(prior(0, poses[0]))
-    for factor in list_factors(part, keys, config):
+    for factor in list_factors(part, keys):
         factors.push_back(factor)
     for key in keys:
         values.insert(key, gtsam.Pose2(*poses[key]))

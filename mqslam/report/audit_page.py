@@ -142,7 +142,7 @@ def write_audit_pages(
     """
     failures: list[str] = []
     with tolerate("heatmap.png", failures):
-        write_bytes(folder / "heatmap.png", draw_heat_map(sweeps, audit, config.audit))
+        write_bytes(folder / "heatmap.png", draw_heat_map(sweeps, audit))
     with tolerate("the files of the bad places", failures):
         write_bad_places(folder, list_bad_places(sweeps, audit, config.audit))
     with tolerate("report.html", failures):
@@ -246,12 +246,12 @@ def _show_map(report: AuditReport) -> Section:
     )
     if any(window.undecided is not None for window in audit.windows):
         caption += "; grey where nothing could be decided"
-    heat_map = Figure(draw_heat_map(report.sweeps, audit, settings, opaque=False), "Heat map", caption)
+    heat_map = Figure(draw_heat_map(report.sweeps, audit, opaque=False), "Heat map", caption)
     charts = []
     if audit.windows:
         bend = format_length(settings.bend_m)
         caption = f"torn are windows beyond the threshold that a correction moves by more than {bend}"
-        charts.append(Figure(draw_inflation(audit, settings), "Inflation of the windows", caption))
+        charts.append(Figure(draw_inflation(audit), "Inflation of the windows", caption))
     if audit.revisits:
         caption = f"torn beyond the tolerance, or turned by more than {np.rad2deg(settings.torn_rad):.2g}°, where sure"
         if any(revisit.stated_covariance is not None for revisit in audit.revisits):
@@ -269,10 +269,9 @@ def _show_mended(report: AuditReport) -> Section | None:
     before, after = report.summary, section_of(report.summary, "mended")
     if report.mended is None or not after:
         return None
-    settings = report.config.audit
     figures = (
-        Figure(draw_heat_map(report.sweeps, report.audit, settings, opaque=False), "As it was given"),
-        Figure(draw_heat_map(report.mended.sweeps, report.mended.audit, settings, opaque=False), "Mended"),
+        Figure(draw_heat_map(report.sweeps, report.audit, opaque=False), "As it was given"),
+        Figure(draw_heat_map(report.mended.sweeps, report.mended.audit, opaque=False), "Mended"),
     )
     rows = [TableRow("verdict", tuple(section_of(shown, "verdict")["status"] for shown in (before, after)))]
     for label, section, key, unit in _COMPARED:

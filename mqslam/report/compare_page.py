@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.sizes import TORN_INFLATION
 from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.comparison.judgement import JudgedRow, Place
 from mqslam.core import se2
@@ -104,7 +103,6 @@ def explore_comparison(
     windows: Sequence[Sequence[WindowAudit]],
     truth: Trajectory | None,
     start_us: int,
-    threshold: float,
 ) -> Explorer:
     """Returns the maps and trajectories of all rows, their windows' inflation over time, and crops of every row.
 
@@ -115,7 +113,6 @@ def explore_comparison(
         windows: of each row, those whose inflation is drawn.
         truth: ground truth, on which all are laid; without it they start from one pose.
         start_us: stamp of the recording's start [us].
-        threshold: inflation beyond which a window is torn.
     """
     tracks = [row.row.trajectory for row in rows if row.row.trajectory is not None]
     motions, true = find_common_frame(tracks, truth)
@@ -142,7 +139,7 @@ def explore_comparison(
         for row, colour, some in zip(rows, colours, windows, strict=True)
         if some
     )
-    chart = Chart("inflation, running median", curves, list_levels(threshold), log=True)
+    chart = Chart("inflation, running median", curves, list_levels(), log=True)
     return Explorer(
         layers=tuple(layers),
         charts=(chart,) if curves else (),
@@ -213,12 +210,11 @@ def write_compare_report(path: Path, report: CompareReport) -> list[str]:
         OutputError: the file cannot be written.
     """
     failures: list[str] = []
-    threshold = report.summary.get("threshold") or TORN_INFLATION
     parts = CompareParts(
-        trajectories=collect("the pictures of the trajectories", lambda: _show_trajectories(report, threshold), failures),
+        trajectories=collect("the pictures of the trajectories", lambda: _show_trajectories(report), failures),
         ranks=collect("the ranking", lambda: _rank_rows(report), failures),
         rows=collect("the table", lambda: _tabulate_rows(report), failures),
-        explorer=collect("the map to move in", lambda: _make_scene(report, threshold), failures),
+        explorer=collect("the map to move in", lambda: _make_scene(report), failures),
         places=collect("where the rows differ", lambda: _show_places(report), failures),
         numbers=collect("the numbers", lambda: _list_numbers(report), failures),
     )
@@ -234,11 +230,11 @@ def write_compare_report(path: Path, report: CompareReport) -> list[str]:
     return failures
 
 
-def _make_scene(report: CompareReport, threshold: float) -> ExplorerScene | None:
+def _make_scene(report: CompareReport) -> ExplorerScene | None:
     places = (*report.places, *report.stations)
     moving = select_moving_windows(report.rows, report.start_us)
     shown = select_moving_places(report.rows, places, report.start_us)
-    explorer = explore_comparison(report.rows, places, shown, moving, report.ground_truth, report.start_us, threshold)
+    explorer = explore_comparison(report.rows, places, shown, moving, report.ground_truth, report.start_us)
     return make_scene(explorer)
 
 
@@ -276,7 +272,7 @@ def _tabulate_rows(report: CompareReport) -> Section | None:
     return Section("Rows", (note,), table=table, turned=table.turn())
 
 
-def _show_trajectories(report: CompareReport, threshold: float) -> Section | None:
+def _show_trajectories(report: CompareReport) -> Section | None:
     if not report.rows:
         return None
     caption = "all starting from one pose, as far as they have one start in common"
@@ -285,7 +281,7 @@ def _show_trajectories(report: CompareReport, threshold: float) -> Section | Non
     trajectories = Figure(draw_overlay(report.rows, report.ground_truth, opaque=False), "Trajectories", caption)
     caption = "running median over the windows in which the radar moved: how far a window's map is from its own best"
     moving = select_moving_windows(report.rows, report.start_us)
-    charts = [Figure(draw_inflation(report.rows, moving, threshold), "Inflation of the windows", caption)]
+    charts = [Figure(draw_inflation(report.rows, moving), "Inflation of the windows", caption)]
     if any(r.revisit.sure for row in report.rows for r in row.audit.revisits):
         caption = "share of the revisits whose two passes are off each other by less, with their number in brackets"
         charts.append(Figure(draw_revisits(report.rows), "Offset of the revisits", caption))

@@ -17,7 +17,7 @@ from mqslam.comparison.best import Standing
 from mqslam.comparison.comparison import Comparison
 from mqslam.comparison.judgement import JudgedRow
 from mqslam.comparison.rows import Row
-from mqslam.config import Config, dump_yaml
+from mqslam.config import dump_yaml
 from mqslam.execution.files import write_json, write_text
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import write_tum
@@ -71,7 +71,7 @@ _COLUMNS: Final = (
 
 def summarise(comparison: Comparison) -> dict[str, Any]:
     """Returns the content of compare.json."""
-    recording, settings = comparison.recording, comparison.settings
+    recording = comparison.recording
     judged, across, best = comparison.judged, comparison.psi_across, comparison.best
     return {
         "mqslam_version": __version__,
@@ -86,9 +86,7 @@ def summarise(comparison: Comparison) -> dict[str, Any]:
         "threshold": TORN_INFLATION,
         "warnings": list(comparison.warnings),
         "best": best and {"rows": list(best.rows), "decided_by": best.decided_by, "sentence": best.sentence},
-        "rows": [
-            _list_row(row, judged.get(row.name), across.get(row.name), len(recording), settings) for row in comparison.rows
-        ],
+        "rows": [_list_row(row, judged.get(row.name), across.get(row.name), len(recording)) for row in comparison.rows],
         "agreement": [
             {"row": a, "against": b, "rmse_m": e.ate_rmse_m, "drift_percent": e.drift_percent, "speed_rms": e.rpe_v_rms}
             for a, b, e in comparison.agreement
@@ -97,7 +95,7 @@ def summarise(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: int, settings: Config) -> dict[str, Any]:
+def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: int) -> dict[str, Any]:
     """Returns a row's numbers; a row that failed has its name and failure only."""
     if judged is None:
         return {"name": row.name, "failure": row.failure}

@@ -9,7 +9,6 @@ from typing import Final
 
 import gtsam
 
-from mqslam.config import Config
 from mqslam.factors.loop_between import CAUCHY
 from mqslam.factors.noise import HUBER
 from mqslam.formats.graphs.g2o import list_edges
@@ -30,7 +29,7 @@ def format_graph_table(run: Run) -> str:
     rows.writerow(_COLUMNS)
     for k, factor in enumerate(list_edges(run.graph.factors)):
         ends = [_number(key, size) for key in factor.keys()]
-        loss, parameter = _describe_loss(factor.noiseModel(), run.config)
+        loss, parameter = _describe_loss(factor.noiseModel())
         stamps = [stamps_us[end] if end < size else "" for end in ends]
         rows.writerow([k, *ends, _name_kind(ends, size, loss), loss, parameter, *stamps])
     return text.getvalue()
@@ -52,7 +51,7 @@ def _name_kind(ends: Sequence[int], size: int, loss: str) -> str:
     return "loop" if loss == "cauchy" else "refinement"
 
 
-def _describe_loss(noise: gtsam.noiseModel.Base, config: Config) -> tuple[str, float | str]:
+def _describe_loss(noise: gtsam.noiseModel.Base) -> tuple[str, float | str]:
     """Returns the loss of an edge and its parameter, in standard deviations."""
     if not isinstance(noise, gtsam.noiseModel.Robust):
         return "none", ""

@@ -141,8 +141,8 @@ def test_an_undecided_window_is_not_said_to_be_whole(tmp_path: Path) -> None:
     assert "10\nundecided: its motion is interpolated across a gap" in page.text and "nothing could be decided" in page.text
     chart = explore_audit(sweeps, audit, Config().audit).charts[0]
     assert {curve.name: len(curve.times) for curve in chart.curves} == {"inflation": 9, "inflation: undecided": 1}
-    picture = draw_inflation(audit, Config().audit)
-    decided = draw_inflation(audit_of([replace(w, undecided=None) for w in windows], []), Config().audit)
+    picture = draw_inflation(audit)
+    decided = draw_inflation(audit_of([replace(w, undecided=None) for w in windows], []))
     assert picture != decided
 
 

@@ -2,11 +2,9 @@
 
 The readings of its sensors lie in `GPS_IMU_Twist/`.
 
-Source: github.com/marcelsheeny/radiate_sdk, README.md.
-
-The first line of a file is latitude, longitude [degrees] and altitude; three lines are the covariance of the position along
-east, north and up [m^2]; then come the orientation and, in the sixth line, the turn rates about x forward, y right and z
-down [rad/s]. Every message is there twice, with the same stamp. The clock is not that of the radar.
+The first line of a file of sensors is latitude, longitude [degrees] and altitude; three lines are the covariance of the
+position along east, north and up [m^2]; then come the orientation and, in the sixth line, the turn rates about x forward,
+y right and z down [rad/s]. Every message is there twice, with the same stamp. The clock is not that of the radar.
 
 Source: github.com/marcelsheeny/radiate_sdk, README.md, for the files; their order and axes were found on a drive.
 """

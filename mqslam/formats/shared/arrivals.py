@@ -91,8 +91,8 @@ def estimate_arrivals(stamps_us: NDArray[np.int64], numbers: NDArray[np.int64] |
         return Arrivals(stamps_us)
     numbers = np.arange(1, len(stamps_us) + 1) if numbers is None else numbers
     places = np.concatenate([[0], np.cumsum(np.minimum(np.diff(numbers), _MOST_MISSING))])
-    smooth, usual, sigma_s = _estimate_once(stamps_us, places)
-    for _ in range(_ROUNDS):  # what comes of absurd stamps may be absurd itself, such as turns faster than any radar's
+    smooth, sigma_s = stamps_us, 0.0
+    for _ in range(1 + _ROUNDS):  # what comes of absurd stamps may be absurd itself, such as turns faster than any radar's
         before = smooth
         smooth, usual, sigma = _estimate_once(smooth, places)
         sigma_s = max(sigma_s, sigma)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from mqslam.auditing.judge import Audit
-from mqslam.auditing.sizes import TORN_INFLATION
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import AuditConfig
@@ -85,7 +84,7 @@ def _show_spot(sweeps: Sweeps, spot: Spot) -> ExplorerPlace:
 def _make_charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> tuple[Chart, ...]:
     charts = []
     if audit.windows:
-        charts.append(chart_inflation("inflation", audit.windows, BLUE, TORN_INFLATION))
+        charts.append(chart_inflation("inflation", audit.windows, BLUE))
     curves = []
     kinds = ((False, BLUE, "revisits", FINE), (True, RED, "revisits: torn", TORN))
     for torn, colour, name, mark in kinds:

@@ -158,18 +158,17 @@ def _make_charts(report: Report) -> tuple[Chart, ...]:
         curves.append(ExplorerCurve("ψ at its minimum", BLUE, times, scores.psi_minimum / points))
     charts = [Chart("ψ per point of a scan", tuple(curves))] if curves else []
     if checks:
-        charts.append(chart_inflation("inflation", checks, BLUE, TORN_INFLATION))
+        charts.append(chart_inflation("inflation", checks, BLUE))
     return tuple(charts)
 
 
-def chart_inflation(name: str, windows: Sequence[WindowAudit], colour: str, threshold: float) -> Chart:
+def chart_inflation(name: str, windows: Sequence[WindowAudit], colour: str) -> Chart:
     """Returns the inflation of windows over time: torn ones are red triangles, undecided ones grey squares.
 
     Args:
         name: name of those that are neither.
         windows: the windows.
         colour: colour of those that are neither.
-        threshold: inflation beyond which a window is torn.
     """
     undecided = [w for w in windows if w.undecided is not None]
     torn = [w for w in windows if w.torn]
@@ -185,16 +184,12 @@ def chart_inflation(name: str, windows: Sequence[WindowAudit], colour: str, thre
             times = np.array([0.5 * (w.t0 + w.t1) for w in shown])
             values = np.maximum([w.bend.inflation for w in shown], _LEAST_INFLATION)
             curves.append(ExplorerCurve(title, shade, times, values, dots=True, mark=mark))
-    return Chart("inflation", tuple(curves), list_levels(threshold), log=True)
+    return Chart("inflation", tuple(curves), list_levels(), log=True)
 
 
-def list_levels(threshold: float) -> tuple[tuple[str, float, str], ...]:
-    """Returns what inflation is to be held against: name, value and colour.
-
-    Args:
-        threshold: inflation beyond which a window is torn.
-    """
-    return (f"threshold {threshold:.1f}", threshold, RED), (f"expected median {EXPECTED:.2f}", EXPECTED, INK)
+def list_levels() -> tuple[tuple[str, float, str], ...]:
+    """Returns what inflation is to be held against: name, value and colour."""
+    return (f"threshold {TORN_INFLATION:.1f}", TORN_INFLATION, RED), (f"expected median {EXPECTED:.2f}", EXPECTED, INK)
 
 
 def explain_torn(settings: AuditConfig) -> str:

@@ -51,13 +51,12 @@ _STRIP_IN = 0.62  # height of the strip above the map
 _LEAST_INFLATION, _LEAST_M = 1e-2, 1e-3  # smaller values are drawn as these on a logarithmic axis
 
 
-def draw_heat_map(sweeps: Sweeps, audit: Audit, settings: AuditConfig | None = None, *, opaque: bool = True) -> bytes:
+def draw_heat_map(sweeps: Sweeps, audit: Audit, *, opaque: bool = True) -> bytes:
     """Draws the map in grey, the trajectory in the colours of its windows' inflation, and torn revisits as red links.
 
     Args:
         sweeps: what was judged.
         audit: the windows and revisits, judged.
-        settings: settings of the audit; the usual ones if None.
         opaque: whether it is drawn on white, to be looked at by itself, rather than on a transparent ground, for a page.
     """
     view = find_common_view([sweeps.points, sweeps.poses[:, :2]], MAP_SHAPE, OUTERMOST)
@@ -66,8 +65,7 @@ def draw_heat_map(sweeps: Sweeps, audit: Audit, settings: AuditConfig | None = N
     lay_ink(axes, view, counts, well_seen, GREY)
     axes.plot(*sweeps.poses[:, :2].T, color="white", linewidth=4.5, solid_joinstyle="round")
     axes.plot(*sweeps.poses[:, :2].T, color=GREY, linewidth=1.0)
-    threshold = TORN_INFLATION
-    colours = _make_colours(threshold)
+    colours = _make_colours(TORN_INFLATION)
     decided = [window for window in audit.windows if window.undecided is None]
     windows = sorted(decided, key=_inflation_of)  # the worst on top where the path crosses itself
     for window, colour in zip(windows, colours.to_rgba(np.array([_inflation_of(w) for w in windows])), strict=True):
@@ -79,11 +77,11 @@ def draw_heat_map(sweeps: Sweeps, audit: Audit, settings: AuditConfig | None = N
         )
     torn = [r for r in audit.revisits if r.torn]
     _draw_links(axes, sweeps, torn, view)
-    _draw_colour_strip(figure, axes, colours, threshold, len(torn))
+    _draw_colour_strip(figure, axes, colours, TORN_INFLATION, len(torn))
     return encode_png(figure, opaque)
 
 
-def draw_inflation(audit: Audit, settings: AuditConfig) -> bytes:
+def draw_inflation(audit: Audit) -> bytes:
     """Draws the inflation of every window over time."""
     figure, axes = make_chart("inflation", above_in=0.28)
     time = np.array([0.5 * (w.t0 + w.t1) for w in audit.windows])
@@ -96,8 +94,7 @@ def draw_inflation(audit: Audit, settings: AuditConfig) -> bytes:
         label = f"undecided ({undecided.sum()})"
         axes.plot(time[undecided], drawn[undecided], "o", color=GREY, markersize=4, fillstyle="none", label=label)
     _draw_marks(axes, time[~undecided], drawn[~undecided], torn[~undecided], "window")
-    threshold = TORN_INFLATION
-    axes.axhline(threshold, color=RED, linewidth=1.2, label=f"threshold {threshold:.1f}")
+    axes.axhline(TORN_INFLATION, color=RED, linewidth=1.2, label=f"threshold {TORN_INFLATION:.1f}")
     axes.axhline(EXPECTED, color=INK, linewidth=1.2, linestyle="--", label=f"expected median {EXPECTED:.2f}")
     put_legend_strip(axes, 5)
     return encode_svg(figure)

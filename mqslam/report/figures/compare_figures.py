@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from mqslam.auditing.sizes import TORN_INFLATION
 from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.comparison.judgement import JudgedRow, Place
 from mqslam.core import se2
@@ -79,20 +80,19 @@ def smooth_inflation(windows: Sequence[WindowAudit]) -> tuple[NDArray[np.float64
     return times, np.asarray(median_filter(inflation, min(_MEDIAN_OF, max(len(inflation), 1)), mode="nearest"))
 
 
-def draw_inflation(rows: Sequence[JudgedRow], windows: Sequence[Sequence[WindowAudit]], threshold: float) -> bytes:
+def draw_inflation(rows: Sequence[JudgedRow], windows: Sequence[Sequence[WindowAudit]]) -> bytes:
     """Draws the running median of the inflation of all rows' windows over time.
 
     Args:
         rows: the rows that ran.
         windows: of each row, those that are drawn.
-        threshold: inflation beyond which a window is torn.
     """
     figure, axes = _make_row_chart(rows, "inflation")
     use_plain_log(axes, "y")
     for k, (row, shown) in enumerate(zip(rows, windows, strict=True)):
         if shown:
             axes.plot(*smooth_inflation(shown), label=_escape(row.row.name), linewidth=1.6, **style_of(k))
-    levels = ((EXPECTED, f"expected {EXPECTED:.2f}", INK), (threshold, f"threshold {threshold:.1f}", RED))
+    levels = ((EXPECTED, f"expected {EXPECTED:.2f}", INK), (TORN_INFLATION, f"threshold {TORN_INFLATION:.1f}", RED))
     for height, name, colour in levels:
         axes.axhline(height, color=colour, linewidth=1.0, alpha=0.6)
         text = axes.text(

@@ -137,12 +137,12 @@ def spots_of_torn_pairs(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> 
         audit: its judgement.
         settings: of the audit.
     """
-    jumps = [_spot_of_jump(sweeps, jump, settings) for jump in audit.jumps]
-    spans = [_spot_of_span(sweeps, span, settings) for span in audit.spans if span.torn]
+    jumps = [_spot_of_jump(sweeps, jump) for jump in audit.jumps]
+    spans = [_spot_of_span(sweeps, span) for span in audit.spans if span.torn]
     return jumps + spans + [_spot_of_revisit(sweeps, r.revisit, settings) for r in audit.revisits if r.torn]
 
 
-def _spot_of_jump(sweeps: Sweeps, jump: StepAudit, settings: AuditConfig) -> Spot:
+def _spot_of_jump(sweeps: Sweeps, jump: StepAudit) -> Spot:
     """Returns a jump as a spot."""
     laid = jump.laid
     motion, size = describe_motion(laid.offset), format_length(laid.size_m)
@@ -158,7 +158,7 @@ def _spot_of_jump(sweeps: Sweeps, jump: StepAudit, settings: AuditConfig) -> Spo
     )
 
 
-def _spot_of_span(sweeps: Sweeps, span: SpanAudit, settings: AuditConfig) -> Spot:
+def _spot_of_span(sweeps: Sweeps, span: SpanAudit) -> Spot:
     """Returns a torn span as a spot."""
     pair = span.laid.earlier, span.laid.later
     inflation = float(se2.normalise(span.offset[None], span.covariance[None])[0])
