@@ -1,6 +1,6 @@
 """The commands on damaged recordings and results: an exit code and a line, never a traceback, in time and in bounded memory.
 
-`MQSLAM_FUZZ=300 pytest tests/fuzz` calls each command so many times, on new inputs; the usual few are the same every time.
+`MQSLAM_FUZZ=300 MQSLAM_FUZZ_NEW=1 pytest tests/fuzz` calls each command so many times on inputs that are drawn anew.
 """
 
 from __future__ import annotations

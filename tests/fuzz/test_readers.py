@@ -1,6 +1,6 @@
 """Every reader on damaged inputs: a clear error or a sound read, in time and in little memory.
 
-`MQSLAM_FUZZ=10000 pytest tests/fuzz` reads so many of each, all new ones; the usual few are the same every time.
+`MQSLAM_FUZZ=10000 MQSLAM_FUZZ_NEW=1 pytest tests/fuzz` reads so many of each, all of them drawn anew.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ from support.limits import Cost
 from support.mutation import CHANGES, Change, Mutate
 
 INPUTS = int(os.environ.get("MQSLAM_FUZZ", "25"))
+NEW = os.environ.get("MQSLAM_FUZZ_NEW") == "1"  # whether inputs are drawn anew; otherwise they are the same every time
 TABLE = os.environ.get("MQSLAM_FUZZ_TABLE")  # a file to which a row is added for each of what was fuzzed
 
 
@@ -43,7 +44,7 @@ def fuzz(
         max_examples=inputs,
         deadline=None,
         database=None,
-        derandomize="MQSLAM_FUZZ" not in os.environ,
+        derandomize=not NEW,
         suppress_health_check=list(HealthCheck),
     )
     @given(CHANGES)

@@ -123,6 +123,9 @@ def read_keyframes(path: Path) -> KeyframeMap:
     points = _read_array(folder / "points.npy", KEYFRAME_POINT, (index["points"],))
     places = _read_array(folder / "places.npy", np.dtype("<i8"), (index["places"],))
     descriptors = _read_array(folder / "descriptors.npy", np.dtype("<f2"), (index["places"], None, None))
+    described_with = index["described_with"]
+    if len(places) and descriptors.shape[1:] != (described_with.get("rings"), described_with.get("sectors")):
+        raise DataError(folder / "descriptors.npy", "holds descriptions of places that do not fit its index", _REMEDY)
     recordings = tuple(MappedRecording(**recording) for recording in index["recordings"])
     spans = np.column_stack([rows["first_point"], rows["end_point"]])
     sound = (spans >= 0).all() and (spans <= len(points)).all() and (np.diff(spans) >= 0).all()
@@ -151,7 +154,7 @@ def read_keyframes(path: Path) -> KeyframeMap:
         if where is None
         else Georeference(TangentPlane(where["latitude"], where["longitude"]), np.array(where["pose"], dtype=np.float64)),
     )
-    return KeyframeMap(keyframes, PlaceTable(np.array(places), descriptors, index["described_with"]))
+    return KeyframeMap(keyframes, PlaceTable(np.array(places), descriptors, described_with))
 
 
 def _check_numbers(path: Path, numbers: NDArray[Any]) -> None:
