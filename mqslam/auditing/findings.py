@@ -14,6 +14,7 @@ from mqslam.auditing.sizes import STEP_FEWEST, STEP_SCANS, WINDOW
 from mqslam.auditing.spans.delay import Delay
 from mqslam.auditing.spans.lever import Lever
 from mqslam.auditing.spans.pooled import Pooled
+from mqslam.auditing.spans.sums import TORN_RAD, SumAudit, find_bends
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.verdict import WINDOWS_FAIL, WINDOWS_WARN, Finding, Share, VerdictStatus
@@ -79,14 +80,22 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int) -> list[Finding]:
     return findings
 
 
-def judge_steps(steps: Sequence[StepAudit], jumps: Sequence[StepAudit], settings: AuditConfig) -> Finding:
+def judge_steps(
+    steps: Sequence[StepAudit], jumps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig
+) -> Finding:
     """Returns what the steps of a map say about it.
 
     Args:
         steps: all that were laid on each other.
         jumps: those of them at which it jumps.
         settings: of the audit, which say how large a jump matters.
+        limits: of the verdict.
     """
+    bumps = [step for step in steps if _is_bump(step, settings, limits)]
+    if bumps and not jumps:
+        worst = max(bumps, key=lambda step: step.laid.size_m)
+        reason = f"a few scans around {worst.t:.1f} s lie {worst.laid.size_m:.2f} m off those before and after them"
+        return Finding(VerdictStatus.WARN, reason, p_value=find_smallest(step.p_value for step in steps if step.judged))
     if not jumps:
         shown = [step for step in steps if step.judged and step.laid.doubt_m <= settings.jump_m]
         if len(shown) < STEP_FEWEST:
@@ -110,6 +119,14 @@ def _describe_jump(step: StepAudit) -> str:
     return (
         f"turns by {np.degrees(abs(offset[2])):.1f} deg and jumps by {moved_m:.2f} m, which moves points by {size_m:.2f} m,"
     )
+
+
+def _is_bump(step: StepAudit, settings: AuditConfig, limits: VerdictConfig) -> bool:
+    """Returns whether a few scans are off alone, by twice what a lasting jump may be off by."""
+    laid = step.laid
+    is_large = laid.size_m > max(2.0 * settings.jump_m, laid.doubt_m)
+    is_off = step.judged and step.p_value < limits.share_of_false_alarms and laid.psi_best < laid.psi
+    return is_off and is_large and not step.lasts
 
 
 def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> list[StepAudit]:
@@ -282,6 +299,38 @@ def _describe_span(span: SpanAudit) -> str:
     if abs(span.forward_m) < np.sqrt(0.5) * span.distance_m:
         return f"by {span.distance_m:.2f} m to the side {where}"
     return f"{abs(span.forward_m):.2f} m too {'short' if span.forward_m > 0.0 else 'long'} {where}"
+
+
+def judge_sums(sums: Sequence[SumAudit], path_m: float) -> Finding:
+    """Returns what spans say about a map once they are added up; they have the limits of windows, by path.
+
+    Args:
+        sums: of successive spans.
+        path_m: length of the path [m].
+    """
+    if not sums:
+        reason = "too few spans follow each other to show a bend that is spread over a long stretch"
+        return Finding(VerdictStatus.PASS, reason, judged=False)
+    p_value = find_smallest(one.p_value for one in sums)
+    bends = find_bends(sums)
+    if not bends:
+        reason = f"no stretch of {min(s.path_m for s in sums):.0f} to {max(s.path_m for s in sums):.0f} m is bent"
+        return Finding(VerdictStatus.PASS, reason, p_value=p_value)
+    worst = min(bends, key=lambda one: one.p_value)
+    others = f", and {count_of(len(bends) - 1, 'other stretch')} too" if len(bends) > 1 else ""
+    fails = sum(one.path_m for one in bends) > WINDOWS_FAIL * path_m
+    status = VerdictStatus.FAIL if fails else VerdictStatus.WARN
+    return Finding(status, f"the trajectory {_describe_sum(worst)}{others}", p_value=p_value)
+
+
+def _describe_sum(one: SumAudit) -> str:
+    """Returns by how much and where a long stretch is off, in words."""
+    where = f"over {one.path_m:.0f} m from {one.t0:.1f} s to {one.t1:.1f} s"
+    if abs(one.offset[2]) > TORN_RAD:
+        turn = f"{np.degrees(abs(one.offset[2])):.1f} deg (± {np.degrees(np.sqrt(one.covariance[2, 2])):.1f})"
+        side = left_or_right(-one.offset[2])
+        return f"turns by {turn} too far to the {side} {where}, whose end is off by {one.distance_m:.2f} m"
+    return f"leads {one.distance_m:.2f} m astray {where}"
 
 
 def judge_locally(windows: Sequence[WindowAudit]) -> Finding:

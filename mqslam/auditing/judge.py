@@ -22,6 +22,7 @@ from mqslam.auditing.findings import (
     judge_revisits,
     judge_spans,
     judge_steps,
+    judge_sums,
     judge_windows,
 )
 from mqslam.auditing.laying import Laid
@@ -30,6 +31,7 @@ from mqslam.auditing.sizes import STEP_SCANS
 from mqslam.auditing.spans.delay import measure_twists
 from mqslam.auditing.spans.measured import lay_spans
 from mqslam.auditing.spans.pooled import Pooled, pool, predict_offsets
+from mqslam.auditing.spans.sums import SumAudit, audit_sums
 from mqslam.auditing.spans.torn import SpanAudit, audit_spans
 from mqslam.auditing.speeds import (
     CaptureRange,
@@ -71,6 +73,7 @@ class Audit:
         steps: its steps in the order of time.
         jumps: the steps at which it jumps.
         spans: its spans in the order of time; none for a cloud without a trajectory.
+        sums: its spans added up over longer stretches, in the order of time.
         pooled: what all of it asks for together; None where too few places show it, and for a cloud without a trajectory.
         revisits: places that the trajectory comes back to; none for a cloud without one.
         tests: what each test found, by its name.
@@ -83,6 +86,7 @@ class Audit:
     steps: list[StepAudit]
     jumps: list[StepAudit]
     spans: list[SpanAudit]
+    sums: list[SumAudit]
     pooled: Pooled | None
     revisits: list[RevisitAudit]
     tests: dict[str, list[Finding]]
@@ -126,9 +130,10 @@ def audit(
         "trajectory": _judge_trajectory(sweeps, settings),
         "speeds": judge_speeds(speeds, capture),
         "windows": judge_windows(windows, len(sweeps)),
-        "steps": [judge_steps(steps, jumps, settings)],
+        "steps": [judge_steps(steps, jumps, settings, limits)],
     }
     spans: list[SpanAudit] = []
+    sums: list[SumAudit] = []
     pooled: Pooled | None = None
     revisits: list[RevisitAudit] = []
     if track is None:
@@ -138,17 +143,19 @@ def audit(
         twists = measure_twists(sweeps, STEP_SCANS)
         pooled = pool(laid, twists)
         spans = audit_spans(laid, _expect(laid, twists, pooled, limits), sweeps.times, limits)
+        sums = audit_sums(spans, sweeps, limits)
         revisits = audit_revisits(sweeps, settings, estimator, limits, engine, progress, stated)
         revisits = doubt_interpolated(revisits, interpolated)
         tests |= {
             "spans": [judge_spans(spans)],
+            "sums": [judge_sums(sums, float(sweeps.travelled[-1]))],
             "pooled": [judge_pooled(pooled, limits, track.extrinsics, track.time_offset_s)],
             "shaking": [judge_shaking(sweeps, windows, settings, estimator, limits, engine)],
             "revisits": [judge_revisits(revisits)],
         }
     tests = {name: findings for name, findings in tests.items() if findings}
     verdict = verdict_of(chain.from_iterable(tests.values()))
-    return Audit(windows, steps, jumps, spans, pooled, revisits, tests, *verdict, capture)
+    return Audit(windows, steps, jumps, spans, sums, pooled, revisits, tests, *verdict, capture)
 
 
 def audit_trajectory(

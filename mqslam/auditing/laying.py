@@ -41,6 +41,7 @@ class Laid:
         unrivalled: whether they do, lie on each other well enough, and fit nowhere else as well.
         doubt_m: how far the two may be off each other, since poses are interpolated [m].
         rivals: (R, 3) other offsets at which they fit about as well; none where these were not asked for.
+        repeats: (L, 3) the offset as other scans show it, of which `offset` is the median; none where it was measured once.
     """
 
     earlier: int
@@ -57,6 +58,7 @@ class Laid:
     unrivalled: bool
     doubt_m: float = 0.0
     rivals: se2.Array = field(default_factory=lambda: np.empty((0, 3)))
+    repeats: se2.Array = field(default_factory=lambda: np.empty((0, 3)))
 
 
 def ask_of_scans(settings: AuditConfig) -> AuditConfig:

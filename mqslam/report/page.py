@@ -44,6 +44,7 @@ _TESTS: Final = {  # the tests of a map, and what they cannot see
     "windows": ("windows: a few scans against their best map", "jumps, and errors that grow slowly"),
     "steps": ("steps: scans against those just before", "errors that grow slowly"),
     "spans": ("spans: scans some 30 m of path apart", "errors that grow more slowly than that shows"),
+    "sums": ("sums: spans added up over 60 to 240 m", "bends of less than 0.5 degrees and 0.5 m"),
     "pooled": ("pooled corrections: all of the drive together", "errors that come and go; one scale for everything"),
     "shaking": ("shaking: scans under smoothed poses", "errors that are as smooth as a drive"),
     "revisits": ("revisits: two passes of one place", "anything where no place is passed twice"),

@@ -197,6 +197,7 @@ def summarise_tests(audit: Audit, bounds: VerdictConfig) -> dict[str, Any]:
             "torn": sum(span.torn for span in audit.spans),
             "median_m": float(np.median([s.distance_m for s in audit.spans])) if audit.spans else None,
         },
+        "sums": {"count": len(audit.sums), "torn": sum(one.torn for one in audit.sums)},
         "pooled": _list_pooled(audit.pooled),
         "tests": {name: _list_findings(findings) for name, findings in audit.tests.items()},
         "false_alarms": {"rate": bounds.false_alarms, "p_value_below": bounds.share_of_false_alarms},

@@ -12,7 +12,7 @@ from support.drives import block_drive
 from mqslam.auditing.findings import judge_spans
 from mqslam.auditing.laying import Laid, lay
 from mqslam.auditing.spans.measured import find_spans, fit_to_reach, lay_spans, pick_ends
-from mqslam.auditing.spans.torn import SpanAudit, audit_spans
+from mqslam.auditing.spans.torn import SpanAudit, audit_spans, estimate_covariances
 from mqslam.auditing.sweeps import place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config
@@ -84,8 +84,11 @@ def test_a_heading_that_passes_180_deg_between_the_ends_of_a_span_is_no_whole_tu
     assert laid is not None and abs(laid.between[2]) < 1.0
 
 
-def laid(offset: np.ndarray) -> Laid:
-    return Laid(0, 1, np.array([30.0, 0.0, 0.0]), 30.0, offset, 1e-4 * np.eye(3), 0.1, 0.8, 1.0, 1.0, True, True)
+def lay_by_chance(random: np.random.Generator, spread: float, offset: object = 0.0) -> Laid:
+    """Returns a span that is off, as three measurements show it whose errors are larger than their covariance says."""
+    repeats = offset + random.normal(0.0, spread, (3, 3)) * [1.0, 1.0, 0.05]
+    off, covariance = np.median(repeats, axis=0), 1e-4 * np.diag([1.0, 1.0, 0.0025])
+    return Laid(0, 1, np.array([30.0, 0.0, 0.0]), 30.0, off, covariance, 0.1, 0.8, 1.0, 1.0, True, True, repeats=repeats)
 
 
 def test_a_good_map_is_called_bad_as_rarely_as_promised() -> None:
@@ -93,21 +96,39 @@ def test_a_good_map_is_called_bad_as_rarely_as_promised() -> None:
     random = np.random.default_rng(1)
     least = []
     for _ in range(200):
-        offsets = random.normal(0.0, [0.03, 0.03, 0.03], (60, 3))
-        spans = audit_spans([laid(off) for off in offsets], np.zeros((60, 3)), np.zeros(2), CONFIG.verdict)
-        least.append(min(span.p_value for span in spans))
+        spans = [lay_by_chance(random, 0.03) for _ in range(60)]
+        judged = audit_spans(spans, np.zeros((60, 3)), np.zeros(2), CONFIG.verdict)
+        least.append(min(span.p_value for span in judged))
     assert np.mean(np.array(least) < 0.05) < 0.1
+
+
+def test_covariances_are_as_large_as_the_errors_that_repeats_show() -> None:
+    random = np.random.default_rng(2)
+    spans = [lay_by_chance(random, 0.05) for _ in range(2000)]
+    stated = np.mean(np.einsum("kii->ki", estimate_covariances(spans)), axis=0)
+    np.testing.assert_allclose(stated, np.var([span.offset for span in spans], axis=0), rtol=0.1)
+
+
+@pytest.mark.parametrize("every", [1, 2])
+def test_a_trajectory_that_is_off_here_and_there_is_not_taken_for_noise(every: int) -> None:
+    random = np.random.default_rng(1)
+    weave = [0.3 * (-1.0) ** (k // every) for k in range(40)]
+    spans = [lay_by_chance(random, 0.02, np.array([0.0, off, 0.0])) for off in weave]
+    judged = audit_spans(spans, np.zeros((40, 3)), np.zeros(2), CONFIG.verdict)
+    assert all(span.torn for span in judged)
 
 
 def test_half_of_a_drive_that_is_off_does_not_pass_for_what_is_usual() -> None:
     random = np.random.default_rng(1)
-    offsets = random.normal(0.0, 0.02, (40, 3)) * [1.0, 1.0, 0.05] + np.outer(np.arange(40) >= 20, [0.3, 0.0, 0.0])
-    spans = audit_spans([laid(off) for off in offsets], np.zeros((40, 3)), np.zeros(2), CONFIG.verdict)
-    torn = [span for span in spans if span.torn]
-    assert len(torn) >= 18 and judge_spans(spans).status is VerdictStatus.FAIL
+    spans = [lay_by_chance(random, 0.02, np.array([0.3 * (k >= 20), 0.0, 0.0])) for k in range(40)]
+    judged = audit_spans(spans, np.zeros((40, 3)), np.zeros(2), CONFIG.verdict)
+    torn = [span for span in judged if span.torn]
+    assert len(torn) >= 18 and judge_spans(judged).status is VerdictStatus.FAIL
 
 
 def test_a_few_spans_show_nothing() -> None:
-    spans = audit_spans([laid(np.ones(3))] * 5, np.zeros((5, 3)), np.zeros(2), CONFIG.verdict)
+    spans = audit_spans(
+        [lay_by_chance(np.random.default_rng(1), 0.02, np.ones(3))] * 5, np.zeros((5, 3)), np.zeros(2), CONFIG.verdict
+    )
     assert not judge_spans(spans).judged
     assert audit_spans([], np.zeros((0, 3)), np.zeros(2), CONFIG.verdict) == []

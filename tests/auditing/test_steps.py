@@ -62,7 +62,7 @@ def judged(jump: tuple[float, float, float], jobs: int = 1) -> list[StepAudit]:
 
 def test_a_map_without_a_jump_shows_none() -> None:
     steps = judged((0.0, 0.0, 0.0))
-    finding = judge_steps(steps, find_torn_steps(steps, CONFIG.audit, CONFIG.verdict), CONFIG.audit)
+    finding = judge_steps(steps, find_torn_steps(steps, CONFIG.audit, CONFIG.verdict), CONFIG.audit, CONFIG.verdict)
     assert finding.status is VerdictStatus.PASS and finding.reason.startswith("no jump of up to 3 m at any of")
     assert max(step.laid.size_m for step in steps) < 0.1
 
@@ -81,7 +81,7 @@ def test_a_lasting_jump_is_found_where_it_is(jump: tuple[float, float, float], s
     steps = judged(jump)
     found = find_torn_steps(steps, CONFIG.audit, CONFIG.verdict)
     assert [abs(step.laid.later - PLACE) <= 1 for step in found] == [True]
-    assert judge_steps(steps, found, CONFIG.audit).status is status
+    assert judge_steps(steps, found, CONFIG.audit, CONFIG.verdict).status is status
     at = min(steps, key=lambda step: abs(step.laid.later - PLACE))
     np.testing.assert_allclose(at.laid.offset[:2], -np.array(jump[:2]), atol=0.15)
 
@@ -150,5 +150,5 @@ def test_too_few_steps_and_those_that_do_not_hold_every_direction_judge_nothing(
     assert np.isnan(compute_p_values(wander(10, 1.0, 1))).all()
     hidden = [Laid(k, k + 1, np.zeros(3), 2.0, np.ones(3), np.eye(3), 0.1, 0.8, 1.0, 1.0, False, False) for k in range(30)]
     assert np.isnan(compute_p_values(hidden)).all()
-    finding = judge_steps([StepAudit(step, 0.0, float("nan")) for step in hidden], [], CONFIG.audit)
+    finding = judge_steps([StepAudit(step, 0.0, float("nan")) for step in hidden], [], CONFIG.audit, CONFIG.verdict)
     assert finding.reason == "too few steps could be measured to see a jump of the trajectory"

@@ -241,4 +241,4 @@ def audit_of(
 ) -> Audit:
     """Returns the judgement of a map of which only windows and revisits were judged."""
     capture = find_capture_range(0.25, EstimatorConfig())
-    return Audit(windows, [], [], [], None, revisits, {}, status, list(reasons), capture)
+    return Audit(windows, [], [], [], [], None, revisits, {}, status, list(reasons), capture)

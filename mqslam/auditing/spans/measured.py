@@ -3,7 +3,8 @@
 Laid on each other, scans seem a little closer together than they are, by an amount that does not depend on the path between
 them. The path is therefore long, but no longer than the range at which the sensor sees most things: from farther apart it
 sees other faces of them, which are wrongly laid on each other. That happens within a span as well, and by more than the
-curvature of psi tells. Each span is therefore laid several times, by other scans at its ends, and the median counts.
+curvature of psi tells. Each span is therefore laid several times, by other scans at its ends. The median counts, and how
+much the repeated measurements differ shows how uncertain it is.
 """
 
 from __future__ import annotations
@@ -124,7 +125,7 @@ def _lay_span(
         look = lay(sweeps, beside, pick_ends(beside), reach, settings, estimator)
         if look is not None and look.observed:
             offsets.append(_carry_over(look, laid, sweeps))
-    return replace(laid, offset=np.median(offsets, axis=0))
+    return replace(laid, offset=np.median(offsets, axis=0), repeats=np.array(offsets))
 
 
 def _is_there(stretch: range, known: NDArray[np.bool_]) -> bool:

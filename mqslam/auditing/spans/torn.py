@@ -24,7 +24,9 @@ from mqslam.core.statistics.chances import compute_p_values, correct_for_places,
 # for.
 _SPAN_TORN_M = 0.15
 
-_EFFICIENCY: Final = 0.6  # by definition: of the trimmed mean square of successive differences (2/3 without trimming)
+FREEDOM: Final = 1.0
+"""Degrees of freedom of a scale, per span: half of what repeats have, since neighbours share half of their path."""
+_OF_MEDIAN: Final = {1: 1.0, 2: 0.5, 3: 0.449}  # by definition: variance of the median of this many normal values
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +70,8 @@ def audit_spans(
 ) -> list[SpanAudit]:
     """Judges the spans of a map.
 
-    The curvature's covariance is too small by a factor that depends on the world, as with steps. The usual difference
-    between neighbouring spans shows it: a stretch that is off moves neighbours alike.
+    The curvature's covariance is too small by a factor that depends on the world, as with steps. How much repeated
+    measurements of the same spans differ shows it, whatever the trajectory is.
 
     Args:
         spans: in the order of time.
@@ -80,12 +82,9 @@ def audit_spans(
     if not spans:
         return []
     offsets = np.array([span.offset for span in spans]) - expected
-    covariances = np.array([span.covariance for span in spans]) + np.diag(TOLERANCES**2)
+    covariances = estimate_covariances(spans)
     p_values = np.full(len(spans), np.nan)
     if len(spans) >= SPAN_FEWEST:
-        variances = np.einsum("kii->ki", covariances)
-        squares = np.diff(offsets, axis=0) ** 2 / (variances[1:] + variances[:-1])
-        covariances = se2.scale_covariance(covariances, find_trimmed_scale(squares))
         p_values = _compute_p_values(spans, offsets, covariances)
     tolerated = np.maximum(_SPAN_TORN_M, [span.doubt_m for span in spans])
     torn = (p_values < limits.share_of_false_alarms) & (np.hypot(*offsets[:, :2].T) > tolerated)
@@ -103,6 +102,23 @@ def audit_spans(
     ]
 
 
+def estimate_covariances(spans: Sequence[Laid]) -> NDArray[np.float64]:
+    """Returns the covariances (N, 3, 3) of the offsets of N spans, scaled per axis as their repeated measurements differ."""
+    stated = np.array([span.covariance for span in spans]) + np.diag(TOLERANCES**2)
+    variances = np.einsum("kii->ki", stated)
+    squares = [_contrast(span.repeats) ** 2 / variance for span, variance in zip(spans, variances, strict=True)]
+    contrasts = np.vstack([np.empty((0, 3)), *squares])
+    scaled = se2.scale_covariance(stated, find_trimmed_scale(contrasts)) if len(contrasts) >= SPAN_FEWEST else stated
+    return np.asarray(scaled * np.array([_OF_MEDIAN[max(len(span.repeats), 1)] for span in spans])[:, None, None])
+
+
+def _contrast(repeats: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the independent differences (L - 1, 3) between L repeats, each with the variance of a single one."""
+    return np.array(
+        [(repeats[k] - repeats[:k].mean(axis=0)) * np.sqrt(k / (k + 1.0)) for k in range(1, len(repeats))]
+    ).reshape(-1, 3)
+
+
 def _compute_p_values(
     spans: Sequence[Laid], offsets: NDArray[np.float64], covariances: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -115,7 +131,7 @@ def _compute_p_values(
     after = np.searchsorted(begins, [span.later for span in spans])
     first = np.flatnonzero(after < len(spans))
     second = after[first]
-    freedom = _EFFICIENCY * len(spans)
+    freedom = FREEDOM * len(spans)
     means = 0.5 * (offsets[first] + offsets[second])
     together = compute_p_values(se2.normalise(means, 0.25 * (covariances[first] + covariances[second])), freedom)
     least = compute_p_values(se2.normalise(offsets, covariances), freedom)

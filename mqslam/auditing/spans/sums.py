@@ -1,0 +1,138 @@
+"""Sums of successive spans: a trajectory that bends by little in every span, and by much over many of them.
+
+Each span may be off by less than is tolerated, while all of them are off to the same side. Spans that follow each other are
+therefore added up over 60 to 240 m of path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.auditing.spans.torn import FREEDOM, SpanAudit
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.backend.drift import COMMON_DRIFT_M, COMMON_DRIFT_RAD
+from mqslam.config import VerdictConfig
+from mqslam.core import se2
+from mqslam.core.statistics.chances import compute_p_values, correct_for_places
+
+TORN_M: Final = 0.5
+"""A sum of spans is not torn if its end is off its begin by less than this [m], and by less than `TORN_RAD` in yaw."""
+TORN_RAD: Final = 0.0087
+"""Yaw by which the end of a sum may be off its begin [rad]: 0.5 degrees."""
+_LENGTHS_M: Final = (
+    60.0,
+    120.0,
+    240.0,
+)  # path over which spans are added up: a bend of any length fills half of one at least
+_LARGEST_GAP: Final = 0.5  # path between two successive spans of which nothing is measured, as a share of a span
+_OVERLAP: Final = (
+    0.1  # path that two successive spans may share, since scans are not spaced as spans are, as a share of a span
+)
+_COMMON: Final = np.diag([COMMON_DRIFT_M**2, COMMON_DRIFT_M**2, COMMON_DRIFT_RAD**2]) / 100.0  # per metre of path
+
+
+@dataclass(frozen=True, slots=True)
+class SumAudit:
+    """The judgement of spans that follow each other, added up.
+
+    Args:
+        t0, t1: when the first one begins and the last one ends [s] since the recording's start.
+        path_m: length of the path between [m].
+        offset: (3,) where psi has the end against where the trajectory has it, in the frame of the end [m, m, rad].
+        covariance: (3, 3) of the offset, with what psi drifts by.
+        p_value: probability that a sum as far off as this shows somewhere in a good map.
+        torn: whether it is off by more than chance explains and than is tolerated.
+    """
+
+    t0: float
+    t1: float
+    path_m: float
+    offset: se2.Array
+    covariance: NDArray[np.float64]
+    p_value: float
+    torn: bool
+
+    @property
+    def distance_m(self) -> float:
+        """How far its end is off [m]."""
+        return float(np.hypot(self.offset[0], self.offset[1]))
+
+
+def audit_sums(spans: Sequence[SpanAudit], sweeps: Sweeps, limits: VerdictConfig) -> list[SumAudit]:
+    """Judges the sums of successive spans.
+
+    Args:
+        spans: of a map, in the order of time; none is judged where their p-values are unknown.
+        sweeps: points under the trajectory to judge.
+        limits: of the verdict.
+    """
+    judged = [span for span in spans if np.isfinite(span.p_value)]
+    chains = [chain for k in range(len(judged)) for chain in _list_chains(judged, k, sweeps.travelled)]
+    if not chains:
+        return []
+    sums = [_add_up(chain, sweeps) for chain in chains]
+    offsets, covariances = (np.array(part) for part in zip(*sums, strict=True))
+    p_values = correct_for_places(compute_p_values(se2.normalise(offsets, covariances), FREEDOM * len(judged)))
+    is_large = (np.hypot(*offsets[:, :2].T) > TORN_M) | (np.abs(offsets[:, 2]) > TORN_RAD)
+    torn = is_large & (p_values < limits.share_of_false_alarms)
+    return [
+        SumAudit(
+            t0=chain[0].t0,
+            t1=chain[-1].t1,
+            path_m=_measure_path(chain, sweeps.travelled),
+            offset=offsets[k],
+            covariance=covariances[k],
+            p_value=float(p_values[k]),
+            torn=bool(torn[k]),
+        )
+        for k, chain in enumerate(chains)
+    ]
+
+
+def find_bends(sums: Sequence[SumAudit]) -> list[SumAudit]:
+    """Returns of torn sums that overlap the one that chance explains least, in the order of time."""
+    bends: list[SumAudit] = []
+    for one in sorted((one for one in sums if one.torn), key=lambda one: one.p_value):
+        if all(one.t1 <= other.t0 or other.t1 <= one.t0 for other in bends):
+            bends.append(one)
+    return sorted(bends, key=lambda one: one.t0)
+
+
+def _list_chains(spans: Sequence[SpanAudit], first: int, travelled: NDArray[np.float64]) -> Iterator[list[SpanAudit]]:
+    """Yields the spans that follow each other from one of them on, for each length that they reach."""
+    begins_m = travelled[[span.laid.earlier for span in spans]]
+    chain = [spans[first]]
+    for length_m in _LENGTHS_M:
+        while _measure_path(chain, travelled) < length_m - 0.5 * chain[-1].laid.path_m:
+            last = chain[-1].laid
+            end_m = travelled[last.later]
+            k = int(np.searchsorted(begins_m, end_m - _OVERLAP * last.path_m))
+            if k == len(spans) or begins_m[k] - end_m > _LARGEST_GAP * last.path_m:
+                return
+            chain.append(spans[k])
+        yield chain.copy()
+
+
+def _measure_path(chain: Sequence[SpanAudit], travelled: NDArray[np.float64]) -> float:
+    """Returns the length of the path [m] from the begin of the first span of a chain to the end of its last one."""
+    return float(travelled[chain[-1].laid.later] - travelled[chain[0].laid.earlier])
+
+
+def _add_up(chain: Sequence[SpanAudit], sweeps: Sweeps) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns by how much (3,) the end of successive spans is off, in its own frame, and the covariance (3, 3) of that."""
+    end = sweeps.poses[chain[-1].laid.later]
+    levers = [se2.adjoint(se2.between(end, sweeps.poses[span.laid.later])) for span in chain]
+    offset = sum((lever @ span.offset for lever, span in zip(levers, chain, strict=True)), np.zeros(3))
+    covariance = sum(
+        (
+            lever @ (span.covariance + _COMMON * span.laid.path_m) @ lever.T
+            for lever, span in zip(levers, chain, strict=True)
+        ),
+        np.zeros((3, 3)),
+    )
+    return offset, covariance
