@@ -15,9 +15,18 @@ from mqslam.core.scans import Scans
 from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.statistics.gross import SIGMAS_PER_DEVIATION
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import left_or_right
 
 # Error of the scale that data sheets of cheap gyroscopes allow: an audit blames nothing on a smaller one.
 _LIKELY_SCALE = 0.03
+
+_KINK_RAD: Final = 0.0087  # turns over some steps that differ by less than this [rad], half a degree, are no contradiction
+_KINK_SIGMAS: Final = 8.0  # usual differences over as many steps that a contradiction exceeds: the gyroscope's bias wanders
+_KINK_STEPS: Final = (
+    1,
+    4,
+    16,
+)  # numbers of steps over which turns are added up: what lasts longer may be the bias of the gyroscope
 
 _SPARSE: Final = 0.7  # poses per scan, below which a trajectory is interpolated between poses: one and a half turns apart
 _LEAST_VARIANCE: Final = 1e-12  # numerical: a trajectory that agrees exactly [rad^2]
@@ -70,6 +79,7 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory) 
     turns = turns._replace(variances=np.full(len(yaws), spread**2 + _LEAST_VARIANCE))
     found = calibrate(gyroscope, start, turns)
     faults = _list_faults(found.rotation, own_clock=gyroscope.own_clock)
+    faults += _find_kink(times, found.residuals)
     remark = _describe_scale(found.rotation)
     agreed = (
         f"agrees with the trajectory step by step, within {np.rad2deg(spread):.2g} deg; "
@@ -102,6 +112,32 @@ def _list_faults(rotation: Rotation, *, own_clock: bool) -> list[str]:
             f"the trajectory's stamps are {abs(late_s):.2f} s {'later' if late_s > 0.0 else 'earlier'} than its own"
         )
     return faults
+
+
+def _find_kink(times: NDArray[np.float64], residuals: NDArray[np.float64]) -> list[str]:
+    """Returns, in words, where a trajectory turns otherwise than the gyroscope for a while; nothing where it does not.
+
+    Most steps may agree where a single one, or several in a row, do not.
+
+    Args:
+        times: (N + 1,) between which the turns are compared [s].
+        residuals: (N,) by how much the trajectory turns farther to the left [rad]; NaN where that is not known.
+    """
+    angles = np.r_[0.0, np.cumsum(np.nan_to_num(residuals))]
+    kinks = []
+    for steps in _KINK_STEPS:
+        off = angles[steps:] - angles[:-steps]
+        if not len(off):
+            break
+        usual = SIGMAS_PER_DEVIATION * float(np.median(np.abs(off)))
+        worst = int(np.argmax(np.abs(off)))
+        if abs(off[worst]) > max(_KINK_RAD, _KINK_SIGMAS * usual):
+            kinks.append((abs(off[worst]) / (usual + _KINK_RAD), float(off[worst]), times[worst], times[worst + steps]))
+    if not kinks:
+        return []
+    _, turn, begin, end = max(kinks)
+    side = left_or_right(turn)
+    return [f"from {begin:.1f} s to {end:.1f} s the trajectory turns {np.degrees(abs(turn)):.1f} deg farther to the {side}"]
 
 
 def _describe_bias(rotation: Rotation) -> str:

@@ -36,6 +36,21 @@ def test_a_trajectory_that_turns_as_the_radar_did_agrees() -> None:
     assert check.differ_rad == pytest.approx(np.sqrt(2.0) * 1e-3, rel=0.3)
 
 
+@pytest.mark.parametrize(("degrees", "steps"), [(3.0, 1), (-3.0, 1), (2.0, 3)])
+def test_a_bend_that_the_gyroscope_does_not_see_is_found_though_most_steps_agree(degrees: float, steps: int) -> None:
+    right = trajectory()
+    poses = right.poses.copy()
+    poses[:, 2] += np.radians(degrees) * np.clip((np.arange(COUNT) - 300) / steps, 0.0, 1.0)
+    check = checked(Trajectory(right.stamps_us, poses))
+    assert check.agrees is False
+    said = re.search(
+        r"from ([\d.]+) s to ([\d.]+) s the trajectory turns ([\d.]+) deg farther to the (\w+)", check.statement
+    )
+    assert said is not None and said[4] == ("left" if degrees > 0.0 else "right"), check.statement
+    assert float(said[1]) < 75.0 + 0.25 * steps and float(said[2]) > 75.0
+    assert float(said[3]) == pytest.approx(abs(degrees), abs=0.6)
+
+
 @pytest.mark.parametrize("every", [2, 4, 8])
 def test_sparse_poses_of_a_trajectory_that_turns_as_the_radar_did_agree(every: int) -> None:
     dense = trajectory()
