@@ -32,6 +32,8 @@ SCALE_WARN = 0.002
 _REVISITS_WARN = 0.02
 # A larger share of torn revisits than this shows that the whole map drifts.
 _REVISITS_FAIL = 0.1
+# So many successive revisits that agree on an offset of this [m] in the mean show that one pass lies beside the other.
+_ROW, _BESIDE_M = 3, 0.2
 # A sensor that sits farther from where the trajectory has it than this is worth a look [m].
 _LEVER_WARN = 0.05
 # A yaw that drifts by more than this is worth a look [rad/m]: 0.05 degrees in 100 m.
@@ -342,8 +344,13 @@ def judge_locally(windows: Sequence[WindowAudit]) -> Finding:
     return Finding(VerdictStatus.NOT_JUDGED, reason)
 
 
-def judge_revisits(revisits: Sequence[RevisitAudit]) -> Finding:
-    """Returns what the revisits of a map say about it. A map passes without any: many a drive comes back to no place."""
+def judge_revisits(revisits: Sequence[RevisitAudit], limits: VerdictConfig) -> Finding:
+    """Returns what the revisits of a map say about it. A map passes without any: many a drive comes back to no place.
+
+    Args:
+        revisits: of the map, in the order of time.
+        limits: of the verdict.
+    """
     sure = [r for r in revisits if r.revisit.sure]
     if not sure:
         return Finding(VerdictStatus.PASS, _explain_no_revisit(revisits), judged=False)
@@ -362,12 +369,34 @@ def judge_revisits(revisits: Sequence[RevisitAudit]) -> Finding:
             status = VerdictStatus.WARN
         if status is VerdictStatus.NOT_JUDGED:
             reason += f", too few to judge drift by: the share of torn ones may be {torn.describe_range()}"
+    beside = _find_beside(sure, limits)
+    if beside:
+        reason += (
+            f", and {count_of(len(beside), 'revisit')} in a row agree on {_measure_mean(beside):.2f} m between their passes"
+        )
+        status = VerdictStatus.WARN if status in (VerdictStatus.PASS, VerdictStatus.NOT_JUDGED) else status
     if excused:
         farthest = max(r.revisit.distance_m for r in excused)
         reason += f", and the passes of {len(excused)} lie up to {farthest:.2f} m apart, as the trajectory says they may"
         if status is VerdictStatus.PASS and Share(len(excused), len(sure)).is_above(_REVISITS_WARN):
             status = VerdictStatus.WARN
     return Finding(status, reason, p_value=p_value)
+
+
+def _find_beside(sure: Sequence[RevisitAudit], limits: VerdictConfig) -> list[RevisitAudit]:
+    """Returns the longest row of revisits whose passes lie beside each other alike, by more than chance explains."""
+    rows = [
+        list(row)
+        for off, row in itertools.groupby(sure, lambda one: bool(one.p_value < limits.share_of_false_alarms))
+        if off
+    ]
+    rows = [row for row in rows if len(row) >= _ROW and _measure_mean(row) > _BESIDE_M]
+    return max(rows, key=len, default=[])
+
+
+def _measure_mean(row: Sequence[RevisitAudit]) -> float:
+    """Returns how far the mean of the offsets of revisits leads [m]."""
+    return float(np.hypot(*np.mean([one.revisit.offset[:2] for one in row], axis=0)))
 
 
 def _explain_no_revisit(revisits: Sequence[RevisitAudit]) -> str:

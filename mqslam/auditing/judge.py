@@ -151,7 +151,7 @@ def audit(
             "sums": [judge_sums(sums, float(sweeps.travelled[-1]))],
             "pooled": [judge_pooled(pooled, limits, track.extrinsics, track.time_offset_s)],
             "shaking": [judge_shaking(sweeps, windows, settings, estimator, limits, engine)],
-            "revisits": [judge_revisits(revisits)],
+            "revisits": [judge_revisits(revisits, limits)],
         }
     tests = {name: findings for name, findings in tests.items() if findings}
     verdict = verdict_of(chain.from_iterable(tests.values()))

@@ -81,7 +81,7 @@ def test_too_few_revisits_have_no_p_value_but_large_offsets_are_torn_all_the_sam
     sweeps = passed_twice(4)
     few = judged(sweeps, lay_passes(sweeps, (0.8, 0.0, 0.0)))
     assert all(np.isnan(r.p_value) and r.torn for r in few)
-    assert judge_revisits(few).p_value is None
+    assert judge_revisits(few, CONFIG.verdict).p_value is None
     assert all(r.torn for r in judged(sweeps, lay_passes(sweeps, (0.8, 0.0, 0.0)), 0.02))
 
 
@@ -91,24 +91,34 @@ def test_a_trajectory_that_is_sure_and_off_is_torn_below_the_constant(moved: tup
     laid = lay_passes(sweeps, moved)
     assert not any(r.torn for r in judged(sweeps, laid))  # the constants let it pass
     sure = judged(sweeps, laid, 0.005)
-    finding = judge_revisits(sure)
+    finding = judge_revisits(sure, CONFIG.verdict)
     assert finding.status is VerdictStatus.FAIL and "beyond what the trajectory claims to know" in finding.reason
     assert finding.p_value is not None and finding.p_value < CONFIG.verdict.share_of_false_alarms
+
+
+def test_a_pass_that_lies_beside_the_other_all_along_is_found_though_no_revisit_is_torn() -> None:
+    sweeps = passed_twice(40)
+    revisits = judged(sweeps, lay_passes(sweeps, (0.0, 0.45, 0.0)))
+    finding = judge_revisits(revisits, CONFIG.verdict)
+    assert not any(one.torn for one in revisits) and finding.status is VerdictStatus.WARN
+    assert finding.reason.startswith("0 of 40 revisits are torn, and 40 revisits in a row agree on 0.4"), finding.reason
+    few = judge_revisits(judged(sweeps, lay_passes(sweeps, (0.0, 0.15, 0.0))), CONFIG.verdict)
+    assert few.status is VerdictStatus.PASS
 
 
 def test_what_nobody_minds_is_not_torn_however_sure_the_trajectory_is() -> None:
     sweeps = passed_twice(40)
     tiny = judged(sweeps, lay_passes(sweeps, (0.07, 0.0, 0.0), spread=1.0), 1e-4)
     assert not any(r.torn for r in tiny) and min(r.p_value for r in tiny) < CONFIG.verdict.share_of_false_alarms
-    assert judge_revisits(tiny).status is VerdictStatus.PASS
+    assert judge_revisits(tiny, CONFIG.verdict).status is VerdictStatus.PASS
 
 
 def test_a_trajectory_that_says_it_may_be_off_is_not_torn_but_worth_a_look() -> None:
     sweeps = passed_twice(17)
     laid = lay_passes(sweeps, (1.5, 0.0, 0.0))
-    assert judge_revisits(judged(sweeps, laid)).status is VerdictStatus.FAIL
+    assert judge_revisits(judged(sweeps, laid), CONFIG.verdict).status is VerdictStatus.FAIL
     unsure = judged(sweeps, laid, 1.0)
-    finding = judge_revisits(unsure)
+    finding = judge_revisits(unsure, CONFIG.verdict)
     assert not any(r.torn for r in unsure) and all(r.excused for r in unsure)
     assert finding.status is VerdictStatus.WARN and "as the trajectory says they may" in finding.reason
     assert finding.p_value is not None and finding.p_value > 0.05
@@ -119,7 +129,7 @@ def test_a_true_map_passes_with_claims_and_without() -> None:
     for seed in range(20):
         laid = lay_passes(sweeps, seed=seed)
         for sigma_m in (None, 1e-4, 0.5):
-            assert judge_revisits(judged(sweeps, laid, sigma_m)).status is VerdictStatus.PASS
+            assert judge_revisits(judged(sweeps, laid, sigma_m), CONFIG.verdict).status is VerdictStatus.PASS
 
 
 def unsure(laid: list[Laid], rivals: np.ndarray | None = None) -> list[Laid]:
@@ -133,7 +143,7 @@ def test_unsure_revisits_that_agree_count_and_those_that_fit_every_period_do_not
     laid = lay_passes(sweeps, (5.0, 0.0, 0.0))
     together = judged(sweeps, unsure(laid))
     assert all(r.revisit.sure and r.torn for r in together)
-    assert judge_revisits(together).status is VerdictStatus.FAIL
+    assert judge_revisits(together, CONFIG.verdict).status is VerdictStatus.FAIL
     repeating = judged(sweeps, unsure(laid, np.array([[0.0, 0.0, 0.0]])))  # where the trajectory has it fits as well
     assert not any(r.revisit.sure or r.torn for r in repeating) and all(np.isnan(r.p_value) for r in repeating)
-    assert judge_revisits(repeating).status is VerdictStatus.PASS
+    assert judge_revisits(repeating, CONFIG.verdict).status is VerdictStatus.PASS

@@ -30,7 +30,7 @@ from mqslam.auditing.tracks import Track
 from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
 from mqslam.auditing.windows.inflation import Bend
 from mqslam.auditing.windows.windows import WindowAudit
-from mqslam.config import EstimatorConfig
+from mqslam.config import EstimatorConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.mapping.measures import Measures
 
@@ -229,7 +229,7 @@ def judge_map(
     others: Sequence[Finding] = (),
 ) -> tuple[VerdictStatus, list[str]]:
     """Returns the verdict on a map by its windows and, unless it has no trajectory, its revisits, and the reasons."""
-    last = judge_locally(windows) if revisits is None else judge_revisits(revisits)
+    last = judge_locally(windows) if revisits is None else judge_revisits(revisits, VerdictConfig())
     return verdict_of([*others, *judge_windows(windows, scans), last])
 
 
