@@ -11,9 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.psi.scoring.neighbours import CellGrid, find_first, mark_near, sort_into_cells
+from mqslam.psi.neighbours import CellGrid, find_first, mark_near, sort_into_cells
+
+# Number of map points that show how the surface around the nearest one runs.
+_SURFACE_POINTS = 10
+# Least variance of a surface's points across it, as a share of that along it.
+_FLATTEST = 0.01
 
 _RINGS = 16  # rings of cells around a query beyond which all points are looked at: a matter of speed only
+_LEAST_M = 1e-3  # a length that nobody measures, so that no matrix is singular: least residual and least lever arm [m]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -28,7 +34,7 @@ def find_nearest(grid: CellGrid, queries: NDArray[np.float64], count: int) -> tu
     Returns:
         Distances (N, K) [m], and indices (N, K) of the points as they were given to the grid, the nearest first.
     """
-    points, order, rows, begins, corner, cell = grid
+    points, order, rows, begins, corner, cell = grid.points, grid.order, grid.rows, grid.begins, grid.corner, grid.cell
     squares, indices = np.full((len(queries), count), np.inf), np.empty((len(queries), count), np.int64)
     columns = len(begins) - 1
     for i in range(len(queries)):
@@ -67,14 +73,6 @@ def _insert(squares: NDArray[np.float64], indices: NDArray[np.int64], square: fl
         squares[place], indices[place] = square, index
 
 
-# Number of map points that show how the surface around the nearest one runs.
-_SURFACE_POINTS = 10
-# Least variance of a surface's points across it, as a share of that along it.
-_FLATTEST = 0.01
-
-_LEAST_M = 1e-3  # a length that nobody measures, so that no matrix is singular: least residual and least lever arm [m]
-
-
 class Surface:
     """The points of a map, searchable.
 
@@ -91,18 +89,25 @@ class Surface:
         """Returns how many points (N, 2) [m] of a scan at a pose (3,) have a map point within reach [m]."""
         return int(np.count_nonzero(mark_near(self._grid, se2.transform(pose, scan), reach)))
 
-    def find_directions(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Finds how the surface runs near points.
+    def find_nearest(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Returns distances (N, K) [m] and indices (N, K) of the map points that are nearest to points (N, 2) [m]."""
+        distances, indices = find_nearest(self._grid, points, min(_SURFACE_POINTS, len(self._points)))
+        return distances, indices
+
+    def find_directions(self, nearest: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Finds how the surface runs through neighbouring map points.
 
         Args:
-            points: (N, 2) m, map frame.
+            nearest: (N, K) their indices.
 
         Returns:
-            flatness: (N,) variance of the map's points across the surface over that along it, at least `flattest`.
+            flatness: (N,) variance of the map's points across the surface over that along it, at least `_FLATTEST`.
             axes: (N, 2, 2) columns are the unit vectors across and along.
         """
-        _, nearest = find_nearest(self._grid, points, self._count())
-        return self._find_directions(nearest)
+        around = self._points[nearest]
+        around = around - around.mean(axis=1, keepdims=True)
+        variances, axes = np.linalg.eigh(np.swapaxes(around, 1, 2) @ around)
+        return np.maximum(variances[:, 0] / np.maximum(variances[:, 1], 1e-12), _FLATTEST), axes
 
     def compute_covariance(
         self, scan: NDArray[np.float64], pose: se2.Array, reach: float, kernel: float
@@ -120,11 +125,11 @@ class Surface:
             reach: farthest correspondence [m]; there must be some.
             kernel: squared residual at which a weight is a quarter [m^2].
         """
-        distances, nearest = find_nearest(self._grid, se2.transform(pose, scan), self._count())
+        distances, nearest = self.find_nearest(se2.transform(pose, scan))
         near = distances[:, 0] < reach
         scan, distances, nearest = scan[near], distances[near, 0], nearest[near]
         residuals = se2.transform(se2.inverse(pose), self._points[nearest[:, 0]]) - scan
-        flatness, axes = self._find_directions(nearest)
+        flatness, axes = self.find_directions(nearest)
         c, s = np.cos(pose[2]), np.sin(pose[2])
         axes = np.array([[c, s], [-s, c]]) @ axes
         weights = (kernel / (kernel + distances**2)) ** 2
@@ -137,13 +142,3 @@ class Surface:
         squares = np.einsum("nia,ni->na", axes, residuals) ** 2
         inverse = np.linalg.inv(hessian) * max((counts * squares).sum() / counts.sum(), _LEAST_M**2)
         return np.asarray(0.5 * (inverse + inverse.T))
-
-    def _count(self) -> int:
-        """Returns how many of the nearest map points are asked for."""
-        return min(_SURFACE_POINTS, len(self._points))
-
-    def _find_directions(self, neighbours: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        around = self._points[neighbours]
-        around = around - around.mean(axis=1, keepdims=True)
-        variances, axes = np.linalg.eigh(np.swapaxes(around, 1, 2) @ around)
-        return np.maximum(variances[:, 0] / np.maximum(variances[:, 1], 1e-12), _FLATTEST), axes

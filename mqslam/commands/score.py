@@ -16,9 +16,10 @@ from mqslam.core.recording import Recording
 from mqslam.core.scans import Returns
 from mqslam.detection.stage import detect_stretch
 from mqslam.errors import ConfigError, EstimationError
-from mqslam.psi.minimiser import final_scale, kernel_of, score_itself
+from mqslam.psi.minimiser import final_scale, kernel_of
 from mqslam.psi.place import Beam, beam_of, place
 from mqslam.psi.published.equations import score as published
+from mqslam.psi.score import evaluate
 from mqslam.psi.window import WindowMotion, drop_start, estimate_window
 
 
@@ -142,7 +143,7 @@ def _score_motion(
     """Returns the published score of a window under a motion with its parts, and the estimator's at its final widths."""
     points = drop_start(place(returns, t0, np.zeros(3), theta, model, beam))
     whole = published(points.points, points.times, revolution_s, variant, points.jacobians)
-    own = score_itself(points, final_scale(config), kernel_of(config, revolution_s))
+    own = evaluate(points, None, final_scale(config), kernel_of(config, revolution_s))
     return {
         "published": {
             "psi": whole.psi,

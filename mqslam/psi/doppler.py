@@ -18,8 +18,8 @@ from mqslam.config import Config, EstimatorConfig, TrackerConfig
 from mqslam.core.engine import Engine
 from mqslam.core.scans import Scans
 from mqslam.psi.place import beam_of
+from mqslam.psi.tracking.cold_start import START_SCANS
 from mqslam.psi.tracking.plausibility import is_usable
-from mqslam.psi.tracking.setup import START_SCANS
 from mqslam.psi.tracking.tracker import Tracker
 
 # Number of stretches of a recording on which psi measures the Doppler shift.

@@ -18,13 +18,18 @@ from mqslam.core import se2
 from mqslam.core.measurement import Status
 from mqslam.core.motion import CONSTANT_TWIST, OMEGA, MotionModel
 from mqslam.core.scans import Returns
-from mqslam.psi.covariance import estimate_covariance_by_differences
-from mqslam.psi.gaussians import floor_variances, invert
-from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, kernel_of, minimise, score_itself
-from mqslam.psi.observability import find_weak_directions, spread_along
-from mqslam.psi.place import Beam, PointSet, place, place_arrays
-from mqslam.psi.scoring.estimator import Kernel, PointArrays, PsiEvaluation, Scale, evaluate_arrays
-from mqslam.psi.scoring.neighbours import CandidateLists, CellGrid, find_corner, list_firsts, list_near, sort_points
+from mqslam.psi.covariance import (
+    curvature_by_differences,
+    estimate_covariance,
+    find_weak_directions,
+    floor_variances,
+    invert,
+    spread_along,
+)
+from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, kernel_of, minimise
+from mqslam.psi.neighbours import find_candidates, sort_into_cells
+from mqslam.psi.place import Beam, PointArrays, PointSet, place, place_arrays
+from mqslam.psi.score import Kernel, Scale, evaluate, evaluate_each_other
 
 
 def score_twists(
@@ -62,13 +67,9 @@ def _list_shares(
     no_jacobians, no_rays = np.empty((len(ranges), 2, 0)), np.empty((0, 2))
     for k in range(len(twists)):
         points, _, covariances, _ = place_arrays(ranges, azimuths, times, np.zeros(3), twists[k], model, beam)
-        corner = find_corner(points) - scale.s
-        sorted_points, order, rows, begins = sort_points(points, scale.s, corner)
-        grid = CellGrid(sorted_points, order, rows, begins, corner, scale.s)
-        offsets, indices = list_near(grid, list_firsts(grid), points, scale.s)
+        lists = find_candidates(sort_into_cells(points, scale.s), points, scale.s)
         arrays = PointArrays(points, no_jacobians, covariances, times, no_rays)
-        lists = CandidateLists(offsets, order[indices], scale.s)
-        shares[k] = evaluate_arrays(arrays, arrays, lists, scale, kernel, True)[0]
+        shares[k] = evaluate_each_other(arrays, lists, scale, kernel)[0]
     return shares
 
 
@@ -139,14 +140,12 @@ def estimate_window(
     points = render(minimum.state)
 
     def gradient(theta: NDArray[np.float64]) -> NDArray[np.float64]:
-        return score_itself(render(theta), final_scale(config), kernel).gradient
+        return evaluate(render(theta), None, final_scale(config), kernel).gradient
 
-    steps = _DIFFERENCE_STEP * tolerances
-    covariance = estimate_covariance_by_differences(
-        minimum.evaluation, points.points, config.cluster_m, gradient, minimum.state, steps
-    )
-    covariance = floor_variances(covariance, tolerances)
-    wide = score_itself(points, annealed_scale(config, 0), kernel)
+    curvature = curvature_by_differences(gradient, minimum.state, _DIFFERENCE_STEP * tolerances)
+    sharp = replace(minimum.evaluation, curvature=curvature)
+    covariance = floor_variances(estimate_covariance(sharp, points.points, config.cluster_m), tolerances)
+    wide = evaluate(points, None, annealed_scale(config, 0), kernel)
     weak = find_weak_directions(wide, model.size)
     if len(weak):
         unknown = [_UNKNOWN_YAW_RATE if c == OMEGA else _UNKNOWN_SPEED for c in model.components]
@@ -292,23 +291,3 @@ def score_all_twists(
         twists = np.column_stack([np.full(len(yaw_rates), v), np.zeros(len(yaw_rates)), yaw_rates])
         scores[i] = score_twists(returns, t0, twists, beam, scale, kernel)
     return scores
-
-
-def score_window(
-    returns: Returns, t0: float, revolution_s: float, config: EstimatorConfig, beam: Beam, twist: se2.Array
-) -> PsiEvaluation:
-    """Scores a window under a constant twist (3,), at the widest scale.
-
-    It is the readable twin of `score_twists`, which an exhaustive search calls.
-
-    Args:
-        returns: of two scans at least.
-        t0: start of the window [s].
-        revolution_s: duration of a turn [s].
-        config: settings of the estimator.
-        beam: the sensor's errors.
-        twist: (3,) m/s, m/s, rad/s.
-    """
-    placed = place(returns, t0, np.zeros(3), twist, CONSTANT_TWIST, beam)
-    points = PointSet(placed.points, np.empty((len(returns), 2, 0)), placed.covariances, placed.times)
-    return score_itself(points, annealed_scale(config, 0), kernel_of(config, revolution_s))

@@ -11,7 +11,7 @@ from support.drives import street_drive
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Returns, Scan
-from mqslam.frontends.bidirectional import DirectedMotion, join, reverse_time, turn_back
+from mqslam.frontends.bidirectional import DirectedMotion, join, ReversedScans, turn_back
 
 STEP = np.array([2.0, 0.1, 0.05])
 SURE = np.diag([4e-4, 1e-4, 1e-6])
@@ -51,7 +51,7 @@ LONG = make_scans([0.25 * k for k in range(2000)])
 
 def test_a_recording_played_backward_twice_is_the_recording() -> None:
     scans = list(street_drive()[1][:6])
-    again = reverse_time(reverse_time(scans))
+    again = ReversedScans(ReversedScans(scans))
     for a, b in zip(scans, again, strict=True):
         assert (b.t0 - again[0].t0, b.t1 - again[0].t0) == pytest.approx((a.t0 - scans[0].t0, a.t1 - scans[0].t0))
         np.testing.assert_allclose(b.returns.times - again[0].t0, a.returns.times - scans[0].t0, atol=1e-9)
@@ -61,12 +61,12 @@ def test_a_recording_played_backward_twice_is_the_recording() -> None:
 
 def test_played_backward_a_scan_begins_where_the_next_one_began() -> None:
     scans = [replace(scan, t1=scan.t1 - 0.01) for scan in SCANS]  # a turn ends a little before the next one begins
-    starts = [scan.t0 for scan in reverse_time(scans)]
+    starts = [scan.t0 for scan in ReversedScans(scans)]
     np.testing.assert_allclose(starts, [0.0, 0.24, 0.49, 0.74, 0.99])
 
 
 def test_before_a_pause_a_scan_begins_at_its_own_end() -> None:
-    starts = [scan.t0 for scan in reverse_time(make_scans([0.0, 0.25, 3.0, 3.25]))]
+    starts = [scan.t0 for scan in ReversedScans(make_scans([0.0, 0.25, 3.0, 3.25]))]
     np.testing.assert_allclose(starts, [0.0, 0.25, 3.0, 3.25])
 
 

@@ -22,8 +22,7 @@ from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends import scan_matching
-from mqslam.frontends.scan_matching import _COAST_VX, match_scans
-from mqslam.frontends.scan_track import PlacedScan
+from mqslam.frontends.scan_matching import _COAST_VX, PlacedScan, match_scans
 from mqslam.simulator import ConstantDrive, SimulatedRecording, make_corridor_scene, make_street_scene
 
 Measure = Callable[..., list[Measurement]]

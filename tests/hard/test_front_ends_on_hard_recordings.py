@@ -28,7 +28,7 @@ from mqslam.core.measurement import Status
 from mqslam.core.scans import Returns, Scan
 from mqslam.errors import EstimationError
 from mqslam.psi.place import beam_of
-from mqslam.psi.tracking.dynamics import LONGEST_COAST_S
+from mqslam.psi.tracking.state import LONGEST_COAST_S
 from mqslam.psi.window import find_window_motion
 from mqslam.solution import Solution
 

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config import PsiConfig
-from mqslam.psi.scoring.neighbours import CandidateLists, find_candidates, sort_into_cells
+from mqslam.psi.neighbours import NearbyLists, find_candidates, sort_into_cells
 
 # Distance at which the spatial kernel peaks [m]. The paper gives no value; what is nearest belongs together.
 ALPHA_S = 0.0
@@ -66,7 +66,7 @@ def score(
     revolution_s: float,
     config: PsiConfig,
     jacobians: NDArray[np.float64] | None = None,
-    lists: CandidateLists | None = None,
+    lists: NearbyLists | None = None,
 ) -> PsiScore:
     """Scores a rendered window.
 
@@ -148,7 +148,7 @@ def _score(
     points: NDArray[np.float64],
     times: NDArray[np.float64],
     jacobians: NDArray[np.float64],
-    lists: CandidateLists,
+    lists: NearbyLists,
     parameters: _Parameters,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
     """Returns the shares (N,) of the pair sum, the number (N,) of selected neighbours and the gradient (P,)."""

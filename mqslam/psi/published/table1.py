@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from mqslam.config import PsiConfig
 from mqslam.core import se2
 from mqslam.execution.progress import Progress, ignore_progress
+from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.published.equations import score
 from mqslam.psi.published.paper_setting import CASES, PAPER_LARGEST, REVOLUTION_S, PaperWindow, simulate_window
-from mqslam.psi.scoring.neighbours import find_candidates, sort_into_cells
 
 VARIANTS = {
     "published, as printed": PsiConfig(temporal="gaussian", unmatched=0.0),

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from mqslam.frontends.icp_covariance import find_nearest
-from mqslam.psi.scoring.neighbours import sort_into_cells
+from mqslam.psi.neighbours import sort_into_cells
 
 
 @given(

@@ -12,21 +12,8 @@ from mqslam.config import TrackerConfig
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
 from mqslam.psi.minimiser import Prior
-from mqslam.psi.tracking.dynamics import (
-    _SIGMA_VX,
-    SIGMA_AX,
-    Blindness,
-    LastMatch,
-    coast,
-    correct_motion,
-    drop_directions,
-    hold_directions,
-    predict,
-    replace_motion,
-    smooth_last,
-)
-from mqslam.psi.tracking.setup import SPEED_MIN, START_ALPHA
 from mqslam.psi.tracking.state import (
+    _SIGMA_VX,
     ACCELERATION,
     ALPHA,
     AX,
@@ -34,16 +21,28 @@ from mqslam.psi.tracking.state import (
     OMEGA,
     ORIGIN,
     POSE,
+    SIGMA_AX,
     SIZE,
+    SPEED_MIN,
+    START_ALPHA,
     TOLERANCES,
     TWIST,
     VX,
     VY,
     YAW,
     Belief,
+    Blindness,
+    LastMatch,
     State,
     X,
     Y,
+    coast,
+    correct_motion,
+    drop_directions,
+    hold_directions,
+    predict,
+    replace_motion,
+    smooth_last,
 )
 
 SETTINGS = TrackerConfig()

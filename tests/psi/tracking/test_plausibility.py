@@ -7,9 +7,9 @@ import pytest
 
 from mqslam.core.scans import Returns, Scan
 from mqslam.psi.minimiser import Minimum
-from mqslam.psi.scoring.estimator import PsiEvaluation
+from mqslam.psi.score import PsiEvaluation
+from mqslam.psi.tracking.local_map import USUAL
 from mqslam.psi.tracking.plausibility import Usual, is_usable, measure_overlap, overlaps
-from mqslam.psi.tracking.setup import USUAL
 
 
 def scan(count: int, sector: float) -> Scan:

@@ -17,10 +17,10 @@ from mqslam.core.scans import Returns
 from mqslam.detection import detector
 from mqslam.detection.stage import detect_stretch
 from mqslam.formats.recordings import open_recording
+from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.place import PointSet, beam_of, place
 from mqslam.psi.published.equations import score
 from mqslam.psi.published.reference import score_reference
-from mqslam.psi.scoring.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.window import drop_start
 
 _SEED = 11  # of a drive that `heading` measures too
