@@ -11,7 +11,7 @@ from support.drives import street_drive
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Returns, Scan
-from mqslam.frontends.bidirectional import DirectedMotion, join, ReversedScans, turn_back
+from mqslam.frontends.bidirectional import DirectedMotion, ReversedScans, join, turn_back
 
 STEP = np.array([2.0, 0.1, 0.05])
 SURE = np.diag([4e-4, 1e-4, 1e-6])
