@@ -185,6 +185,15 @@ def find_candidates(grid: CellGrid, queries: NDArray[np.float64], radius: float)
 
 
 @register_jitable
+def find_longest(offsets: NDArray[np.int64]) -> int:
+    """Returns the length of the longest list that offsets (N + 1,) limit."""
+    longest = 0
+    for i in range(len(offsets) - 1):
+        longest = max(longest, offsets[i + 1] - offsets[i])
+    return longest
+
+
+@register_jitable
 def do_serve(lists: NearbyLists, queries: NDArray[np.float64], reach: float, skin: float, moves: float = 1.0) -> bool:
     """Returns whether lists hold all neighbours of queries (N, 2) m within a reach [m], and not far too many.
 

@@ -27,7 +27,7 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from mqslam.psi.neighbours import CellGrid, NearbyLists, find_candidates, list_near, sort_into_cells
+from mqslam.psi.neighbours import CellGrid, NearbyLists, find_candidates, find_longest, list_near, sort_into_cells
 from mqslam.psi.place import PointArrays, PointSet
 
 Fields: TypeAlias = tuple[
@@ -301,15 +301,6 @@ def arrange(order: NDArray[np.int64], points: PointArrays) -> NDArray[np.float64
     return known
 
 
-@register_jitable
-def _find_longest(offsets: NDArray[np.int64]) -> int:
-    """Returns the length of the longest list that offsets (N + 1,) limit."""
-    longest = 0
-    for i in range(len(offsets) - 1):
-        longest = max(longest, offsets[i + 1] - offsets[i])
-    return longest
-
-
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def add_up_neighbours(
     x: NDArray[np.float64],
@@ -343,7 +334,7 @@ def add_up_neighbours(
     apart, alike = kernel.apart_share, 1.0 - kernel.apart_share
     blur, apart_blur = kernel.blur * kernel.blur, kernel.apart_blur * kernel.apart_blur
     knows_times, knows_aspects, moving = len(t) > 0, len(rays) > 0, len(jacobians) > 0
-    room = _BLOCK + _find_longest(offsets) + LANES
+    room = _BLOCK + find_longest(offsets) + LANES
     found, begins = np.empty(room, np.int64), np.empty(_BLOCK + 1, np.int64)
     ahead, left, squares, aside = np.empty(room), np.empty(room), np.empty(room), np.empty(room)
     kappas, likenesses = np.empty(room), np.empty(room)

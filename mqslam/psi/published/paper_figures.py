@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from mqslam.config import PsiConfig
 from mqslam.core import se2
+from mqslam.core.motion import CONSTANT_VELOCITY
 from mqslam.errors import OutputError, Remedy
 from mqslam.execution.files import write_aside
 from mqslam.psi.published.equations import score
-from mqslam.psi.published.paper_setting import CASES, REVOLUTION_S, PaperWindow, simulate_window
+from mqslam.psi.published.table1 import CASES, REVOLUTION_S, estimate_motion, simulate_window
+from mqslam.psi.window import Window
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,9 +55,9 @@ class Rendering:
     psi: float
 
 
-def render_motion(window: PaperWindow, name: str, motion: se2.Array) -> Rendering:
+def render_motion(window: Window, name: str, motion: se2.Array) -> Rendering:
     """Renders a window under v [m/s], omega [rad/s] and scores it."""
-    placed = window.render(motion)
+    placed = window.render(motion, CONSTANT_VELOCITY)
     psi = score(placed.points, placed.times, REVOLUTION_S, PsiConfig()).psi
     scan = np.floor(placed.times / REVOLUTION_S + 1e-9).astype(np.int64)
     return Rendering(name, np.asarray(motion), placed.points, scan, psi)
@@ -64,7 +66,7 @@ def render_motion(window: PaperWindow, name: str, motion: se2.Array) -> Renderin
 def render_figure2(seed: int = 1) -> list[Rendering]:
     """Renders one window under no motion at all, half of the estimated one, and the estimated one."""
     window = simulate_window(_MOTION_2, seed, SCANS)
-    best = window.estimate().theta
+    best = estimate_motion(window).theta
     return [
         render_motion(window, "bad: no motion", np.zeros(2)),
         render_motion(window, "better: half the motion", 0.5 * best),
@@ -78,7 +80,7 @@ def render_figure3(seed: int = 1) -> list[tuple[Rendering, Rendering]]:
     return [
         (
             render_motion(window, "before: no motion", np.zeros(2)),
-            render_motion(window, "after: estimated", window.estimate().theta),
+            render_motion(window, "after: estimated", estimate_motion(window).theta),
         )
         for window in windows
     ]

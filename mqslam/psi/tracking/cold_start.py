@@ -25,7 +25,7 @@ from mqslam.psi.tracking.state import (
     TOLERANCES,
     list_motion_noise,
 )
-from mqslam.psi.window import WindowMotion, estimate_window, search_twist
+from mqslam.psi.window import Window
 
 # Number of scans from which a track finds its first motion: three show an acceleration, too.
 START_SCANS = 3
@@ -70,28 +70,25 @@ def find_first_motion(
     if begin is None:
         begin = _search_twist(scans, matcher)
     model = MODEL if len(scans) > 2 else CONSTANT_TWIST  # two scans do not show an acceleration
-    returns, size = Returns.concatenate([scan.returns for scan in scans]), model.size
-
-    def estimate(start: se2.Array) -> WindowMotion:
-        return estimate_window(returns, scans[0].t0, matcher.kernel, matcher.estimator, matcher.beam, start, model)
-
-    window = estimate(begin)
-    if odometry is not None and window.status is not Status.CONVERGED:
-        window = estimate(odometry)
-    if not overlaps(window.minimum):  # scans that have nothing in common show no more than that a vehicle moves
+    size, returns = model.size, Returns.concatenate([scan.returns for scan in scans])
+    window = Window(returns, scans[0].t0, matcher.kernel, matcher.estimator, matcher.beam)
+    found = window.estimate(begin, model)
+    if odometry is not None and found.status is not Status.CONVERGED:
+        found = window.estimate(odometry, model)
+    if not overlaps(found.minimum):  # scans that have nothing in common show no more than that a vehicle moves
         fastest = max(matcher.settings.speed_max, -SPEED_MIN)
         spread = np.array([fastest, fastest, OMEGA_MAX, SIGMA_AX, START_ALPHA])
         return FirstMotion(np.zeros(MODEL.size), np.diag(spread**2), 0.0, observed=False)
-    theta = window.theta
-    if odometry is None and window.status is not Status.CONVERGED:
+    theta = found.theta
+    if odometry is None and found.status is not Status.CONVERGED:
         # the motion is shrunk towards rest as far as its covariance leaves it open
         at_rest = np.diag(_AT_REST[:size] ** 2)
-        theta = at_rest @ invert(at_rest + window.covariance, TOLERANCES[MOTION][:size]) @ theta
+        theta = at_rest @ invert(at_rest + found.covariance, TOLERANCES[MOTION][:size]) @ theta
     motion, covariance = np.zeros(MODEL.size), np.zeros((MODEL.size, MODEL.size))
-    motion[:size], covariance[:size, :size] = theta, window.covariance
+    motion[:size], covariance[:size, :size] = theta, found.covariance
     if size < MODEL.size:
         covariance += np.diag(list_motion_noise(matcher.young) ** 2)
-    return FirstMotion(motion, covariance, measure_overlap(window.minimum), window.status is Status.CONVERGED)
+    return FirstMotion(motion, covariance, measure_overlap(found.minimum), found.status is Status.CONVERGED)
 
 
 def _search_twist(scans: Sequence[Scan], matcher: Matcher) -> se2.Array:
@@ -104,4 +101,4 @@ def _search_twist(scans: Sequence[Scan], matcher: Matcher) -> se2.Array:
     limit = min(OMEGA_MAX, _MOST_TURN / revolution_s)
     count = int(np.ceil(limit / (_START_YAW_STEP / revolution_s)))
     yaw_rates = np.linspace(-limit, limit, 2 * count + 1)
-    return search_twist(strong, scans[0].t0, matcher.kernel, matcher.estimator, matcher.beam, speeds, yaw_rates)
+    return Window(strong, scans[0].t0, matcher.kernel, matcher.estimator, matcher.beam).search(speeds, yaw_rates)
