@@ -59,24 +59,24 @@ class PsiFrontEnd:
         settings = self._context.config.tracker
         segments = split_into_segments(scans, settings)
         is_whole = len(segments) == 2  # one in each direction
-        joined = join(*(self._track_at_once(scans) if is_whole else self._track_segments(scans, segments)))
+        joined = join(*(self._track_at_once(scans, *segments) if is_whole else self._track_segments(scans, segments)))
         left_out = _estimate_unsteadiness(joined, settings, self._context.revolution_s)
         for motion, variances in zip(joined, left_out, strict=True):
             yield replace(motion, covariance=motion.covariance + np.diag(variances))
 
-    def _track_at_once(self, scans: Sequence[Scan]) -> tuple[Motions, Motions]:
+    def _track_at_once(self, scans: Sequence[Scan], _: Segment, backward: Segment) -> tuple[Motions, Motions]:
         """Tracks a recording as a whole, forward and backward beside each other, and shows each motion as it is measured."""
         context = self._context
         forward: Motions = []
         back: list[DirectedMotion] = []
         shared = replace(context, preview=ignore_motion, engine=None), scans
-        with (context.engine or HERE).start(_track_back, shared, None) as wait:
+        with (context.engine or HERE).start(_track_segment, shared, backward) as wait:
             here = iter(()) if wait else track(scans, context, is_backward=True)
             for match in track(scans, context):
                 forward.append(match)
                 back.extend(islice(here, 1))  # step by step with the other direction, so that progress is even
                 context.preview(match.motion)
-            return forward, turn_back(scans, wait() if wait else back)
+            return forward, wait() if wait else turn_back(scans, back)
 
     def _track_segments(self, scans: Sequence[Scan], segments: Sequence[Segment]) -> tuple[Motions, Motions]:
         """Tracks the segments of a recording wherever the engine has them tracked, and shows those that are done."""
@@ -92,12 +92,6 @@ class PsiFrontEnd:
         shared = replace(context, preview=ignore_motion, engine=None), scans
         (context.engine or HERE).map(_track_segment, shared, segments, collect)
         return forward, backward
-
-
-def _track_back(shared: tuple[Context, Sequence[Scan]], item: None) -> list[DirectedMotion]:
-    """Returns the motions of a recording that is tracked backward as a whole."""
-    context, scans = shared
-    return list(track(scans, context, is_backward=True))
 
 
 def _track_segment(shared: tuple[Context, Sequence[Scan]], segment: Segment) -> Motions:
@@ -176,7 +170,7 @@ def _relate(a: Tracked, b: Tracked) -> DirectedMotion:
         # two measurements with independent errors differ by twice the variance of one
         earlier = se2.between(a.pose if a.earlier is None else a.earlier, b.pose if b.earlier is None else b.earlier)
         unseen = unseen + np.diag(0.5 * se2.subtract(earlier, pose) ** 2)
-    matched, status = b.evaluation.matched, Status.LOST if b.begins_map else b.status
+    status = Status.LOST if b.begins_map else b.status
     motion = Measurement(
         t0=a.t0,
         t1=b.t0,
@@ -185,8 +179,8 @@ def _relate(a: Tracked, b: Tracked) -> DirectedMotion:
         status=status,
         psi=b.evaluation.psi,
         psi_odometry=b.psi_odometry,
-        points=len(matched),
-        matched=float(matched.mean()) if len(matched) else 0.0,
+        points=len(b.evaluation.matched),
+        matched=b.evaluation.overlap,
         on_map=a.status is Status.CONVERGED and status is Status.CONVERGED and b.arrival is None,
     )
     return DirectedMotion(motion, unseen)

@@ -35,7 +35,7 @@ _START_STEP_M = 2.0
 _START_AS_GOOD = 0.95
 # Number of scans in a row that are followed backwards in time, too, to learn how large errors are.
 _BACKWARD_SCANS = 80
-# One such stretch is followed in every so many scans; errors are as large everywhere.
+# Number of scans in which one such stretch is followed; errors are as large everywhere.
 _BACKWARD_EVERY = 1000
 # Number of scans by which such a stretch begins earlier, while its map is still thin.
 _BACKWARD_WARM_UP = 20

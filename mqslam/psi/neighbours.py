@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 _ROOM = 8  # neighbours per query that room is made for at first: a matter of speed only
 _DENSE = 2**17  # cells of a grid up to which the first points of all cells are listed: a matter of speed only
 _LAST = 2**22  # column and row of all points that lie farther out: a matter of memory only
-_WASTE = 2.0  # a list that reaches farther than so many times a new one is renewed: a matter of speed only
+_WASTE = 2.0  # a list that reaches this many times farther than a new one is renewed: a matter of speed only
 
 
 class CellGrid(NamedTuple):
@@ -28,7 +28,7 @@ class CellGrid(NamedTuple):
         rows: (M,) row of each sorted point.
         begins: (columns + 1,) where each column begins among the sorted points; the last one is where they end.
         firsts: (columns, rows + 1) the first point of each column that is not below each row. It has no columns where the
-            cells are so many that it would not pay.
+            grid has too many cells for that to pay.
         corner: (2,) m, lower left corner of the first cell.
         cell: side of a cell [m].
     """

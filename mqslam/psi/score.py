@@ -139,6 +139,11 @@ class PsiEvaluation:
         return float(self.shares.sum())
 
     @property
+    def overlap(self) -> float:
+        """Share of the points that have a selected neighbour; 0 without points."""
+        return float(self.matched.mean()) if len(self.matched) else 0.0
+
+    @property
     def gradient(self) -> NDArray[np.float64]:
         """Half the gradient (Q,) of psi: the sum of the points' scores."""
         return np.asarray(self.scores.sum(axis=0))

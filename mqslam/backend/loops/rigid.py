@@ -163,7 +163,7 @@ def measure_rigid_move(points: NDArray[np.float64], yaw: float, move: NDArray[np
 def expand_rigidly(
     own: NDArray[np.float64], cov: NDArray[np.float64], yaw: float, sums: NDArray[np.float64], scale: Scale
 ) -> Expansion:
-    """Returns the score of a submap around a pose, up to second order; see `estimator.weigh_offsets`.
+    """Returns the score of a submap around a pose, up to second order; see `score.weigh_offsets`.
 
     Its letters are those of that function.
 

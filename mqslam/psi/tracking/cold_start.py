@@ -14,7 +14,7 @@ from mqslam.core.motion import CONSTANT_TWIST
 from mqslam.core.scans import Returns, Scan
 from mqslam.psi.covariance import invert
 from mqslam.psi.tracking.matching import Matcher
-from mqslam.psi.tracking.plausibility import measure_overlap, overlaps
+from mqslam.psi.tracking.plausibility import overlaps
 from mqslam.psi.tracking.state import (
     MODEL,
     MOTION,
@@ -88,7 +88,7 @@ def find_first_motion(
     motion[:size], covariance[:size, :size] = theta, found.covariance
     if size < MODEL.size:
         covariance += np.diag(list_motion_noise(matcher.young) ** 2)
-    return FirstMotion(motion, covariance, measure_overlap(found.minimum), found.status is Status.CONVERGED)
+    return FirstMotion(motion, covariance, found.minimum.evaluation.overlap, found.status is Status.CONVERGED)
 
 
 def _search_twist(scans: Sequence[Scan], matcher: Matcher) -> se2.Array:

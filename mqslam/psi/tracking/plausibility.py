@@ -47,7 +47,7 @@ class Usual:
 
     def after(self, minimum: Minimum) -> Usual:
         """Returns what is usual after one more match."""
-        share, psi = measure_overlap(minimum), _measure_psi(minimum)
+        share, psi = minimum.evaluation.overlap, _measure_psi(minimum)
         if not np.isfinite(self.psi):
             return Usual(share, psi)
         kept = _USUAL_MEMORY
@@ -58,7 +58,7 @@ class Usual:
         return share < _LOST_SHARE * self.share
 
     def is_doubtful(self, minimum: Minimum, doubtful_psi: float) -> bool:
-        """Returns whether psi of a match is so many times the usual one that there may be a better one beside it."""
+        """Returns whether psi of a match is this many times the usual one, so that there may be a better one beside it."""
         return _measure_psi(minimum) > doubtful_psi * self.psi
 
 
@@ -117,13 +117,7 @@ def is_usable(scan: Scan) -> bool:
 def overlaps(minimum: Minimum) -> bool:
     """Returns whether a scan lies on the map at all."""
     matched = int(np.count_nonzero(minimum.evaluation.matched))
-    return matched >= _LEAST_MATCHED and measure_overlap(minimum) >= _LEAST_SHARE
-
-
-def measure_overlap(minimum: Minimum) -> float:
-    """Returns the share of a scan's returns that found a neighbour in the map."""
-    matched = minimum.evaluation.matched
-    return float(matched.mean()) if len(matched) else 0.0
+    return matched >= _LEAST_MATCHED and minimum.evaluation.overlap >= _LEAST_SHARE
 
 
 def _measure_psi(minimum: Minimum) -> float:

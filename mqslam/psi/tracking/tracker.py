@@ -29,7 +29,7 @@ from mqslam.psi.score import PsiEvaluation
 from mqslam.psi.tracking.cold_start import FirstMotion, find_first_motion
 from mqslam.psi.tracking.local_map import USUAL, LocalMap, Tuning
 from mqslam.psi.tracking.matching import Matcher
-from mqslam.psi.tracking.plausibility import FEWEST_RETURNS, PredictionErrors, Usual, is_usable, measure_overlap, overlaps
+from mqslam.psi.tracking.plausibility import FEWEST_RETURNS, PredictionErrors, Usual, is_usable, overlaps
 from mqslam.psi.tracking.state import (
     LONGEST_COAST_S,
     ORIGIN,
@@ -155,10 +155,6 @@ class Tracker:
         if first.observed:
             self._last = replace(self._last, blind=Blindness.none())
         return self._begin_map(scans[0], replace_motion(ORIGIN, first.motion, changed + first.covariance), Status.CONVERGED)
-
-    def find_first_twist(self, scans: Sequence[Scan]) -> se2.Array:
-        """Finds the twist (3,) of a few scans by an exhaustive search."""
-        return find_first_motion(scans, self._matcher).motion[:3]
 
     def look_back(self, scan: Scan) -> Tracked:
         """Places a scan of too few returns from before the start."""
@@ -336,7 +332,7 @@ class Tracker:
 
     def _is_out_of_place(self, minimum: Minimum) -> bool:
         """Returns whether a match is so much poorer than usual that it is probably none."""
-        return not overlaps(minimum) or self._usual.is_poor(measure_overlap(minimum))
+        return not overlaps(minimum) or self._usual.is_poor(minimum.evaluation.overlap)
 
     def _observes_all(self, scan: Scan, minimum: Minimum, into: LocalMap) -> bool:
         """Returns whether a map shows every direction around a match."""

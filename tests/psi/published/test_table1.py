@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from support.commands import mqslam
 
-from mqslam.psi.published import table1 as module
-from mqslam.psi.published.table1 import (
+from mqslam.psi.published import paper as module
+from mqslam.psi.published.paper import (
     CASES,
     METHODS,
     OURS,
