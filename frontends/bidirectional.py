@@ -142,10 +142,8 @@ def _find_regaining(motions: Sequence[tuple[Measurement, Measurement | None]], s
 
     A scan that psi does not observe is held where it was predicted, and joins the map there. The scans after it, in the
     order of the track, are matched to a map that is partly wrong, and come back to their places only step by step. These
-    steps make up for motions that do not count, so that they must not count either, until both directions agree.
-
-    Returns:
-        for each motion whether the forward and the backward direction regain their places over it.
+    steps make up for motions that do not count, so that they must not count either, until both directions agree. The result
+    says of each motion whether the forward and the backward direction regain their places over it.
     """
     agree = [b is not None and f.on_map and b.on_map and not _contradict(f, b, shared) for f, b in motions]
     there = _spread([not f.on_map for f, _ in motions], agree)
@@ -171,11 +169,7 @@ def _contradict(forward: Measurement, backward: Measurement, shared: float) -> b
 def _join_motions(forward: Measurement, backward: Measurement, regains: tuple[bool, bool], shared: float) -> Measurement:
     """Returns what two measurements of one motion say together; one whose scans were both matched counts alone.
 
-    Args:
-        forward: the motion as it was measured forward.
-        backward: the motion as it was measured backward.
-        regains: whether each direction regains its place over this motion, so that the other counts alone if it does not.
-        shared: share of the variance of the errors that both have in common.
+    A direction that regains its place over this motion leaves it to the other one, if that does not.
     """
     there, back = forward.on_map, backward.on_map
     if there and back and regains[0] != regains[1]:

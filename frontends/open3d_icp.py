@@ -148,12 +148,9 @@ class _Open3dMatcher:
 
 
 def _deskew(points: NDArray[np.float64], fractions: NDArray[np.float64], motion: se2.Array) -> NDArray[np.float64]:
-    """Moves points (N, 2) [m] to the sensor's frame at the end of a scan.
+    """Moves points (N, 2) [m] to the sensor's frame at the end of a scan, given the sensor's motion (3,) over the scan.
 
-    Args:
-        points: each in the sensor's frame at its own time.
-        fractions: (N,) that time, 0 at the scan's beginning and 1 at its end.
-        motion: (3,) the sensor's motion over the scan.
+    Each point is in the sensor's frame at its own time, a fraction (N,) of the scan from 0 at its beginning to 1 at its end.
     """
     poses = se2.exp(np.broadcast_to(se2.log(motion), (len(points), 3)), fractions - 1.0)
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])

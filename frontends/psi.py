@@ -191,13 +191,8 @@ def _estimate_unsteadiness(
 ) -> NDArray[np.float64]:
     """Estimates the variance (N, 3) of x [m^2], y [m^2], yaw [rad^2] that the motion model leaves out of each motion.
 
-    It is zero for a motion that was lost, which is more unsure than that already.
-
-    Args:
-        motions: N successive ones.
-        settings: the process noise. It stands in where too few motions show the variance: an acceleration that changes as
-            much as it can within a scan.
-        revolution_s: duration of a turn [s].
+    It is zero for a motion that was lost, which is more unsure than that already. Where too few of the N successive motions
+    show the variance, the process noise stands in: an acceleration that changes as much as it can within a scan.
     """
     left_out = np.zeros((len(motions), 3))
     followed = [k for k, motion in enumerate(motions) if motion.status is not Status.LOST]

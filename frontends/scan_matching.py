@@ -197,13 +197,7 @@ def match_scans(scans: Iterable[Scan], new_matcher: Callable[[], ScanMatcher], c
 
 
 def _follow(scans: Sequence[Scan], track: ScanTrack, start: Step) -> Iterator[tuple[Measurement, NDArray[np.float64]]]:
-    """Yields the motions between scans along a new track, each as sure as its match, and the times [s] that nothing matched.
-
-    Args:
-        scans: all of them.
-        track: a new one.
-        start: how the first scan fits.
-    """
+    """Yields the motions between scans along a new track, each as sure as its match, and the times [s] without a match."""
     before, begin, coasted_s = scans[0], np.zeros(3), 0.0
     step = replace(start, time=track.follow(before).time, pose=track.last.pose)
     for scan in scans[1:]:
@@ -226,13 +220,7 @@ def _follow(scans: Sequence[Scan], track: ScanTrack, start: Step) -> Iterator[tu
 
 
 def _measure_backwards(scans: Sequence[Scan], motions: Sequence[Measurement], new_track: NewTrack) -> list[se2.Array | None]:
-    """Returns the motions (3,) between the scans as tracks backwards measure some of them; None stands elsewhere.
-
-    Args:
-        scans: all of them.
-        motions: those between them, as the track forwards measured them.
-        new_track: makes a track.
-    """
+    """Returns the motions (3,) between the scans as new tracks backwards measure some of them; None stands elsewhere."""
     backward: list[se2.Array | None] = [None] * len(motions)
     length = _BACKWARD_SCANS + _BACKWARD_WARM_UP
     stretches = [(0, len(motions))]  # the first and the last scan of each, evenly spread over all scans
@@ -288,8 +276,7 @@ def _find_start(scans: Sequence[Scan], new_track: NewTrack, context: Context) ->
 def _run_back_and_forth(head: Sequence[Scan], new_track: NewTrack, begin: se2.Array) -> tuple[float, se2.Array, Step]:
     """Follows the first scans from a twist (3,), and then backwards in time.
 
-    Returns:
-        how well they matched backwards, the twist (3,) at the start, and how the first scan fits there.
+    Returns how well they matched backwards, the twist (3,) at the start, and how the first scan fits there.
     """
     forwards = new_track(head[0].t0, begin)
     for scan in head:

@@ -164,12 +164,9 @@ def find_echoes(power: NDArray[np.uint8], range_resolution: float, cells: int) -
 
 
 def _correlate_neighbours(echoes: NDArray[np.float32], rising: NDArray[np.bool_], reach: int) -> NDArray[np.float64]:
-    """Returns the correlations (A - 1, 2 L + 1) of successive azimuths, of which one is rising, at shifts -L to L.
+    """Returns the correlations (A - 1, 2 L + 1) of the echoes (A, C) of successive azimuths, of which one is rising.
 
-    Args:
-        echoes: (A, C).
-        rising: (A,) whether the chirp goes up.
-        reach: the largest shift L [cells].
+    They are taken at shifts of -L to L cells, the reach.
     """
     size = fft.next_fast_len(echoes.shape[1] + reach, real=True)
     spectra = fft.rfft(echoes, size, axis=1)
@@ -286,16 +283,9 @@ def _fit(correlation: ChirpCorrelation, first: Array, middle: float) -> Velocity
 
 
 def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array) -> tuple[Array, float]:
-    """Fits a state (4,) to shifts by Geman-McClure's loss, whose width follows from the residuals.
+    """Fits a state (4,) to shifts by Geman-McClure's loss, whose width [m/s] follows from the residuals; returns both.
 
-    Args:
-        jacobian: (K, 4) of the radial speeds.
-        shifts: of the azimuths.
-        state: (4,) to begin with.
-        prior: (4, 4) information of the prior, whose mean is zero.
-
-    Returns:
-        The state, and the width of the loss [m/s].
+    The jacobian (K, 4) is of the radial speeds, and the prior is an information (4, 4) whose mean is zero.
     """
     width = 0.0
     for _ in range(_STEPS):
@@ -314,13 +304,7 @@ def _leave_out_sectors(jacobian: Array, shifts: Shifts, state: Array, width: flo
     """Returns the covariance (4, 4) of a state by a jackknife over sectors; None where one sector alone determines it.
 
     Each sector's absence moves the state by one Newton step. Sectors are successive azimuths, whose errors are correlated.
-
-    Args:
-        jacobian: (K, 4) of the radial speeds.
-        shifts: of the azimuths.
-        state: (4,) that fits best.
-        width: of the loss [m/s].
-        prior: (4, 4) information of the prior.
+    The arguments are those of `_fit_robustly`, and what it returns.
     """
     residuals = shifts.speeds - jacobian @ state
     certain, square = _normalise(shifts.weights, width / _OUTLIER_SPREADS), (residuals / width) ** 2

@@ -98,13 +98,9 @@ def _is_usual(each: Sequence[float], beta: float) -> bool:
 
 
 def _estimate_sigma(each: Sequence[float]) -> float:
-    """Returns the standard deviation [s] of a shift that the median stretch shows.
-
-    Args:
-        each: the shifts that single stretches show. Of one stretch nothing is known but the step between shifts.
-    """
+    """Returns the standard deviation [s] of the shift of the median stretch, given the shifts of each stretch."""
     if len(each) < 2:
-        return _STEP_S
+        return _STEP_S  # nothing else is known of one stretch
     return float(max(_OF_MEDIAN * np.std(each, ddof=1) / np.sqrt(len(each)), _FINEST * _STEP_S))
 
 

@@ -136,19 +136,16 @@ def scan_of(power: NDArray[np.uint8]) -> PolarScan:
     return whole.split(np.arange(400) % 2 == 0)
 
 
-def test_where_nothing_is_seen_no_velocity_is_made_up() -> None:
+def test_where_nothing_is_seen_and_where_all_chirps_go_the_same_way_no_velocity_is_made_up() -> None:
     rng = np.random.default_rng(1)
     bright = rng.normal(100.0, 10.0, (400, 2000)).astype(np.uint8)
     thermal = np.clip(20.0 * np.log10(rng.exponential(1.0, (400, 600))) + 18.0, 0.0, 255.0).astype(np.uint8)
-    expected = {Outcome.UNCLEAR: bright, Outcome.DARK: thermal}
-    for outcome, power in expected.items():
-        found = measure_velocity(scan_of(power), 0.175, 0.125)
+    one_way = scan_of(bright).down
+    assert one_way is not None
+    expected = {Outcome.UNCLEAR: scan_of(bright), Outcome.DARK: scan_of(thermal), Outcome.ONE_DIRECTION: one_way}
+    for outcome, polar_scan in expected.items():
+        found = measure_velocity(polar_scan, 0.175, 0.125)
         assert found.outcome is outcome and np.isnan(found.velocity).all() and np.isnan(found.covariance).all()
-
-
-def test_chirps_that_all_go_the_same_way_tell_no_velocity() -> None:
-    one = scan_of(np.zeros((400, 600), dtype=np.uint8)).down
-    assert one is not None and measure_velocity(one, 0.175, 0.125).outcome is Outcome.ONE_DIRECTION
 
 
 def test_what_only_a_narrow_sector_shows_is_uncertain_across_it(monkeypatch: pytest.MonkeyPatch) -> None:

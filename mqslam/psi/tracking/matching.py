@@ -218,12 +218,7 @@ class Matcher:
         return Belief(State(minimum.state), invert(safe + prior_information, 1.0 / TOLERANCES))
 
     def _is_distinct(self, rise: NDArray[np.float64], placed: PointSet) -> bool:
-        """Returns whether psi rises by more than chance explains: by some standard deviations of its sums over objects.
-
-        Args:
-            rise: (N,) by how much each point's share of psi rises.
-            placed: the points before that.
-        """
+        """Returns whether shares (N,) of psi rise by more than chance: by some standard deviations of sums over objects."""
         by_object = sum_by_object(rise[:, None], placed.points, self.matching.cluster_m)
         return bool(by_object.sum() > _DISTINCT_SIGMAS * np.sqrt(np.sum(by_object**2)))
 

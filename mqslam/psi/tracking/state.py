@@ -89,13 +89,8 @@ class State:
         return self.vector[TWIST]
 
     @property
-    def acceleration(self) -> NDArray[np.float64]:
-        """(2,) ax [m/s^2], alpha [rad/s^2], constant while the scan lasts."""
-        return self.vector[ACCELERATION]
-
-    @property
     def motion(self) -> se2.Array:
-        """(5,) twist and accelerations, the parameters of the motion model."""
+        """(5,) twist and accelerations (ax [m/s^2], alpha [rad/s^2]) while the scan lasts: the motion model's parameters."""
         return self.vector[MOTION]
 
     def moved_ahead(self, distance: float, duration_s: float) -> State:
