@@ -19,9 +19,7 @@ from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
 from mqslam.errors import ConfigError, untrusted
 from mqslam.frontends.icp_covariance import Surface
-from mqslam.frontends.scan_matching import FEWEST_MATCHED, match_scans
-from mqslam.frontends.scan_track import PlacedScan
-from mqslam.frontends.spatial import from_matrix, lift, to_matrix
+from mqslam.frontends.scan_matching import FEWEST_MATCHED, PlacedScan, from_matrix, lift, match_scans, to_matrix
 
 _FAR_M = 1e6  # beyond every range that KISS-ICP keeps
 _REACH = 3.0  # KISS-ICP looks for correspondences within this many of its adaptive thresholds: its definition
@@ -56,7 +54,7 @@ class KissIcpFrontEnd:
 
 
 class _KissIcpMatcher:
-    """KISS-ICP behind the protocol of `scan_track`; pose and motion are handed to it with every scan."""
+    """KISS-ICP as a `ScanMatcher`; pose and motion are handed to it with every scan."""
 
     def __init__(self, config: Any, settings: KissIcpConfig) -> None:
         from kiss_icp.kiss_icp import KissICP
@@ -68,7 +66,7 @@ class _KissIcpMatcher:
     def match(
         self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
     ) -> PlacedScan | None:
-        """Matches a scan, and adds it to the map, as `scan_track.ScanMatcher` has it."""
+        """Matches a scan, and adds it to the map, as `ScanMatcher` has it."""
         kiss, settings = self._kiss, self._settings
         # KISS-ICP takes the first and the last time of a scan for its ends: points too far to be kept mark those
         frame = lift(np.vstack([points, [[_FAR_M, 0.0], [_FAR_M, 0.0]]]))

@@ -18,9 +18,7 @@ from mqslam.core.scans import Scan
 from mqslam.errors import ConfigError
 from mqslam.execution.extras import describe_missing
 from mqslam.frontends.icp_covariance import Surface
-from mqslam.frontends.scan_matching import FEWEST_MATCHED, match_scans
-from mqslam.frontends.scan_track import PlacedScan
-from mqslam.frontends.spatial import from_matrix, lift, to_matrix
+from mqslam.frontends.scan_matching import FEWEST_MATCHED, PlacedScan, from_matrix, lift, match_scans, to_matrix
 
 # Longest distance between corresponding points [m], the side of the map's voxels by default.
 _REACH_M = 1.0
@@ -62,7 +60,7 @@ class Open3dIcpFrontEnd:
 
 
 class _Open3dMatcher:
-    """Open3D's registration behind the protocol of `scan_track`.
+    """Open3D's registration as a `ScanMatcher`.
 
     It moves scans in six degrees of freedom. Point to point, scans in a plane stay in it. Generalized ICP would divide by
     the variance that points in a plane do not have; here it gets covariances that are planar but for a unit variance in z,
@@ -81,7 +79,7 @@ class _Open3dMatcher:
     def match(
         self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
     ) -> PlacedScan | None:
-        """Matches a scan, and adds it to the map, as `scan_track.ScanMatcher` has it."""
+        """Matches a scan, and adds it to the map, as `ScanMatcher` has it."""
         near = np.hypot(points[:, 0], points[:, 1]) < self._settings.max_range_m
         placed = _deskew(points[near], fractions[near], motion)
         predicted = se2.compose(before, motion)
@@ -140,7 +138,8 @@ class _Open3dMatcher:
         cloud = self._open3d.geometry.PointCloud(vectors).voxel_down_sample(voxel_size)
         if self._settings.method == "generalized" and len(cloud.points):
             planar = np.asarray(cloud.points)[:, :2]
-            flatness, axes = Surface(planar, self._settings.voxel_size_m).find_directions(planar)
+            surface = Surface(planar, self._settings.voxel_size_m)
+            flatness, axes = surface.find_directions(surface.find_nearest(planar)[1])
             variances = np.stack([flatness, np.ones(len(flatness))], axis=1)
             covariances = np.tile(np.eye(3), (len(planar), 1, 1))
             covariances[:, :2, :2] = (axes * variances[:, None, :]) @ np.swapaxes(axes, 1, 2)
@@ -149,12 +148,9 @@ class _Open3dMatcher:
 
 
 def _deskew(points: NDArray[np.float64], fractions: NDArray[np.float64], motion: se2.Array) -> NDArray[np.float64]:
-    """Moves points (N, 2) [m] to the sensor's frame at the end of a scan.
+    """Moves points (N, 2) [m] to the sensor's frame at the end of a scan, given the sensor's motion (3,) over the scan.
 
-    Args:
-        points: each in the sensor's frame at its own time.
-        fractions: (N,) that time, 0 at the scan's beginning and 1 at its end.
-        motion: (3,) the sensor's motion over the scan.
+    Each point is in the sensor's frame at its own time, a fraction (N,) of the scan from 0 at its beginning to 1 at its end.
     """
     poses = se2.exp(np.broadcast_to(se2.log(motion), (len(points), 3)), fractions - 1.0)
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])

@@ -15,15 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config import TrackerConfig
+from mqslam.core import se2
 from mqslam.core.frontend import Context, ignore_motion
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
 from mqslam.core.statistics.gross import MEDIAN_OF_CHI2
 from mqslam.execution.local_engine import HERE
-from mqslam.frontends.bidirectional import DirectedMotion, MatchTable, join, turn_back
-from mqslam.frontends.psi_track import track_backward, track_forward
+from mqslam.frontends.bidirectional import DirectedMotion, ReversedScans, join, turn_back
 from mqslam.frontends.segments import Segment, extend, split_into_segments
-from mqslam.psi.tracking.dynamics import SIGMA_AX, SIGMA_VY
+from mqslam.psi.place import beam_of
+from mqslam.psi.tracking.state import SIGMA_AX, SIGMA_VY, State
+from mqslam.psi.tracking.track import Track
+from mqslam.psi.tracking.tracker import Tracked, Tracker
 
 # Number of scans around one that show how far its motion is from what the motion model can follow.
 _UNSTEADY_SCANS = 40
@@ -32,43 +35,7 @@ _UNSTEADY_LEAST = 8
 
 _GAIN = 10.0  # variance of a third difference of poses over that of a first one, for poses that err independently: 20 / 2
 
-
-def estimate_unsteadiness(
-    motions: Sequence[Measurement], settings: TrackerConfig, revolution_s: float
-) -> NDArray[np.float64]:
-    """Estimates the variance (N, 3) of x [m^2], y [m^2], yaw [rad^2] that the motion model leaves out of each motion.
-
-    It is zero for a motion that was lost, which is more unsure than that already.
-
-    Args:
-        motions: N successive ones.
-        settings: how many of them show it, and the process noise. That stands in where there are too few: an acceleration
-            that changes as much as it can within a scan.
-        revolution_s: duration of a turn [s].
-    """
-    left_out = np.zeros((len(motions), 3))
-    followed = [k for k, motion in enumerate(motions) if motion.status is not Status.LOST]
-    change = [0.5 * SIGMA_AX * revolution_s, SIGMA_VY, 0.5 * settings.sigma_alpha * revolution_s]
-    unknown = np.square(change) * revolution_s**2
-    if len(followed) < 3:
-        left_out[followed] = unknown
-        return left_out
-    row = np.dtype((np.float64, 3))
-    poses = np.asarray(np.fromiter((motions[k].pose for k in followed), row), dtype=np.float64)
-    squares = np.diff(poses, n=2, axis=0) ** 2 / _GAIN
-    diagonals = (np.diag(motions[k].covariance) for k in followed)
-    expected = np.asarray(np.fromiter(diagonals, row), dtype=np.float64)
-    half = _UNSTEADY_SCANS // 2
-    for n, k in enumerate(followed):
-        jumps = squares[max(n - half - 1, 0) : n + half]  # a jump compares three motions, of which this one is the second
-        known = min(1.0, len(jumps) / _UNSTEADY_LEAST)
-        near = expected[max(n - half, 0) : n + half + 1]
-        beyond = np.median(jumps, axis=0) / MEDIAN_OF_CHI2 - np.median(near, axis=0)
-        left_out[k] = (1.0 - known) * unknown + known * np.maximum(beyond, 0.0)
-    return left_out
-
-
-_DIRECTIONS = (False, True)  # of time: whether a recording is tracked backward
+Motions = list[DirectedMotion | None]
 
 
 class PsiFrontEnd:
@@ -89,63 +56,158 @@ class PsiFrontEnd:
             EstimationError: there are fewer than two scans, or hardly any returns in all of them.
         """
         scans = scans if isinstance(scans, Sequence) else list(scans)
-        config = self._context.config
-        segments = split_into_segments(scans, config.tracker)
-        is_whole = len(segments) == len(_DIRECTIONS)
-        forward, backward = self._track_at_once(scans) if is_whole else self._track_segments(scans, segments)
-        joined = join(forward, backward)
-        yield from _widen(joined, config.tracker, self._context.revolution_s)
+        settings = self._context.config.tracker
+        segments = split_into_segments(scans, settings)
+        is_whole = len(segments) == 2  # one in each direction
+        joined = join(*(self._track_at_once(scans, *segments) if is_whole else self._track_segments(scans, segments)))
+        left_out = _estimate_unsteadiness(joined, settings, self._context.revolution_s)
+        for motion, variances in zip(joined, left_out, strict=True):
+            yield replace(motion, covariance=motion.covariance + np.diag(variances))
 
-    def _track_at_once(self, scans: Sequence[Scan]) -> tuple[MatchTable, MatchTable]:
+    def _track_at_once(self, scans: Sequence[Scan], _: Segment, backward: Segment) -> tuple[Motions, Motions]:
         """Tracks a recording as a whole, forward and backward beside each other, and shows each motion as it is measured."""
-        context, forward, back = self._context, MatchTable(), MatchTable()
+        context = self._context
+        forward: Motions = []
+        back: list[DirectedMotion] = []
         shared = replace(context, preview=ignore_motion, engine=None), scans
-        with (context.engine or HERE).start(_track_back, shared, None) as wait:
-            here = iter(()) if wait else track_backward(scans, context)
-            for match in track_forward(scans, context):
-                forward.extend([match])
+        with (context.engine or HERE).start(_track_segment, shared, backward) as wait:
+            here = iter(()) if wait else track(scans, context, is_backward=True)
+            for match in track(scans, context):
+                forward.append(match)
                 back.extend(islice(here, 1))  # step by step with the other direction, so that progress is even
                 context.preview(match.motion)
-            return forward, turn_back(scans, wait() if wait else back)
+            return forward, wait() if wait else turn_back(scans, back)
 
-    def _track_segments(self, scans: Sequence[Scan], segments: Sequence[Segment]) -> tuple[MatchTable, MatchTable]:
+    def _track_segments(self, scans: Sequence[Scan], segments: Sequence[Segment]) -> tuple[Motions, Motions]:
         """Tracks the segments of a recording wherever the engine has them tracked, and shows those that are done."""
-        context = self._context
-        tracks = {is_backward: MatchTable() for is_backward in _DIRECTIONS}
+        context, forward, backward = self._context, Motions(), Motions()
 
-        def collect(number: int, matches: Sequence[DirectedMotion | None]) -> None:
-            segment = segments[number - 1]
-            track = tracks[segment.is_backward]
-            before = len(track)
-            track.extend(extend(track[segment.begin :], 0, matches), segment.begin)
-            for match in [] if segment.is_backward else track[before:]:
+        def collect(number: int, motions: Motions) -> None:
+            segment, before = segments[number - 1], len(forward)
+            extend(backward if segment.is_backward else forward, segment.begin, motions)
+            for match in forward[before:]:
                 if match is not None:
                     context.preview(match.motion)
 
         shared = replace(context, preview=ignore_motion, engine=None), scans
         (context.engine or HERE).map(_track_segment, shared, segments, collect)
-        return tracks[False], tracks[True]
+        return forward, backward
 
 
-def _track_back(shared: tuple[Context, Sequence[Scan]], item: None) -> MatchTable:
-    """Returns the motions of a recording that is tracked backward as a whole."""
-    context, scans = shared
-    return MatchTable(track_backward(scans, context))
-
-
-def _track_segment(shared: tuple[Context, Sequence[Scan]], segment: Segment) -> MatchTable:
+def _track_segment(shared: tuple[Context, Sequence[Scan]], segment: Segment) -> Motions:
     """Returns the motions of a segment, of which those that only led up to it are left out."""
     context, scans = shared
     tracked = scans[segment.first : segment.last + 1]
-    matches: Sequence[DirectedMotion | None]
-    if segment.is_backward:
-        matches = turn_back(tracked, list(track_backward(tracked, context)))
-    else:
-        matches = list(track_forward(tracked, context))
-    return MatchTable(matches[segment.begin - segment.first : segment.end - segment.first])
+    motions = list(track(tracked, context, is_backward=segment.is_backward))
+    in_order = turn_back(tracked, motions) if segment.is_backward else Motions(motions)
+    return in_order[segment.begin - segment.first : segment.end - segment.first]
 
 
-def _widen(motions: Sequence[Measurement], settings: TrackerConfig, revolution_s: float) -> Iterator[Measurement]:
-    """Adds the variance that the motion model leaves out."""
-    for motion, left_out in zip(motions, estimate_unsteadiness(motions, settings, revolution_s), strict=True):
-        yield replace(motion, covariance=motion.covariance + np.diag(left_out))
+def track(scans: Sequence[Scan], context: Context, *, is_backward: bool = False) -> Iterator[DirectedMotion]:
+    """Yields the motions between successive scans, each scan matched to what was seen before it, or after it if backward.
+
+    Raises:
+        EstimationError: there are fewer than two scans.
+        FewReturnsError: no two scans in a row hold enough returns.
+    """
+    estimator, settings, sign = context.config.estimator, context.config.tracker, -1.0 if is_backward else 1.0
+    if settings.stamp_sigma_s is None:  # how sure stamps are, as the reader has found it
+        settings = settings.model_copy(update={"stamp_sigma_s": context.stamp_sigma_s})
+    tracker = Tracker(
+        settings, estimator, beam_of(estimator, sign * context.doppler_beta), context.revolution_s, is_reversed=is_backward
+    )
+    end = scans[-1].t1 if scans else 0.0
+
+    def find_twist_backward(t0: float, t1: float) -> se2.Array | None:
+        twist = context.told_twist(end - t1, end - t0)
+        return None if twist is None else -twist
+
+    track = (
+        Track(ReversedScans(scans), tracker, find_twist_backward)
+        if is_backward
+        else Track(scans, tracker, context.told_twist)
+    )
+    tracked = track.follow()
+    matched = next(tracked)
+    since: list[Tracked] = []  # scans since the last matched one
+    for scan in tracked:
+        since.append(scan)
+        if scan.is_found:
+            yield from _bridge(matched, since)
+            matched, since = scan, []
+    yield from _bridge(matched, since)
+
+
+def _bridge(begin: Tracked, then: list[Tracked]) -> list[DirectedMotion]:
+    """Returns the motions from one scan through those after it.
+
+    Where the track was lost on the way to the last of them, the motion to that one is shared over the time, as a constant
+    twist: the prediction it replaces was followed blindly.
+    """
+    steps = [begin, *then]
+    if then and then[-1].is_found:
+        times, poses = [begin.t0, then[-1].t0], np.array([begin.pose, then[-1].pose])
+        for k, lost in enumerate(then[:-1], 1):
+            pose = se2.interpolate(times, poses, [lost.t0])[0]
+            steps[k] = replace(lost, state=State.of(pose, lost.state.motion))
+    return [_relate(a, b) for a, b in zip(steps, then and steps[1:], strict=False)]
+
+
+def _relate(a: Tracked, b: Tracked) -> DirectedMotion:
+    """Returns the motion between two tracked scans; their errors given the map are taken as independent."""
+    pose = se2.wrapped_between(a.pose, b.pose)
+    c, s = np.cos(a.state.yaw), np.sin(a.state.yaw)
+    by_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    by_start = -by_end.copy()
+    by_start[0, 2], by_start[1, 2] = pose[1], -pose[0]
+
+    def add_up(at_start: NDArray[np.float64], at_end: NDArray[np.float64]) -> NDArray[np.float64]:
+        sum_of_both: NDArray[np.float64] = by_start @ at_start @ by_start.T + by_end @ at_end @ by_end.T
+        return 0.5 * (sum_of_both + sum_of_both.T)
+
+    unseen = add_up(a.unseen, b.unseen + (0.0 if b.arrival is None else b.arrival))
+    if a.earlier is not None or b.earlier is not None:
+        # two measurements with independent errors differ by twice the variance of one
+        earlier = se2.between(a.pose if a.earlier is None else a.earlier, b.pose if b.earlier is None else b.earlier)
+        unseen = unseen + np.diag(0.5 * se2.subtract(earlier, pose) ** 2)
+    status = Status.LOST if b.begins_map else b.status
+    motion = Measurement(
+        t0=a.t0,
+        t1=b.t0,
+        pose=pose,
+        covariance=add_up(a.covariance, b.covariance) + unseen,
+        status=status,
+        psi=b.evaluation.psi,
+        psi_odometry=b.psi_odometry,
+        points=len(b.evaluation.matched),
+        matched=b.evaluation.overlap,
+        on_map=a.status is Status.CONVERGED and status is Status.CONVERGED and b.arrival is None,
+    )
+    return DirectedMotion(motion, unseen)
+
+
+def _estimate_unsteadiness(
+    motions: Sequence[Measurement], settings: TrackerConfig, revolution_s: float
+) -> NDArray[np.float64]:
+    """Estimates the variance (N, 3) of x [m^2], y [m^2], yaw [rad^2] that the motion model leaves out of each motion.
+
+    It is zero for a motion that was lost, which is more unsure than that already. Where too few of the N successive motions
+    show the variance, the process noise stands in: an acceleration that changes as much as it can within a scan.
+    """
+    left_out = np.zeros((len(motions), 3))
+    followed = [k for k, motion in enumerate(motions) if motion.status is not Status.LOST]
+    change = [0.5 * SIGMA_AX * revolution_s, SIGMA_VY, 0.5 * settings.sigma_alpha * revolution_s]
+    unknown = np.square(change) * revolution_s**2
+    if len(followed) < 3:
+        left_out[followed] = unknown
+        return left_out
+    squares = np.diff([motions[k].pose for k in followed], n=2, axis=0) ** 2 / _GAIN
+    expected = np.array([np.diag(motions[k].covariance) for k in followed])
+    half = _UNSTEADY_SCANS // 2
+    for n, k in enumerate(followed):
+        jumps = squares[max(n - half - 1, 0) : n + half]  # a jump compares three motions, of which this one is the second
+        known = min(1.0, len(jumps) / _UNSTEADY_LEAST)
+        near = expected[max(n - half, 0) : n + half + 1]
+        beyond = np.median(jumps, axis=0) / MEDIAN_OF_CHI2 - np.median(near, axis=0)
+        left_out[k] = (1.0 - known) * unknown + known * np.maximum(beyond, 0.0)
+    return left_out

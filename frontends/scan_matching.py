@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +16,12 @@ from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError
 from mqslam.frontends.calibration import Twice, learn_scale
-from mqslam.frontends.scan_track import ScanMatcher, ScanTrack, Step
 
-# Standard deviation of the forward speed where it is only predicted [m/s].
-_COAST_VX = 1.0
+# A longer gap is a pause or a jump of the clock [s]. After it the sensor is taken to be at rest.
+_LONGEST_COAST_S = 60.0
+# Standard deviation of the forward speed, of the sideways speed [m/s] and of the yaw rate [rad/s] where they are only
+# predicted.
+_COAST_VX, _COAST_VY, _COAST_OMEGA = 1.0, 0.3, 0.1
 # Number of scans from which a front end finds its first motion.
 _START_SCANS = 10
 
@@ -30,18 +33,123 @@ _START_RETURNS = 20
 _START_STEP_M = 2.0
 # A start at a slower speed is as good if it matches this share of the points that the best start matches.
 _START_AS_GOOD = 0.95
-# Standard deviation of the sideways speed where it is only predicted [m/s].
-_COAST_VY = 0.3
-# Standard deviation of the yaw rate where it is only predicted [rad/s].
-_COAST_OMEGA = 0.1
 # Number of scans in a row that are followed backwards in time, too, to learn how large errors are.
 _BACKWARD_SCANS = 80
-# One such stretch is followed in every so many scans; errors are as large everywhere.
+# Number of scans in which one such stretch is followed; errors are as large everywhere.
 _BACKWARD_EVERY = 1000
 # Number of scans by which such a stretch begins earlier, while its map is still thin.
 _BACKWARD_WARM_UP = 20
 # Missing time between two scans from which it counts as a gap, in turns of the radar.
 _GAP_TURNS = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedScan:
+    """A scan placed in the map.
+
+    Args:
+        pose: (3,) in the map's frame.
+        compute_covariance: returns the covariance (3, 3) of it, in its own frame [m, m, rad]; it takes about as long as the
+            match, and not every track needs it.
+        matched: share of the scan's points with a map point near them.
+    """
+
+    pose: se2.Array
+    compute_covariance: Callable[[], NDArray[np.float64]]
+    matched: float
+
+
+class ScanMatcher(Protocol):
+    """Places scans in a map that it builds of them."""
+
+    reference: float
+    """The time of a scan that a match is for: 0 its beginning, 1 its end."""
+
+    def match(
+        self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
+    ) -> PlacedScan | None:
+        """Matches a scan, and adds it to the map.
+
+        Args:
+            points: (N, 2) m, each in the sensor's frame at its own time.
+            fractions: (N,) that time, 0 at the scan's beginning and 1 at its end.
+            before: (3,) pose one scan before.
+            motion: (3,) predicted motion over the scan.
+
+        Returns:
+            the match, or None where hardly anything matches; the scan then joins the map at the prediction.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """The track after a scan.
+
+    Args:
+        time: of the pose [s].
+        pose: (3,) in the map's frame.
+        covariance: (3, 3) in the pose's own frame; zero where the scan did not match or nobody asked for it.
+        matched: share of the scan's points with a map point near them.
+        coasted_s: time since the last scan that matched [s].
+    """
+
+    time: float
+    pose: se2.Array
+    covariance: NDArray[np.float64]
+    matched: float
+    coasted_s: float
+
+
+class ScanTrack:
+    """Follows scans through a matcher, forwards or backwards in time.
+
+    Args:
+        matcher: one that has seen nothing yet.
+        time: when the track begins [s].
+        twist: (3,) the motion that it begins with [m/s, m/s, rad/s].
+        doppler_beta: range shift per closing speed [s], which is taken out of the ranges.
+    """
+
+    def __init__(self, matcher: ScanMatcher, time: float, twist: se2.Array, doppler_beta: float) -> None:
+        self._matcher = matcher
+        self._doppler_beta = doppler_beta
+        self.twist = twist
+        self.last = Step(time, np.zeros(3), np.zeros((3, 3)), 0.0, 0.0)
+
+    def follow(self, scan: Scan, backwards: bool = False, with_covariance: bool = True) -> Step:
+        """Matches a scan; where hardly anything matches, the track goes on at the last twist.
+
+        Args:
+            scan: the next one in the track's direction of time.
+            backwards: whether the track runs backwards in time.
+            with_covariance: whether the step's covariance is computed.
+        """
+        first, last = (scan.t1, scan.t0) if backwards else (scan.t0, scan.t1)
+        time = first + self._matcher.reference * (last - first)
+        elapsed, duration = time - self.last.time, last - first
+        if abs(elapsed) > _LONGEST_COAST_S:
+            self.twist = np.zeros(3)
+        motion = se2.exp(self.twist, duration)
+        before = se2.compose(self.last.pose, se2.exp(self.twist, elapsed - duration))  # across a gap, if there is one
+        returns = scan.returns
+        ahead, left = np.cos(returns.azimuths), np.sin(returns.azimuths)
+        ranges = returns.ranges + self._doppler_beta * (self.twist[0] * ahead + self.twist[1] * left)
+        points = np.stack([ranges * ahead, ranges * left], axis=1)
+        match = self._matcher.match(points, (returns.times - first) / duration, before, motion)
+        predicted = se2.compose(before, motion)
+        if match is None:
+            self.last = Step(time, predicted, np.zeros((3, 3)), 0.0, self.last.coasted_s + abs(elapsed))
+            return self.last
+        self.twist = se2.log(se2.wrapped_between(self.last.pose, match.pose)) / elapsed
+        covariance = np.zeros((3, 3))
+        if with_covariance:
+            # deskewed by the predicted motion, the scan's middle lies where it fits, and its end is off by half of what the
+            # motion has changed
+            off = 0.5 * se2.wrapped_between(predicted, match.pose)
+            covariance = match.compute_covariance() + np.diag(off**2)
+        self.last = Step(time, match.pose, covariance, match.matched, 0.0)
+        return self.last
 
 
 NewTrack = Callable[[float, se2.Array], ScanTrack]  # a track from a time [s] on, that begins with a twist (3,)
@@ -66,14 +174,12 @@ def match_scans(scans: Iterable[Scan], new_matcher: Callable[[], ScanMatcher], c
         EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
     """
     scans = list(scans)
-    head = _take_head(scans)
 
     def new_track(time: float, twist: se2.Array) -> ScanTrack:
         return ScanTrack(new_matcher(), time, twist, context.doppler_beta)
 
-    twist, start = _find_start(head, new_track, context)
-    track, followed = new_track(head[0].t0, twist), []
-    for motion, unseen_s in _follow(scans, track, start):
+    followed = []
+    for motion, unseen_s in _follow(scans, *_find_start(scans, new_track, context)):
         followed.append((motion, unseen_s))
         context.preview(motion)
     backward = _measure_backwards(scans, [motion for motion, _ in followed], new_track)
@@ -91,13 +197,7 @@ def match_scans(scans: Iterable[Scan], new_matcher: Callable[[], ScanMatcher], c
 
 
 def _follow(scans: Sequence[Scan], track: ScanTrack, start: Step) -> Iterator[tuple[Measurement, NDArray[np.float64]]]:
-    """Yields the motions between scans along a new track, each as sure as its match, and the times [s] that nothing matched.
-
-    Args:
-        scans: all of them.
-        track: a new one.
-        start: how the first scan fits.
-    """
+    """Yields the motions between scans along a new track, each as sure as its match, and the times [s] without a match."""
     before, begin, coasted_s = scans[0], np.zeros(3), 0.0
     step = replace(start, time=track.follow(before).time, pose=track.last.pose)
     for scan in scans[1:]:
@@ -105,7 +205,6 @@ def _follow(scans: Sequence[Scan], track: ScanTrack, start: Step) -> Iterator[tu
         end = se2.interpolate([step.time, after.time], np.array([step.pose, after.pose]), [scan.t0])[0]
         motion = se2.wrapped_between(begin, end)
         gap = scan.t0 - before.t1 > _GAP_TURNS * (before.t1 - before.t0)  # only a match after the gap bridges it
-        unseen_s = np.array([coasted_s, step.coasted_s, scan.t0 - before.t1])
         measurement = Measurement(
             before.t0,
             scan.t0,
@@ -116,35 +215,25 @@ def _follow(scans: Sequence[Scan], track: ScanTrack, start: Step) -> Iterator[tu
             matched=step.matched,
             on_map=not (step.coasted_s or after.coasted_s),
         )
-        yield measurement, unseen_s
+        yield measurement, np.array([coasted_s, step.coasted_s, scan.t0 - before.t1])
         before, begin, coasted_s, step = scan, end, step.coasted_s, after
 
 
 def _measure_backwards(scans: Sequence[Scan], motions: Sequence[Measurement], new_track: NewTrack) -> list[se2.Array | None]:
-    """Returns the motions (3,) between the scans as tracks backwards measure them; None stands where none did.
-
-    Args:
-        scans: all of them.
-        motions: those between them, as the track forwards measured them.
-        new_track: makes a track.
-    """
+    """Returns the motions (3,) between the scans as new tracks backwards measure some of them; None stands elsewhere."""
     backward: list[se2.Array | None] = [None] * len(motions)
-    for first, last in _pick_stretches(len(scans)):
+    length = _BACKWARD_SCANS + _BACKWARD_WARM_UP
+    stretches = [(0, len(motions))]  # the first and the last scan of each, evenly spread over all scans
+    if len(scans) > length:
+        ends = np.linspace(0, len(motions), -(-len(scans) // _BACKWARD_EVERY) + 1)[1:].astype(int).tolist()
+        stretches = [(end - length, end) for end in ends if end >= length]
+    for first, last in stretches:
         after = motions[last - 1]
         twist = se2.log(after.pose) / (after.t1 - after.t0)
         measured = _follow_backwards(scans[first : last + 1], new_track(scans[last].t1, twist))
         grown = last if last == len(motions) and first == 0 else last - _BACKWARD_WARM_UP
         backward[first:grown] = measured[: grown - first]
     return backward
-
-
-def _pick_stretches(count: int) -> list[tuple[int, int]]:
-    """Returns the first and the last scan of each stretch that is followed backwards, evenly spread over all scans."""
-    length = _BACKWARD_SCANS + _BACKWARD_WARM_UP
-    if count <= length:
-        return [(0, count - 1)]
-    ends = np.linspace(0, count - 1, -(-count // _BACKWARD_EVERY) + 1)[1:].astype(int).tolist()
-    return [(end - length, end) for end in ends if end >= length]
 
 
 def _follow_backwards(scans: Sequence[Scan], track: ScanTrack) -> list[se2.Array | None]:
@@ -160,8 +249,11 @@ def _follow_backwards(scans: Sequence[Scan], track: ScanTrack) -> list[se2.Array
     return [se2.wrapped_between(a, b) if reached[k] and reached[k + 1] else None for k, (a, b) in enumerate(pairwise(poses))]
 
 
-def _take_head(scans: Sequence[Scan]) -> Sequence[Scan]:
-    """Takes the first scans, from which the first motion is found.
+def _find_start(scans: Sequence[Scan], new_track: NewTrack, context: Context) -> tuple[ScanTrack, Step]:
+    """Returns a new track with the twist over the first scan, and how that scan fits those after it.
+
+    Odometry says where to begin, if there is any. Else several speeds are tried: from rest a matcher catches up with three
+    metres per scan, not with more. The best fit wins, or the slowest where all fit about as well.
 
     Raises:
         EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
@@ -172,29 +264,19 @@ def _take_head(scans: Sequence[Scan]) -> Sequence[Scan]:
     returns = sum(len(scan.returns) for scan in head)
     if returns < _START_RETURNS:
         raise EstimationError(f"there are only {returns} returns in the first {len(head)} scans; lower detector.threshold")
-    return head
-
-
-def _find_start(head: Sequence[Scan], new_track: NewTrack, context: Context) -> tuple[se2.Array, Step]:
-    """Finds the twist (3,) over the first scan, and how that one fits those after it.
-
-    Odometry says where to begin, if there is any. Else several speeds are tried: from rest a matcher catches up with three
-    metres per scan, not with more. The best fit wins, or the slowest where all fit about as well.
-    """
     odometry = context.odometry_twist(head[0].t0, head[0].t1)
-    fastest = context.config.tracker.speed_max
-    speeds = np.arange(0.0, fastest + 1e-9, _START_STEP_M / context.revolution_s)
+    speeds = np.arange(0.0, context.config.tracker.speed_max + 1e-9, _START_STEP_M / context.revolution_s)
     begins = [np.array([speed, 0.0, 0.0]) for speed in speeds] if odometry is None else [odometry]
     starts = [_run_back_and_forth(head, new_track, begin) for begin in begins]
     best = max(matched for matched, _, _ in starts)
-    return next((twist, step) for matched, twist, step in starts if matched >= _START_AS_GOOD * best)
+    twist, step = next((twist, step) for matched, twist, step in starts if matched >= _START_AS_GOOD * best)
+    return new_track(head[0].t0, twist), step
 
 
 def _run_back_and_forth(head: Sequence[Scan], new_track: NewTrack, begin: se2.Array) -> tuple[float, se2.Array, Step]:
     """Follows the first scans from a twist (3,), and then backwards in time.
 
-    Returns:
-        how well they matched backwards, the twist (3,) at the start, and how the first scan fits there.
+    Returns how well they matched backwards, the twist (3,) at the start, and how the first scan fits there.
     """
     forwards = new_track(head[0].t0, begin)
     for scan in head:
@@ -202,3 +284,19 @@ def _run_back_and_forth(head: Sequence[Scan], new_track: NewTrack, begin: se2.Ar
     backwards = new_track(head[-1].t1, forwards.twist)
     steps = [backwards.follow(scan, backwards=True, with_covariance=scan is head[0]) for scan in reversed(head)]
     return sum(step.matched for step in steps), backwards.twist, steps[-1]
+
+
+def to_matrix(pose: se2.Array) -> NDArray[np.float64]:
+    """Returns a pose (3,) as the (4, 4) matrix that registration libraries of three dimensions take."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    return np.array([[c, -s, 0.0, pose[0]], [s, c, 0.0, pose[1]], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+
+
+def from_matrix(matrix: NDArray[np.float64]) -> se2.Array:
+    """Returns the planar part (3,) of a (4, 4) matrix."""
+    return np.array([matrix[0, 3], matrix[1, 3], np.arctan2(matrix[1, 0], matrix[0, 0])])
+
+
+def lift(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns points (N, 2) [m] as (N, 3) with z = 0."""
+    return np.column_stack([points, np.zeros(len(points))])

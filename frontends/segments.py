@@ -12,9 +12,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mqslam.config import TrackerConfig
 from mqslam.config.tracker_config import WARM_UP_SCANS
 from mqslam.core import se2
@@ -55,27 +52,20 @@ def split_into_segments(scans: Sequence[Scan], settings: TrackerConfig) -> list[
         settings: how many scans a segment takes; the result depends on nothing else.
     """
     count, size = max(len(scans) - 1, 0), settings.segment_scans or len(scans)
-    before, shared = WARM_UP_SCANS, _SHARED_SCANS
-    sound = _mark_sound(scans)
-    forward = _choose_borders(count, size, [k for k in range(before, count) if sound[k - before : k + 1].all()], size)
-    backward = _choose_borders(
-        count, size + size // 2, [k for k in range(count - before) if sound[k : k + before + 1].all()], size
-    )
-    segments = [
-        *(Segment(max(a - shared, 0), b, max(a - before, 0), b, is_backward=False) for a, b in forward),
-        # the scan before the first one shows where the motion begins that leads to it backward
-        *(Segment(a, min(b + shared, count), max(a - 1, 0), min(b + before, count), is_backward=True) for a, b in backward),
-    ]
-    return sorted(segments, key=lambda s: (s.end, s.is_backward))
-
-
-def _mark_sound(scans: Sequence[Scan]) -> NDArray[np.bool_]:
-    """Marks the scans (N,) that can be matched and that follow the one before at once."""
-    sound, before = list[bool](), None
+    warm_up, shared = WARM_UP_SCANS, _SHARED_SCANS
+    sound, before = list[bool](), None  # scans that can be matched and that follow the one before at once
     for scan in scans:
         sound.append(is_usable(scan) and (before is None or follows_at_once(before, scan)))
         before = scan
-    return np.array(sound, dtype=np.bool_)
+    sound_from = [k for k in range(count - warm_up) if all(sound[k : k + warm_up + 1])]
+    forward = _choose_borders(count, size, [k + warm_up for k in sound_from], size)
+    backward = _choose_borders(count, size + size // 2, sound_from, size)
+    segments = [
+        *(Segment(max(a - shared, 0), b, max(a - warm_up, 0), b, is_backward=False) for a, b in forward),
+        # the scan before the first one shows where the motion begins that leads to it backward
+        *(Segment(a, min(b + shared, count), max(a - 1, 0), min(b + warm_up, count), is_backward=True) for a, b in backward),
+    ]
+    return sorted(segments, key=lambda s: (s.end, s.is_backward))
 
 
 def _choose_borders(count: int, first: int, able: Sequence[int], size: int) -> list[tuple[int, int]]:
@@ -94,22 +84,17 @@ def _choose_borders(count: int, first: int, able: Sequence[int], size: int) -> l
     return list(zip(borders, [*borders[1:], count], strict=True))
 
 
-def extend(
-    matches: Sequence[DirectedMotion | None], begin: int, more: Sequence[DirectedMotion | None]
-) -> list[DirectedMotion | None]:
+def extend(track: list[DirectedMotion | None], begin: int, more: Sequence[DirectedMotion | None]) -> None:
     """Extends the motions of a track by those of the next one, and passes from one to the other by and by.
 
     Args:
-        matches: motions from the recording's first scan on; None where there is no measurement.
+        track: motions from the recording's first scan on; None where there is no measurement.
         begin: number of the first motion of the next track; it may be measured already.
         more: motions of that track.
     """
-    shared = len(matches) - begin
-    passed = [
-        _blend(earlier, later, (k + 1.0) / (shared + 1.0))
-        for k, (earlier, later) in enumerate(zip(matches[begin:], more[:shared], strict=True))
-    ]
-    return [*matches[:begin], *passed, *more[shared:]]
+    shared = len(track) - begin
+    both = enumerate(zip(track[begin:], more[:shared], strict=True))
+    track[begin:] = [*(_blend(a, b, (k + 1.0) / (shared + 1.0)) for k, (a, b) in both), *more[shared:]]
 
 
 def _blend(earlier: DirectedMotion | None, later: DirectedMotion | None, share: float) -> DirectedMotion | None:

@@ -14,7 +14,7 @@ from mqslam.backend.loops.passes import is_unrivalled
 from mqslam.backend.loops.rigid import place_rigidly
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
-from mqslam.psi.scoring.references import make_references
+from mqslam.psi.score import make_references
 
 # Largest error of a trajectory's speed [m/s] that is looked for between two successive scans: more than any vehicle
 # drives, so that a trajectory that stands still is found, too.

@@ -22,7 +22,7 @@ from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.statistics.chances import correct_for_places, find_usual_scale
 from mqslam.execution.progress import Progress
-from mqslam.psi.scoring.references import make_references
+from mqslam.psi.score import make_references
 
 # Every how many scans a step is judged.
 _EVERY = 2

@@ -21,7 +21,7 @@ from mqslam.core.scans import Returns
 from mqslam.mapping.keyframing import pick_spaced
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam, PointSet
-from mqslam.psi.scoring.references import References, make_references
+from mqslam.psi.score import References, make_references
 
 SAMPLE_M = 20.0
 """Path [m] between the scans at which psi across passes is measured for the summary."""

@@ -34,7 +34,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.execution.runner import Runner
 from mqslam.psi.covariance import estimate_covariance
 from mqslam.psi.place import Beam
-from mqslam.psi.scoring.references import References
+from mqslam.psi.score import References
 
 EVERY_SCAN_M: Final = 1e-3
 """Path between the scans that are measured [m]: every scan is, but those of a radar that stands still."""

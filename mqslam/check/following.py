@@ -18,9 +18,9 @@ from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.psi.place import Beam
-from mqslam.psi.tracking.setup import START_SCANS, Tuning
-from mqslam.psi.tracking.tracked import Tracked
-from mqslam.psi.tracking.tracker import Tracker
+from mqslam.psi.tracking.cold_start import START_SCANS
+from mqslam.psi.tracking.local_map import Tuning
+from mqslam.psi.tracking.tracker import Tracked, Tracker
 
 # Least number of motions between scans for a comparison with odometry, or of the two orders of azimuths.
 FEWEST_STEPS = 5

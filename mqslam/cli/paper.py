@@ -36,7 +36,7 @@ def table1(
     from rich.console import Console
 
     from mqslam.cli.terminal.console import show_progress
-    from mqslam.psi.published.table1 import compute_table1, format_table
+    from mqslam.psi.published.paper import compute_table1, format_table
 
     with show_progress(Console(stderr=True, markup=False), quiet or as_json) as show:
         rows = compute_table1(seeds, revolutions, jobs, progress=show)
@@ -57,7 +57,7 @@ def figures(
     Example: mqslam paper figures --out figures
     """
     from mqslam.execution.folders import claim_folder
-    from mqslam.psi.published.paper_figures import write_figures
+    from mqslam.psi.published.paper import write_figures
 
     with claim_folder(out, force=force):
         captions = write_figures(out, seed)

@@ -15,27 +15,16 @@ from mqslam.core.scans import Returns
 
 # Fewest scans that show which returns are the vehicle's own; with fewer, all are kept.
 _FIXED_SCANS = 8
-
-# Length of the polar cells in which returns that repeat in the sensor's own frame are counted [m].
-_FIXED_RANGE_M = 0.5
-# Number of cells around a turn in which returns that repeat in the sensor's own frame are counted.
-_FIXED_SECTORS = 180
+# Length of the polar cells in which repeating returns are counted [m], and number of cells around a turn.
+_FIXED_RANGE_M, _FIXED_SECTORS = 0.5, 180
 # A cell that returns in more than this share of all scans is part of the vehicle.
 _FIXED_SHARE = 0.7
-# If more than this share of all returns repeats, the sensor stood still and they are returns of the world: none are
-# dropped.
+# If more than this share of all returns repeats, the sensor stood still and they are returns of the world.
 _FIXED_MOST = 0.2
 
 
 def drop_fixed(scans: Sequence[Returns]) -> list[Returns]:
-    """Drops the returns that repeat in the sensor's own frame.
-
-    Args:
-        scans: the returns of each scan.
-
-    Returns:
-        the returns of each scan that are left.
-    """
+    """Returns what is left of each scan's returns without those that repeat in the sensor's own frame."""
     fixed = find_fixed(scans)
     return list(scans) if fixed is None else [drop_cells(returns, fixed) for returns in scans]
 
@@ -73,7 +62,6 @@ def drop_cells(returns: Returns, fixed: NDArray[np.bool_]) -> Returns:
 
 def _find_cells(returns: Returns) -> NDArray[np.int64]:
     """Returns the polar cell (N,) of each return."""
-    around = _FIXED_SECTORS
-    column = np.floor((returns.azimuths % (2.0 * np.pi)) / (2.0 * np.pi / around)).astype(np.int64)
+    column = np.floor((returns.azimuths % (2.0 * np.pi)) / (2.0 * np.pi / _FIXED_SECTORS)).astype(np.int64)
     ring = np.floor(returns.ranges / _FIXED_RANGE_M).astype(np.int64)
-    return np.asarray(ring * around + np.minimum(column, around - 1), dtype=np.int64)
+    return np.asarray(ring * _FIXED_SECTORS + np.minimum(column, _FIXED_SECTORS - 1), dtype=np.int64)

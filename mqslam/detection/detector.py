@@ -185,15 +185,10 @@ def _sum_around(values: NDArray[np.float64], half: int, out: NDArray[np.float64]
 
 
 def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width: float) -> None:
-    """Sets the power of peaks to 0 at ranges where many azimuths peak at once.
+    """Sets the power (A, K) of peaks to 0 at ranges (A, K) [bins] where many azimuths peak at once, within a width [bins].
 
     Where peaks are dense, as they are in long range bins, many may peak at any range: in a ring they are more than at the
     ranges around it.
-
-    Args:
-        ranges: (A, K) of the peaks [bins].
-        values: (A, K) their power, 0 where there is no peak.
-        width: width of a ring [bins].
     """
     is_peak = values > 0.0
     if not is_peak.any():

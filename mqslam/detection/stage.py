@@ -8,11 +8,10 @@ from collections.abc import Iterator
 from socket import gethostname
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.core.scans import PeakCounts, Returns, Scan, Scans, ScanStore, StoredScans
+from mqslam.core.scans import PeakCounts, Returns, Scan, Scans, ScanStore
 from mqslam.core.sensors.detected import Detected
 from mqslam.core.sensors.velocity import CHIRP_BETA, Outcome, Velocities
 from mqslam.detection.artefacts import drop_cells, find_fixed
@@ -24,13 +23,10 @@ from mqslam.execution.runner import Runner
 
 # A recording of which more than this share cannot be read is refused.
 _MOST_UNREAD = 0.5
-
-
-_log = logging.getLogger(__name__)
-
-
 _CHUNK = 40  # polar scans that a worker takes at a time: no result depends on it
 _LISTED = 3  # files that a warning of unread polar scans names
+
+_log = logging.getLogger(__name__)
 
 
 def detect_stretch(
@@ -59,6 +55,8 @@ def detect_stretch(
     velocities: list[Velocity] = []
     unread: dict[int, DataError] = {}
     counts = PeakCounts()
+    stretch = slice(start, stop)
+    middles = (recording.stamps_us[stretch] - recording.start_us + 0.5 * recording.turns_us[stretch]) * 1e-6
     read_s, detect_s = 0.0, 0.0
     mark = time.perf_counter()
     for k, polar_scan in read_polar_scans(recording, start, stop):
@@ -68,8 +66,7 @@ def detect_stretch(
             scans.append(returns)
             counts += counted
             if with_velocities:
-                middle = _find_middle(recording, k)
-                velocities.append(measure_velocity(polar_scan, recording.range_resolution, middle))
+                velocities.append(measure_velocity(polar_scan, recording.range_resolution, float(middles[k - start])))
         elif strict:
             raise polar_scan
         elif not recording.path.exists():  # all of them are out of reach of this worker
@@ -80,24 +77,16 @@ def detect_stretch(
             velocities.append(Velocity.none(Outcome.UNREAD))
         done = time.perf_counter()
         read_s, detect_s, mark = read_s + read - mark, detect_s + done - read, done
-    measured = _gather(recording, start, velocities) if with_velocities else None
-    return Detected(scans, unread, read_s, detect_s, counts, measured)
-
-
-def _find_middle(recording: Recording, k: int) -> float:
-    """Returns the time in the middle of turn k [s since the recording's start]."""
-    return float(recording.stamps_us[k] - recording.start_us + 0.5 * recording.turns_us[k]) * 1e-6
-
-
-def _gather(recording: Recording, start: int, velocities: list[Velocity]) -> Velocities:
-    """Returns the velocities of the polar scans from number `start` on as one."""
-    return Velocities(
-        times=np.array([_find_middle(recording, start + k) for k in range(len(velocities))], dtype=np.float64),
+    if not with_velocities:
+        return Detected(scans, unread, read_s, detect_s, counts)
+    measured = Velocities(
+        times=np.asarray(middles, dtype=np.float64),
         velocities=np.array([v.velocity for v in velocities]).reshape(-1, 2),
         covariances=np.array([v.covariance for v in velocities]).reshape(-1, 2, 2),
         outcomes=np.array([v.outcome for v in velocities], dtype=np.int64),
         doppler_beta=CHIRP_BETA,
     )
+    return Detected(scans, unread, read_s, detect_s, counts, measured)
 
 
 def read_polar_scans(recording: Recording, start: int, stop: int) -> Iterator[tuple[int, PolarScan | DataError]]:
@@ -165,10 +154,12 @@ def detect_all(
         raise DataError(first.path, f"{first.problem}, like {len(unread)} of {total} polar scans", first.remedy)
     scans = store.close(np.column_stack([recording.start_times, recording.end_times]))
     if fixed is not None:
-        scans = _drop_cells(scans, fixed)
+        rest = ScanStore()
+        for scan in scans:
+            rest.append(drop_cells(scan.returns, fixed))
+        scans = rest.close(scans.spans)
     _log.info("%d returns in %d polar scans, %d of them unread", len(scans.table), total, len(unread))
-    velocities = _join(stretches)
-    detected = Detected([], unread, read_s, detect_s, counts, velocities)
+    detected = Detected([], unread, read_s, detect_s, counts, _join(stretches))
     return Scans(scans, recording.start_us, recording.revolution_s), detected
 
 
@@ -180,14 +171,6 @@ def _join(stretches: list[Velocities]) -> Velocities | None:
     unmeasured = "".join(f", {count} not: {reason}" for reason, count in velocities.reasons.items())
     _log.info("%d of %d scans measured the velocity%s", np.count_nonzero(velocities.measured), len(velocities), unmeasured)
     return velocities
-
-
-def _drop_cells(scans: StoredScans, fixed: NDArray[np.bool_]) -> StoredScans:
-    """Returns scans without the returns in fixed cells."""
-    store = ScanStore()
-    for scan in scans:
-        store.append(drop_cells(scan.returns, fixed))
-    return store.close(scans.spans)
 
 
 def _detect_span(shared: tuple[Recording, DetectorConfig, bool, bool], span: tuple[int, int]) -> Detected:

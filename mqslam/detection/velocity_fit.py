@@ -45,6 +45,34 @@ _CONTRAST = 2.0
 # targets, keeps its range whatever the speed is.
 _BACKGROUND_M = 0.5
 
+# The best velocity must fit the echoes better than the median of those tried by this many spreads of theirs (median absolute
+# deviations as standard deviations). The best of thousands fits noise better by four.
+_CLEAR = 8.0
+# Standard deviation of the acceleration during a turn along each axis [m/s^2]. A vehicle seldom brakes harder than this, and
+# without acceleration 1 m/s^2 would turn the velocity of a quarter second by 0.02 m/s.
+_ACCELERATION = 3.0
+# Number of sectors of a turn that are left out in turn to find the covariance. They are wider than the beam, so that their
+# errors are independent.
+_SECTORS = 20
+# A scan measures no velocity if fewer of its azimuths than this share hold echoes.
+_FEWEST_AZIMUTHS = 0.1
+# Residual at which an azimuth's shift counts a quarter (Geman-McClure), in units of the residuals' spread in the scan.
+# Traffic and chance peaks are beyond it.
+_OUTLIER_SPREADS = 3.0
+
+# Step between the velocities that are tried at first [m/s]. At 0.05 s it shifts echoes by 0.15 m, which is less than their
+# width.
+_STEP_MPS = 1.5
+# The shift of an azimuth is sought within this of what the best velocity so far says [m/s]. Traffic outside it does not
+# disturb.
+_WINDOW_MPS = 2.5
+_ROUNDS = 2  # times that shifts are read around the velocity so far: the second time they no longer change
+_STEPS, _SETTLED_MPS = 50, 1e-6  # bounds of the robust fit, a numerical tolerance
+_LEAST_SPREAD_MPS = 1e-3  # a numerical floor for data without noise
+_TO_DEVIATION = 1.4826  # from the median of absolute residuals to the standard deviation of Gaussian ones
+
+Array = NDArray[np.float64]
+
 _SPREAD = (10.0, 50.0)  # the percentiles between which the spread of the noise lies: the definition of _CONTRAST
 _NEAR = 1.5  # azimuths farther apart than this many usual steps are no neighbours: one between them is missing
 _EVERY = 4  # step between the cells from which an azimuth's noise is taken, which saves time
@@ -136,12 +164,9 @@ def find_echoes(power: NDArray[np.uint8], range_resolution: float, cells: int) -
 
 
 def _correlate_neighbours(echoes: NDArray[np.float32], rising: NDArray[np.bool_], reach: int) -> NDArray[np.float64]:
-    """Returns the correlations (A - 1, 2 L + 1) of successive azimuths, of which one is rising, at shifts -L to L.
+    """Returns the correlations (A - 1, 2 L + 1) of the echoes (A, C) of successive azimuths, of which one is rising.
 
-    Args:
-        echoes: (A, C).
-        rising: (A,) whether the chirp goes up.
-        reach: the largest shift L [cells].
+    They are taken at shifts of -L to L cells, the reach.
     """
     size = fft.next_fast_len(echoes.shape[1] + reach, real=True)
     spectra = fft.rfft(echoes, size, axis=1)
@@ -152,37 +177,6 @@ def _correlate_neighbours(echoes: NDArray[np.float32], rising: NDArray[np.bool_]
     scale = np.sqrt(energy[:-1] * energy[1:])[:, None]
     around = np.concatenate([shifted[:, size - reach :], shifted[:, : reach + 1]], axis=1).astype(np.float64)
     return np.asarray(np.divide(around, scale, out=np.zeros_like(around), where=scale > 0.0))
-
-
-# The best velocity must fit the echoes better than the median of those tried by this many spreads of theirs (median absolute
-# deviations as standard deviations). The best of thousands fits noise better by four.
-_CLEAR = 8.0
-# Standard deviation of the acceleration during a turn along each axis [m/s^2]. A vehicle seldom brakes harder than this, and
-# without acceleration 1 m/s^2 would turn the velocity of a quarter second by 0.02 m/s.
-_ACCELERATION = 3.0
-# Number of sectors of a turn that are left out in turn to find the covariance. They are wider than the beam, so that their
-# errors are independent.
-_SECTORS = 20
-# A scan measures no velocity if fewer of its azimuths than this share hold echoes.
-_FEWEST_AZIMUTHS = 0.1
-# Residual at which an azimuth's shift counts a quarter (Geman-McClure), in units of the residuals' spread in the scan.
-# Traffic and chance peaks are beyond it.
-_OUTLIER_SPREADS = 3.0
-
-# Step between the velocities that are tried at first [m/s]. At 0.05 s it shifts echoes by 0.15 m, which is less than their
-# width.
-_STEP_MPS = 1.5
-# The shift of an azimuth is sought within this of what the best velocity so far says [m/s]. Traffic outside it does not
-# disturb.
-_WINDOW_MPS = 2.5
-
-
-Array = NDArray[np.float64]
-
-_ROUNDS = 2  # times that shifts are read around the velocity so far: the second time they no longer change
-_STEPS, _SETTLED_MPS = 50, 1e-6  # bounds of the robust fit, a numerical tolerance
-_LEAST_SPREAD_MPS = 1e-3  # a numerical floor for data without noise
-_TO_DEVIATION = 1.4826  # from the median of absolute residuals to the standard deviation of Gaussian ones
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -289,16 +283,9 @@ def _fit(correlation: ChirpCorrelation, first: Array, middle: float) -> Velocity
 
 
 def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array) -> tuple[Array, float]:
-    """Fits a state (4,) to shifts by Geman-McClure's loss, whose width follows from the residuals.
+    """Fits a state (4,) to shifts by Geman-McClure's loss, whose width [m/s] follows from the residuals; returns both.
 
-    Args:
-        jacobian: (K, 4) of the radial speeds.
-        shifts: of the azimuths.
-        state: (4,) to begin with.
-        prior: (4, 4) information of the prior, whose mean is zero.
-
-    Returns:
-        The state, and the width of the loss [m/s].
+    The jacobian (K, 4) is of the radial speeds, and the prior is an information (4, 4) whose mean is zero.
     """
     width = 0.0
     for _ in range(_STEPS):
@@ -317,13 +304,7 @@ def _leave_out_sectors(jacobian: Array, shifts: Shifts, state: Array, width: flo
     """Returns the covariance (4, 4) of a state by a jackknife over sectors; None where one sector alone determines it.
 
     Each sector's absence moves the state by one Newton step. Sectors are successive azimuths, whose errors are correlated.
-
-    Args:
-        jacobian: (K, 4) of the radial speeds.
-        shifts: of the azimuths.
-        state: (4,) that fits best.
-        width: of the loss [m/s].
-        prior: (4, 4) information of the prior.
+    The arguments are those of `_fit_robustly`, and what it returns.
     """
     residuals = shifts.speeds - jacobian @ state
     certain, square = _normalise(shifts.weights, width / _OUTLIER_SPREADS), (residuals / width) ** 2

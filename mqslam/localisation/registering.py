@@ -15,11 +15,10 @@ from mqslam.core import se2
 from mqslam.core.keyframes import Keyframes
 from mqslam.localisation.localised import PlaceStatus
 from mqslam.mapping.keyframing import place_keyframes
-from mqslam.psi.covariance import estimate_covariance
+from mqslam.psi.covariance import estimate_covariance, find_weak_directions, spread_along
 from mqslam.psi.minimiser import annealed_scale, kernel_of
-from mqslam.psi.observability import find_weak_directions, spread_along
 from mqslam.psi.place import Beam, PointSet
-from mqslam.psi.scoring.references import References, evaluate_against, make_references
+from mqslam.psi.score import References, evaluate, make_references
 
 # The keyframes around the vehicle are chosen anew once it has moved this far [m]. More of it is faster, and lays scans on
 # keyframes that are less well centred around them.
@@ -136,9 +135,7 @@ def register(around: MapAround, scan: PointSet, prediction: Prediction, config: 
         estimate_covariance(minimum.evaluation, points.points, config.cluster_m), -float(minimum.state[2])
     )
     own = own + _LEAST
-    weak = find_weak_directions(
-        evaluate_against(points, references, annealed_scale(config, 0), kernel_of(config, ANY_TIME)), 3
-    )
+    weak = find_weak_directions(evaluate(points, references, annealed_scale(config, 0), kernel_of(config, ANY_TIME)), 3)
     if not len(weak):
         return Registered(
             se2.compose(frame, minimum.state), own, PlaceStatus.CONVERGED, minimum.evaluation.psi / len(scan), matched

@@ -19,9 +19,9 @@ from mqslam.errors import EstimationError
 from mqslam.execution.local_engine import HERE
 from mqslam.execution.runner import Runner
 from mqslam.psi.minimiser import final_scale, kernel_of
+from mqslam.psi.neighbours import find_corner
 from mqslam.psi.place import Beam, PointSet, compute_beam_covariance
-from mqslam.psi.scoring.neighbours import find_corner
-from mqslam.psi.scoring.references import evaluate_against, make_references
+from mqslam.psi.score import evaluate, make_references
 
 # A scan is rendered once the sensor has moved this far since the last rendered one [m], so that a parked stretch does not
 # weigh more than others in the map.
@@ -264,7 +264,7 @@ def _score_strip(
     own = columns[chosen[order]]
     inside = order[(own >= begin) & (own < end)]
     release(columns)
-    evaluation = evaluate_against(_take_points(around, inside), references, scale, kernel_of(estimator, revolution_s))
+    evaluation = evaluate(_take_points(around, inside), references, scale, kernel_of(estimator, revolution_s))
     return _Scored(chosen[inside], evaluation.shares, evaluation.matched)
 
 

@@ -39,7 +39,7 @@ from mqslam.merging.part import Session, build_alone, list_factors
 from mqslam.merging.recognition import Recognition, introduce, lay_out
 from mqslam.merging.rendering import render_keyframes
 from mqslam.psi.place import Beam, beam_of
-from mqslam.psi.scoring.references import make_references
+from mqslam.psi.score import make_references
 
 
 def number_vertices(parts: Sequence[Session]) -> list[NDArray[np.int64]]:

@@ -32,7 +32,7 @@ _SEARCH_BLUR = 1.4
 # steps of yaw.
 _SEARCH_EXTENT = 110.0
 
-_NEIGHBOURS: Final = 2  # a peak is the largest of the pixels within so many rows and columns: it defines a local maximum
+_NEIGHBOURS: Final = 2  # a peak is the largest of the pixels within this many rows and columns: it defines a local maximum
 _BLUR_REACH: Final = 4.0  # standard deviations beyond which a blur is cut off: numerical
 _SUMS_PER_PIXEL: Final = 90  # pixels that are added up in the time in which Fourier transforms take one, as measured
 
@@ -89,7 +89,11 @@ def find_correlation_peaks(
             at = guess[:2] + np.array([i - cells, k - cells]) * pixel_m
             peaks.append((top, np.array([at[0], at[1], yaw])))
     peaks.sort(key=lambda peak: -peak[0])
-    return _choose_different([pose for _, pose in peaks], 2.0 * compute_same_m(config), _PEAKS)
+    chosen: list[se2.Array] = []
+    for _, pose in peaks:
+        if all(np.hypot(*(pose - other)[:2]) > 2.0 * compute_same_m(config) for other in chosen):
+            chosen.append(pose)
+    return chosen[:_PEAKS]
 
 
 class Image:
@@ -131,7 +135,7 @@ class Image:
 
 
 def compute_blur(sigma: float) -> NDArray[np.float32]:
-    """Returns the weights (2 R + 1,) of a Gaussian blur of so many pixels along one axis; their sum is one."""
+    """Returns the weights (2 R + 1,) of a Gaussian blur of sigma [pixels] along one axis; their sum is one."""
     reach = int(_BLUR_REACH * sigma + 0.5)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / max(sigma, np.finfo(np.float64).tiny)) ** 2)
     return np.asarray(weights / weights.sum(), dtype=np.float32)
@@ -167,7 +171,7 @@ def draw_blurred(rows: NDArray[np.int64], begins: NDArray[np.int64], blur: NDArr
 
 @nb.njit(cache=True, inline="always")
 def _mirror(place: int, side: int) -> int:
-    """Returns the pixel of a line of so many that one beyond its ends is mirrored to."""
+    """Returns the pixel of a line that a pixel beyond the line's ends is mirrored to."""
     place %= 2 * side
     return min(place, 2 * side - 1 - place)
 
@@ -288,16 +292,5 @@ def _is_top(correlation: NDArray[np.float32], i: int, k: int) -> bool:
 
 @nb.njit(cache=True, inline="always")
 def _is_within(along: int, across: int, cells: int) -> bool:
-    """Returns whether a shift lies in the circle of so many pixels."""
+    """Returns whether a shift lies in the circle with a radius of some cells."""
     return along * along + across * across <= (cells + 0.5) ** 2
-
-
-def _choose_different(poses: list[se2.Array], least_m: float, most: int) -> list[se2.Array]:
-    """Returns the first poses (3,), at most so many, that lie farther than a distance [m] from those before them."""
-    chosen: list[se2.Array] = []
-    for pose in poses:
-        if all(np.hypot(*(pose - other)[:2]) > least_m for other in chosen):
-            chosen.append(pose)
-        if len(chosen) == most:
-            break
-    return chosen

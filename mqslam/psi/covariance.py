@@ -1,4 +1,4 @@
-"""Covariance of the minimum of psi from its curvature.
+"""How sure a minimum of psi is: its covariance, the directions that psi does not observe, and Gaussians combined.
 
 psi is a sum over points, so its minimiser is an M-estimator and its curvature alone has no scale. With H the curvature
 that knows of re-selection, and g_c the summed score of the returns of one object (a square cell of the map),
@@ -7,21 +7,32 @@ that knows of re-selection, and g_c the summed score of the returns of one objec
 
 In a direction that is hardly observed H is hardly positive, and Sigma comes out large along it. The first factor is the
 usual one for few samples: q variables can make the scores of q objects vanish, whatever their errors are.
+
+Along a bare wall the returns of two views are scattered alike at any shift. At a wide scale H vanishes there, while single
+returns still pair up by chance and pretend to a minimum. The share of Gauss-Newton's curvature that remains at the widest
+scale tells the two apart: 0.22 and more where there are windows, poles and corners, 0.12 and less along a bare corridor.
+
+Metres, radians and their rates differ by orders of magnitude, so every matrix is brought to comparable units before it
+is factorised, and an eigenvalue below rounding counts as rounding.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.psi.scoring.estimator import PsiEvaluation
+from mqslam.psi.score import PsiEvaluation
 
 # Neither number tunes anything: the first stands for "unknown", the second keeps the inverse of the curvature finite.
 _UNKNOWN = 1e6  # variance, over that of the curvature alone, where there are no more objects than variables
 _LEAST = 1e-3  # share of Gauss-Newton's curvature below which a direction counts as not observed at all
+
+# A direction in which less than this share of Gauss-Newton's curvature remains at the widest scale counts as not observed.
+_OBSERVED_SHARE = 0.16
+_SHOWN = 1e-9  # correlated eigenvalues below this share of the largest one are rounding
+_ROUNDING = 1e-12  # eigenvalues below this share of the largest one are rounding
 
 
 def estimate_covariance(
@@ -38,7 +49,7 @@ def estimate_covariance(
     if known is None:
         known = np.zeros_like(evaluation.curvature)
     units = 1.0 / np.sqrt(np.maximum(np.diag(evaluation.information + known), 1e-12))
-    scale = units[:, None] * units[None, :]
+    scale = np.outer(units, units)
     sums = sum_by_object(evaluation.scores[evaluation.matched], points[evaluation.matched], cluster_m)
     objects, variables = sums.shape
     if objects <= variables:
@@ -48,53 +59,7 @@ def estimate_covariance(
     inverse = 1.0 / np.maximum(values, _LEAST)
     # along a direction that psi does not hold, the variance is at least the inverse of the least curvature
     spread += np.diag(np.where(values < _LEAST, 1.0, 0.0) * _LEAST)
-    covariance = (vectors * inverse) @ spread @ (vectors * inverse).T * scale
-    return np.asarray(0.5 * (covariance + covariance.T))
-
-
-def estimate_covariance_by_differences(
-    evaluation: PsiEvaluation,
-    points: NDArray[np.float64],
-    cluster_m: float,
-    gradient: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    state: NDArray[np.float64],
-    steps: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Returns the covariance (Q, Q) at a minimum where all points move with the state.
-
-    There the evaluation's own curvature is up to four times too large, so differences of the gradient take its place.
-
-    Args:
-        evaluation: as for `estimate_covariance`.
-        points: as for `estimate_covariance`.
-        cluster_m: as for `estimate_covariance`.
-        gradient: as for `curvature_by_differences`.
-        state: as for `curvature_by_differences`.
-        steps: as for `curvature_by_differences`.
-    """
-    curvature = curvature_by_differences(gradient, state, steps)
-    return estimate_covariance(replace(evaluation, curvature=curvature), points, cluster_m)
-
-
-def curvature_by_differences(
-    gradient: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    state: NDArray[np.float64],
-    steps: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Returns the curvature (Q, Q) of psi from central differences of its gradient.
-
-    Args:
-        gradient: returns the sum (Q,) of the scores at a state, neighbours selected anew.
-        state: (Q,) where the curvature is wanted.
-        steps: (Q,) how far the differences reach to either side.
-    """
-    rows = []
-    for k, step in enumerate(steps):
-        aside = np.zeros(len(state))
-        aside[k] = step
-        rows.append((gradient(state + aside) - gradient(state - aside)) / (2.0 * step))
-    curvature = np.array(rows)
-    return np.asarray(0.5 * (curvature + curvature.T))
+    return symmetric((vectors * inverse) @ spread @ (vectors * inverse).T * scale)
 
 
 def sum_by_object(scores: NDArray[np.float64], points: NDArray[np.float64], cluster_m: float) -> NDArray[np.float64]:
@@ -104,3 +69,109 @@ def sum_by_object(scores: NDArray[np.float64], points: NDArray[np.float64], clus
     cells = np.floor((points - points.min(axis=0)) / cluster_m).astype(np.int64)
     _, members = np.unique(cells[:, 0] * (int(cells[:, 1].max()) + 1) + cells[:, 1], return_inverse=True)
     return np.column_stack([np.bincount(members, weights=column) for column in scores.T])
+
+
+def curvature_by_differences(
+    gradient: Callable[[NDArray[np.float64]], NDArray[np.float64]], state: NDArray[np.float64], steps: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Returns the curvature (Q, Q) of psi from central differences of its gradient.
+
+    Where all points move with the state, the evaluation's own curvature is up to four times too large.
+
+    Args:
+        gradient: returns the sum (Q,) of the scores at a state, neighbours selected anew.
+        state: (Q,) where the curvature is wanted.
+        steps: (Q,) how far the differences reach to either side.
+    """
+    rows = [gradient(state + side) - gradient(state - side) for side in np.diag(steps)]
+    return symmetric(np.array(rows) / (2.0 * steps[:, None]))
+
+
+def find_weak_directions(wide: PsiEvaluation, size: int) -> NDArray[np.float64]:
+    """Finds the directions (K, size) that psi does not observe, scaled to unit information.
+
+    Where the points do not even show all directions under Gauss-Newton, as returns of a single bearing do, nothing is
+    taken as observed.
+
+    Args:
+        wide: an evaluation at the widest scale, near the minimum.
+        size: number of state variables that are looked at, the first ones.
+    """
+    information = wide.information[:size, :size]
+    units = np.sqrt(np.diag(information))
+    if not np.all(units > 0.0):
+        return np.eye(size)
+    values, vectors = np.linalg.eigh(information / np.outer(units, units))
+    if values[0] < _SHOWN * values[-1]:
+        return np.eye(size)
+    whiten = (vectors / np.sqrt(values)) / units[:, None]
+    shares, directions = np.linalg.eigh(whiten.T @ wide.curvature[:size, :size] @ whiten)
+    return np.asarray((whiten @ directions[:, shares < _OBSERVED_SHARE]).T)
+
+
+def spread_along(directions: NDArray[np.float64], spans: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the covariance (Q, Q) of being anywhere along weak directions.
+
+    Args:
+        directions: (K, Q) the weak ones; without any the covariance is zero.
+        spans: (Q,) standard deviation of each variable when nothing is known of it.
+    """
+    spread = np.zeros((len(spans), len(spans)))
+    for direction in directions:
+        length = np.min(spans / np.maximum(np.abs(direction), 1e-12))  # until the first variable reaches its span
+        spread += np.outer(direction, direction) * length**2
+    return spread
+
+
+def invert(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Inverts a symmetric matrix (Q, Q) to one that is symmetric and positive definite.
+
+    Args:
+        matrix: symmetric; eigenvalues that are not positive beyond rounding count as barely positive.
+        units: (Q,) typical size of each variable; measured in these, a covariance has comparable entries. An information
+            matrix takes their inverses.
+    """
+    scale = np.outer(units, units)
+    values, vectors = _find_positive(matrix, scale)
+    return symmetric((vectors / values) @ vectors.T / scale)
+
+
+def fuse(first: NDArray[np.float64], second: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the covariance (Q, Q) of two independent estimates taken together.
+
+    It is (first^-1 + second^-1)^-1, written as first (first + second)^-1 second, which stays right where one of the two
+    is singular. The result is never surer than rounding allows.
+
+    Args:
+        first: (Q, Q) covariance of one estimate.
+        second: (Q, Q) covariance of the other.
+        units: (Q,) typical size of each variable.
+    """
+    scale = np.outer(units, units)
+    values, vectors = _find_positive(first @ invert(first + second, units) @ second, scale)
+    return symmetric((vectors * values) @ vectors.T * scale)
+
+
+def _find_positive(
+    matrix: NDArray[np.float64], scale: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns eigenvalues (Q,), none below rounding, and eigenvectors (Q, Q) of a matrix over a scale (Q, Q)."""
+    values, vectors = np.linalg.eigh(symmetric(matrix) / scale)
+    return np.maximum(values, max(_ROUNDING * float(values[-1]), np.finfo(np.float64).tiny)), vectors
+
+
+def floor_variances(covariance: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Raises a covariance (Q, Q) to be nowhere below the square of the steps (Q,) at which a search ends.
+
+    Scans that repeat to the last digit leave no residual, and would make the result seem known exactly.
+    """
+    scale = np.outer(steps, steps)
+    values, vectors = np.linalg.eigh(symmetric(covariance) / scale)
+    if values[0] >= 1.0:
+        return covariance
+    return symmetric((vectors * np.maximum(values, 1.0)) @ vectors.T * scale)
+
+
+def symmetric(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the symmetric part of a square matrix, which rounding has made slightly unsymmetric."""
+    return np.asarray(0.5 * (matrix + matrix.T))

@@ -18,18 +18,15 @@ from mqslam.config import Config, EstimatorConfig, TrackerConfig
 from mqslam.core.engine import Engine
 from mqslam.core.scans import Scans
 from mqslam.psi.place import beam_of
+from mqslam.psi.tracking.cold_start import START_SCANS, find_first_motion
+from mqslam.psi.tracking.matching import Matcher
 from mqslam.psi.tracking.plausibility import is_usable
-from mqslam.psi.tracking.setup import START_SCANS
 from mqslam.psi.tracking.tracker import Tracker
 
-# Number of stretches of a recording on which psi measures the Doppler shift.
-_STRETCHES = 4
-# Number of scans in a stretch on which psi measures the Doppler shift.
-_STRETCH_SCANS = 12
-# Step between the Doppler shifts that are tried [s]. The tried shifts include those of Navtech's radars.
-_STEP_S = 0.05
-# Number of Doppler shifts that are tried to either side of zero.
-_STEPS = 2
+# Number of stretches of a recording on which psi measures the Doppler shift, and number of scans in each.
+_STRETCHES, _STRETCH_SCANS = 4, 12
+# Step between the Doppler shifts that are tried [s], and their number to either side of zero. They include Navtech's.
+_STEP_S, _STEPS = 0.05, 2
 # Share of psi that a Doppler shift must save to be believed.
 _DOPPLER_GAIN = 0.003
 # A smaller Doppler shift counts as none [s]: it moves returns by a tenth of their own error.
@@ -39,8 +36,8 @@ _USUAL_S: Final = 0.045  # of Navtech's radars: carrier over the slope of the ch
 _USUAL_SIGMA_S: Final = 0.0075  # of these, so that the range is two of it to either side
 _FEWEST: Final = 3  # fewer stretches than this may well show such a shift by chance
 _OF_MEDIAN: Final = 1.2533  # by definition: how much less sure a median is than a mean
-_FINEST: Final = 0.02  # a parabola between shifts that are tried tells them no finer than this share of their step
-_CONTRADICTION: Final = 2.0  # a shift so many standard deviations from the usual one is that of another radar
+_FINEST: Final = 0.02  # a parabola between shifts that are tried shows them no finer than this share of their step
+_CONTRADICTION: Final = 2.0  # a shift this many standard deviations from the usual one shows another kind of radar
 
 
 class Doppler(NamedTuple):
@@ -101,13 +98,9 @@ def _is_usual(each: Sequence[float], beta: float) -> bool:
 
 
 def _estimate_sigma(each: Sequence[float]) -> float:
-    """Returns the standard deviation [s] of a shift that the median stretch shows.
-
-    Args:
-        each: the shifts that single stretches show. Of one stretch nothing is known but the step between shifts.
-    """
+    """Returns the standard deviation [s] of the shift of the median stretch, given the shifts of each stretch."""
     if len(each) < 2:
-        return _STEP_S
+        return _STEP_S  # nothing else is known of one stretch
     return float(max(_OF_MEDIAN * np.std(each, ddof=1) / np.sqrt(len(each)), _FINEST * _STEP_S))
 
 
@@ -156,8 +149,9 @@ def _find_vertex(grid: NDArray[np.float64], scores: NDArray[np.float64]) -> floa
 
 def _find_first_twist(shared: tuple[TrackerConfig, EstimatorConfig], scans: Scans) -> NDArray[np.float64]:
     """Returns the twist (3,) at the start of a stretch."""
-    tracker, estimator = shared
-    return Tracker(tracker, estimator, beam_of(estimator, 0.0), scans.revolution_s).find_first_twist(scans[:START_SCANS])
+    settings, estimator = shared
+    matcher = Matcher(settings, estimator, beam_of(estimator, 0.0), scans.revolution_s)
+    return find_first_motion(scans[:START_SCANS], matcher).motion[:3]
 
 
 def _measure_psi(shared: tuple[TrackerConfig, EstimatorConfig], case: tuple[Scans, NDArray[np.float64], float]) -> float:

@@ -16,24 +16,19 @@ from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig
+from mqslam.psi.neighbours import NearbyLists, do_serve, find_candidates, list_near, sort_into_cells
 from mqslam.psi.place import PointSet
-from mqslam.psi.scoring.estimator import Kernel, PsiEvaluation, Scale, evaluate, find_reach
-from mqslam.psi.scoring.neighbours import NeighbourCache, find_candidates, sort_into_cells
-from mqslam.psi.scoring.references import Pairs, References, do_serve, evaluate_against, list_pairs
+from mqslam.psi.score import Kernel, PsiEvaluation, References, Scale, evaluate, find_reach
 
-# Offset at which a point's weight has fallen to a quarter, at the end of annealing [standard deviations].
-C = 1.5
-# The same at the start of annealing [standard deviations].
-_C_START = 5.0
+# Offset at which a point's weight has fallen to a quarter, at the end of annealing and at its start [standard deviations].
+C, _C_START = 1.5, 5.0
 # Width of the fade of pairs that are less than one turn apart [s].
 BETA_T = 0.06
 # Least kappa of a selected neighbour. Beyond it a neighbour hardly counts.
 _XI = 0.02
-# Factor on the weight (kappa) of a neighbour that was seen from a quite different direction. With 1, all views count the
-# same.
-APART_SHARE = 0.3
-# Factor on blur_m for a neighbour that was seen from a quite different direction. With 1, all views scatter the same.
-APART_BLUR = 2.0
+# Factor on the weight (kappa) of a neighbour that was seen from a quite different direction, and on its blur. With 1, all
+# views count the same.
+APART_SHARE, APART_BLUR = 0.3, 2.0
 # Number of returns that tell the same. psi's information is divided by this number where it is weighed against a prior.
 CORRELATION = 5.0
 # Largest number of Newton steps.
@@ -49,6 +44,8 @@ _ASPECT_RAD = 0.05
 # safe.
 STABILISER = 0.15
 
+# By how much lists of neighbours reach farther than the score, among references and among moving points [m]: for speed only.
+SKIN_M, _MOVING_SKIN_M = 0.2, 0.3
 _LARGEST_PART = 0.9  # of a step that the next one is taken to be [1]: it keeps the extrapolation finite
 _FLATTEST = 1e-9  # least curvature that a step is divided by [1/tolerance^2], which keeps the step finite
 
@@ -127,13 +124,6 @@ def kernel_of(config: EstimatorConfig, revolution_s: float) -> Kernel:
     return Kernel(revolution_s, BETA_T, _XI, config.blur_m, _ASPECT_RAD, APART_SHARE, APART_BLUR * config.blur_m)
 
 
-def score_itself(points: PointSet, scale: Scale, kernel: Kernel) -> PsiEvaluation:
-    """Scores points against each other, with candidates looked up anew."""
-    reach = find_reach(scale, kernel)
-    lists = find_candidates(sort_into_cells(points.points, reach), points.points, reach)
-    return evaluate(points, points, lists, scale, kernel, moving_references=True)
-
-
 class Expansion(NamedTuple):
     """The score around a state, up to second order.
 
@@ -195,7 +185,7 @@ def minimise(
 
 
 class Rendered:
-    """Points that are rendered anew for each state.
+    """Points that are rendered anew for each state, and lists of their neighbours that serve nearby states.
 
     Args:
         render: as for `minimise`.
@@ -207,8 +197,7 @@ class Rendered:
         self, render: Callable[[NDArray[np.float64]], PointSet], references: References | None, kernel: Kernel
     ) -> None:
         self._render, self._references, self._kernel = render, references, kernel
-        self._cache = NeighbourCache()
-        self._pairs: Pairs | None = None
+        self._lists: NearbyLists | None = None
         self._jacobians = np.empty((0, 2, 0))
 
     def measure_move(self, move: NDArray[np.float64]) -> float:
@@ -217,19 +206,31 @@ class Rendered:
 
     def evaluate(self, state: NDArray[np.float64], scale: Scale) -> PsiEvaluation:
         """Returns the score at a state (Q,), point by point."""
-        queries = self._render(state)
+        queries, reach = self._render(state), find_reach(scale, self._kernel)
         self._jacobians = queries.jacobians
-        if self._references is not None:
-            pairs = self._list_pairs(queries.points, self._references, find_reach(scale, self._kernel))
-            return evaluate_against(queries, self._references, scale, self._kernel, pairs)
-        lists = self._cache.lists(queries.points, queries.points, find_reach(scale, self._kernel))
-        return evaluate(queries, queries, lists, scale, self._kernel, moving_references=True)
+        self._lists = renew_lists(self._lists, queries.points, self._references, reach)
+        return evaluate(queries, self._references, scale, self._kernel, self._lists)
 
-    def _list_pairs(self, points: NDArray[np.float64], references: References, reach: float) -> Pairs:
-        """Returns the references near points (N, 2) m, which are listed anew where the last list does not serve."""
-        if self._pairs is None or len(points) != len(self._pairs.points) or not do_serve(self._pairs, points, reach):
-            self._pairs = list_pairs(points, references.surroundings, reach)
-        return self._pairs
+
+def renew_lists(
+    lists: NearbyLists | None, points: NDArray[np.float64], references: References | None, reach: float
+) -> NearbyLists:
+    """Returns lists of the neighbours of points within a reach [m], and of some beyond: the same ones as long as they serve.
+
+    Args:
+        lists: made before, or None.
+        points: (N, 2) m.
+        references: the neighbours; None lists the points themselves, which move.
+        reach: how near the neighbours are [m].
+    """
+    skin, moves = (_MOVING_SKIN_M, 2.0) if references is None else (SKIN_M, 1.0)
+    if lists is not None and len(points) == len(lists.queries) and do_serve(lists, points, reach, skin, moves):
+        return lists
+    if references is None:
+        new: NearbyLists = find_candidates(sort_into_cells(points, reach + skin), points, reach + skin)
+    else:
+        new = list_near(references.grid, points, reach + skin)
+    return new
 
 
 @register_jitable

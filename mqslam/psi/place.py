@@ -30,6 +30,16 @@ class Beam(NamedTuple):
     doppler_beta: float = 0.0
 
 
+class PointArrays(NamedTuple):
+    """The arrays of a `PointSet`, as kernels take them."""
+
+    points: NDArray[np.float64]
+    jacobians: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+    times: NDArray[np.float64]
+    rays: NDArray[np.float64]
+
+
 @dataclass(frozen=True, slots=True)
 class PointSet:
     """Returns rendered as points.
@@ -51,6 +61,11 @@ class PointSet:
 
     def __len__(self) -> int:
         return len(self.points)
+
+    @property
+    def arrays(self) -> PointArrays:
+        """All arrays."""
+        return PointArrays(self.points, self.jacobians, self.covariances, self.times, self.rays)
 
 
 def rotate_covariances(covariances: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:

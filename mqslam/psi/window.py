@@ -18,71 +18,27 @@ from mqslam.core import se2
 from mqslam.core.measurement import Status
 from mqslam.core.motion import CONSTANT_TWIST, OMEGA, MotionModel
 from mqslam.core.scans import Returns
-from mqslam.psi.covariance import estimate_covariance_by_differences
-from mqslam.psi.gaussians import floor_variances, invert
-from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, kernel_of, minimise, score_itself
-from mqslam.psi.observability import find_weak_directions, spread_along
-from mqslam.psi.place import Beam, PointSet, place, place_arrays
-from mqslam.psi.scoring.estimator import Kernel, PointArrays, PsiEvaluation, Scale, evaluate_arrays
-from mqslam.psi.scoring.neighbours import CandidateLists, CellGrid, find_corner, list_firsts, list_near, sort_points
-
-
-def score_twists(
-    returns: Returns, t0: float, twists: se2.Array, beam: Beam, scale: Scale, kernel: Kernel
-) -> NDArray[np.float64]:
-    """Returns psi (T,) of a window under each of many constant twists, compared with itself whatever the views are.
-
-    Args:
-        returns: of the window.
-        t0: its start [s].
-        twists: (T, 3) m/s, m/s, rad/s.
-        beam: the sensor's errors.
-        scale: widths of selection and weights.
-        kernel: the score besides its widths.
-    """
-    if len(returns) == 0:
-        return np.zeros(len(twists))
-    measured = returns.ranges, returns.azimuths, returns.times - t0
-    return np.asarray(_list_shares(*measured, twists, CONSTANT_TWIST.arrays, beam, scale, kernel).sum(axis=1))
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _list_shares(
-    ranges: NDArray[np.float64],
-    azimuths: NDArray[np.float64],
-    times: NDArray[np.float64],
-    twists: NDArray[np.float64],
-    model: tuple[NDArray[np.int64], NDArray[np.int64]],
-    beam: Beam,
-    scale: Scale,
-    kernel: Kernel,
-) -> NDArray[np.float64]:
-    """Returns the shares of psi (T, N) of the points under each twist."""
-    shares = np.empty((len(twists), len(ranges)))
-    no_jacobians, no_rays = np.empty((len(ranges), 2, 0)), np.empty((0, 2))
-    for k in range(len(twists)):
-        points, _, covariances, _ = place_arrays(ranges, azimuths, times, np.zeros(3), twists[k], model, beam)
-        corner = find_corner(points) - scale.s
-        sorted_points, order, rows, begins = sort_points(points, scale.s, corner)
-        grid = CellGrid(sorted_points, order, rows, begins, corner, scale.s)
-        offsets, indices = list_near(grid, list_firsts(grid), points, scale.s)
-        arrays = PointArrays(points, no_jacobians, covariances, times, no_rays)
-        lists = CandidateLists(offsets, order[indices], scale.s)
-        shares[k] = evaluate_arrays(arrays, arrays, lists, scale, kernel, True)[0]
-    return shares
-
+from mqslam.psi.covariance import (
+    curvature_by_differences,
+    estimate_covariance,
+    find_weak_directions,
+    floor_variances,
+    invert,
+    spread_along,
+)
+from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise
+from mqslam.psi.neighbours import find_candidates, sort_into_cells
+from mqslam.psi.place import Beam, PointArrays, PointSet, place, place_arrays
+from mqslam.psi.score import Kernel, PsiEvaluation, Scale, evaluate, evaluate_each_other
 
 # Number of basins of a window's exhaustive search that are refined, the best ones first.
 _BASINS = 3
 # Step of the differences that give the curvature of a window's score, in units of the step that ends the search.
 _DIFFERENCE_STEP = 4.0
-# Standard deviation of a window's speed in a direction that psi does not observe [m/s].
-_UNKNOWN_SPEED = 20.0
-# Standard deviation of a window's yaw rate where psi does not observe it [rad/s].
-_UNKNOWN_YAW_RATE = 1.0
-
-TOLERANCES = {0: 5e-3, 1: 5e-3, 2: 1e-4}
-"""Step that ends the search, by twist component [m/s, m/s, rad/s]: a numerical tolerance, far below psi's own noise."""
+# Standard deviation of a window's speed [m/s] and of its yaw rate [rad/s] in a direction that psi does not observe.
+_UNKNOWN_SPEED, _UNKNOWN_YAW_RATE = 20.0, 1.0
+# Step that ends the search, by twist component [m/s, m/s, rad/s]: a numerical tolerance, far below psi's own noise.
+_TOLERANCES = {0: 5e-3, 1: 5e-3, 2: 1e-4}
 _LINE = 3  # every how many steps a search over a grid of twists has a line at first; with 4 it missed the best one at times
 
 # A motion counts as ambiguous where another one has a psi below this factor times the best one's.
@@ -109,91 +65,147 @@ class WindowMotion:
     status: Status
 
 
-def estimate_window(
-    returns: Returns,
-    t0: float,
-    kernel: Kernel,
-    config: EstimatorConfig,
-    beam: Beam,
-    start: se2.Array,
-    model: MotionModel = CONSTANT_TWIST,
-) -> WindowMotion:
-    """Estimates the motion that makes a window's map crispest, from a start within the annealing's reach.
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Returns of several scans that are rendered under one motion and compared with each other.
 
     Args:
         returns: of two scans at least.
         t0: start of the window [s].
         kernel: the score besides its widths.
-        config: settings of the estimator.
+        config: widths of the score and of its annealing.
         beam: the sensor's errors.
-        start: (3,) constant twist at which the search begins [m/s, m/s, rad/s].
-        model: motion model of the window.
     """
-    tolerances = _tolerances(model)
-    free = Prior(np.zeros(model.size), np.zeros((model.size, model.size)))
 
-    def render(theta: NDArray[np.float64]) -> PointSet:
-        return drop_start(place(returns, t0, np.zeros(3), theta, model, beam))
+    returns: Returns
+    t0: float
+    kernel: Kernel
+    config: EstimatorConfig
+    beam: Beam
 
-    minimum = minimise(model.from_twist(start), render, None, free, config, kernel, tolerances)
-    points = render(minimum.state)
+    def render(self, theta: se2.Array, model: MotionModel = CONSTANT_TWIST) -> PointSet:
+        """Renders the window under parameters (P,) of a motion model, in the frame of the sensor at its start.
 
-    def gradient(theta: NDArray[np.float64]) -> NDArray[np.float64]:
-        return score_itself(render(theta), final_scale(config), kernel).gradient
+        The points have no derivatives by the start pose, because the score does not depend on it, and no rays.
+        """
+        points = place(self.returns, self.t0, np.zeros(3), theta, model, self.beam)
+        return PointSet(points.points, np.ascontiguousarray(points.jacobians[:, :, 3:]), points.covariances, points.times)
 
-    steps = _DIFFERENCE_STEP * tolerances
-    covariance = estimate_covariance_by_differences(
-        minimum.evaluation, points.points, config.cluster_m, gradient, minimum.state, steps
-    )
-    covariance = floor_variances(covariance, tolerances)
-    wide = score_itself(points, annealed_scale(config, 0), kernel)
-    weak = find_weak_directions(wide, model.size)
-    if len(weak):
-        unknown = [_UNKNOWN_YAW_RATE if c == OMEGA else _UNKNOWN_SPEED for c in model.components]
-        covariance = covariance + spread_along(weak, np.array(unknown))
-    return WindowMotion(minimum.state, covariance, minimum, Status.DEGENERATE if len(weak) else Status.CONVERGED)
+    def score(self, theta: se2.Array, model: MotionModel, scale: Scale) -> PsiEvaluation:
+        """Returns psi under parameters (P,) of a motion model, at some widths."""
+        return evaluate(self.render(theta, model), None, scale, self.kernel)
+
+    def score_twists(self, twists: se2.Array) -> NDArray[np.float64]:
+        """Returns psi (T,) at the widest scale under each of many constant twists (T, 3) [m/s, m/s, rad/s]."""
+        if len(self.returns) == 0:
+            return np.zeros(len(twists))
+        returns, scale = self.returns, annealed_scale(self.config, 0)
+        measured = returns.ranges, returns.azimuths, returns.times - self.t0
+        return np.asarray(_list_shares(*measured, twists, CONSTANT_TWIST.arrays, self.beam, scale, self.kernel).sum(axis=1))
+
+    def score_grid(self, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns psi (V, W) at the widest scale of every speed (V,) [m/s] and yaw rate (W,) [rad/s]."""
+        still = np.zeros(len(yaw_rates))
+        rows = [self.score_twists(np.column_stack([still + speed, still, yaw_rates])) for speed in speeds]
+        return np.array(rows)
+
+    def search(self, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64]) -> se2.Array:
+        """Finds the best twist (3,) of a grid by the widest score, as `score_grid` does, but scores few of them.
+
+        The score is so wide that its lowest place shows on every third line of the grid. What lies between these lines is
+        scored around the best few of their crossings only.
+
+        Args:
+            speeds: (V,) m/s to try.
+            yaw_rates: (W,) rad/s to try.
+        """
+        scores = np.full((len(speeds), len(yaw_rates)), np.inf)
+
+        def score_at(marked: NDArray[np.bool_]) -> NDArray[np.intp]:
+            cells = np.argwhere(marked)
+            v, w = cells.T
+            scores[v, w] = self.score_twists(np.column_stack([speeds[v], np.zeros(len(cells)), yaw_rates[w]]))
+            return cells
+
+        marked = np.zeros(scores.shape, dtype=np.bool_)
+        marked[_LINE // 2 :: _LINE, _LINE // 2 :: _LINE] = True
+        crossings = score_at(marked)
+        marked[:] = False
+        for v, w in crossings[np.argsort(scores[tuple(crossings.T)], kind="stable")[:_BASINS]]:
+            marked[max(v - _LINE + 1, 0) : v + _LINE, max(w - _LINE + 1, 0) : w + _LINE] = True
+        score_at(marked & ~np.isfinite(scores))
+        v, w = np.unravel_index(np.argmin(scores), scores.shape)
+        return np.array([speeds[v], 0.0, yaw_rates[w]])
+
+    def estimate(self, start: se2.Array, model: MotionModel = CONSTANT_TWIST) -> WindowMotion:
+        """Estimates the motion that makes the map crispest, from a constant twist (3,) within the annealing's reach."""
+        config, tolerances = self.config, _list_tolerances(model)
+        free = Prior(np.zeros(model.size), np.zeros((model.size, model.size)))
+        minimum = minimise(
+            model.from_twist(start), lambda theta: self.render(theta, model), None, free, config, self.kernel, tolerances
+        )
+        curvature = curvature_by_differences(
+            lambda theta: self.score(theta, model, final_scale(config)).gradient,
+            minimum.state,
+            _DIFFERENCE_STEP * tolerances,
+        )
+        points, sharp = self.render(minimum.state, model), replace(minimum.evaluation, curvature=curvature)
+        covariance = floor_variances(estimate_covariance(sharp, points.points, config.cluster_m), tolerances)
+        weak = find_weak_directions(evaluate(points, None, annealed_scale(config, 0), self.kernel), model.size)
+        if len(weak):
+            unknown = [_UNKNOWN_YAW_RATE if c == OMEGA else _UNKNOWN_SPEED for c in model.components]
+            covariance = covariance + spread_along(weak, np.array(unknown))
+        return WindowMotion(minimum.state, covariance, minimum, Status.DEGENERATE if len(weak) else Status.CONVERGED)
+
+    def find(
+        self, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64], model: MotionModel = CONSTANT_TWIST
+    ) -> WindowMotion:
+        """Finds the motion without any start: searches exhaustively over two turns, then refines the best basins.
+
+        Args:
+            speeds: (V,) m/s that the search tries, in steps within the annealing's reach.
+            yaw_rates: (W,) rad/s that the search tries, in steps within the annealing's reach.
+            model: motion model of the window.
+        """
+        two = self.returns.take(self.returns.times < self.t0 + 2.0 * self.kernel.revolution_s)
+        scores = replace(self, returns=two).score_grid(speeds, yaw_rates)
+        starts = [np.array([speeds[i], 0.0, yaw_rates[k]]) for i, k in _find_basins(scores)[:_BASINS]]
+        best, *others = sorted(
+            (self.estimate(start, model) for start in starts), key=lambda motion: motion.minimum.evaluation.psi
+        )
+        for other in others:
+            apart = other.theta - best.theta
+            distance = apart @ invert(best.covariance + other.covariance, _list_tolerances(model)) @ apart
+            if distance > _DIFFERENT and other.minimum.evaluation.psi < RIVAL * best.minimum.evaluation.psi:
+                return replace(best, status=Status.AMBIGUOUS)
+        return best
 
 
-def _tolerances(model: MotionModel) -> NDArray[np.float64]:
-    """Returns the steps (P,) that end the search over a model's parameters."""
-    return np.array([TOLERANCES[component] for component in model.components])
-
-
-def find_window_motion(
-    returns: Returns,
-    t0: float,
-    revolution_s: float,
-    config: EstimatorConfig,
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _list_shares(
+    ranges: NDArray[np.float64],
+    azimuths: NDArray[np.float64],
+    times: NDArray[np.float64],
+    twists: NDArray[np.float64],
+    model: tuple[NDArray[np.int64], NDArray[np.int64]],
     beam: Beam,
-    speeds: NDArray[np.float64],
-    yaw_rates: NDArray[np.float64],
-    model: MotionModel = CONSTANT_TWIST,
-) -> WindowMotion:
-    """Finds the motion of a window without any start: searches exhaustively, then refines the best basins.
+    scale: Scale,
+    kernel: Kernel,
+) -> NDArray[np.float64]:
+    """Returns the shares of psi (T, N) of the points under each twist."""
+    shares = np.empty((len(twists), len(ranges)))
+    no_jacobians, no_rays = np.empty((len(ranges), 2, 0)), np.empty((0, 2))
+    for k in range(len(twists)):
+        points, _, covariances, _ = place_arrays(ranges, azimuths, times, np.zeros(3), twists[k], model, beam)
+        lists = find_candidates(sort_into_cells(points, scale.s), points, scale.s)
+        arrays = PointArrays(points, no_jacobians, covariances, times, no_rays)
+        shares[k] = evaluate_each_other(arrays, lists, scale, kernel)[0]
+    return shares
 
-    Args:
-        returns: of two scans at least.
-        t0: start of the window [s].
-        revolution_s: duration of a turn [s].
-        config: settings of the estimator.
-        beam: the sensor's errors.
-        speeds: (V,) m/s that the search tries, in steps within the annealing's reach.
-        yaw_rates: (W,) rad/s that the search tries, in steps within the annealing's reach.
-        model: motion model of the window.
-    """
-    two = returns.take(returns.times < t0 + 2.0 * revolution_s)
-    kernel = kernel_of(config, revolution_s)
-    scores = score_all_twists(two, t0, kernel, config, beam, speeds, yaw_rates)
-    starts = [np.array([speeds[i], 0.0, yaw_rates[k]]) for i, k in _find_basins(scores)[:_BASINS]]
-    motions = [estimate_window(returns, t0, kernel, config, beam, start, model) for start in starts]
-    motions.sort(key=lambda motion: motion.minimum.evaluation.psi)
-    best = motions[0]
-    for other in motions[1:]:
-        apart = other.theta - best.theta
-        different = apart @ invert(best.covariance + other.covariance, _tolerances(model)) @ apart > _DIFFERENT
-        if different and other.minimum.evaluation.psi < RIVAL * best.minimum.evaluation.psi:
-            return replace(best, status=Status.AMBIGUOUS)
-    return best
+
+def _list_tolerances(model: MotionModel) -> NDArray[np.float64]:
+    """Returns the steps (P,) that end the search over a model's parameters."""
+    return np.array([_TOLERANCES[component] for component in model.components])
 
 
 def _find_basins(scores: NDArray[np.float64]) -> list[tuple[int, int]]:
@@ -202,113 +214,3 @@ def _find_basins(scores: NDArray[np.float64]) -> list[tuple[int, int]]:
     cells = np.argwhere(lowest)
     order = np.argsort(scores[lowest], kind="stable")
     return [(int(i), int(k)) for i, k in cells[order]]
-
-
-def drop_start(points: PointSet) -> PointSet:
-    """Drops the derivatives by the start pose: the score of a window that is compared with itself does not depend on it."""
-    return PointSet(points.points, np.ascontiguousarray(points.jacobians[:, :, 3:]), points.covariances, points.times)
-
-
-def search_twist(
-    returns: Returns,
-    t0: float,
-    kernel: Kernel,
-    config: EstimatorConfig,
-    beam: Beam,
-    speeds: NDArray[np.float64],
-    yaw_rates: NDArray[np.float64],
-) -> se2.Array:
-    """Finds the best (v, omega) of a grid by the widest score, as `score_all_twists` does, but scores few of them.
-
-    The score is so wide that its lowest place shows on every third line of the grid. What lies between these lines is scored
-    around the best few of their crossings only.
-
-    Args:
-        returns: of two scans at least.
-        t0: start of the window [s].
-        kernel: the score besides its widths.
-        config: settings of the estimator.
-        beam: the sensor's errors.
-        speeds: (V,) m/s to try.
-        yaw_rates: (W,) rad/s to try.
-
-    Returns:
-        The best twist (3,).
-    """
-    scale = annealed_scale(config, 0)
-    scores = np.full((len(speeds), len(yaw_rates)), np.inf)
-
-    def score_at(cells: NDArray[np.intp]) -> None:
-        v, w = cells.T
-        twists = np.column_stack([speeds[v], np.zeros(len(cells)), yaw_rates[w]])
-        scores[v, w] = score_twists(returns, t0, twists, beam, scale, kernel)
-
-    crossings = np.argwhere(_mark_crossings(scores.shape))
-    score_at(crossings)
-    best = crossings[np.argsort(scores[tuple(crossings.T)], kind="stable")[:_BASINS]]
-    score_at(np.argwhere(_mark_around(best, scores.shape) & ~np.isfinite(scores)))
-    v, w = np.unravel_index(np.argmin(scores), scores.shape)
-    return np.array([speeds[v], 0.0, yaw_rates[w]])
-
-
-def _mark_crossings(shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Marks where every third line of a grid crosses another one."""
-    marked = np.zeros(shape, dtype=np.bool_)
-    marked[_LINE // 2 :: _LINE, _LINE // 2 :: _LINE] = True
-    return marked
-
-
-def _mark_around(cells: NDArray[np.intp], shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Marks the cells (C, 2) of a grid and all up to the next lines around them."""
-    marked = np.zeros(shape, dtype=np.bool_)
-    for v, w in cells:
-        marked[max(v - _LINE + 1, 0) : v + _LINE, max(w - _LINE + 1, 0) : w + _LINE] = True
-    return marked
-
-
-def score_all_twists(
-    returns: Returns,
-    t0: float,
-    kernel: Kernel,
-    config: EstimatorConfig,
-    beam: Beam,
-    speeds: NDArray[np.float64],
-    yaw_rates: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Returns the widest score (V, W), which charges unmatched returns, of every (v, omega) of a grid.
-
-    Args:
-        returns: of two scans at least.
-        t0: start of the window [s].
-        kernel: the score besides its widths.
-        config: settings of the estimator.
-        beam: the sensor's errors.
-        speeds: (V,) m/s.
-        yaw_rates: (W,) rad/s.
-    """
-    scale = annealed_scale(config, 0)
-    scores = np.empty((len(speeds), len(yaw_rates)))
-    for i, v in enumerate(speeds):
-        twists = np.column_stack([np.full(len(yaw_rates), v), np.zeros(len(yaw_rates)), yaw_rates])
-        scores[i] = score_twists(returns, t0, twists, beam, scale, kernel)
-    return scores
-
-
-def score_window(
-    returns: Returns, t0: float, revolution_s: float, config: EstimatorConfig, beam: Beam, twist: se2.Array
-) -> PsiEvaluation:
-    """Scores a window under a constant twist (3,), at the widest scale.
-
-    It is the readable twin of `score_twists`, which an exhaustive search calls.
-
-    Args:
-        returns: of two scans at least.
-        t0: start of the window [s].
-        revolution_s: duration of a turn [s].
-        config: settings of the estimator.
-        beam: the sensor's errors.
-        twist: (3,) m/s, m/s, rad/s.
-    """
-    placed = place(returns, t0, np.zeros(3), twist, CONSTANT_TWIST, beam)
-    points = PointSet(placed.points, np.empty((len(returns), 2, 0)), placed.covariances, placed.times)
-    return score_itself(points, annealed_scale(config, 0), kernel_of(config, revolution_s))

@@ -15,7 +15,7 @@ from mqslam.core.measurement import Measurement, Status
 from mqslam.core.recording import Recording
 from mqslam.detection.stage import warn_of_unread
 from mqslam.mapping.render import select_moving
-from mqslam.psi.tracking.dynamics import LONGEST_COAST_S
+from mqslam.psi.tracking.state import LONGEST_COAST_S
 from mqslam.results.run_scale import judge_scale
 from mqslam.solution import CHECK, Run
 

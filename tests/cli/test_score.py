@@ -19,7 +19,7 @@ from mqslam.formats.recordings import open_recording
 from mqslam.psi.minimiser import kernel_of
 from mqslam.psi.place import beam_of, place
 from mqslam.psi.published.equations import score
-from mqslam.psi.window import estimate_window
+from mqslam.psi.window import Window
 
 TURN_S = 0.25
 SPEED = 9.0  # of the street's drive [m/s]
@@ -65,9 +65,8 @@ def test_the_numbers_are_those_of_the_library(street: Path, motion: str, options
 def test_minimising_gives_what_the_estimator_does(street: Path) -> None:
     best = shown(street, "--start", 2.0, "--motion", "8,0.05", "--minimise")
     config = Config().estimator
-    expected = estimate_window(
-        window(street, 8, 3), 2.0, kernel_of(config, TURN_S), config, BEAM, np.array([8.0, 0.0, 0.05]), CONSTANT_VELOCITY
-    )
+    seen = Window(window(street, 8, 3), 2.0, kernel_of(config, TURN_S), config, BEAM)
+    expected = seen.estimate(np.array([8.0, 0.0, 0.05]), CONSTANT_VELOCITY)
     minimum = best["minimised"]
     assert list(minimum["motion"].values()) == pytest.approx(expected.theta.tolist())
     assert list(minimum["standard_deviation"].values()) == pytest.approx(np.sqrt(np.diag(expected.covariance)).tolist())

@@ -19,7 +19,6 @@ from mqslam.core.scans import Returns, ScanStore
 from mqslam.core.statistics.median import find_median
 from mqslam.core.stored import StoredRows, make_stored, release
 from mqslam.errors import OutputError
-from mqslam.frontends.bidirectional import DirectedMotion, MatchTable
 
 
 def make_motion(k: int) -> Measurement:
@@ -91,18 +90,6 @@ def test_motions_come_back_from_a_table_as_they_were() -> None:
     assert_same(table[-1], motions[-1])
     with pytest.raises(IndexError):
         table[200]
-
-
-def test_matches_of_a_later_segment_take_the_place_of_those_before() -> None:
-    first, second = ([DirectedMotion(make_motion(k), np.eye(3) * k) for k in range(a, b)] for a, b in ((0, 100), (80, 150)))
-    table = MatchTable([None, *first])
-    table.extend([None, *second], 81)
-    assert len(table) == 152 and table[0] is None and table[81] is None
-    for k, expected in ((1, first[0]), (80, first[79]), (82, second[0]), (151, second[-1])):
-        found = table[k]
-        assert found is not None
-        assert_same(found.motion, expected.motion)
-        np.testing.assert_array_equal(found.unseen, expected.unseen)
 
 
 @given(st.lists(st.lists(st.floats(0.0, 1e3) | st.floats(0.0, 1e300), max_size=30), max_size=6))

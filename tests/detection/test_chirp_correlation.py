@@ -39,16 +39,16 @@ def find_peaks(power: NDArray[np.uint8], **changes: tuple[int, ...]) -> NDArray[
     return (best - correlation.reach + 0.5 * (after - before) / (2.0 * here - before - after)) * correlation.cell
 
 
-def test_the_peak_lies_where_down_chirps_lie_farther() -> None:
-    shift = 0.6
-    places = np.where(RISING, 20.0 - shift / 2.0, 20.0 + shift / 2.0)
-    np.testing.assert_allclose(find_peaks(render(places)), shift, atol=0.02)
+STEPS = np.arange(AZIMUTHS) - AZIMUTHS / 2.0
 
 
-def test_the_range_of_an_oblique_and_bent_wall_does_not_pass_for_a_shift() -> None:
-    steps = np.arange(AZIMUTHS) - AZIMUTHS / 2.0
-    places = 30.0 + 0.08 * steps + 0.0008 * steps**2
-    np.testing.assert_allclose(find_peaks(render(places)), 0.0, atol=0.03)
+@pytest.mark.parametrize(
+    ("places", "shift", "atol"),
+    [(np.where(RISING, 19.7, 20.3), 0.6, 0.02), (30.0 + 0.08 * STEPS + 0.0008 * STEPS**2, 0.0, 0.03)],
+    ids=["driving", "an oblique and bent wall"],
+)
+def test_the_peak_lies_where_down_chirps_lie_farther(places: NDArray[np.float64], shift: float, atol: float) -> None:
+    np.testing.assert_allclose(find_peaks(render(places)), shift, atol=atol)
 
 
 def test_pairs_with_azimuths_that_are_invalid_or_missing_are_left_out() -> None:

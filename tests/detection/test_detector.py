@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -36,6 +38,14 @@ def add(power: NDArray[np.uint8], azimuth: int, range_m: float, level: float = 1
     shape = np.exp(-0.5 * ((np.arange(power.shape[1]) - centre) / width_bins) ** 2)
     for a, part in ((azimuth - 1, 0.6), (azimuth, 1.0), (azimuth + 1, 0.6)):
         power[a % len(power)] = np.maximum(power[a % len(power)], np.round(level * part * shape)).astype(np.uint8)
+
+
+def with_echoes(*echoes: tuple[int, float]) -> NDArray[np.uint8]:
+    """Returns quiet power with echoes at an azimuth and a range [m] each."""
+    power = quiet()
+    for azimuth, range_m in echoes:
+        add(power, azimuth, range_m)
+    return power
 
 
 def detect_in(power: NDArray[np.uint8], config: DetectorConfig = SETTINGS, invalid: tuple[int, ...] = ()) -> Returns:
@@ -93,9 +103,7 @@ def test_the_targets_are_those_of_the_reference(seed: int, shape: tuple[int, int
 
 @pytest.mark.parametrize("range_m", [5.0, 20.03, 33.333, 41.07])
 def test_a_target_is_one_return_at_its_range_to_a_fraction_of_a_bin(range_m: float) -> None:
-    power = quiet()
-    add(power, 17, range_m)
-    returns = detect_in(power)
+    returns = detect_in(with_echoes((17, range_m)))
     assert len(returns) == 1
     assert returns.ranges[0] == pytest.approx(range_m, abs=0.2 * BIN_M)
     assert returns.azimuths[0] == pytest.approx(-2.0 * np.pi * 17 / AZIMUTHS, abs=0.01)
@@ -103,27 +111,22 @@ def test_a_target_is_one_return_at_its_range_to_a_fraction_of_a_bin(range_m: flo
     assert returns.intensities[0] > 120.0
 
 
-def test_returns_come_in_the_order_of_their_times() -> None:
-    power = quiet()
-    for azimuth, range_m in ((40, 10.0), (8, 50.0), (8, 20.0), (25, 30.0)):
-        add(power, azimuth, range_m)
-    returns = detect_in(power)
-    assert len(returns) == 4
+@pytest.mark.parametrize(
+    "targets",
+    [
+        [(40, 10.0), (8, 50.0), (8, 20.0), (25, 30.0)],
+        [(17, 20.0), (18, 22.0)],  # in neighbouring azimuths
+    ],
+)
+def test_targets_apart_in_range_or_azimuth_are_returns_in_the_order_of_their_times(targets: list[tuple[int, float]]) -> None:
+    returns = detect_in(with_echoes(*targets))
+    assert sorted(np.round(returns.ranges, 1)) == sorted(range_m for _, range_m in targets)
     assert np.all(np.diff(returns.times) >= 0.0)
 
 
-def test_targets_of_neighbouring_azimuths_apart_in_range_stay_apart() -> None:
-    power = quiet()
-    add(power, 17, 20.0)
-    add(power, 18, 22.0)
-    assert sorted(np.round(detect_in(power).ranges, 1)) == [20.0, 22.0]
-
-
 def test_noise_and_what_is_too_near_or_too_far_give_no_returns() -> None:
-    power = quiet()
-    assert len(detect_in(power)) == 0
-    add(power, 17, 1.5)
-    add(power, 30, 55.0)
+    assert len(detect_in(quiet())) == 0
+    power = with_echoes((17, 1.5), (30, 55.0))
     assert len(detect_in(power, SETTINGS.model_copy(update={"max_range_m": 50.0}))) == 0
 
 
@@ -147,40 +150,34 @@ def test_of_returns_in_the_noise_only_the_strongest_are_kept_and_of_objects_all(
     assert np.array_equal(np.sort(scan.intensities), np.sort(detect_in(power).intensities)[-returns:])
 
 
-def test_azimuths_marked_invalid_give_no_returns() -> None:
-    power = quiet()
-    add(power, 17, 20.0)
-    add(power, 40, 30.0)
-    assert np.round(detect_in(power, invalid=(16, 17, 18)).ranges) == pytest.approx([30.0])
+def saturate(power: NDArray[np.uint8]) -> None:
+    power[17] = np.random.default_rng(2).integers(30, 200, BINS)
 
 
-def test_saturated_azimuths_give_no_returns() -> None:
-    power = quiet()
-    add(power, 40, 30.0)
-    rng = np.random.default_rng(2)
-    power[17] = rng.integers(30, 200, BINS)
-    assert np.round(detect_in(power).ranges) == pytest.approx([30.0])
-
-
-def test_a_ring_is_dropped_and_what_stands_beside_it_stays() -> None:
-    power = quiet()
+def add_ring(power: NDArray[np.uint8]) -> None:
     rng = np.random.default_rng(3)
     for azimuth in range(0, AZIMUTHS, 2):
         add(power, azimuth, 12.0 + rng.uniform(-0.05, 0.05), rng.uniform(100.0, 200.0))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "invalid"), [(lambda power: add(power, 17, 20.0), (16, 17, 18)), (saturate, ()), (add_ring, ())]
+)
+def test_invalid_and_saturated_azimuths_and_rings_give_no_returns_and_what_stands_beside_stays(
+    spoil: Callable[[NDArray[np.uint8]], None], invalid: tuple[int, ...]
+) -> None:
+    power = quiet()
+    spoil(power)
     add(power, 40, 30.0)
-    assert np.round(detect_in(power).ranges) == pytest.approx([30.0])
+    assert np.round(detect_in(power, invalid=invalid).ranges) == pytest.approx([30.0])
 
 
 def test_a_wall_around_a_part_of_the_turn_is_no_ring() -> None:
-    power = quiet()
-    for azimuth in range(2, AZIMUTHS // 4, 3):
-        add(power, azimuth, 12.0)
-    assert len(detect_in(power)) == 5
+    assert len(detect_in(with_echoes(*((azimuth, 12.0) for azimuth in range(2, AZIMUTHS // 4, 3))))) == 5
 
 
 def test_the_power_is_left_as_it_was() -> None:
-    power = quiet()
-    add(power, 17, 20.0)
+    power = with_echoes((17, 20.0))
     before = power.copy()
     detect_in(power)
     np.testing.assert_array_equal(power, before)
@@ -224,9 +221,7 @@ def test_the_remedy_for_few_returns_names_the_step_that_dropped_them(counts: Pea
 
 
 def test_the_counts_say_what_each_step_dropped() -> None:
-    power = quiet()
-    for azimuth in range(AZIMUTHS):
-        add(power, azimuth, 12.0)
+    power = with_echoes(*((azimuth, 12.0) for azimuth in range(AZIMUTHS)))
     returns, counts = detect_and_count(polar_scan(power, (3, 4)), BIN_M, SETTINGS)
     assert counts.azimuths == AZIMUTHS
     assert counts.unused_azimuths == 2

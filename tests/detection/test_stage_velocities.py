@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mqslam.config import DetectorConfig
-from mqslam.core.recording import PolarScan
+from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.sensors.velocity import Outcome, Velocities
 from mqslam.detection import stage
 from mqslam.detection.detector import detect
@@ -37,9 +37,15 @@ def assert_equal(one: Velocities | None, other: Velocities | None) -> None:
         assert getattr(one, name).dtype == getattr(other, name).dtype
 
 
+def detect_velocities(recording: Recording, runner: Runner | None = None) -> Velocities:
+    velocities = detect_all(recording, DETECTOR, runner, with_velocities=True)[1].velocities
+    assert velocities is not None
+    return velocities
+
+
 def test_every_scan_has_the_velocity_of_its_middle() -> None:
-    velocities = detect_all(drive(), DETECTOR, with_velocities=True)[1].velocities
-    assert velocities is not None and velocities.measured.all() and not velocities.reasons
+    velocities = detect_velocities(drive())
+    assert velocities.measured.all() and not velocities.reasons
     np.testing.assert_allclose(velocities.times, drive().start_times + 0.125)
     np.testing.assert_allclose(velocities.velocities, np.tile([6.0, 0.0], (10, 1)), atol=0.3)
 
@@ -60,9 +66,9 @@ def test_velocities_are_measured_only_where_they_are_asked_for_and_chirps_altern
 
 
 def test_workers_do_not_change_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    alone = detect_all(drive(), DETECTOR, with_velocities=True)[1].velocities
+    alone = detect_velocities(drive())
     monkeypatch.setattr(stage, "_CHUNK", 3)
-    assert_equal(detect_all(drive(), DETECTOR, Runner(LocalEngine(2)), with_velocities=True)[1].velocities, alone)
+    assert_equal(detect_velocities(drive(), Runner(LocalEngine(2))), alone)
 
 
 @pytest.mark.parametrize("with_velocities", [True, False])
@@ -76,10 +82,10 @@ def test_a_resumed_run_finds_them_in_its_checkpoint(
     monkeypatch.setattr(stage, "_CHUNK", 4)
     made = run(resume=False)
     monkeypatch.setattr(stage, "detect_stretch", lambda *_, **__: pytest.fail("detected again"))
-    if not with_velocities:
-        assert made is None and run(resume=True) is None
-    else:
+    if with_velocities:
         assert_equal(run(resume=True), made)
+    else:
+        assert made is None and run(resume=True) is None
 
 
 @pytest.fixture
@@ -88,39 +94,28 @@ def written(tmp_path: Path) -> Path:
     return tmp_path / "drive"
 
 
-def cut(image: Path) -> None:
-    image.write_bytes(image.read_bytes()[:100])
+def cut_images(folder: Path, first: int, last: int) -> None:
+    for image in sorted((folder / "radar").iterdir())[first:last]:
+        image.write_bytes(image.read_bytes()[:100])
 
 
 def test_a_polar_scan_that_cannot_be_read_measures_none(written: Path, caplog: pytest.LogCaptureFixture) -> None:
-    cut(sorted((written / "radar").iterdir())[2])
+    cut_images(written, 2, 3)
     with caplog.at_level("INFO", "mqslam.detection.stage"):
-        velocities = detect_all(open_recording(written), DETECTOR, with_velocities=True)[1].velocities
-    assert velocities is not None and velocities.reasons == {Outcome.UNREAD.reason: 1}
+        velocities = detect_velocities(open_recording(written))
+    assert velocities.reasons == {Outcome.UNREAD.reason: 1}
     assert np.flatnonzero(~velocities.measured).tolist() == [2] and np.isnan(velocities.velocities[2]).all()
     assert "5 of 6 scans measured the velocity, 1 not: the polar scan could not be read" in caplog.text
 
 
 def test_a_stretch_of_which_nothing_can_be_read_joins_the_others(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for image in sorted((written / "radar").iterdir())[2:4]:
-        cut(image)
+    cut_images(written, 2, 4)
     monkeypatch.setattr(stage, "_CHUNK", 2)
-    velocities = detect_all(open_recording(written), DETECTOR, with_velocities=True)[1].velocities
-    assert velocities is not None and velocities.measured.tolist() == [True, True, False, False, True, True]
+    velocities = detect_velocities(open_recording(written))
+    assert velocities.measured.tolist() == [True, True, False, False, True, True]
 
 
 def test_a_stretch_has_the_velocities_that_the_whole_recording_has() -> None:
-    whole = detect_all(drive(), DETECTOR, with_velocities=True)[1].velocities
-    part = detect_stretch(drive(), DETECTOR, 4, 7, with_velocities=True).velocities
-    assert whole is not None and part is not None
-    stretch = slice(4, 7)
-    assert_equal(
-        part,
-        Velocities(
-            whole.times[stretch],
-            whole.velocities[stretch],
-            whole.covariances[stretch],
-            whole.outcomes[stretch],
-            whole.doppler_beta,
-        ),
-    )
+    whole, part = detect_velocities(drive()), detect_stretch(drive(), DETECTOR, 4, 7, with_velocities=True).velocities
+    arrays = (a[4:7] for a in (whole.times, whole.velocities, whole.covariances, whole.outcomes))
+    assert_equal(part, Velocities(*arrays, whole.doppler_beta))

@@ -11,7 +11,7 @@ from support.drives import street_drive
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Returns, Scan
-from mqslam.frontends.bidirectional import DirectedMotion, join, reverse_time, turn_back
+from mqslam.frontends.bidirectional import DirectedMotion, ReversedScans, join, turn_back
 
 STEP = np.array([2.0, 0.1, 0.05])
 SURE = np.diag([4e-4, 1e-4, 1e-6])
@@ -51,7 +51,7 @@ LONG = make_scans([0.25 * k for k in range(2000)])
 
 def test_a_recording_played_backward_twice_is_the_recording() -> None:
     scans = list(street_drive()[1][:6])
-    again = reverse_time(reverse_time(scans))
+    again = ReversedScans(ReversedScans(scans))
     for a, b in zip(scans, again, strict=True):
         assert (b.t0 - again[0].t0, b.t1 - again[0].t0) == pytest.approx((a.t0 - scans[0].t0, a.t1 - scans[0].t0))
         np.testing.assert_allclose(b.returns.times - again[0].t0, a.returns.times - scans[0].t0, atol=1e-9)
@@ -59,30 +59,25 @@ def test_a_recording_played_backward_twice_is_the_recording() -> None:
         np.testing.assert_array_equal(b.returns.azimuths, a.returns.azimuths)
 
 
-def test_played_backward_a_scan_begins_where_the_next_one_began() -> None:
-    scans = [replace(scan, t1=scan.t1 - 0.01) for scan in SCANS]  # a turn ends a little before the next one begins
-    starts = [scan.t0 for scan in reverse_time(scans)]
-    np.testing.assert_allclose(starts, [0.0, 0.24, 0.49, 0.74, 0.99])
+PAUSED = make_scans([0.0, 0.25, 3.0, 3.25])
+EARLY = [replace(scan, t1=scan.t1 - 0.01) for scan in SCANS]  # a turn ends a little before the next one begins
 
 
-def test_before_a_pause_a_scan_begins_at_its_own_end() -> None:
-    starts = [scan.t0 for scan in reverse_time(make_scans([0.0, 0.25, 3.0, 3.25]))]
-    np.testing.assert_allclose(starts, [0.0, 0.25, 3.0, 3.25])
+@pytest.mark.parametrize(("scans", "starts"), [(EARLY, [0.0, 0.24, 0.49, 0.74, 0.99]), (PAUSED, [0.0, 0.25, 3.0, 3.25])])
+def test_played_backward_a_scan_begins_where_the_next_one_began_and_before_a_pause_at_its_own_end(
+    scans: list[Scan], starts: list[float]
+) -> None:
+    np.testing.assert_allclose([scan.t0 for scan in ReversedScans(scans)], starts)
 
 
-def test_the_mean_of_two_measurements_of_one_motion_is_marked_as_one() -> None:
+@pytest.mark.parametrize("off", [np.zeros(3), np.array([0.01, -0.004, 0.0006])])
+def test_the_mean_lies_between_what_both_directions_measure_and_is_marked_as_one(off: np.ndarray) -> None:
     forward = drive(SCANS)
-    for motion in join_motions(SCANS, forward, play_backward(forward))[1:]:
-        np.testing.assert_allclose(motion.pose, STEP, atol=1e-12)
-        np.testing.assert_allclose(motion.apart, 0.0, atol=1e-12)
-        assert motion.on_map
-
-
-def test_the_mean_lies_between_what_both_directions_measure() -> None:
-    forward, off = drive(SCANS), np.array([0.01, -0.004, 0.0006])
     backward = play_backward([replace(m, pose=STEP + off) for m in forward])
     for motion in join_motions(SCANS, forward, backward)[1:]:
         np.testing.assert_allclose(motion.pose, STEP + 0.5 * off, atol=1e-12)
+        np.testing.assert_allclose(motion.apart, off, atol=1e-12)
+        assert motion.on_map
 
 
 def waver(motions: list[Measurement], truth: np.ndarray, seed: int) -> list[Measurement]:
@@ -146,11 +141,6 @@ def test_measurements_that_contradict_each_other_are_less_sure_than_the_others()
     assert np.sqrt(joined[999].covariance[2, 2]) < 0.001
 
 
-def test_the_first_motion_is_measured_forward_alone() -> None:
-    forward = drive(SCANS)
-    assert np.isnan(join_motions(SCANS, forward, play_backward(forward))[0].apart).all()
-
-
 @pytest.mark.parametrize("worse", [Status.LOST, Status.DEGENERATE, Status.AMBIGUOUS])
 @pytest.mark.parametrize("turn", [lambda a, b: (a, b), lambda a, b: (b, a)], ids=["forward", "backward"])
 def test_the_direction_that_kept_the_track_is_taken_alone(
@@ -197,8 +187,13 @@ def test_where_nothing_is_observed_both_count_by_what_they_know_and_no_surer_tha
         assert motion.status is Status.DEGENERATE
 
 
-def test_over_a_pause_the_motion_is_measured_forward_alone() -> None:
-    scans = make_scans([0.0, 0.25, 3.0, 3.25, 3.5])
-    forward = drive(scans)
-    joined = join_motions(scans, forward, play_backward(forward))
-    assert [bool(np.isfinite(m.apart[0])) for m in joined] == [False, False, False, True]
+@pytest.mark.parametrize(
+    ("starts", "twice"),
+    [([0.0, 0.25, 0.5, 0.75, 1.0], [False, True, True, True]), ([0.0, 0.25, 3.0, 3.25, 3.5], [False, False, False, True])],
+)
+def test_the_first_motion_and_those_beside_a_pause_are_measured_forward_alone(
+    starts: list[float], twice: list[bool]
+) -> None:
+    scans = make_scans(starts)
+    joined = join_motions(scans, drive(scans), play_backward(drive(scans)))
+    assert [bool(np.isfinite(m.apart).all()) for m in joined] == twice

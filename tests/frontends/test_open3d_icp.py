@@ -29,15 +29,22 @@ def test_generalized_icp_stays_in_the_plane() -> None:
     np.testing.assert_array_less(np.sqrt(np.mean(off**2, axis=0)), [0.15, 0.08, 0.01])
 
 
-def test_without_open3d_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "open3d", None)
-    with pytest.raises(ConfigError, match=r"open3d_icp: Open3D is not installed; install it with: .*\[open3d\]"):
-        Open3dIcpFrontEnd(context(Config()))
-
-
-def test_without_its_system_library_the_error_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "open3d.py").write_text("raise ImportError('libusb-1.0.so.0: cannot open shared object file')\n")
-    monkeypatch.delitem(sys.modules, "open3d", raising=False)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    with pytest.raises(ConfigError, match=r"open3d_icp: .*libusb-1\.0-0"):
+@pytest.mark.parametrize(
+    ("module", "message"),
+    [
+        (None, r"Open3D is not installed; install it with: .*\[open3d\]"),
+        ("raise ImportError('libusb-1.0.so.0: cannot open shared object file')\n", r".*libusb-1\.0-0"),
+    ],
+    ids=["not installed", "without its system library"],
+)
+def test_where_open3d_cannot_be_imported_the_error_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str | None, message: str
+) -> None:
+    if module is None:
+        monkeypatch.setitem(sys.modules, "open3d", None)
+    else:
+        (tmp_path / "open3d.py").write_text(module)
+        monkeypatch.delitem(sys.modules, "open3d", raising=False)
+        monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(ConfigError, match=f"open3d_icp: {message}"):
         Open3dIcpFrontEnd(context(Config()))

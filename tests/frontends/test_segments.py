@@ -121,12 +121,14 @@ def at(x: float, *, on_map: bool = True) -> DirectedMotion:
 
 
 def test_motions_pass_from_one_track_to_the_next_by_and_by() -> None:
-    whole = extend([at(1.0) for _ in range(6)], 3, [at(2.0) for _ in range(5)])
+    whole: list[DirectedMotion | None] = [at(1.0) for _ in range(6)]
+    extend(whole, 3, [at(2.0) for _ in range(5)])
     assert [m.motion.pose[0] for m in whole if m] == [1.0, 1.0, 1.0, 1.25, 1.5, 1.75, 2.0, 2.0]
     assert whole[4] is not None and whole[4].motion.covariance[0, 0] == 1.5
 
 
 def test_a_track_that_lost_a_scan_leaves_it_to_the_other() -> None:
     lost, good = at(1.0, on_map=False), at(2.0)
-    assert [m and m.motion.pose[0] for m in extend([lost, good, None], 0, [good, lost, good])] == [2.0, 2.0, 2.0]
-    assert extend([None], 0, [None]) == [None]
+    whole = [lost, good, None, None]
+    extend(whole, 0, [good, lost, good, None])
+    assert [m and m.motion.pose[0] for m in whole] == [2.0, 2.0, 2.0, None]

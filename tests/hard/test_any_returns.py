@@ -20,7 +20,7 @@ from mqslam.execution.local_engine import HERE
 from mqslam.execution.progress import ignore_progress
 from mqslam.mapping.render import place_along, render
 from mqslam.psi.place import beam_of
-from mqslam.psi.scoring.references import make_references
+from mqslam.psi.score import make_references
 
 TURN_S = 0.25
 CONFIG = Config()

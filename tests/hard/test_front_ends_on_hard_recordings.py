@@ -27,9 +27,10 @@ from mqslam.config import Config
 from mqslam.core.measurement import Status
 from mqslam.core.scans import Returns, Scan
 from mqslam.errors import EstimationError
+from mqslam.psi.minimiser import kernel_of
 from mqslam.psi.place import beam_of
-from mqslam.psi.tracking.dynamics import LONGEST_COAST_S
-from mqslam.psi.window import find_window_motion
+from mqslam.psi.tracking.state import LONGEST_COAST_S
+from mqslam.psi.window import Window
 from mqslam.solution import Solution
 
 BEYOND_CHANCE = 25.0  # of a chi-square with three degrees of freedom: one in 65,000
@@ -152,6 +153,7 @@ def test_the_motion_of_three_scans_alone_is_sound(name: str) -> None:
     scans, estimator = HARD[name]()[:3], Config().estimator
     returns, turn_s = Returns.concatenate([w.returns for w in scans]), scans[0].t1 - scans[0].t0
     speeds, yaw_rates = np.arange(-1.5, 8.0, 0.75), np.linspace(-0.2, 0.2, 5)
-    result = find_window_motion(returns, scans[0].t0, turn_s, estimator, beam_of(estimator, 0.0), speeds, yaw_rates)
+    window = Window(returns, scans[0].t0, kernel_of(estimator, turn_s), estimator, beam_of(estimator, 0.0))
+    result = window.find(speeds, yaw_rates)
     assert np.isfinite(result.theta).all()
     np.testing.assert_array_less(0.0, np.linalg.eigvalsh(result.covariance))

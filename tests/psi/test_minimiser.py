@@ -12,7 +12,7 @@ from support.clouds import TURN_S, point_set
 from mqslam.config import EstimatorConfig
 from mqslam.psi.minimiser import CORRELATION, Minimum, Prior, Search, kernel_of, minimise
 from mqslam.psi.place import PointSet
-from mqslam.psi.scoring.references import make_references
+from mqslam.psi.score import make_references
 
 CONFIG = EstimatorConfig()
 

@@ -6,11 +6,11 @@ from support.drives import constant, drive, joined
 
 from mqslam.config import Config
 from mqslam.core.measurement import Status
-from mqslam.core.motion import ACCELERATED_TWIST, CONSTANT_VELOCITY
+from mqslam.core.motion import ACCELERATED_TWIST, CONSTANT_TWIST, CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
-from mqslam.psi.minimiser import kernel_of
+from mqslam.psi.minimiser import annealed_scale, kernel_of
 from mqslam.psi.place import beam_of
-from mqslam.psi.window import WindowMotion, estimate_window, find_window_motion, score_all_twists, score_window, search_twist
+from mqslam.psi.window import Window, WindowMotion
 from mqslam.simulator import ConstantDrive, Drive, Scene, make_corridor_scene, make_street_scene, make_yard_scene
 
 ESTIMATOR = Config().estimator
@@ -26,7 +26,11 @@ def window(scene: Scene, motion: Drive, seed: int, beta: float = 0.0, scans: int
 
 
 def estimated(returns: Returns, start: np.ndarray, beta: float = 0.0) -> WindowMotion:
-    return estimate_window(returns, 0.0, KERNEL, ESTIMATOR, beam_of(ESTIMATOR, beta), start)
+    return made_of(returns, beta).estimate(start)
+
+
+def made_of(returns: Returns, beta: float = 0.0) -> Window:
+    return Window(returns, 0.0, KERNEL, ESTIMATOR, beam_of(ESTIMATOR, beta))
 
 
 def in_yard(seed: int) -> tuple[Scene, ConstantDrive]:
@@ -65,15 +69,14 @@ def test_the_search_lands_in_the_basin_of_the_truth() -> None:
     for place, seed in ((on_street, 1), (in_yard, 2)):
         scene, motion = place(seed)
         returns = window(scene, motion, seed, scans=2)
-        beam = beam_of(ESTIMATOR, 0.0)
-        twist = search_twist(returns, 0.0, KERNEL, ESTIMATOR, beam, SPEEDS, YAW_RATES)
-        scores = score_all_twists(returns, 0.0, KERNEL, ESTIMATOR, beam, SPEEDS, YAW_RATES)
+        seen = made_of(returns)
+        twist, scores = seen.search(SPEEDS, YAW_RATES), seen.score_grid(SPEEDS, YAW_RATES)
         assert scores.shape == (41, 13)
         assert abs(twist[0] - motion.v) <= 0.8
         assert twist[1] == 0.0
         assert abs(twist[2] - motion.omega) <= 0.1 + 1e-9
         at = int(np.abs(SPEEDS - twist[0]).argmin()), int(np.abs(YAW_RATES - twist[2]).argmin())
-        assert scores[at] == scores.min() == score_window(returns, 0.0, TURN_S, ESTIMATOR, beam, twist).psi
+        assert scores[at] == scores.min() == seen.score(twist, CONSTANT_TWIST, annealed_scale(ESTIMATOR, 0)).psi
         truth = np.array([motion.v, 0.0, motion.omega])
         np.testing.assert_array_less(np.abs(estimated(returns, twist).theta - truth), [0.2, 0.15, 0.01])
 
@@ -81,11 +84,10 @@ def test_the_search_lands_in_the_basin_of_the_truth() -> None:
 @pytest.mark.parametrize("shape", [(1, 1), (2, 5), (41, 13), (40, 12), (42, 14)])
 def test_the_search_finds_the_best_of_a_grid_of_any_size(shape: tuple[int, int]) -> None:
     _, motion = on_street(1)
-    returns, beam = window(*on_street(1), 1, scans=2), beam_of(ESTIMATOR, 0.0)
+    seen = made_of(window(*on_street(1), 1, scans=2))
     speeds = motion.v + 0.8 * (np.arange(shape[0]) - shape[0] // 3)
     yaw_rates = motion.omega + 0.1 * (np.arange(shape[1]) - shape[1] // 2)
-    found = search_twist(returns, 0.0, KERNEL, ESTIMATOR, beam, speeds, yaw_rates)
-    scores = score_all_twists(returns, 0.0, KERNEL, ESTIMATOR, beam, speeds, yaw_rates)
+    found, scores = seen.search(speeds, yaw_rates), seen.score_grid(speeds, yaw_rates)
     best = np.unravel_index(np.argmin(scores), scores.shape)
     assert found.tolist() == [speeds[best[0]], 0.0, yaw_rates[best[1]]]
 
@@ -113,8 +115,7 @@ def test_each_model_estimates_its_own_parameters() -> None:
         (CONSTANT_VELOCITY, [6.0, 0.05], [0.1, 0.005]),
         (ACCELERATED_TWIST, [6.0, 0.0, 0.05, 0.0, 0.0], [0.2, 0.1, 0.01, 0.6, 0.04]),
     ):
-        beam = beam_of(ESTIMATOR, 0.0)
-        estimate = estimate_window(returns, 0.0, KERNEL, ESTIMATOR, beam, start, model)
+        estimate = made_of(returns).estimate(start, model)
         assert estimate.covariance.shape == (model.size, model.size)
         np.testing.assert_array_less(np.linalg.eigvalsh(-estimate.covariance), 0.0)
         np.testing.assert_array_less(np.abs(estimate.theta - truth), bounds)
@@ -122,9 +123,7 @@ def test_each_model_estimates_its_own_parameters() -> None:
 
 def test_a_window_needs_no_start() -> None:
     scene, motion = on_street(2)
-    estimate = find_window_motion(
-        window(scene, motion, 2), 0.0, TURN_S, ESTIMATOR, beam_of(ESTIMATOR, 0.0), SPEEDS, YAW_RATES
-    )
+    estimate = made_of(window(scene, motion, 2)).find(SPEEDS, YAW_RATES)
     assert estimate.status is Status.CONVERGED
     np.testing.assert_array_less(np.abs(estimate.theta - [motion.v, 0.0, motion.omega]), [0.1, 0.05, 0.005])
 
@@ -148,7 +147,7 @@ def past_a_fence(spacing: float, v: float, seed: int) -> Returns:
 def test_a_fence_of_equal_posts_is_not_taken_for_a_sure_motion(seed: int) -> None:
     """A metre and a half between posts looks like six metres a second more or less."""
     returns = past_a_fence(1.5, 4.0, seed)
-    estimate = find_window_motion(returns, 0.0, TURN_S, ESTIMATOR, beam_of(ESTIMATOR, 0.0), SPEEDS, YAW_RATES)
+    estimate = made_of(returns).find(SPEEDS, YAW_RATES)
     assert estimate.status in (Status.AMBIGUOUS, Status.DEGENERATE)
     assert abs((estimate.theta[0] - 4.0 + 3.0) % 6.0 - 3.0) < 0.2
 

@@ -8,6 +8,8 @@ from functools import lru_cache
 import numpy as np
 
 from mqslam.config import Config
+from mqslam.core import se2
+from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.detection.stage import detect_all
 from mqslam.simulator import ConstantDrive, Drive, Scene, SensorModel, SimulatedRecording, simulate_recording
@@ -64,6 +66,14 @@ def constant(v: float, omega: float) -> ConstantDrive:
 def joined(scans: Sequence[Scan]) -> Returns:
     """Returns the returns of several scans as one."""
     return Returns.concatenate([w.returns for w in scans])
+
+
+def find_errors(recording: SimulatedRecording, motions: Sequence[Measurement]) -> se2.Array:
+    """Returns by how much (N, 3) motions are off the simulated ones [m, m, rad]."""
+    truth = [se2.between(*recording.drive.poses(np.array([m.t0, m.t1]))) for m in motions]
+    errors = se2.between(truth, np.array([m.pose for m in motions]))
+    errors[:, 2] = se2.wrap(errors[:, 2])
+    return errors
 
 
 def noise(scan: Scan, count: int = 400, seed: int = 1) -> Scan:

@@ -28,9 +28,9 @@ from mqslam.detection.stage import make_scans
 from mqslam.errors import EstimationError
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam, beam_of
-from mqslam.psi.tracking.setup import START_SCANS, Tuning
-from mqslam.psi.tracking.tracked import Tracked
-from mqslam.psi.tracking.tracker import Tracker
+from mqslam.psi.tracking.cold_start import START_SCANS
+from mqslam.psi.tracking.local_map import Tuning
+from mqslam.psi.tracking.tracker import Tracked, Tracker
 
 QUANTILES = (0.5, 0.9, 0.99, 0.999)
 LEVELS = (40, 60, 80)  # readings of power, of 255, above which shares of bins are counted

@@ -7,7 +7,7 @@ normalised by its covariance is a chi-square with three degrees of freedom.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -16,8 +16,13 @@ from numpy.typing import NDArray
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
-from mqslam.psi.covariance import estimate_covariance_by_differences
-from mqslam.psi.gaussians import floor_variances
+from mqslam.psi.covariance import (
+    curvature_by_differences,
+    estimate_covariance,
+    find_weak_directions,
+    floor_variances,
+    spread_along,
+)
 from mqslam.psi.minimiser import (
     BETA_T,
     Minimum,
@@ -28,11 +33,9 @@ from mqslam.psi.minimiser import (
     final_scale,
     kernel_of,
     minimise,
-    score_itself,
 )
-from mqslam.psi.observability import find_weak_directions, spread_along
 from mqslam.psi.place import PointSet
-from mqslam.psi.scoring.estimator import Kernel, PsiEvaluation, Scale
+from mqslam.psi.score import Kernel, PsiEvaluation, Scale, evaluate
 
 # The first search for a window's best map begins with this share of the annealing's widths, which finds all but large
 # corrections.
@@ -110,7 +113,7 @@ class _Window:
 
     def score(self, twist: NDArray[np.float64], scale: Scale) -> PsiEvaluation:
         """Returns the score of the map under a twist."""
-        return score_itself(self.render(twist), scale, self.kernel)
+        return evaluate(self.render(twist), None, scale, self.kernel)
 
     def minimise(self, share: float) -> Minimum:
         """Finds the twist that makes the map its best, with an annealing that begins with a share of its widths."""
@@ -128,14 +131,11 @@ class _Window:
         units, final = self.units, final_scale(self.estimator)
         placed = self.render(minimum.state)
         rendered = Rendered(self.render, None, self.kernel)  # keeps the neighbours between small differences
-        covariance = estimate_covariance_by_differences(
-            minimum.evaluation,
-            placed.points,
-            self.estimator.cluster_m,
-            lambda twist: rendered.evaluate(twist, final).gradient,
-            minimum.state,
-            _DIFFERENCE_STEP * units,
+        curvature = curvature_by_differences(
+            lambda twist: rendered.evaluate(twist, final).gradient, minimum.state, _DIFFERENCE_STEP * units
         )
+        evaluation = replace(minimum.evaluation, curvature=curvature)
+        covariance = estimate_covariance(evaluation, placed.points, self.estimator.cluster_m)
         covariance = floor_variances(covariance, _STEP * units) + spread_along(weak, _UNOBSERVED * units)
         moved = placed.points - self.render(np.zeros(3)).points
         return Bend(

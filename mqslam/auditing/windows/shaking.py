@@ -22,8 +22,9 @@ from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
-from mqslam.psi.minimiser import final_scale, score_itself
+from mqslam.psi.minimiser import final_scale
 from mqslam.psi.place import PointSet
+from mqslam.psi.score import evaluate
 
 _SIDE: Final = 3  # poses before one and as many after it through which a parabola is laid: 1.5 s at four scans per second
 
@@ -87,7 +88,7 @@ def _measure_rise(shared: _Shared, window: tuple[int, int]) -> float:
         return 0.0
     moved = replace(points, points=_move(sweeps, smoothed, begin, end, points))
     scale, kernel = final_scale(estimator), count_in_sweeps(estimator, sweeps.revolution_s)
-    given, smoother = (score_itself(one, scale, kernel).psi for one in (points, moved))
+    given, smoother = (evaluate(one, None, scale, kernel).psi for one in (points, moved))
     return (given - smoother) / len(points)
 
 

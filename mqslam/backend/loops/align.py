@@ -17,13 +17,11 @@ from mqslam.backend.loops.rigid import ANY_TIME, minimise_rigidly, move_rigidly,
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.correlate import compute_same_m, find_correlation_peaks
-from mqslam.psi.covariance import estimate_covariance, sum_by_object
+from mqslam.psi.covariance import estimate_covariance, find_weak_directions, sum_by_object
 from mqslam.psi.minimiser import Minimum, annealed_scale, final_scale, kernel_of
-from mqslam.psi.observability import find_weak_directions
+from mqslam.psi.neighbours import mark_near
 from mqslam.psi.place import PointSet
-from mqslam.psi.scoring.estimator import PsiEvaluation, Scale
-from mqslam.psi.scoring.neighbours import mark_near
-from mqslam.psi.scoring.references import References, evaluate_against
+from mqslam.psi.score import PsiEvaluation, References, Scale, evaluate
 
 # The next best pose must score worse than the best one by at least this factor.
 RIVAL: Final = 1.1
@@ -81,7 +79,7 @@ def align(
     """
     reach_m, reach_rad = reach
     minima = []
-    peaks = find_correlation_peaks(references.points.points, query.points, guess, reach_m, reach_rad, config)
+    peaks = find_correlation_peaks(references.points, query.points, guess, reach_m, reach_rad, config)
     others = [peak for peak in peaks if not np.array_equal(peak, guess)]  # a search from the same pose finds the same
     for start in [guess, *others]:  # the trajectory's own pose is a hypothesis, too
         minimum = minimise_rigidly(start, query, references, config, TOLERANCES)
@@ -156,4 +154,4 @@ def observes_all(references: References, points: PointSet, config: EstimatorConf
 
 def _score(references: References, points: PointSet, scale: Scale, config: EstimatorConfig) -> PsiEvaluation:
     """Returns the score of points among references whatever their times."""
-    return evaluate_against(points, references, scale, kernel_of(config, ANY_TIME))
+    return evaluate(points, references, scale, kernel_of(config, ANY_TIME))

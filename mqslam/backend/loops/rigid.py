@@ -16,6 +16,7 @@ from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.minimiser import (
     CORRELATION,
+    SKIN_M,
     STABILISER,
     STEPS,
     Expansion,
@@ -26,17 +27,18 @@ from mqslam.psi.minimiser import (
     kernel_of,
     shorten_step,
 )
+from mqslam.psi.neighbours import do_serve, list_near
 from mqslam.psi.place import PointSet, rotate_covariances
-from mqslam.psi.scoring.estimator import (
+from mqslam.psi.score import (
     Kernel,
     Neighbours,
     PsiEvaluation,
+    References,
     Scale,
     add_up_neighbours,
     find_reach,
     weigh_offsets,
 )
-from mqslam.psi.scoring.references import References, Surroundings, do_serve, list_pairs
 
 _NO_PULLS: Final = np.empty((0, 2, 3))
 ANY_TIME: Final = 0.0
@@ -73,12 +75,11 @@ def minimise_rigidly(
         tolerances: as for `minimise`.
         first: step of the annealing that it begins with.
     """
-    around = references.surroundings
     scales = [annealed_scale(config, step) for step in range(first, first + STEPS)]
     kernel, last = kernel_of(config, ANY_TIME), final_scale(config)
     start, submap = np.asarray(start, dtype=np.float64), (points.points, points.covariances)
     damping = STABILISER, CORRELATION
-    state, converged, sums = _descend(start, submap, around, np.array(scales), last, kernel, damping, tolerances)
+    state, converged, sums = _descend(start, submap, references, np.array(scales), last, kernel, damping, tolerances)
     placed = move_rigidly(points, state)
     evaluation = PsiEvaluation(*weigh_offsets(placed.covariances, placed.jacobians, sums, _NO_PULLS, last))
     return Minimum(state, evaluation, converged)
@@ -88,7 +89,7 @@ def minimise_rigidly(
 def _descend(
     start: NDArray[np.float64],
     submap: tuple[NDArray[np.float64], NDArray[np.float64]],
-    around: Surroundings,
+    around: References,
     scales: NDArray[np.float64],
     last: Scale,
     kernel: Kernel,
@@ -114,16 +115,16 @@ def _descend(
     state, nothing, free, converged = start.copy(), np.zeros(3), np.zeros((3, 3)), False
     sums = np.empty((len(own), 10))
     reach = find_reach(Scale(scales[0, 0], scales[0, 1], scales[0, 2]), kernel)
-    pairs = list_pairs(place_rigidly(own, state), around, reach)
+    lists = list_near(around.grid, place_rigidly(own, state), reach + SKIN_M)
     any_times, any_views, no_pulls = np.empty(0), np.empty((0, 2)), np.empty((0, 2, 3))
     for step in range(len(scales) + 1):
         ends = converged or step == len(scales)
         k = min(step, len(scales) - 1)
         scale = last if ends else Scale(scales[k, 0], scales[k, 1], scales[k, 2])
         placed, reach = place_rigidly(own, state), find_reach(scale, kernel)
-        if not do_serve(pairs, placed, reach):
-            pairs = list_pairs(placed, around, reach)
-        near = Neighbours(around.known, no_pulls, pairs.begins, pairs.indices)
+        if not do_serve(lists, placed, reach, SKIN_M):
+            lists = list_near(around.grid, placed, reach + SKIN_M)
+        near = Neighbours(around.known, no_pulls, lists.offsets, lists.indices)
         add_up_neighbours(placed, any_times, any_views, near, scale, kernel, sums, no_pulls)
         if ends:
             break
@@ -162,7 +163,7 @@ def measure_rigid_move(points: NDArray[np.float64], yaw: float, move: NDArray[np
 def expand_rigidly(
     own: NDArray[np.float64], cov: NDArray[np.float64], yaw: float, sums: NDArray[np.float64], scale: Scale
 ) -> Expansion:
-    """Returns the score of a submap around a pose, up to second order; see `estimator.weigh_offsets`.
+    """Returns the score of a submap around a pose, up to second order; see `score.weigh_offsets`.
 
     Its letters are those of that function.
 

@@ -18,7 +18,7 @@ from mqslam.core.engine import Engine
 from mqslam.core.measurement import Loop
 from mqslam.execution.progress import Progress
 from mqslam.psi.place import Beam, PointSet
-from mqslam.psi.scoring.references import make_references
+from mqslam.psi.score import make_references
 
 # A submap with fewer returns than this is not compared.
 _FEWEST = 300

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config import PsiConfig
-from mqslam.psi.scoring.neighbours import CandidateLists, find_candidates, sort_into_cells
+from mqslam.psi.neighbours import NearbyLists, find_candidates, find_longest, sort_into_cells
 
 # Distance at which the spatial kernel peaks [m]. The paper gives no value; what is nearest belongs together.
 ALPHA_S = 0.0
@@ -66,7 +66,7 @@ def score(
     revolution_s: float,
     config: PsiConfig,
     jacobians: NDArray[np.float64] | None = None,
-    lists: CandidateLists | None = None,
+    lists: NearbyLists | None = None,
 ) -> PsiScore:
     """Scores a rendered window.
 
@@ -148,7 +148,7 @@ def _score(
     points: NDArray[np.float64],
     times: NDArray[np.float64],
     jacobians: NDArray[np.float64],
-    lists: CandidateLists,
+    lists: NearbyLists,
     parameters: _Parameters,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
     """Returns the shares (N,) of the pair sum, the number (N,) of selected neighbours and the gradient (P,)."""
@@ -158,7 +158,7 @@ def _score(
     shares, counts = np.zeros(n), np.zeros(n, np.int64)
     pull = np.zeros((n, 2))  # derivative of the pair sum by the position of each point
     limit = -np.log(xi)
-    longest = _longest_list(offsets)
+    longest = find_longest(offsets)
     chosen = np.empty(longest, np.int64)
     distance = np.empty(longest)
     exponent = np.empty(longest)
@@ -213,16 +213,11 @@ def _score(
             pull[i, 1] += pull_y + sy
             pull[chosen[best], 0] -= sx
             pull[chosen[best], 1] -= sy
-    return shares, counts, _sum_gradient(pull, jacobians)
-
-
-@nb.njit(cache=True, nogil=True)
-def _longest_list(offsets: NDArray[np.int64]) -> int:
-    """Returns the largest number of candidates that a point has."""
-    longest = 0
-    for i in range(len(offsets) - 1):
-        longest = max(longest, offsets[i + 1] - offsets[i])
-    return longest
+    gradient = np.zeros(jacobians.shape[2])
+    for i in range(n):
+        for p in range(len(gradient)):
+            gradient[p] += pull[i, 0] * jacobians[i, 0, p] + pull[i, 1] * jacobians[i, 1, p]
+    return shares, counts, gradient
 
 
 @nb.njit(cache=True, nogil=True)
@@ -236,13 +231,3 @@ def _find_best(chosen: NDArray[np.int64], distance: NDArray[np.float64], exponen
         ):
             best = k
     return best
-
-
-@nb.njit(cache=True, nogil=True)
-def _sum_gradient(pull: NDArray[np.float64], jacobians: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the gradient (P,) by the motion parameters from the derivative (N, 2) by the points' positions."""
-    gradient = np.zeros(jacobians.shape[2])
-    for i in range(len(pull)):
-        for p in range(len(gradient)):
-            gradient[p] += pull[i, 0] * jacobians[i, 0, p] + pull[i, 1] * jacobians[i, 1, p]
-    return gradient

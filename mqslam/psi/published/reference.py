@@ -1,4 +1,4 @@
-"""Readable twins of `mqslam.psi.published.equations` and `mqslam.psi.scoring.estimator`, which the tests hold these to.
+"""Readable twins of `mqslam.psi.published.equations` and `mqslam.psi.score`, which the tests hold these to.
 
 They compute the equations as they stand, and are slow.
 """
@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from mqslam.config import PsiConfig
 from mqslam.psi.place import PointSet
 from mqslam.psi.published.equations import ALPHA_S, XI, PsiScore, check_points
-from mqslam.psi.scoring.estimator import Kernel, PsiEvaluation, Scale
+from mqslam.psi.score import Kernel, PsiEvaluation, Scale
 
 
 def score_reference(

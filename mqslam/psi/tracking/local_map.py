@@ -1,22 +1,54 @@
-"""The running map: the returns of the last keyframes, where they were rendered."""
+"""The running map: the returns of the last keyframes, where they were rendered, and how a track is matched to it."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mqslam.core import se2
+from mqslam.psi.minimiser import APART_BLUR, APART_SHARE, CORRELATION
 from mqslam.psi.place import PointSet
-from mqslam.psi.scoring.references import make_references
-from mqslam.psi.tracking.setup import Tuning
+from mqslam.psi.score import make_references
 
 # A scan also joins the map after this much turning [rad].
 _KEYFRAME_RAD = 0.1
 # A map with fewer keyframes than this takes new ones at shorter distances, because it is thin.
 _GROWN_KEYFRAMES = 8
+
+
+class Tuning(NamedTuple):
+    """How a track is matched to its map. A figure that is to stay comparable fixes its own values.
+
+    Args:
+        keyframe_m: a scan joins the map after this much travel [m]. A map of few keyframes takes scans sooner.
+        keyframes: number of scans that the map holds.
+        final_width: factor on the final widths s and beta_s where a scan is matched to the map, whose many keyframes scatter
+            more than the scans of a window.
+        first_step: first step of the annealing at which the match of a predicted scan begins. A prediction is nearer to the
+            match than the start of a search is, and the widest scale pulls scans back to where the map is denser.
+        prediction_margin: least beta_s at which a match begins, in units of the error that is expected of its prediction.
+        doubtful_psi: a match whose psi per return is this many times the usual one or more may be at a wrong minimum. Better
+            ones are looked for ahead of it, behind it, and turned to either side.
+        correlation: number of returns that tell the same (`mqslam.psi.minimiser.CORRELATION`).
+        apart_share: factor on the weight of a neighbour that was seen from a quite different direction.
+        apart_blur: factor on the blur of such a neighbour.
+    """
+
+    keyframe_m: float = 4.0
+    keyframes: int = 60
+    final_width: float = 1.2
+    first_step: int = 1
+    prediction_margin: float = 1.0
+    doubtful_psi: float = 1.15
+    correlation: float = CORRELATION
+    apart_share: float = APART_SHARE
+    apart_blur: float = APART_BLUR
+
+
+USUAL = Tuning()
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +104,7 @@ class LocalMap:
         """
         kept = sorted([*self._keyframes, _Keyframe(t0, pose.copy(), placed)], key=lambda keyframe: keyframe.t0)
         self._keyframes = kept[-self._tuning.keyframes :]
-        self.references = make_references(_join([keyframe.placed for keyframe in self._keyframes]))
+        self.references = make_references(_join(self._keyframes))
 
     def _is_far(self, t0: float, pose: se2.Array) -> bool:
         """Returns whether a scan is far from the keyframe nearest in time."""
@@ -85,16 +117,13 @@ class LocalMap:
         return bool(far or abs(moved[2]) > _KEYFRAME_RAD)
 
 
-def _join(parts: list[PointSet]) -> PointSet:
-    """Joins several point sets, without their jacobians: a map does not move."""
-
-    def column(arrays: list[NDArray[np.float64]], *shape: int) -> NDArray[np.float64]:
-        return np.concatenate([np.empty((0, *shape)), *arrays])
-
+def _join(keyframes: list[_Keyframe]) -> PointSet:
+    """Joins the points of keyframes, without their jacobians: a map does not move."""
+    parts = [keyframe.placed for keyframe in keyframes]
     return PointSet(
-        points=column([p.points for p in parts], 2),
+        points=np.concatenate([np.empty((0, 2)), *(p.points for p in parts)]),
         jacobians=np.zeros((0, 2, 0)),
-        covariances=column([p.covariances for p in parts], 3),
-        times=column([p.times for p in parts]),
-        rays=column([p.rays for p in parts], 2),
+        covariances=np.concatenate([np.empty((0, 3)), *(p.covariances for p in parts)]),
+        times=np.concatenate([np.empty(0), *(p.times for p in parts)]),
+        rays=np.concatenate([np.empty((0, 2)), *(p.rays for p in parts)]),
     )

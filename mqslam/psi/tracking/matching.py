@@ -1,26 +1,43 @@
-"""A scan matched to a map by psi: with a prediction, or by a search around one that may be far off."""
+"""A scan matched to a map by psi, from a prediction or by a search around one that may be far off, and how sure it is."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config import EstimatorConfig, TrackerConfig
 from mqslam.core.scans import Scan
 from mqslam.psi.correlate import compute_same_m, find_correlation_peaks
-from mqslam.psi.covariance import sum_by_object
-from mqslam.psi.minimiser import Minimum, Prior, Search, annealed_scale, final_scale, minimise
-from mqslam.psi.observability import find_weak_directions
-from mqslam.psi.place import PointSet, place
-from mqslam.psi.scoring.estimator import PsiEvaluation, Scale
-from mqslam.psi.scoring.references import evaluate_against
-from mqslam.psi.tracking.local_map import LocalMap
-from mqslam.psi.tracking.setup import Setup
-from mqslam.psi.tracking.state import MODEL, POSE, TOLERANCES, Belief, State
+from mqslam.psi.covariance import estimate_covariance, find_weak_directions, fuse, invert, sum_by_object
+from mqslam.psi.minimiser import STABILISER, Minimum, Prior, Search, annealed_scale, final_scale, kernel_of, minimise
+from mqslam.psi.place import Beam, PointSet, place
+from mqslam.psi.score import Kernel, PsiEvaluation, Scale, evaluate
+from mqslam.psi.tracking.local_map import USUAL, LocalMap, Tuning
+from mqslam.psi.tracking.state import (
+    ALPHA,
+    AX,
+    MODEL,
+    POSE,
+    SIGMA_AX,
+    SIGMA_VY,
+    SIZE,
+    SPEED_MIN,
+    START_ALPHA,
+    TOLERANCES,
+    VY,
+    YAW,
+    Belief,
+    State,
+    drop_directions,
+)
 from mqslam.psi.window import RIVAL
 
+# Change of yaw rate per 0.25 s that yaw acceleration does not explain, for the first scans of a track, whose turning is
+# hardly known yet [rad/s].
+_START_OMEGA = 0.08
 # Largest number of Newton steps when a scan is matched; with a good prediction a few are enough.
 _MATCHING_STEPS = 24
 # The search ends with a step shorter than this many standard deviations, which psi's curvature states.
@@ -37,46 +54,60 @@ _BESIDE_TURN = 0.08
 _BESIDE_TURNS = 4
 # Half width of the search for a scan around its prediction, in the prediction's standard deviations.
 _SEARCH_SIGMAS = 2.0
-# Least half width of the search for a scan [m], however sure the prediction claims to be.
-_SEARCH_LEAST_M = 3.0
-# Least half width of the search for a scan in yaw [rad], however sure the prediction claims to be.
-_SEARCH_LEAST_RAD = 0.05
-# Largest half width of the search for a scan [m].
-_SEARCH_MOST_M = 30.0
-# Largest half width of the search for a scan in yaw [rad].
-_SEARCH_MOST_RAD = 0.8
-
-
-@dataclass(frozen=True, slots=True)
-class Match:
-    """Where a search found a scan.
-
-    Args:
-        minimum: the best match.
-        rivalled: whether another place in the map fits about as well.
-    """
-
-    minimum: Minimum
-    rivalled: bool
+# Least and largest half width of the search for a scan, however sure the prediction claims to be [m], [rad].
+_SEARCH_M, _SEARCH_RAD = (3.0, 30.0), (0.05, 0.8)
 
 
 @dataclass(frozen=True, slots=True)
 class Matcher:
-    """Matches scans to a map.
+    """Matches the scans of a track to a map.
 
     Args:
-        setup: settings and sensor.
+        settings: of the tracker.
+        estimator: settings of the score and of its minimiser.
+        beam: the sensor's errors.
+        revolution_s: usual duration of a turn [s].
+        tuning: how scans are matched to the map.
+        is_reversed: whether the recording is played backward, so that speeds have the opposite sign.
+
+    Attributes:
+        matching: settings of the score where a scan is matched to the running map: the final widths are wider.
+        young: settings of the tracker for the first scans of a track, whose turning is less sure to go on.
+        kernel: the score besides its widths.
     """
 
-    setup: Setup
+    settings: TrackerConfig
+    estimator: EstimatorConfig
+    beam: Beam
+    revolution_s: float
+    tuning: Tuning = USUAL
+    is_reversed: bool = False
+    matching: EstimatorConfig = field(init=False)
+    young: TrackerConfig = field(init=False)
+    kernel: Kernel = field(init=False)
+
+    def __post_init__(self) -> None:
+        tuning = self.tuning
+        wider = {name: tuning.final_width * getattr(self.estimator, name) for name in ("s", "beta_s")}
+        livelier = {"sigma_omega": _START_OMEGA, "sigma_alpha": START_ALPHA}
+        views = {"apart_share": tuning.apart_share, "apart_blur": tuning.apart_blur * self.estimator.blur_m}
+        object.__setattr__(self, "matching", self.estimator.model_copy(update=wider))
+        object.__setattr__(self, "young", self.settings.model_copy(update=livelier))
+        object.__setattr__(self, "kernel", kernel_of(self.estimator, self.revolution_s)._replace(**views))
+
+    @property
+    def speeds(self) -> tuple[float, float]:
+        """Slowest and fastest forward speed that a cold start tries [m/s]."""
+        slowest, fastest = SPEED_MIN, self.settings.speed_max
+        return (-fastest, -slowest) if self.is_reversed else (slowest, fastest)
 
     def place(self, scan: Scan, state: State) -> PointSet:
         """Renders a scan under a state."""
-        return place(scan.returns, scan.t0, state.pose, state.motion, MODEL, self.setup.beam)
+        return place(scan.returns, scan.t0, state.pose, state.motion, MODEL, self.beam)
 
     def evaluate(self, scan: Scan, state: State, into: LocalMap) -> PsiEvaluation:
         """Scores a scan under a state against a map, at the widths that the minimiser ends with."""
-        return self._score(self.place(scan, state), final_scale(self.setup.matching), into)
+        return self._score(self.place(scan, state), final_scale(self.matching), into)
 
     def find_weak_directions(self, scan: Scan, state: State, into: LocalMap) -> NDArray[np.float64]:
         """Returns the directions (K, 3) of the start pose that a map does not show around a match.
@@ -87,42 +118,40 @@ class Matcher:
         All views count the same here. Where neighbours that were seen from the same direction counted more, even a bare
         wall would seem to hold the scan: at the place that the map was seen from.
         """
-        config = self.setup.matching
-        wide = self._score(self._place_blindly(scan, state), annealed_scale(config, 0), into)
+        wide = self._score(self._place_blindly(scan, state), annealed_scale(self.matching, 0), into)
         weak = find_weak_directions(wide, 3)
         return weak[[not self._stands_out(scan, state, direction, into) for direction in weak]]
 
     def minimise(self, scan: Scan, start: State, prior: Prior, into: LocalMap, first_step: int = 0) -> Minimum:
         """Finds the state near a start that minimises psi plus the prior; see `mqslam.psi.minimiser.minimise`."""
-        setup = self.setup
-        search = Search(_MATCHING_STEPS, first_step, _SETTLED, foresees=True, correlation=setup.tuning.correlation)
+        search = Search(_MATCHING_STEPS, first_step, _SETTLED, foresees=True, correlation=self.tuning.correlation)
         return minimise(
             start.vector,
             lambda vector: self.place(scan, State(vector)),
             into.references,
             prior,
-            setup.matching,
-            setup.kernel,
+            self.matching,
+            self.kernel,
             TOLERANCES,
             search,
         )
 
-    def search(self, scan: Scan, predicted: Belief, into: LocalMap, known: Sequence[Minimum]) -> Match:
+    def search(self, scan: Scan, predicted: Belief, into: LocalMap, known: Minimum) -> tuple[Minimum, bool]:
         """Finds the best match in the whole region that a prediction allows.
 
         Args:
             scan: the scan.
             predicted: its state as predicted, with the uncertainty that bounds the search.
             into: the map.
-            known: at least one match that was there before; it takes part.
+            known: a match that was there before; it takes part.
+
+        Returns:
+            The best match, and whether another place in the map fits about as well.
         """
-        minima = [*known, *self._refine_peaks(scan, predicted, into)]
-        minima.sort(key=lambda minimum: minimum.evaluation.psi)
+        minima = sorted([known, *self._refine_peaks(scan, predicted, into)], key=lambda minimum: minimum.evaluation.psi)
         best = minima[0]
-        config = self.setup.matching
-        elsewhere = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > compute_same_m(config)]
-        rivalled = any(m.evaluation.psi < RIVAL * best.evaluation.psi for m in elsewhere)
-        return Match(best, rivalled)
+        elsewhere = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > compute_same_m(self.matching)]
+        return best, any(m.evaluation.psi < RIVAL * best.evaluation.psi for m in elsewhere)
 
     def look_beside(self, scan: Scan, minimum: Minimum, information: NDArray[np.float64], into: LocalMap) -> Minimum | None:
         """Finds a better match beside one, or returns None where there is none: ahead, behind, or turned to either side.
@@ -137,28 +166,60 @@ class Matcher:
             information: (8, 8) of the prediction.
             into: the map.
         """
-        config, scale = self.setup.matching, final_scale(self.setup.matching)
-        here = State(minimum.state)
-        turn_s = self.setup.revolution_s
+        config, turn_s, here = self.matching, self.revolution_s, State(minimum.state)
         ahead = np.arange(config.beta_s, config.beta_s_start, config.beta_s)
         turns = _BESIDE_TURN / _BESIDE_TURNS * np.arange(1, _BESIDE_TURNS + 1)
         beside = [here.moved_ahead(distance, turn_s) for distance in (*-ahead, *ahead)]
         # how far a scan's own start has turned depends on when the turn began: before the scan or within it
         beside += [here.turned(share * angle, angle / turn_s) for angle in (*-turns, *turns) for share in (0.5, 1.0)]
-        best = min(beside, key=lambda state: self._score(self.place(scan, state), scale, into).psi)
+        best = min(beside, key=lambda state: self.evaluate(scan, state, into).psi)
         other = self.minimise(scan, best, Prior(best.vector, information), into, _MATCHING_STEPS)
         rise = minimum.evaluation.shares - other.evaluation.shares
         return other if self._is_distinct(rise, self.place(scan, State(other.state))) else None
 
-    def _is_distinct(self, rise: NDArray[np.float64], placed: PointSet) -> bool:
-        """Returns whether psi rises by more than chance explains: by some standard deviations of its sums over objects.
+    def measure_covariance(
+        self, evaluation: PsiEvaluation, placed: PointSet, predicted: Belief, into: LocalMap
+    ) -> NDArray[np.float64]:
+        """Returns the covariance (3, 3) of a match's pose; what psi does not observe is as sure as the prediction.
 
         Args:
-            rise: (N,) by how much each point's share of psi rises.
-            placed: the points before that.
+            evaluation: psi at the match.
+            placed: the scan's points there.
+            predicted: the prediction that the match began with.
+            into: the map.
         """
-        config = self.setup.matching
-        by_object = sum_by_object(rise[:, None], placed.points, config.cluster_m)
+        correlation = self.tuning.correlation
+        known = np.zeros((SIZE, SIZE))  # a vehicle hardly slides: without this, vy would seem as free as vx
+        known[VY, VY] = correlation / SIGMA_VY**2
+        known[AX, AX] = correlation / SIGMA_AX**2
+        known[ALPHA, ALPHA] = correlation / self.settings.sigma_alpha**2
+        thin = 1.0 + 1.0 / max(len(into), 1)  # the map's points err like the scan's, but keyframes average their errors
+        measured = estimate_covariance(evaluation, placed.points, self.estimator.cluster_m, known)
+        return fuse(thin * measured, predicted.covariance, TOLERANCES)[POSE, POSE]
+
+    def update_belief(
+        self, minimum: Minimum, prior_information: NDArray[np.float64], weak: NDArray[np.float64] | None = None
+    ) -> Belief:
+        """Returns what is known of a state after a match, as the next prediction starts from it.
+
+        Args:
+            minimum: the match.
+            prior_information: (8, 8) of the prediction.
+            weak: (K, 3) directions of the start pose that psi does not observe, along which only the prediction counts;
+                None where it observes all.
+        """
+        evaluation = minimum.evaluation
+        information = (evaluation.curvature + STABILISER * evaluation.information) / self.tuning.correlation
+        if weak is not None:
+            information = drop_directions(information, weak, float(minimum.state[YAW]))
+        units = np.outer(TOLERANCES, TOLERANCES)
+        values, vectors = np.linalg.eigh(information * units)
+        safe = (vectors * np.maximum(values, 0.0)) @ vectors.T / units
+        return Belief(State(minimum.state), invert(safe + prior_information, 1.0 / TOLERANCES))
+
+    def _is_distinct(self, rise: NDArray[np.float64], placed: PointSet) -> bool:
+        """Returns whether shares (N,) of psi rise by more than chance: by some standard deviations of sums over objects."""
+        by_object = sum_by_object(rise[:, None], placed.points, self.matching.cluster_m)
         return bool(by_object.sum() > _DISTINCT_SIGMAS * np.sqrt(np.sum(by_object**2)))
 
     def _stands_out(self, scan: Scan, state: State, direction: NDArray[np.float64], into: LocalMap) -> bool:
@@ -166,7 +227,7 @@ class Matcher:
 
         The shifts reach as far as the widest scale. Each difference of psi is compared with its own spread over objects.
         """
-        config = self.setup.matching
+        config = self.matching
         points = self._place_blindly(scan, state)
         moved = np.sqrt(np.mean(np.sum((points.jacobians[:, :, POSE] @ direction) ** 2, axis=1)))
         scale = final_scale(config)
@@ -186,20 +247,15 @@ class Matcher:
         return PointSet(placed.points, placed.jacobians, placed.covariances, placed.times)
 
     def _score(self, placed: PointSet, scale: Scale, into: LocalMap) -> PsiEvaluation:
-        return evaluate_against(placed, into.references, scale, self.setup.kernel)
+        return evaluate(placed, into.references, scale, self.kernel)
 
-    def _refine_peaks(self, scan: Scan, predicted: Belief, into: LocalMap) -> list[Minimum]:
+    def _refine_peaks(self, scan: Scan, predicted: Belief, into: LocalMap) -> Sequence[Minimum]:
         """Returns the minima that start from the peaks of a correlation around the prediction."""
         x, y, yaw = np.sqrt(np.diag(predicted.covariance))[:3]
-        reach_m = float(np.clip(_SEARCH_SIGMAS * np.hypot(x, y), _SEARCH_LEAST_M, _SEARCH_MOST_M))
-        reach_rad = float(np.clip(_SEARCH_SIGMAS * yaw, _SEARCH_LEAST_RAD, _SEARCH_MOST_RAD))
+        reach_m = float(np.clip(_SEARCH_SIGMAS * np.hypot(x, y), *_SEARCH_M))
+        reach_rad = float(np.clip(_SEARCH_SIGMAS * yaw, *_SEARCH_RAD))
         own = self.place(scan, State.of(np.zeros(3), predicted.mean.motion)).points
+        peaks = find_correlation_peaks(into.references.points, own, predicted.pose, reach_m, reach_rad, self.matching)
         information = predicted.information
-        minima = []
-        peaks = find_correlation_peaks(
-            into.references.points.points, own, predicted.pose, reach_m, reach_rad, self.setup.matching
-        )
-        for pose in peaks:
-            start = State.of(pose, predicted.mean.motion)
-            minima.append(self.minimise(scan, start, Prior(start.vector, information), into))
-        return minima
+        starts = [State.of(pose, predicted.mean.motion) for pose in peaks]
+        return [self.minimise(scan, start, Prior(start.vector, information), into) for start in starts]

@@ -1,4 +1,4 @@
-"""Whether a scan can be matched, and whether the place where it was found in a map can be believed."""
+"""What can be believed: whether a scan can be matched, whether a match is one, and how well predictions foresee it."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mqslam.config import EstimatorConfig
 from mqslam.core.scans import Scan
-from mqslam.psi.minimiser import Minimum
+from mqslam.psi.minimiser import Minimum, annealed_scale, final_scale
+from mqslam.psi.place import PointSet
+from mqslam.psi.tracking.local_map import Tuning
 
 # Fewest returns of a scan that is matched: five for each of the eight numbers of its state.
 FEWEST_RETURNS = 40
@@ -22,6 +25,12 @@ _LEAST_MATCHED = 16
 _LEAST_SHARE = 0.15
 # Share of the usual matched share and psi that is kept from scan to scan when it is updated.
 _USUAL_MEMORY = 0.95
+# Number of scans of a new track that are measured again together, once they make a map.
+YOUNG_SCANS = 16
+# Number of past scans that show how well predictions foresee where returns lie.
+_PREDICTION_SCANS = 40
+# Share of those scans whose predictions erred by less than what is expected of the next.
+_PREDICTION_SHARE = 0.9
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +47,7 @@ class Usual:
 
     def after(self, minimum: Minimum) -> Usual:
         """Returns what is usual after one more match."""
-        share, psi = measure_overlap(minimum), _measure_psi(minimum)
+        share, psi = minimum.evaluation.overlap, _measure_psi(minimum)
         if not np.isfinite(self.psi):
             return Usual(share, psi)
         kept = _USUAL_MEMORY
@@ -49,8 +58,51 @@ class Usual:
         return share < _LOST_SHARE * self.share
 
     def is_doubtful(self, minimum: Minimum, doubtful_psi: float) -> bool:
-        """Returns whether psi of a match is so many times the usual one that there may be a better one beside it."""
+        """Returns whether psi of a match is this many times the usual one, so that there may be a better one beside it."""
         return _measure_psi(minimum) > doubtful_psi * self.psi
+
+
+class PredictionErrors:
+    """Errors of the predictions of the last scans: the match of a scan begins only as wide as they err.
+
+    Among vehicles that keep pace with the sensor, a second motion explains many returns. A search that begins wide may end
+    there, one that begins at a good prediction does not.
+
+    Args:
+        tuning: how much wider than the errors of predictions a match begins.
+        matching: settings of the score where a scan is matched to the running map.
+    """
+
+    def __init__(self, tuning: Tuning, matching: EstimatorConfig) -> None:
+        self._tuning = tuning
+        self._matching = matching
+        self._errors: list[float] = []
+
+    def add(self, predicted: PointSet, matched: PointSet) -> None:
+        """Takes the returns of a scan where its prediction put them, and where its match did."""
+        moved = matched.points - predicted.points
+        error = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
+        self._errors = [*self._errors, error][-_PREDICTION_SCANS:]
+
+    @property
+    def is_young(self) -> bool:
+        """Whether the track has only begun, or gone on after a loss, so that too few predictions are known."""
+        return len(self._errors) < min(YOUNG_SCANS, _PREDICTION_SCANS)
+
+    def forget(self) -> None:
+        """Forgets all errors, where a track begins or goes on after a loss."""
+        self._errors = []
+
+    def choose_step(self) -> int:
+        """Returns the step of the annealing at which the match of the next scan begins."""
+        tuning, matching = self._tuning, self._matching
+        step = tuning.first_step
+        if self.is_young:
+            return step
+        least = tuning.prediction_margin * float(np.quantile(self._errors, _PREDICTION_SHARE))
+        while annealed_scale(matching, step) != final_scale(matching) and annealed_scale(matching, step + 1).beta_s >= least:
+            step += 1
+        return step
 
 
 def is_usable(scan: Scan) -> bool:
@@ -65,13 +117,7 @@ def is_usable(scan: Scan) -> bool:
 def overlaps(minimum: Minimum) -> bool:
     """Returns whether a scan lies on the map at all."""
     matched = int(np.count_nonzero(minimum.evaluation.matched))
-    return matched >= _LEAST_MATCHED and measure_overlap(minimum) >= _LEAST_SHARE
-
-
-def measure_overlap(minimum: Minimum) -> float:
-    """Returns the share of a scan's returns that found a neighbour in the map."""
-    matched = minimum.evaluation.matched
-    return float(matched.mean()) if len(matched) else 0.0
+    return matched >= _LEAST_MATCHED and minimum.evaluation.overlap >= _LEAST_SHARE
 
 
 def _measure_psi(minimum: Minimum) -> float:

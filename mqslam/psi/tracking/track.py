@@ -7,20 +7,17 @@ that what follows never rests on a prediction alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from mqslam.core import se2
-from mqslam.core.measurement import Status
 from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError, FewReturnsError
-from mqslam.psi.tracking.dynamics import limit_step
-from mqslam.psi.tracking.plausibility import FEWEST_RETURNS, is_usable
-from mqslam.psi.tracking.prediction_error import YOUNG_SCANS
-from mqslam.psi.tracking.setup import START_SCANS
-from mqslam.psi.tracking.tracked import Tracked
-from mqslam.psi.tracking.tracker import Tracker
+from mqslam.psi.tracking.cold_start import START_SCANS
+from mqslam.psi.tracking.plausibility import FEWEST_RETURNS, YOUNG_SCANS, is_usable
+from mqslam.psi.tracking.state import limit_step
+from mqslam.psi.tracking.tracker import Tracked, Tracker
 
 # Number of lost scans in a row after which the map is given up and a new one is tried.
 _PATIENCE = 8
@@ -28,79 +25,57 @@ _PATIENCE = 8
 _YOUNG_LEAST = 6
 
 
-ToldTwist = Callable[[float, float], se2.Array | None]
-"""Returns the mean twist (3,) between two times [s], as other sensors tell it, NaN where they do not, or None."""
-
-
-@dataclass(frozen=True, slots=True)
-class FollowedScan:
-    """One scan of a track.
-
-    Args:
-        tracked: where psi found it.
-        psi_odometry: psi where odometry puts it; NaN without odometry.
-    """
-
-    tracked: Tracked
-    psi_odometry: float
-
-
-def follow_scans(scans: Sequence[Scan], tracker: Tracker, told: ToldTwist) -> Iterator[FollowedScan]:
-    """Tracks a recording, scan by scan in its order.
+class Track:
+    """Goes through the scans of a recording in their order, and holds back those that are to be measured again.
 
     Args:
         scans: all of them.
         tracker: a new one.
-        told: returns the mean twist between two times; it serves where psi alone does not find or observe the motion.
-
-    Raises:
-        EstimationError: fewer than two scans.
-        FewReturnsError: no two scans in a row hold enough returns.
+        find_twist: returns the mean twist (3,) between two times [s] as other sensors measure it, NaN where they do not, or
+            None. It serves where psi alone does not find or observe the motion.
     """
-    return _Track(scans, tracker, told).follow()
 
-
-class _Track:
-    """Goes through the scans, and holds back those that are to be measured again."""
-
-    def __init__(self, scans: Sequence[Scan], tracker: Tracker, told: ToldTwist) -> None:
+    def __init__(
+        self, scans: Sequence[Scan], tracker: Tracker, find_twist: Callable[[float, float], se2.Array | None]
+    ) -> None:
         self._scans = scans
         self._tracker = tracker
-        self._told = told
-        self._followed: dict[int, FollowedScan] = {}  # scans that are not handed on yet
+        self._find_twist = find_twist
+        self._tracked: dict[int, Tracked] = {}  # scans that are not handed on yet
         self._young: list[int] = []  # scans of a track that has only begun
         self._matched = 0  # the last scan that was matched
         self._pose = np.zeros(3)  # the pose of that scan
         self._lost: list[int] = []  # scans since that one, which were not matched
         self._patience = _PATIENCE  # number of lost scans at which a new map is tried
 
-    def follow(self) -> Iterator[FollowedScan]:
-        """Yields the scans in their order, each as soon as it will not change any more."""
+    def follow(self) -> Iterator[Tracked]:
+        """Yields the scans in their order, each as soon as it will not change any more.
+
+        Raises:
+            EstimationError: fewer than two scans.
+            FewReturnsError: no two scans in a row hold enough returns.
+        """
         first = _find_start(self._scans)
         self._start(first)
         k = first + 1
         handed_on = 0
         while k < len(self._scans):
             k = self._step(k)
-            while handed_on in self._followed and handed_on < self._count_settled(k):
-                yield self._followed.pop(handed_on)
+            settled = min([k, *self._young[:1], *self._lost[:1]])  # the scans before this one will not change any more
+            while handed_on in self._tracked and handed_on < settled:
+                yield self._tracked.pop(handed_on)
                 handed_on += 1
         self._measure_again()
         for n in range(handed_on, len(self._scans)):
-            yield self._followed.pop(n)
-
-    def _count_settled(self, k: int) -> int:
-        """Returns how many of the first k scans, which were followed, will not change any more."""
-        return min([k, *self._young[:1], *self._lost[:1]])
+            yield self._tracked.pop(n)
 
     def _start(self, first: int) -> None:
         """Begins the track with the first scans that hold enough returns, and places those before them."""
         head = _take_head(self._scans, first)
-        tracked = self._tracker.start(head, odometry=_whole(self._told(head[0].t0, head[-1].t1)))
+        self._tracked[first] = self._tracker.start(head, odometry=_whole(self._find_twist(head[0].t0, head[-1].t1)))
         self._young, self._matched = [first], first
-        self._keep(first, tracked, float("nan"))
         for n in range(first):
-            self._keep(n, self._tracker.look_back(self._scans[n]), float("nan"))
+            self._tracked[n] = self._tracker.look_back(self._scans[n])
 
     def _step(self, k: int) -> int:
         """Follows the scan k, or begins anew at it, and returns the next scan to follow."""
@@ -111,8 +86,8 @@ class _Track:
             return k + 1
         psi_odometry = self._score_odometry(scan)
         tracked = self._tracker.follow(scan, self._twist_to(scan))
-        self._keep(k, tracked, psi_odometry)
-        if tracked.status is not Status.LOST:
+        self._tracked[k] = replace(tracked, psi_odometry=psi_odometry)
+        if tracked.is_found:
             self._take_as_matched(k)
             return k + 1
         self._measure_again()
@@ -133,8 +108,8 @@ class _Track:
         scan = self._scans[k]
         psi_odometry = self._score_odometry(scan)
         tracked = self._tracker.resume(_take_head(self._scans, k), _whole(self._twist_to(scan)))
-        self._keep(k, tracked, psi_odometry)
-        if tracked.status is Status.LOST and not tracked.begins_map:
+        self._tracked[k] = replace(tracked, psi_odometry=psi_odometry)
+        if not tracked.is_found:
             self._lost.append(k)
             return False
         self._take_as_matched(k)
@@ -143,7 +118,7 @@ class _Track:
         return True
 
     def _take_as_matched(self, k: int) -> None:
-        self._matched, self._pose = k, self._followed[k].tracked.pose
+        self._matched, self._pose = k, self._tracked[k].pose
         self._lost, self._patience = [], _PATIENCE
         if self._young:
             self._young.append(k)
@@ -153,31 +128,25 @@ class _Track:
     def _measure_again(self) -> None:
         """Measures a second time the scans of a track that has only begun, if there are enough of them."""
         young, self._young = self._young, []
-        if len(young) < _YOUNG_LEAST:
-            return
-        scans, before = [self._scans[n] for n in young], [self._followed[n] for n in young]
-        again = self._tracker.remeasure(scans, [f.tracked for f in before])
-        for n, tracked, f in zip(young, again, before, strict=True):
-            self._followed[n] = FollowedScan(tracked, f.psi_odometry)
-
-    def _keep(self, k: int, tracked: Tracked, psi_odometry: float) -> None:
-        self._followed[k] = FollowedScan(tracked, psi_odometry)
+        if len(young) >= _YOUNG_LEAST:
+            again = self._tracker.remeasure([self._scans[n] for n in young], [self._tracked[n] for n in young])
+            self._tracked.update(zip(young, again, strict=True))
 
     def _score_odometry(self, scan: Scan) -> float:
         """Returns psi of a scan where odometry puts it from the last match; NaN without odometry."""
-        twist, now = _whole(self._twist_to(scan)), _whole(self._told(scan.t0, scan.t1))
+        twist, now = _whole(self._twist_to(scan)), _whole(self._find_twist(scan.t0, scan.t1))
         if twist is None or now is None:
             return float("nan")
         pose = se2.compose(self._pose, se2.exp(twist, scan.t0 - self._scans[self._matched].t0))
         return self._tracker.score(scan, pose, now)
 
     def _twist_to(self, scan: Scan) -> se2.Array | None:
-        """Returns the mean twist since the last scan that was matched, as other sensors tell it."""
-        return self._told(self._scans[self._matched].t0, scan.t0)
+        """Returns the mean twist since the last scan that was matched, as other sensors measure it."""
+        return self._find_twist(self._scans[self._matched].t0, scan.t0)
 
 
 def _whole(twist: se2.Array | None) -> se2.Array | None:
-    """Returns a twist (3,) that is told as a whole, or None."""
+    """Returns a twist (3,) that is known as a whole, or None."""
     return None if twist is None or np.isnan(twist).any() else twist
 
 

@@ -2,12 +2,16 @@
 
 The state of a scan (see `mqslam.psi.tracking.state`) is found by minimising psi plus what is predicted from the scan before.
 The start pose must be free: were it fixed where the last scan ended, errors of successive scans would alternate.
+
+After a gap or a loss a scan is tracked from both sides. The scans after the gap show how fast the sensor moved at its end,
+those before it at its start; between the two it moved as the process noise allows. Only a match that is sure and without a
+rival in that whole region ties the two sides.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,38 +22,82 @@ from mqslam.core.measurement import Status
 from mqslam.core.scans import Scan
 from mqslam.errors import FewReturnsError
 from mqslam.psi.correlate import compute_pixel_m
+from mqslam.psi.covariance import spread_along
 from mqslam.psi.minimiser import Minimum
-from mqslam.psi.observability import spread_along
 from mqslam.psi.place import Beam
-from mqslam.psi.tracking.cold_start import find_first_motion
-from mqslam.psi.tracking.dynamics import (
+from mqslam.psi.score import PsiEvaluation
+from mqslam.psi.tracking.cold_start import FirstMotion, find_first_motion
+from mqslam.psi.tracking.local_map import USUAL, LocalMap, Tuning
+from mqslam.psi.tracking.matching import Matcher
+from mqslam.psi.tracking.plausibility import FEWEST_RETURNS, PredictionErrors, Usual, is_usable, overlaps
+from mqslam.psi.tracking.state import (
+    LONGEST_COAST_S,
+    ORIGIN,
+    POSE,
+    SIZE,
+    TWIST,
+    Belief,
     Blindness,
     LastMatch,
+    State,
+    correct_motion,
     hold_directions,
     list_motion_noise,
     predict,
     replace_motion,
 )
-from mqslam.psi.tracking.local_map import LocalMap
-from mqslam.psi.tracking.matching import Matcher
-from mqslam.psi.tracking.plausibility import FEWEST_RETURNS, Usual, is_usable, measure_overlap, overlaps
-from mqslam.psi.tracking.prediction_error import PredictionErrors
-from mqslam.psi.tracking.relocalisation import (
-    bridge_gap,
-    estimate_arrival,
-    find_again,
-    find_motion_after,
-    place_by_odometry,
-)
-from mqslam.psi.tracking.remeasuring import map_tracked, remeasure
-from mqslam.psi.tracking.setup import USUAL, Setup, Tuning
-from mqslam.psi.tracking.state import ORIGIN, POSE, TWIST, Belief, State
-from mqslam.psi.tracking.tracked import Tracked, make_empty_evaluation
-from mqslam.psi.tracking.uncertainty import measure_covariance, update_belief
 
 # Number of matched scans whose smoothed motion is followed along directions that psi does not observe: their mean where it
 # is steady, the last one where it changes.
 _HELD_SCANS = 32
+# Standard deviation of a distance travelled across a gap, as a share of that distance. Published lengths of one radar's
+# range bins differ by 1.4 %, and a Doppler shift that is ignored costs as much.
+_SIGMA_SCALE = 0.01
+
+_ALL_OBSERVED = np.zeros((0, 3))  # no weak direction
+_NOTHING = PsiEvaluation(
+    np.zeros(0), np.zeros(0, dtype=bool), np.zeros((0, SIZE)), np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
+)  # psi of a scan that there was no map for
+
+
+@dataclass(frozen=True, slots=True)
+class Tracked:
+    """One scan, matched.
+
+    Args:
+        t0: its start [s].
+        state: its start pose and motion.
+        covariance: (3, 3) of the start pose, given the map that the scan is in, as psi's curvature shows it; zero without a
+            match.
+        unseen: (3, 3) what is unknown besides, of directions that psi does not observe or where there is no match.
+        evaluation: psi at the minimum.
+        status: how far it can be trusted.
+        begins_map: whether a new map begins with it.
+        arrival: (3, 3) covariance that the step to it across a gap or a loss adds to its start pose; else None.
+        earlier: (3,) start pose as it was first measured, where it was measured again; else None.
+        psi_odometry: psi where odometry puts the scan; NaN without odometry.
+    """
+
+    t0: float
+    state: State
+    covariance: NDArray[np.float64]
+    unseen: NDArray[np.float64]
+    evaluation: PsiEvaluation
+    status: Status
+    begins_map: bool = False
+    arrival: NDArray[np.float64] | None = None
+    earlier: se2.Array | None = None
+    psi_odometry: float = float("nan")
+
+    @property
+    def pose(self) -> se2.Array:
+        """(3,) start pose."""
+        return self.state.pose
+
+    @property
+    def is_found(self) -> bool:
+        """Whether the track goes on from it: it was matched, or a new map begins with it."""
+        return self.status is not Status.LOST or self.begins_map
 
 
 class Tracker:
@@ -76,18 +124,12 @@ class Tracker:
         *,
         is_reversed: bool = False,
     ) -> None:
-        self._chosen = keyframes
-        self._setup = Setup(settings, estimator, beam, revolution_s, tuning, is_reversed)
-        self._matcher = Matcher(self._setup)
+        self._settings, self._tuning, self._chosen = settings, tuning, keyframes
+        self._matcher = Matcher(settings, estimator, beam, revolution_s, tuning, is_reversed)
         self._map = LocalMap(tuning, keyframes)
         self._last = LastMatch(0.0, revolution_s, ORIGIN, blind=Blindness.full(settings))
         self._usual = Usual()
-        self._prediction_errors = PredictionErrors(tuning, self._setup.matching)
-
-    @property
-    def settings(self) -> TrackerConfig:
-        """The tracker's settings."""
-        return self._setup.settings
+        self._prediction_errors = PredictionErrors(tuning, self._matcher.matching)
 
     @property
     def keyframes(self) -> list[float]:
@@ -108,56 +150,51 @@ class Tracker:
         if not all(is_usable(scan) for scan in scans):
             counts = ", ".join(str(len(scan.returns)) for scan in scans)
             raise FewReturnsError(f"the first scans hold {counts} returns, and {FEWEST_RETURNS} in each are needed")
-        first = find_first_motion(scans, self._setup, begin, odometry)
-        changed = np.diag(list_motion_noise(self._setup.young) ** 2)  # the motion may have changed since
+        first = find_first_motion(scans, self._matcher, begin, odometry)
+        changed = np.diag(list_motion_noise(self._matcher.young) ** 2)  # the motion may have changed since
         if first.observed:
             self._last = replace(self._last, blind=Blindness.none())
         return self._begin_map(scans[0], replace_motion(ORIGIN, first.motion, changed + first.covariance), Status.CONVERGED)
 
-    def find_first_twist(self, scans: Sequence[Scan]) -> se2.Array:
-        """Finds the twist (3,) of a few scans by an exhaustive search."""
-        return find_first_motion(scans, self._setup).twist
-
     def look_back(self, scan: Scan) -> Tracked:
         """Places a scan of too few returns from before the start."""
-        return self._pass_over(scan, predict(self._last.belief, scan.t0 - self._last.t0, self.settings))
+        return self._pass_over(scan, predict(self._last.belief, scan.t0 - self._last.t0, self._settings))
 
     def loses(self, scan: Scan) -> bool:
         """Returns whether so much time has passed since the last match that a prediction may miss the scan's place."""
         if self._last.is_before(scan):
             return False
-        spread = np.linalg.eigvalsh(self._last.predict(scan, self.settings).covariance[:2, :2])[-1]
-        return bool(spread > compute_pixel_m(self._setup.estimator) ** 2)
+        spread = np.linalg.eigvalsh(self._last.predict(scan, self._settings).covariance[:2, :2])[-1]
+        return bool(spread > compute_pixel_m(self._matcher.estimator) ** 2)
 
     def follow(self, scan: Scan, twist: se2.Array | None = None) -> Tracked:
         """Matches the next scan to the map.
 
         Args:
             scan: the scan.
-            twist: (3,) mean twist since the last matched scan according to other sensors, NaN where they do not tell it; it
-                serves where psi alone does not find or does not observe the motion.
+            twist: (3,) mean twist since the last matched scan by other sensors, NaN where they do not measure it; it serves
+                where psi alone does not find or does not observe the motion.
         """
-        predicted = self._last.predict(scan, self._setup.young if self._prediction_errors.is_young else self.settings)
-        begin = self._begin_from(predicted, scan, twist)
+        matcher, last = self._matcher, self._last
+        predicted = last.predict(scan, matcher.young if self._prediction_errors.is_young else self._settings)
+        begin = Belief(self._move_by(twist, predicted.mean, scan), predicted.covariance)
         if not is_usable(scan):
             return self._pass_over(scan, begin)
         prior = predicted.prior
-        minimum = self._matcher.minimise(scan, predicted.mean, prior, self._map, self._prediction_errors.choose_step())
-        if self._usual.is_doubtful(minimum, self._setup.tuning.doubtful_psi):
-            minimum = self._matcher.look_beside(scan, minimum, prior.information, self._map) or minimum
+        minimum = matcher.minimise(scan, predicted.mean, prior, self._map, self._prediction_errors.choose_step())
+        if self._usual.is_doubtful(minimum, self._tuning.doubtful_psi):
+            minimum = matcher.look_beside(scan, minimum, prior.information, self._map) or minimum
         if self._is_out_of_place(minimum):
-            minimum = self._matcher.search(scan, begin, self._map, [minimum]).minimum
+            minimum, _ = matcher.search(scan, begin, self._map, minimum)
         if self._is_out_of_place(minimum):
             return self._miss(scan, begin, minimum)
-        weak, blind = self._matcher.find_weak_directions(scan, State(minimum.state), self._map), Blindness.none()
+        weak, blind = matcher.find_weak_directions(scan, State(minimum.state), self._map), Blindness.none()
         if len(weak):
             # a motion that odometry gave is no measurement of psi: odometry itself says how well it is known
-            told = np.isfinite([np.nan, np.nan] if twist is None else twist[[0, 2]])
-            blind = self._last.blind.forget(told, self.settings).after(scan.t0 - self._last.t0, self.settings)
-            steady = self._last.predict_steadily(scan, self.settings) or predicted.mean
-            held = self._move_as_told(steady, scan, twist)
-            stiff = hold_directions(replace(prior, mean=held.vector), weak)
-            minimum = self._matcher.minimise(scan, held, stiff, self._map)
+            known = np.isfinite([np.nan, np.nan] if twist is None else twist[[0, 2]])
+            blind = last.blind.forget(known, self._settings).after(scan.t0 - last.t0, self._settings)
+            held = self._move_by(twist, last.predict_steadily(scan, self._settings) or predicted.mean, scan)
+            minimum = matcher.minimise(scan, held, hold_directions(replace(prior, mean=held.vector), weak), self._map)
         return self._accept(scan, minimum, predicted, weak, blind)
 
     def resume(self, scans: Sequence[Scan], twist: se2.Array | None = None) -> Tracked:
@@ -170,16 +207,24 @@ class Tracker:
             twist: (3,) mean twist across the gap according to odometry, or None.
         """
         scan, before, dt = scans[0], self._last.pose, scans[0].t0 - self._last.t0
-        predicted = self._last.predict(scan, self.settings)
-        after = find_motion_after(scans, predicted, self._setup, self._is_poor)
-        bridged = place_by_odometry(bridge_gap(predicted, dt, after), before, twist, dt)
+        bridged = self._last.predict(scan, self._settings)
+        after = self._find_motion_after(scans, bridged)
+        if after is not None:
+            # what comes before a pause or a jump of the clock does not show where its end is
+            join = correct_motion if dt <= LONGEST_COAST_S else replace_motion
+            bridged = join(bridged, after.motion, after.covariance)
+        if twist is not None:
+            pose = se2.compose(before, se2.exp(twist, dt))
+            bridged = Belief(State.of(pose, bridged.mean.motion), bridged.covariance)
         if not is_usable(scan):
             return self._pass_over(scan, bridged)
-        minimum, is_sure = find_again(scan, bridged, self._map, self._matcher, self._is_out_of_place)
-        if is_sure:
+        direct = self._matcher.minimise(scan, bridged.mean, bridged.prior, self._map)
+        minimum, is_rivalled = self._matcher.search(scan, bridged, self._map, direct)
+        if not is_rivalled and not self._is_out_of_place(minimum) and self._observes_all(scan, minimum, self._map):
             self._prediction_errors.forget()
-            tracked = self._accept(scan, minimum, bridged, np.zeros((0, 3)), Blindness.none())
-            return replace(tracked, arrival=estimate_arrival(before, tracked.pose))
+            tracked = self._accept(scan, minimum, bridged, _ALL_OBSERVED, Blindness.none())
+            distance = float(np.hypot(*(tracked.pose - before)[:2]))
+            return replace(tracked, arrival=np.diag([(_SIGMA_SCALE * distance) ** 2] * 2 + [0.0]))
         if after is None:
             return self._miss(scan, bridged, minimum)
         return replace(self._begin_map(scan, bridged, Status.LOST), arrival=bridged.covariance[POSE, POSE])
@@ -187,49 +232,85 @@ class Tracker:
     def remeasure(self, scans: Sequence[Scan], tracked: Sequence[Tracked]) -> list[Tracked]:
         """Measures the first scans of a track again; the map goes on with the scans where they are then.
 
+        The first scans were matched to a map of a few scans whose own motion was hardly known. The later half of the scans
+        is taken as it is; the earlier half is matched to it backward in time, the latest first. A scan that is not found so
+        keeps its first measurement, and those before it move along with it.
+
         Args:
             scans: those of the track so far.
             tracked: what `start`, `follow` or `resume` returned for them.
         """
-        results = remeasure(scans, tracked, self._matcher, self._is_out_of_place)
-        self._map = map_tracked(scans, results, self._matcher)
+        matcher, half, results = self._matcher, len(scans) // 2, list(tracked)
+        around = LocalMap(self._tuning)
+        for scan, t in zip(scans[half:], tracked[half:], strict=True):
+            around.add(t.t0, t.pose, matcher.place(scan, t.state))
+        latest = tracked[half]
+        after = matcher.update_belief(Minimum(latest.state.vector, latest.evaluation, True), np.zeros((SIZE, SIZE)))
+        for k in range(half - 1, -1, -1):
+            predicted = predict(after, scans[k].t0 - scans[k + 1].t0, self._settings)
+            minimum = matcher.minimise(scans[k], predicted.mean, predicted.prior, around)
+            if self._is_out_of_place(minimum) or not self._observes_all(scans[k], minimum, around):
+                for n, t in enumerate(tracked[: k + 1]):
+                    pose = se2.compose(results[k + 1].pose, se2.between(tracked[k + 1].pose, t.pose))
+                    results[n] = replace(t, state=State.of(pose, t.state.motion), earlier=t.pose)
+                break
+            state = State(minimum.state)
+            placed = matcher.place(scans[k], state)
+            results[k] = replace(
+                tracked[k],
+                state=state,
+                covariance=matcher.measure_covariance(minimum.evaluation, placed, predicted, around),
+                unseen=np.zeros((3, 3)),
+                evaluation=minimum.evaluation,
+                earlier=tracked[k].pose,
+            )
+            around.add(tracked[k].t0, state.pose, placed)
+            after = matcher.update_belief(minimum, predicted.information)
+        self._map = LocalMap(self._tuning)
+        for scan, t in zip(scans, results, strict=True):
+            self._map.offer(t.t0, t.pose, matcher.place(scan, t.state))
         return results
 
     def score(self, scan: Scan, pose: se2.Array, twist: se2.Array) -> float:
         """Returns psi of a scan against the map under another start pose (3,) and constant twist (3,)."""
         return self._matcher.evaluate(scan, State.at_constant_twist(pose, twist), self._map).psi
 
-    def _begin_from(self, predicted: Belief, scan: Scan, twist: se2.Array | None) -> Belief:
-        """Returns the prediction, or the state that other sensors give in its place."""
-        return Belief(self._move_as_told(predicted.mean, scan, twist), predicted.covariance)
-
-    def _move_as_told(self, state: State, scan: Scan, twist: se2.Array | None) -> State:
-        """Returns the state of a scan with as much of its motion since the last match as a twist (3,) tells."""
+    def _move_by(self, twist: se2.Array | None, state: State, scan: Scan) -> State:
+        """Returns the state of a scan with as much of its motion since the last match as a twist (3,) holds."""
         if twist is None:
             return state
         dt = scan.t0 - self._last.t0
         mean = np.where(np.isfinite(twist), twist, se2.log(se2.wrapped_between(self._last.pose, state.pose)) / dt)
         return State.at_constant_twist(se2.compose(self._last.pose, se2.exp(mean, dt)), mean)
 
+    def _find_motion_after(self, scans: Sequence[Scan], predicted: Belief) -> FirstMotion | None:
+        """Finds the motion of the scans after a gap from themselves; returns None where they do not show it."""
+        if len(scans) < 2 or not all(is_usable(scan) for scan in scans):
+            return None
+        for begin in (predicted.mean.twist, None):  # the exhaustive search costs much more
+            first = find_first_motion(scans, self._matcher, begin)
+            if first.observed and not self._usual.is_poor(first.matched):
+                return first
+        return None
+
     def _begin_map(self, scan: Scan, belief: Belief, status: Status) -> Tracked:
         """Begins a new map with a scan, whose place defines where the map is."""
         known = belief.in_its_own_frame()
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, known, blind=self._last.blind)
         self._prediction_errors.forget()
-        self._map = LocalMap(self._setup.tuning, self._chosen)
+        self._map = LocalMap(self._tuning, self._chosen)
         self._map.offer(scan.t0, known.pose, self._matcher.place(scan, known.mean))
         middle_s = 0.5 * (scan.t1 - scan.t0)  # an error of its twist turns the scan about its start, and so the map
         covariance, skew = known.covariance[POSE, POSE], known.covariance[TWIST, TWIST] * middle_s**2
-        return Tracked(scan.t0, known.mean, covariance, skew, make_empty_evaluation(), status, begins_map=True)
+        return Tracked(scan.t0, known.mean, covariance, skew, _NOTHING, status, begins_map=True)
 
     def _accept(
         self, scan: Scan, minimum: Minimum, predicted: Belief, weak: NDArray[np.float64], blind: Blindness
     ) -> Tracked:
         """Takes a match as the new state, and as a keyframe where the last one is far away."""
-        setup, evaluation = self._setup, minimum.evaluation
-        belief = update_belief(minimum.state, evaluation, predicted.information, setup, weak)
+        belief = self._matcher.update_belief(minimum, predicted.information, weak)
         placed = self._matcher.place(scan, belief.mean)
-        covariance = measure_covariance(evaluation, placed, predicted, self._map, setup)[POSE, POSE]
+        covariance = self._matcher.measure_covariance(minimum.evaluation, placed, predicted, self._map)
         self._usual = self._usual.after(minimum)
         observed = () if len(weak) else (belief.mean.twist,)
         twists = (*self._last.twists, *observed)[-_HELD_SCANS:]
@@ -237,7 +318,7 @@ class Tracker:
         self._prediction_errors.add(self._matcher.place(scan, predicted.mean), placed)
         self._map.offer(scan.t0, belief.pose, placed)
         status = Status.DEGENERATE if len(weak) else Status.CONVERGED
-        return Tracked(scan.t0, belief.mean, covariance, spread_along(weak, blind.pose), evaluation, status)
+        return Tracked(scan.t0, belief.mean, covariance, spread_along(weak, blind.pose), minimum.evaluation, status)
 
     def _pass_over(self, scan: Scan, predicted: Belief) -> Tracked:
         """Follows the prediction for a scan of too few returns."""
@@ -251,8 +332,8 @@ class Tracker:
 
     def _is_out_of_place(self, minimum: Minimum) -> bool:
         """Returns whether a match is so much poorer than usual that it is probably none."""
-        return not overlaps(minimum) or self._is_poor(measure_overlap(minimum))
+        return not overlaps(minimum) or self._usual.is_poor(minimum.evaluation.overlap)
 
-    def _is_poor(self, share: float) -> bool:
-        """Returns whether a matched share is much poorer than the usual one."""
-        return self._usual.is_poor(share)
+    def _observes_all(self, scan: Scan, minimum: Minimum, into: LocalMap) -> bool:
+        """Returns whether a map shows every direction around a match."""
+        return not len(self._matcher.find_weak_directions(scan, State(minimum.state), into))

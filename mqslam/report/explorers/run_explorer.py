@@ -14,7 +14,7 @@ from mqslam.core import se2
 from mqslam.core.point_map import PointMap
 from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.core.trajectory import Trajectory
-from mqslam.psi.scoring.neighbours import find_candidates, sort_into_cells
+from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.report.explorers.explorer import (
     FINE,
     TORN,

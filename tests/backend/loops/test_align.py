@@ -11,7 +11,7 @@ from mqslam.backend.loops.passes import MATCHED
 from mqslam.backend.loops.submap import SUBMAP_M, TrackedRun, render_submap
 from mqslam.core import se2
 from mqslam.psi.place import PointSet
-from mqslam.psi.scoring.references import References, make_references
+from mqslam.psi.score import References, make_references
 
 REACH = REACH_M, REACH_RAD = 4.0, 0.06
 WRONG_GUESSES = [(2.5, -1.5, 0.05), (-1.0, 3.0, -0.05), (0.0, 0.0, 0.0)]

@@ -9,10 +9,9 @@ from mqslam.backend.loops.rigid import ANY_TIME, expand_rigidly, measure_rigid_m
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, kernel_of, minimise
+from mqslam.psi.neighbours import list_near
 from mqslam.psi.place import PointSet
-from mqslam.psi.scoring.estimator import Neighbours, Scale, add_up_neighbours, evaluate
-from mqslam.psi.scoring.neighbours import find_candidates
-from mqslam.psi.scoring.references import References, list_pairs, make_references
+from mqslam.psi.score import Neighbours, References, Scale, add_up_neighbours, evaluate, make_references
 
 CONFIG = EstimatorConfig()
 TOLERANCES = np.array([1e-3, 1e-3, 2e-5])
@@ -69,12 +68,14 @@ def test_the_compiled_score_is_that_of_points_rendered_one_by_one(scale: Scale, 
     query, references = scans(1, 300)
     state = np.array(pose)
     placed = move_rigidly(query, state)
-    lists = find_candidates(references.grid, placed.points, scale.s)
-    expected = evaluate(placed, references.points, lists, scale, kernel_of(CONFIG, ANY_TIME), moving_references=False)
-    around = references.surroundings
-    pairs, sums = list_pairs(placed.points, around, scale.s), np.empty((len(query), 10))
-    no_pulls = np.empty((0, 2, 3))
-    near, kernel = Neighbours(references.known, no_pulls, pairs.begins, pairs.indices), kernel_of(CONFIG, ANY_TIME)
+    kernel = kernel_of(CONFIG, ANY_TIME)
+    expected = evaluate(placed, references, scale, kernel)
+    lists, sums, no_pulls = (
+        list_near(references.grid, placed.points, scale.s),
+        np.empty((len(query), 10)),
+        np.empty((0, 2, 3)),
+    )
+    near = Neighbours(references.known, no_pulls, lists.offsets, lists.indices)
     add_up_neighbours(placed.points, np.empty(0), np.empty((0, 2)), near, scale, kernel, sums, no_pulls)
     expansion = expand_rigidly(query.points, query.covariances, pose[2], sums, scale)
     for name in ("gradient", "information", "curvature"):

@@ -18,7 +18,7 @@ from mqslam.core import se2
 from mqslam.core.measurement import Loop
 from mqslam.execution.local_engine import HERE, LocalEngine
 from mqslam.execution.progress import ignore_progress
-from mqslam.psi.scoring.references import make_references
+from mqslam.psi.score import make_references
 
 
 def two_passes(later: tuple[float, float, float], wrong: tuple[float, float, float]) -> tuple[TrackedRun, se2.Array]:

@@ -20,7 +20,7 @@ from mqslam.detection.stage import detect_all
 from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import write_tum
-from mqslam.frontends.bidirectional import reverse_time
+from mqslam.frontends.bidirectional import ReversedScans
 from mqslam.psi.place import beam_of
 from mqslam.slam import PSI, Slam
 
@@ -109,7 +109,7 @@ class Disturbing:
         recording, found = self.read(disturbance.bin_m, config)
         scans = disturbance.alter(found)
         if disturbance.backward:
-            scans = Scans(tuple(reverse_time(scans)), scans.start_us, scans.revolution_s)
+            scans = Scans(tuple(ReversedScans(scans)), scans.start_us, scans.revolution_s)
         beta, sigma = find_doppler(scans, config, self._runner)
         context = replace(Context.of(recording, config), doppler_beta=beta, doppler_sigma=sigma)
         if frontend == PSI:

@@ -12,10 +12,10 @@ from mqslam.config import PsiConfig
 from mqslam.core import se2
 from mqslam.core.motion import CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
+from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.place import Beam, place
 from mqslam.psi.published.equations import PsiScore, score
 from mqslam.psi.published.reference import score_reference
-from mqslam.psi.scoring.neighbours import find_candidates, sort_into_cells
 
 VARIANTS = [
     PsiConfig(temporal=temporal, numerator=numerator, factor=factor, beta_t=0.15, unmatched=unmatched)

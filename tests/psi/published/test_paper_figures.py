@@ -9,8 +9,7 @@ import pytest
 from PIL import Image
 from support.commands import mqslam, read_contents
 
-from mqslam.psi.published.paper_figures import render_figure2, render_figure3
-from mqslam.psi.published.paper_setting import CASES
+from mqslam.psi.published.paper import CASES, render_figure2, render_figure3
 
 
 def test_scores_fall_from_bad_to_better_to_good() -> None:

@@ -8,9 +8,18 @@ import numpy as np
 import pytest
 from support.commands import mqslam
 
-from mqslam.psi.published import table1 as module
-from mqslam.psi.published.paper_setting import CASES, simulate_window
-from mqslam.psi.published.table1 import METHODS, OURS, ExhaustiveSearch, Table1Row, compute_table1, format_table
+from mqslam.psi.published import paper as module
+from mqslam.psi.published.paper import (
+    CASES,
+    METHODS,
+    OURS,
+    ExhaustiveSearch,
+    Table1Row,
+    compute_table1,
+    estimate_motion,
+    format_table,
+    simulate_window,
+)
 
 CASE = CASES[2]
 
@@ -31,7 +40,7 @@ def test_our_estimator_finds_the_motion_and_the_published_score_comes_near() -> 
 
 @pytest.mark.parametrize("case", CASES)
 def test_the_estimator_needs_no_start(case: tuple[float, float]) -> None:
-    v, omega = simulate_window(case, 5, 4).estimate().theta - case
+    v, omega = estimate_motion(simulate_window(case, 5, 4)).theta - case
     assert abs(v) < 0.02 and abs(omega) < 0.004
 
 
@@ -52,7 +61,7 @@ def test_mean_and_rms_are_over_seeds() -> None:
 
 
 def test_the_command_prints_every_method_as_json(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "run_trial", lambda trial, search: np.full((len(METHODS), 2), trial[1]))
+    monkeypatch.setattr(module, "_run_trial", lambda search, trial: np.full((len(METHODS), 2), trial[1]))
     shown = mqslam("paper", "table1", "--seeds", 3, "--jobs", 1, "--json")
     assert (shown.code, shown.err) == (0, "")
     rows = json.loads(shown.out)

@@ -8,11 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.clouds import TURN_S, point_set
 
+from mqslam.psi.neighbours import find_candidates, list_near, sort_into_cells
 from mqslam.psi.place import PointSet
 from mqslam.psi.published.reference import evaluate_reference
-from mqslam.psi.scoring.estimator import Kernel, PsiEvaluation, Scale, evaluate
-from mqslam.psi.scoring.neighbours import find_candidates, sort_into_cells
-from mqslam.psi.scoring.references import evaluate_against, make_references
+from mqslam.psi.score import Kernel, PsiEvaluation, Scale, evaluate, make_references
 
 SCALE = Scale(s=1.5, beta_s=0.6, c=2.0)
 KERNEL = Kernel(revolution_s=TURN_S, beta_t=0.06, xi=0.02, blur=0.15, aspect=0.05, apart_share=0.3, apart_blur=0.3)
@@ -25,8 +24,11 @@ def look(points: PointSet, seed: int) -> PointSet:
 
 
 def evaluated(queries: PointSet, references: PointSet, scale: Scale = SCALE, more: float = 0.0) -> PsiEvaluation:
-    lists = find_candidates(sort_into_cells(references.points, 1.0), queries.points, scale.s + more)
-    return evaluate(queries, references, lists, scale, KERNEL, moving_references=queries is references)
+    if queries is references:
+        lists = find_candidates(sort_into_cells(references.points, 1.0), queries.points, scale.s + more)
+        return evaluate(queries, None, scale, KERNEL, lists)
+    fixed = make_references(references)
+    return evaluate(queries, fixed, scale, KERNEL, list_near(fixed.grid, queries.points, scale.s + more))
 
 
 def assert_equal(one: PsiEvaluation, other: PsiEvaluation, rtol: float = 1e-9) -> None:
@@ -68,7 +70,7 @@ def test_the_kernel_equals_the_reference(
     assert_equal(evaluated(queries, references, scale), reference)
     if not moving:
         for cell_m in (0.6, 2.0):
-            assert_equal(evaluate_against(queries, make_references(references, cell_m), scale, KERNEL), reference)
+            assert_equal(evaluate(queries, make_references(references, cell_m), scale, KERNEL), reference)
 
 
 def test_references_in_more_cells_than_are_listed_give_the_same_score() -> None:
@@ -84,10 +86,10 @@ def test_references_in_more_cells_than_are_listed_give_the_same_score() -> None:
         jacobians=np.zeros((0, 2, 0)),
     )
     references = make_references(both)
-    assert len(references.firsts) == 0 and len(make_references(near).firsts) > 0
-    expected = evaluate_against(queries, make_references(near), SCALE, KERNEL)
+    assert len(references.grid.firsts) == 0 and len(make_references(near).grid.firsts) > 0
+    expected = evaluate(queries, make_references(near), SCALE, KERNEL)
     assert expected.matched.sum() > 200
-    assert_equal(evaluate_against(queries, references, SCALE, KERNEL), expected, rtol=1e-12)
+    assert_equal(evaluate(queries, references, SCALE, KERNEL), expected, rtol=1e-12)
 
 
 def test_the_comparison_is_of_crowded_neighbourhoods_too() -> None:

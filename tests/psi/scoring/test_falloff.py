@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mqslam.psi.scoring.falloff import LANES, fall_off
+from mqslam.psi.score import LANES, fall_off
 
 
 def computed(exponents: NDArray[np.float64]) -> NDArray[np.float64]:

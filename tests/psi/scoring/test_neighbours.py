@@ -7,12 +7,15 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mqslam.psi.scoring.neighbours import CandidateLists, NeighbourCache, find_candidates, mark_near, sort_into_cells
+from mqslam.psi.minimiser import renew_lists
+from mqslam.psi.neighbours import NearbyLists, find_candidates, mark_near, sort_into_cells
+from mqslam.psi.place import PointSet
+from mqslam.psi.score import References, make_references
 
 Points = NDArray[np.float64]
 
 
-def sets(lists: CandidateLists) -> list[list[int]]:
+def sets(lists: NearbyLists) -> list[list[int]]:
     spans = zip(lists.offsets[:-1], lists.offsets[1:], strict=True)
     return [sorted(lists.indices[a:b].tolist()) for a, b in spans]
 
@@ -25,7 +28,7 @@ def square(seed: int, count: int, side: float = 10.0) -> Points:
     return np.random.default_rng(seed).uniform(-side / 2.0, side / 2.0, (count, 2))
 
 
-def holds_all_within(lists: CandidateLists, references: Points, queries: Points, radius: float) -> bool:
+def holds_all_within(lists: NearbyLists, references: Points, queries: Points, radius: float) -> bool:
     wanted = by_tree(references, queries, radius)
     return all(set(want) <= set(result) for want, result in zip(wanted, sets(lists), strict=True))
 
@@ -74,50 +77,61 @@ def test_queries_outside_the_grid_find_nothing(off: tuple[float, float]) -> None
     assert sets(find_candidates(sort_into_cells(square(1, 50), 1.0), queries, 0.9)) == [[]] * 10
 
 
+class Renewed:
+    """Lists of the neighbours of points, and how often they were made."""
+
+    def __init__(self) -> None:
+        self.lists: NearbyLists | None = None
+        self.builds = 0
+
+    def reach(self, points: Points, references: References | None, reach: float) -> NearbyLists:
+        lists = renew_lists(self.lists, points, references, reach)
+        self.builds += lists is not self.lists
+        self.lists = lists
+        return lists
+
+
+def fixed(points: Points) -> References:
+    count = len(points)
+    return make_references(PointSet(points, np.zeros((0, 2, 0)), np.ones((count, 3)), np.zeros(count)))
+
+
 @pytest.mark.parametrize("with_map", [True, False])
-def test_cached_lists_hold_every_neighbour_while_points_move(with_map: bool) -> None:
-    cache, rng = NeighbourCache(skin=0.3), np.random.default_rng(6)
+def test_lists_hold_every_neighbour_while_points_move(with_map: bool) -> None:
+    renewed, rng = Renewed(), np.random.default_rng(6)
     queries = square(1, 60)
-    references = square(2, 60) if with_map else queries
-    grid = sort_into_cells(references, 1.0) if with_map else None
+    references = fixed(square(2, 60)) if with_map else None
     calls = 40
     for _ in range(calls):
         queries = queries + rng.uniform(-0.04, 0.04, queries.shape)
-        references = references if with_map else queries
-        lists = cache.lists(queries, references, 1.0, grid)
-        assert holds_all_within(lists, references, queries, 1.0)
-    assert 1 < cache.builds < calls / 2
+        lists = renewed.reach(queries, references, 1.0)
+        assert holds_all_within(lists, queries if references is None else references.grid.points, queries, 1.0)
+    assert 1 < renewed.builds < calls / 2
 
 
 def test_lists_are_kept_until_points_have_moved_by_the_skin() -> None:
-    cache, start = NeighbourCache(skin=0.3), square(1, 20)
-    fixed = square(2, 20)
-    grid = sort_into_cells(fixed, 1.0)
+    start, references = square(1, 20), fixed(square(2, 20))
 
-    def builds(moved: float, map_moved: bool) -> int:
-        queries = start + np.array([moved, 0.0])
-        cache.lists(queries, queries if map_moved else fixed, 1.0, None if map_moved else grid)
-        return cache.builds
+    def builds(moves: tuple[float, ...], references: References | None) -> list[int]:
+        renewed, counts = Renewed(), []
+        for moved in moves:
+            renewed.reach(start + np.array([moved, 0.0]), references, 1.0)
+            counts.append(renewed.builds)
+        return counts
 
-    assert [builds(m, False) for m in (0.0, 0.1, 0.29, 0.0, 0.31, 0.4)] == [1, 1, 1, 1, 2, 2]
-    assert [builds(m, True) for m in (0.0, 0.1, 0.14, 0.0, 0.16)] == [3, 3, 3, 3, 4]
+    assert builds((0.0, 0.1, 0.19, 0.0, 0.21, 0.3), references) == [1, 1, 1, 1, 2, 2]
+    assert builds((0.0, 0.1, 0.14, 0.0, 0.16), None) == [1, 1, 1, 1, 2]
 
 
 def test_lists_are_renewed_for_a_wider_selection_and_for_one_far_narrower() -> None:
-    cache, points = NeighbourCache(skin=0.3, waste=2.0), square(1, 20)
+    renewed, points = Renewed(), square(1, 20)
     built = []
-    for s in (1.0, 0.9, 1.3, 1.31, 0.51, 0.49):
-        lists = cache.lists(points, points, s)
-        assert holds_all_within(lists, points, points, s)
-        built.append(cache.builds)
+    for reach in (1.0, 0.9, 1.3, 1.31, 0.51, 0.49):
+        assert holds_all_within(renewed.reach(points, None, reach), points, points, reach)
+        built.append(renewed.builds)
     assert built == [1, 1, 1, 2, 2, 3]
 
 
-def test_another_map_or_another_number_of_points_is_never_served_from_the_cache() -> None:
-    cache, queries = NeighbourCache(), square(1, 20)
-    for seed, count in ((2, 30), (3, 30), (4, 31)):
-        references = square(seed, count)
-        lists = cache.lists(queries, references, 1.0, sort_into_cells(references, 1.0))
-        assert holds_all_within(lists, references, queries, 1.0)
-    lists = cache.lists(queries[:9], references, 1.0)
-    assert len(lists.offsets) == 10
+def test_another_number_of_points_has_lists_of_its_own() -> None:
+    lists = renew_lists(None, square(1, 20), None, 1.0)
+    assert len(renew_lists(lists, square(1, 9), None, 1.0).offsets) == 10

@@ -12,21 +12,8 @@ from mqslam.config import TrackerConfig
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
 from mqslam.psi.minimiser import Prior
-from mqslam.psi.tracking.dynamics import (
-    _SIGMA_VX,
-    SIGMA_AX,
-    Blindness,
-    LastMatch,
-    coast,
-    correct_motion,
-    drop_directions,
-    hold_directions,
-    predict,
-    replace_motion,
-    smooth_last,
-)
-from mqslam.psi.tracking.setup import SPEED_MIN, START_ALPHA
 from mqslam.psi.tracking.state import (
+    _SIGMA_VX,
     ACCELERATION,
     ALPHA,
     AX,
@@ -34,16 +21,28 @@ from mqslam.psi.tracking.state import (
     OMEGA,
     ORIGIN,
     POSE,
+    SIGMA_AX,
     SIZE,
+    SPEED_MIN,
+    START_ALPHA,
     TOLERANCES,
     TWIST,
     VX,
     VY,
     YAW,
     Belief,
+    Blindness,
+    LastMatch,
     State,
     X,
     Y,
+    coast,
+    correct_motion,
+    drop_directions,
+    hold_directions,
+    predict,
+    replace_motion,
+    smooth_last,
 )
 
 SETTINGS = TrackerConfig()
@@ -58,9 +57,9 @@ def belief(vector: NDArray[np.float64] = VECTOR) -> Belief:
 
 def test_the_parts_of_a_state_are_its_vector() -> None:
     state = State(VECTOR)
-    np.testing.assert_array_equal(np.r_[state.pose, state.twist, state.acceleration], VECTOR)
+    np.testing.assert_array_equal(np.r_[state.pose, state.twist, state.vector[ACCELERATION]], VECTOR)
     np.testing.assert_array_equal(State.of(state.pose, state.motion).vector, VECTOR)
-    np.testing.assert_array_equal(State.at_constant_twist(state.pose, state.twist).acceleration, 0.0)
+    np.testing.assert_array_equal(State.at_constant_twist(state.pose, state.twist).vector[ACCELERATION], 0.0)
     assert state.yaw == VECTOR[2]
 
 
@@ -142,7 +141,7 @@ def test_the_predicted_covariance_is_that_of_the_linearised_prediction(dt: float
 
 def test_coasting_keeps_the_twist_and_forgets_the_acceleration() -> None:
     after = coast(belief(), 3.0, 0.25, SETTINGS)
-    np.testing.assert_array_equal(after.mean.acceleration, 0.0)
+    np.testing.assert_array_equal(after.mean.vector[ACCELERATION], 0.0)
     np.testing.assert_allclose(after.mean.twist, VECTOR[TWIST])
     np.testing.assert_allclose(np.diag(after.covariance)[ACCELERATION], [SIGMA_AX**2, START_ALPHA**2])
 

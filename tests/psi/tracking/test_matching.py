@@ -8,19 +8,18 @@ from numpy.typing import NDArray
 
 from mqslam.config import Config
 from mqslam.core.scans import Returns, Scan
+from mqslam.psi.covariance import find_weak_directions
 from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, kernel_of
-from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import Beam
-from mqslam.psi.scoring.references import evaluate_against
-from mqslam.psi.tracking.local_map import LocalMap
+from mqslam.psi.score import evaluate
+from mqslam.psi.tracking.local_map import USUAL, LocalMap
 from mqslam.psi.tracking.matching import Matcher
-from mqslam.psi.tracking.setup import USUAL, Setup
 from mqslam.psi.tracking.state import State
 
 TURN_S = 0.25
 CONFIG = Config()
 INFORMATION = np.diag([1e2, 1e2, 1e4, 1e2, 1e2, 1e4, 1.0, 1.0])
-MATCHER = Matcher(Setup(CONFIG.tracker, CONFIG.estimator, Beam(0.15, 0.008), TURN_S))
+MATCHER = Matcher(CONFIG.tracker, CONFIG.estimator, Beam(0.15, 0.008), TURN_S)
 
 
 def at_rest(x: float) -> State:
@@ -61,7 +60,7 @@ def drive_between_walls(objects: int, seed: int, apart_m: float = 4.0) -> tuple[
 def seem_weak(scan: Scan, into: LocalMap) -> NDArray[np.float64]:
     """Returns the directions that the widest scale takes for not observed."""
     points, scale = MATCHER.place(scan, at_rest(0.0)), annealed_scale(CONFIG.estimator, 0)
-    wide = evaluate_against(points, into.references, scale, kernel_of(CONFIG.estimator, TURN_S))
+    wide = evaluate(points, into.references, scale, kernel_of(CONFIG.estimator, TURN_S))
     return find_weak_directions(wide, 3)
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from mqslam.core.scans import Returns, Scan
 from mqslam.psi.minimiser import Minimum
-from mqslam.psi.scoring.estimator import PsiEvaluation
-from mqslam.psi.tracking.plausibility import Usual, is_usable, measure_overlap, overlaps
-from mqslam.psi.tracking.setup import USUAL
+from mqslam.psi.score import PsiEvaluation
+from mqslam.psi.tracking.local_map import USUAL
+from mqslam.psi.tracking.plausibility import Usual, is_usable, overlaps
 
 
 def scan(count: int, sector: float) -> Scan:
@@ -36,7 +36,7 @@ def test_a_scan_is_usable_with_enough_returns_in_more_than_one_direction(count: 
 )
 def test_a_match_needs_enough_returns_on_the_map_and_a_share_of_them(matched: int, count: int, expected: bool) -> None:
     assert overlaps(minimum(matched, count)) is expected
-    assert measure_overlap(minimum(matched, count)) == pytest.approx(matched / max(count, 1))
+    assert minimum(matched, count).evaluation.overlap == pytest.approx(matched / max(count, 1))
 
 
 def test_before_the_first_match_nothing_is_poor_or_doubtful() -> None:

@@ -8,8 +8,8 @@ from support.clouds import point_set
 
 from mqslam.config import Config
 from mqslam.psi.minimiser import annealed_scale, final_scale
-from mqslam.psi.tracking.prediction_error import _PREDICTION_SCANS, YOUNG_SCANS, PredictionErrors
-from mqslam.psi.tracking.setup import USUAL
+from mqslam.psi.tracking.local_map import USUAL
+from mqslam.psi.tracking.plausibility import _PREDICTION_SCANS, YOUNG_SCANS, PredictionErrors
 
 CONFIG = Config()
 MATCHING = CONFIG.estimator

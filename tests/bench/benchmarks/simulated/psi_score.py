@@ -17,11 +17,12 @@ from mqslam.core.scans import Returns
 from mqslam.detection import detector
 from mqslam.detection.stage import detect_stretch
 from mqslam.formats.recordings import open_recording
-from mqslam.psi.place import PointSet, beam_of, place
+from mqslam.psi.minimiser import kernel_of
+from mqslam.psi.neighbours import find_candidates, sort_into_cells
+from mqslam.psi.place import PointSet, beam_of
 from mqslam.psi.published.equations import score
 from mqslam.psi.published.reference import score_reference
-from mqslam.psi.scoring.neighbours import find_candidates, sort_into_cells
-from mqslam.psi.window import drop_start
+from mqslam.psi.window import Window
 
 _SEED = 11  # of a drive that `heading` measures too
 _FIRST, _SCANS = 100, 3
@@ -64,8 +65,9 @@ def _make_window(join_m: float) -> tuple[PointSet, float]:
     recording = open_recording(simulate_short_city("hard", _SEED))
     with patch.object(detector, "_JOIN_M", join_m):
         returns = Returns.concatenate(detect_stretch(recording, DetectorConfig(), _FIRST, _FIRST + _SCANS).returns)
-    beam, t0 = beam_of(Config().estimator, 0.0), float(recording.start_times[_FIRST])
-    return drop_start(place(returns, t0, np.zeros(3), _MOTION, CONSTANT_VELOCITY, beam)), recording.revolution_s
+    estimator, t0, turn_s = Config().estimator, float(recording.start_times[_FIRST]), recording.revolution_s
+    window = Window(returns, t0, kernel_of(estimator, turn_s), estimator, beam_of(estimator, 0.0))
+    return window.render(_MOTION, CONSTANT_VELOCITY), turn_s
 
 
 def _spend(call: Callable[[], object], number: int) -> float:

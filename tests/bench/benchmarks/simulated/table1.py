@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bench.benchmark import Benchmark, Bound, Column, Goal, Row, label
 
-from mqslam.psi.published.table1 import OURS, PAPER_LARGEST, compute_table1
+from mqslam.psi.published.paper import OURS, PAPER_LARGEST, compute_table1
 
 _SEEDS = 10
 

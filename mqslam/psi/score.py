@@ -1,4 +1,4 @@
-"""psi as the estimator minimises it: one centroid residual per point, weighed by what the sensor knows of it.
+"""The score of points as the estimator minimises it: one compiled sum over neighbours, and what a minimiser needs of it.
 
 The kappa-weighted centroid of a query point's selected neighbours gives one offset e_i with covariance Sigma_i. With
 d^2 = e^T Sigma^-1 e the published chain becomes L = 1 / (1 + d^2/c^2), S^2 = L d^2, psi = sum S^2. A point without a
@@ -12,10 +12,13 @@ neighbours), which makes the true curvature several times smaller than Gauss-New
 What a radar sees of an object shifts and fades as it looks at it from another side. Where both point sets know the
 directions that they were seen from, a neighbour's kappa and the blur of its offset therefore depend on how far the two
 directions are apart: likeness = exp(-(difference / aspect)^2).
+
+The readable twin is `mqslam.psi.published.reference.evaluate_reference`.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple, TypeAlias
 
@@ -24,16 +27,24 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from mqslam.psi.place import PointSet
-from mqslam.psi.scoring.falloff import LANES, fall_off
-from mqslam.psi.scoring.neighbours import CandidateLists
+from mqslam.psi.neighbours import CellGrid, NearbyLists, find_candidates, find_longest, list_near, sort_into_cells
+from mqslam.psi.place import PointArrays, PointSet
 
 Fields: TypeAlias = tuple[
     NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
 ]  # of a `PsiEvaluation`
 
+LANES: Final = 8  # numbers whose exponential function is computed at once: a matter of speed only
 _BEYOND: Final = 1.0 + 1e-9  # numerical: rounding must not lose a neighbour at the limit
 _BLOCK: Final = 1024  # neighbours that are summed at a time, so that they stay at hand: a matter of speed only
+_CELL_M: Final = 1.0  # side of the cells in which references are looked up [m]: a matter of speed only
+
+_LOG2_E: Final = 1.4426950408889634
+_LOG_2: Final = 0.693147180369123816490, 1.90821492927058770002e-10  # in two parts, so that k times it is exact to rounding
+_LARGEST: Final = 700.0  # beyond this the result is below the smallest number, and this one's is as good as zero
+_BIAS: Final = 1023  # of the exponent of a 64-bit number
+_MANTISSA_BITS: Final = 52
+_C2, _C3, _C4, _C5, _C6, _C7, _C8, _C9, _C10, _C11, _C12 = (1.0 / math.factorial(n) for n in range(2, 13))
 
 
 class Scale(NamedTuple):
@@ -72,6 +83,38 @@ class Kernel(NamedTuple):
     apart_blur: float
 
 
+class References(NamedTuple):
+    """Points that stay where they are while others are scored against them: a running map, a submap, all of a map.
+
+    Args:
+        points: (M, 2) m, as they were given.
+        grid: the same points, sorted into cells.
+        known: (M, 8) of each point in the order of the grid, as `Neighbours` has it.
+        knows_rays: whether the directions are known that the points were seen from.
+    """
+
+    points: NDArray[np.float64]
+    grid: CellGrid
+    known: NDArray[np.float64]
+    knows_rays: bool
+
+
+class Neighbours(NamedTuple):
+    """The references that the sums over the neighbours of queries run through.
+
+    Args:
+        known: (M, 8) x, y [m], time [s], ray x, y, and covariance xx, xy, yy [m^2] of each reference.
+        jacobians: (M, 2, Q) of the references, or without rows where they do not move.
+        offsets: (N + 1,) where the references near each query begin among the indices; the last one is where they end.
+        indices: (K,) of references near the queries, and of some beyond.
+    """
+
+    known: NDArray[np.float64]
+    jacobians: NDArray[np.float64]
+    offsets: NDArray[np.int64]
+    indices: NDArray[np.int64] | NDArray[np.int32]
+
+
 @dataclass(frozen=True, slots=True)
 class PsiEvaluation:
     """The score and what its minimiser needs.
@@ -96,71 +139,65 @@ class PsiEvaluation:
         return float(self.shares.sum())
 
     @property
+    def overlap(self) -> float:
+        """Share of the points that have a selected neighbour; 0 without points."""
+        return float(self.matched.mean()) if len(self.matched) else 0.0
+
+    @property
     def gradient(self) -> NDArray[np.float64]:
         """Half the gradient (Q,) of psi: the sum of the points' scores."""
         return np.asarray(self.scores.sum(axis=0))
 
 
+def make_references(points: PointSet, cell_m: float = _CELL_M, corner: NDArray[np.float64] | None = None) -> References:
+    """Returns points as references.
+
+    Args:
+        points: the points.
+        cell_m: side of the cells that they are sorted into [m], on which only speed depends.
+        corner: (2,) m, lower left corner of the first cell; with the same one, some points are scored as among all of them.
+    """
+    grid = sort_into_cells(points.points, cell_m, corner)
+    return References(points.points, grid, arrange(grid.order, points.arrays), len(points.rays) == len(points))
+
+
 def evaluate(
-    queries: PointSet,
-    references: PointSet,
-    lists: CandidateLists,
-    scale: Scale,
-    kernel: Kernel,
-    moving_references: bool,
+    queries: PointSet, references: References | None, scale: Scale, kernel: Kernel, lists: NearbyLists | None = None
 ) -> PsiEvaluation:
-    """Scores the query points against the reference points.
+    """Scores points against references, or against each other, all of them moving with the same state.
 
     Args:
         queries: points whose offsets are scored.
-        references: points that they are compared with; the same object for a window that is scored against itself.
-        lists: candidates for every query.
+        references: points that they are compared with; None compares the queries with each other.
         scale: widths of selection and weights.
         kernel: the score besides its widths.
-        moving_references: whether the references depend on the same state as the queries.
+        lists: neighbours of the queries that serve this score, of `list_near` among references and of `find_candidates`
+            among the queries themselves; None looks them up.
     """
-    fields = evaluate_arrays(arrays_of(queries), arrays_of(references), lists, scale, kernel, moving_references)
-    return PsiEvaluation(*fields)
-
-
-class PointArrays(NamedTuple):
-    """The arrays of a `PointSet`, as kernels take them."""
-
-    points: NDArray[np.float64]
-    jacobians: NDArray[np.float64]
-    covariances: NDArray[np.float64]
-    times: NDArray[np.float64]
-    rays: NDArray[np.float64]
-
-
-def arrays_of(points: PointSet) -> PointArrays:
-    """Returns the arrays of a point set."""
-    return PointArrays(points.points, points.jacobians, points.covariances, points.times, points.rays)
+    reach = find_reach(scale, kernel)
+    if references is None:
+        if lists is None:
+            lists = find_candidates(sort_into_cells(queries.points, reach), queries.points, reach)
+        return PsiEvaluation(*evaluate_each_other(queries.arrays, lists, scale, kernel))
+    if lists is None:
+        lists = list_near(references.grid, queries.points, reach)
+    near = Neighbours(references.known, np.empty((0, 2, queries.jacobians.shape[2])), lists.offsets, lists.indices)
+    knows_aspects = len(queries.rays) == len(queries) and references.knows_rays
+    return PsiEvaluation(*_evaluate_near(queries.arrays, near, scale, kernel, knows_aspects))
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def evaluate_arrays(
-    queries: PointArrays, references: PointArrays, lists: CandidateLists, scale: Scale, kernel: Kernel, moving: bool
-) -> Fields:
-    """Returns the fields of a `PsiEvaluation` of points among references that lists name; see `evaluate`."""
-    known = arrange(np.arange(len(references.points)), references)
-    knows_aspects = len(queries.rays) == len(queries.points) and len(references.rays) == len(known)
-    near = Neighbours(known, references.jacobians[: len(known) if moving else 0], lists.offsets, lists.indices)
-    fields: Fields = evaluate_near(queries, near, scale, kernel, knows_aspects)
+def evaluate_each_other(points: PointArrays, lists: NearbyLists, scale: Scale, kernel: Kernel) -> Fields:
+    """Returns the fields of a `PsiEvaluation` of points among themselves; see `evaluate`."""
+    n = len(points.points)
+    near = Neighbours(arrange(np.arange(n), points), points.jacobians, lists.offsets, lists.indices)
+    fields: Fields = _evaluate_near(points, near, scale, kernel, len(points.rays) == n)
     return fields
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def evaluate_near(queries: PointArrays, near: Neighbours, scale: Scale, kernel: Kernel, knows_aspects: bool) -> Fields:
-    """Returns the fields of a `PsiEvaluation` of points among references that are near them.
-
-    Args:
-        queries: points whose offsets are scored.
-        near: references near them.
-        scale: widths of selection and weights.
-        kernel: the score besides its widths.
-        knows_aspects: whether both know the directions that they were seen from.
-    """
+def _evaluate_near(queries: PointArrays, near: Neighbours, scale: Scale, kernel: Kernel, knows_aspects: bool) -> Fields:
+    """Returns the fields of a `PsiEvaluation`, given whether both sides know the directions that they were seen from."""
     n, size = len(queries.points), queries.jacobians.shape[2]
     sums, pulls = np.empty((n, 10)), np.zeros((n if len(near.jacobians) else 0, 2, size))
     rays = queries.rays[: n if knows_aspects else 0]
@@ -248,22 +285,6 @@ def weigh_offsets(
     return shares, matched, scores, information, curvature
 
 
-class Neighbours(NamedTuple):
-    """The references that the sums over the neighbours of queries run through.
-
-    Args:
-        known: (M, 8) x, y [m], time [s], ray x, y, and covariance xx, xy, yy [m^2] of each reference.
-        jacobians: (M, 2, Q) of the references, or without rows where they do not move.
-        offsets: (N + 1,) where the references near each query begin among the indices; the last one is where they end.
-        indices: (K,) of references near the queries, and of some beyond.
-    """
-
-    known: NDArray[np.float64]
-    jacobians: NDArray[np.float64]
-    offsets: NDArray[np.int64]
-    indices: NDArray[np.int64] | NDArray[np.int32]
-
-
 @register_jitable
 def find_reach(scale: Scale, kernel: Kernel) -> float:
     """Returns how far out neighbours are selected [m]: beyond that, kappa is below the least one if s allows them at all."""
@@ -283,15 +304,6 @@ def arrange(order: NDArray[np.int64], points: PointArrays) -> NDArray[np.float64
         known[k, 5], known[k, 6] = points.covariances[m, 0], points.covariances[m, 1]
         known[k, 7] = points.covariances[m, 2]
     return known
-
-
-@register_jitable
-def _find_longest(offsets: NDArray[np.int64]) -> int:
-    """Returns the length of the longest list that offsets (N + 1,) limit."""
-    longest = 0
-    for i in range(len(offsets) - 1):
-        longest = max(longest, offsets[i + 1] - offsets[i])
-    return longest
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -327,7 +339,7 @@ def add_up_neighbours(
     apart, alike = kernel.apart_share, 1.0 - kernel.apart_share
     blur, apart_blur = kernel.blur * kernel.blur, kernel.apart_blur * kernel.apart_blur
     knows_times, knows_aspects, moving = len(t) > 0, len(rays) > 0, len(jacobians) > 0
-    room = _BLOCK + _find_longest(offsets) + LANES
+    room = _BLOCK + find_longest(offsets) + LANES
     found, begins = np.empty(room, np.int64), np.empty(_BLOCK + 1, np.int64)
     ahead, left, squares, aside = np.empty(room), np.empty(room), np.empty(room), np.empty(room)
     kappas, likenesses = np.empty(room), np.empty(room)
@@ -387,3 +399,42 @@ def add_up_neighbours(
             blurs = blurs if knows_aspects else blur * sum_k
             sums[i] = (sum_k, mx, my, sxx, sxy, syy, cxx, cxy, cyy, blurs)
         first += taken
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def fall_off(exponents: NDArray[np.float64], count: int, powers: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+    """Computes exp(-x) of the first numbers of an array by plain arithmetic, which compilers make vector instructions of.
+
+    With exp(-x) = 2^k exp(r), where |r| is at most half of log 2, the polynomial of exp(r) ends where its terms are below
+    rounding. All arithmetic is elementwise, so that it gives the same digits however many numbers are taken at once.
+
+    The result of number i is values[i] times the 64-bit number whose bits powers[i] are, a power of 2.
+
+    Args:
+        exponents: (N,) numbers x, not negative.
+        count: how many of them are taken, which leave room for `LANES` more: those up to the next multiple of that are
+            overwritten, here and in the results.
+        powers: (N,) takes the bits of the powers of 2.
+        values: (N,) takes the factors.
+    """
+    full = (count + LANES - 1) // LANES * LANES
+    for i in range(count, full):
+        exponents[i] = 0.0
+    for i in range(full):
+        x = min(exponents[i], _LARGEST)
+        k = np.floor(0.5 - x * _LOG2_E)
+        r = -x - k * _LOG_2[0] - k * _LOG_2[1]
+        p = _C12
+        p = p * r + _C11
+        p = p * r + _C10
+        p = p * r + _C9
+        p = p * r + _C8
+        p = p * r + _C7
+        p = p * r + _C6
+        p = p * r + _C5
+        p = p * r + _C4
+        p = p * r + _C3
+        p = p * r + _C2
+        p = p * r + 1.0
+        values[i] = p * r + 1.0
+        powers[i] = (np.int64(np.int32(k)) + _BIAS) << _MANTISSA_BITS

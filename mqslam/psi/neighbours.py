@@ -1,0 +1,235 @@
+"""Neighbours: points sorted into a grid of cells, and lists of those near other points, which serve while points move.
+
+Between nearby motions the neighbours hardly change. A list reaches farther out than the score asks for (the skin of a
+Verlet list), and it serves until points have moved so far that a neighbour could be missing from it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba as nb
+import numpy as np
+from numba.extending import register_jitable
+from numpy.typing import NDArray
+
+_ROOM = 8  # neighbours per query that room is made for at first: a matter of speed only
+_DENSE = 2**17  # cells of a grid up to which the first points of all cells are listed: a matter of speed only
+_LAST = 2**22  # column and row of all points that lie farther out: a matter of memory only
+_WASTE = 2.0  # a list that reaches this many times farther than a new one is renewed: a matter of speed only
+
+
+class CellGrid(NamedTuple):
+    """Points, sorted by square cells: column by column, and by row within a column.
+
+    Args:
+        points: (M, 2) m, in the order of their cells.
+        order: (M,) index of each sorted point among the points as they were given.
+        rows: (M,) row of each sorted point.
+        begins: (columns + 1,) where each column begins among the sorted points; the last one is where they end.
+        firsts: (columns, rows + 1) the first point of each column that is not below each row. It has no columns where the
+            grid has too many cells for that to pay.
+        corner: (2,) m, lower left corner of the first cell.
+        cell: side of a cell [m].
+    """
+
+    points: NDArray[np.float64]
+    order: NDArray[np.int64]
+    rows: NDArray[np.int64]
+    begins: NDArray[np.int64]
+    firsts: NDArray[np.int32]
+    corner: NDArray[np.float64]
+    cell: float
+
+
+class NearbyLists(NamedTuple):
+    """For every query the points of a grid that are near it.
+
+    Args:
+        offsets: (N + 1,) where the list of each query begins among the indices; the last one is where they end.
+        indices: (K,) of points, in the order of the grid (`list_near`) or as they were given to it (`find_candidates`).
+        queries: (N, 2) m, where the queries were when the lists were made.
+        radius: how near the listed points are [m].
+    """
+
+    offsets: NDArray[np.int64]
+    indices: NDArray[np.int64] | NDArray[np.int32]
+    queries: NDArray[np.float64]
+    radius: float
+
+
+@nb.njit(cache=True, nogil=True)
+def find_corner(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the smallest x and y (2,) of points (M, 2), of which there is one at least."""
+    left, low = points[0, 0], points[0, 1]
+    for i in range(1, len(points)):
+        left, low = min(left, points[i, 0]), min(low, points[i, 1])
+    return np.array([left, low])
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def sort_into_cells(points: NDArray[np.float64], cell: float, corner: NDArray[np.float64] | None = None) -> CellGrid:
+    """Sorts points into square cells; those of one cell keep their order.
+
+    Args:
+        points: (M, 2) m.
+        cell: side of a cell [m].
+        corner: (2,) m, lower left corner of the first cell, left of and below all points; None finds it.
+    """
+    n = len(points)
+    lowest = np.zeros(2)
+    if corner is not None:
+        lowest[:] = corner
+    elif n > 0:
+        lowest[:] = find_corner(points) - cell
+    column, row = np.empty(n, np.int64), np.empty(n, np.int64)
+    for i in range(n):
+        column[i], row[i] = find_cell(points[i, 0] - lowest[0], cell), find_cell(points[i, 1] - lowest[1], cell)
+    order, begins = _order_by(column, _order_by(row, np.arange(n))[0])
+    return CellGrid(points[order], order, row[order], begins, _list_firsts(row[order], begins), lowest, cell)
+
+
+@nb.njit(cache=True, inline="always")
+def find_cell(distance: float, cell: float) -> int:
+    """Returns the column or row that lies a distance [m] from the grid's corner, or the nearest one that there is."""
+    return max(0, min(int(np.floor(distance / cell)), _LAST))
+
+
+@nb.njit(cache=True, nogil=True)
+def _order_by(keys: NDArray[np.int64], order: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Sorts an order of items by their keys, of which none is negative; equal ones keep theirs.
+
+    Returns:
+        The new order (N,), and where the items of each key begin in it (K + 1,).
+    """
+    begins = np.zeros(keys.max() + 2 if len(keys) else 1, np.int64)
+    for key in keys:
+        begins[key + 1] += 1
+    for k in range(1, len(begins)):
+        begins[k] += begins[k - 1]
+    free = begins.copy()
+    result = np.empty_like(order)
+    for item in order:
+        result[free[keys[item]]] = item
+        free[keys[item]] += 1
+    return result, begins
+
+
+@nb.njit(cache=True, nogil=True)
+def _list_firsts(rows: NDArray[np.int64], begins: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Returns the first points of the cells, as `CellGrid` has them."""
+    height = rows.max() + 1 if len(rows) else 0
+    if (len(begins) - 1) * height > _DENSE:
+        return np.empty((0, 0), np.int32)
+    firsts = np.empty((len(begins) - 1, height + 1), np.int32)
+    for column in range(len(begins) - 1):
+        row = 0
+        for k in range(begins[column], begins[column + 1]):
+            while row <= rows[k] and row <= height:
+                firsts[column, row] = k
+                row += 1
+        firsts[column, row:] = begins[column + 1]
+    return firsts
+
+
+@nb.njit(cache=True, inline="always")
+def find_first(rows: NDArray[np.int64], begin: int, end: int, row: int) -> int:
+    """Returns the first index from begin to end whose row, in increasing order, is not below `row`; else the end."""
+    while begin < end:
+        middle = (begin + end) // 2
+        if rows[middle] < row:
+            begin = middle + 1
+        else:
+            end = middle
+    return begin
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def list_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> NearbyLists:
+    """Lists the points of a grid near each query (N, 2) m; one that is itself such a point is listed too.
+
+    Every candidate is written down, and the next one overwrites one that is too far away.
+    """
+    points, rows, begins, firsts, cell = grid.points, grid.rows, grid.begins, grid.firsts, grid.cell
+    left_m, low_m = grid.corner[0], grid.corner[1]
+    is_dense, height = len(firsts) > 0, firsts.shape[1] - 1
+    offsets = np.zeros(len(queries) + 1, np.int64)
+    indices = np.empty(_ROOM * len(queries) + len(points), np.int32)
+    count = 0
+    for i in range(len(queries)):
+        if count + len(points) > len(indices):
+            indices = np.concatenate((indices, np.empty_like(indices)))
+        x, y = queries[i, 0], queries[i, 1]
+        low, high = find_cell(y - radius - low_m, cell), find_cell(y + radius - low_m, cell)
+        first, last = find_cell(x - radius - left_m, cell), find_cell(x + radius - left_m, cell)
+        lowest, highest = min(low, height), min(high + 1, height)
+        for column in range(first, min(last, len(begins) - 2) + 1):
+            if is_dense:
+                begin, end = firsts[column, lowest], firsts[column, highest]
+            else:
+                begin = find_first(rows, begins[column], begins[column + 1], low)
+                end = find_first(rows, begin, begins[column + 1], high + 1)
+            for k in range(begin, end):
+                dx, dy = points[k, 0] - x, points[k, 1] - y
+                indices[count] = k
+                count += dx * dx + dy * dy < radius * radius
+        offsets[i + 1] = count
+    return NearbyLists(offsets, indices[:count].copy(), queries, radius)
+
+
+@nb.njit(cache=True, nogil=True)
+def find_candidates(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> NearbyLists:
+    """Lists the points near each query (N, 2) m as `list_near` does, by their numbers as they were given to the grid."""
+    near = list_near(grid, queries, radius)
+    return NearbyLists(near.offsets, grid.order[near.indices], queries, radius)
+
+
+@register_jitable
+def find_longest(offsets: NDArray[np.int64]) -> int:
+    """Returns the length of the longest list that offsets (N + 1,) limit."""
+    longest = 0
+    for i in range(len(offsets) - 1):
+        longest = max(longest, offsets[i + 1] - offsets[i])
+    return longest
+
+
+@register_jitable
+def do_serve(lists: NearbyLists, queries: NDArray[np.float64], reach: float, skin: float, moves: float = 1.0) -> bool:
+    """Returns whether lists hold all neighbours of queries (N, 2) m within a reach [m], and not far too many.
+
+    Args:
+        lists: lists that were made for as many queries.
+        queries: where they are now.
+        reach: how near the neighbours are [m].
+        skin: how much farther out new lists would reach [m].
+        moves: 2 where the listed points have moved as far as the queries, 1 where they stayed.
+    """
+    need = reach + moves * measure_largest_move(queries, lists.queries)
+    return need <= lists.radius and lists.radius <= _WASTE * (reach + skin)
+
+
+@nb.njit(cache=True, nogil=True)
+def measure_largest_move(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Returns the largest distance between points (N, 2) m of the same index [m]."""
+    largest = 0.0
+    for i in range(len(a)):
+        dx, dy = a[i, 0] - b[i, 0], a[i, 1] - b[i, 1]
+        largest = max(largest, dx * dx + dy * dy)
+    return float(np.sqrt(largest))
+
+
+@nb.njit(cache=True, nogil=True)
+def mark_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> NDArray[np.bool_]:
+    """Marks the queries (N,) of positions (N, 2) m that have a point of a grid nearer than a radius [m]."""
+    points, begins, corner, cell = grid.points, grid.begins, grid.corner, grid.cell
+    marked = np.zeros(len(queries), np.bool_)
+    for i in range(len(queries)):
+        x, y = queries[i, 0], queries[i, 1]
+        low, high = find_cell(y - radius - corner[1], cell), find_cell(y + radius - corner[1], cell)
+        left, right = find_cell(x - radius - corner[0], cell), find_cell(x + radius - corner[0], cell)
+        for column in range(left, min(right, len(begins) - 2) + 1):
+            k = find_first(grid.rows, begins[column], begins[column + 1], low)
+            while not marked[i] and k < begins[column + 1] and grid.rows[k] <= high:
+                marked[i] = (points[k, 0] - x) ** 2 + (points[k, 1] - y) ** 2 < radius * radius
+                k += 1
+    return marked

@@ -1,0 +1,346 @@
+"""The paper's table I and its figures 2 and 3, made again on simulated drives.
+
+Table I is the motion of three constant drives by the published score with exhaustive search, and by our estimator. The
+figures show how psi falls as the motion becomes right, and what compensation does to the map of each case. The paper's
+sensor is simulated on a slow robot outdoors between buildings. The numbers of the drives and of the sensor are the paper's,
+or define our simulation of its experiment; the others belong to the figures' appearance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.config import DetectorConfig, EstimatorConfig, PsiConfig
+from mqslam.core import se2
+from mqslam.core.motion import CONSTANT_VELOCITY
+from mqslam.core.scans import Returns
+from mqslam.detection.stage import detect_stretch
+from mqslam.errors import OutputError, Remedy
+from mqslam.execution.files import write_aside
+from mqslam.execution.local_engine import LocalEngine
+from mqslam.execution.progress import Progress, ignore_progress
+from mqslam.psi.minimiser import kernel_of
+from mqslam.psi.neighbours import find_candidates, sort_into_cells
+from mqslam.psi.place import beam_of
+from mqslam.psi.published.equations import score
+from mqslam.psi.window import Window, WindowMotion
+from mqslam.simulator import ConstantDrive, SensorModel, make_yard_scene, simulate_recording
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+CASES = ((0.0, -0.3840), (0.1, 0.2967), (1.0, -0.1920))
+"""v [m/s] and omega [rad/s] in the cases of Table I."""
+PAPER_LARGEST = (0.1, 0.0227)
+"""Largest errors of v [m/s] and omega [rad/s] in the paper's Table I; nothing else of its results is at hand."""
+SENSOR = SensorModel(turn_rate_hz=2.0, azimuths=720, range_resolution=0.25, max_range=400.0)
+REVOLUTION_S = 1.0 / SENSOR.turn_rate_hz
+SPEEDS = np.arange(-0.5, 1.6, 0.4)  # speeds that the estimator's search tries [m/s]
+YAW_RATES = np.linspace(-0.6, 0.6, 25)  # yaw rates that the estimator's search tries [rad/s]
+_ESTIMATOR = EstimatorConfig()
+_BEAM = beam_of(_ESTIMATOR, 0.0)
+
+SCANS = 4
+"""Scans of a window in the figures."""
+_MOTION_2 = CASES[2]  # motion of figure 2, which both drives and turns
+_DPI = 160
+_INK, _SOFT = "#1c2430", "#5b6675"
+_COLOURS = ("#9ecae1", "#4292c6", "#08519c", "#d9620d")  # colours of the scans; the last one stands out
+_HALF_WIDTH_M = 45.0  # half the width of the world that is shown, about the sensor
+_PANEL_IN = 4.3
+
+VARIANTS = {
+    "published, as printed": PsiConfig(temporal="gaussian", unmatched=0.0),
+    "published, charged": PsiConfig(),
+}
+"""Scores that the exhaustive search minimises: equations (8) to (10) and (4) as printed; our defaults (plateau, charge)."""
+OURS = "our estimator"
+METHODS = (*VARIANTS, OURS)
+
+
+@dataclass(frozen=True, slots=True)
+class ExhaustiveSearch:
+    """An exhaustive search in two rounds.
+
+    Args:
+        speeds: (V,) m/s that the first round tries.
+        yaw_rates: (W,) rad/s that the first round tries.
+        fine_speeds: (X,) m/s that the second round adds to the best of the first.
+        fine_yaw_rates: (Y,) rad/s that the second round adds to the best of the first.
+    """
+
+    speeds: NDArray[np.float64]
+    yaw_rates: NDArray[np.float64]
+    fine_speeds: NDArray[np.float64]
+    fine_yaw_rates: NDArray[np.float64]
+
+
+SEARCH = ExhaustiveSearch(
+    np.linspace(-0.5, 1.5, 21), np.linspace(-0.6, 0.6, 61), np.linspace(-0.1, 0.1, 21), np.linspace(-0.02, 0.02, 21)
+)
+"""The search in steps of 0.1 m/s and 0.02 rad/s, then of 0.01 m/s and 0.002 rad/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table1Row:
+    """What a method obtained in one case.
+
+    Args:
+        case: true v [m/s], omega [rad/s].
+        method: one of `METHODS`.
+        obtained: (S, 2) v [m/s], omega [rad/s] by seed.
+    """
+
+    case: tuple[float, float]
+    method: str
+    obtained: NDArray[np.float64]
+
+    @property
+    def mean(self) -> NDArray[np.float64]:
+        """Mean (2,) over the seeds."""
+        return np.asarray(self.obtained.mean(axis=0))
+
+    @property
+    def rms(self) -> NDArray[np.float64]:
+        """Root mean square error (2,) over the seeds."""
+        return np.asarray(np.sqrt(((self.obtained - self.case) ** 2).mean(axis=0)))
+
+    def tree(self) -> dict[str, object]:
+        """Returns the row as JSON holds it."""
+        return {
+            "actual": dict(zip(("v", "omega"), self.case, strict=True)),
+            "method": self.method,
+            "mean": dict(zip(("v", "omega"), self.mean.tolist(), strict=True)),
+            "rms_error": dict(zip(("v", "omega"), self.rms.tolist(), strict=True)),
+            "paper_largest_error": dict(zip(("v", "omega"), PAPER_LARGEST, strict=True)),
+            "obtained": self.obtained.tolist(),
+        }
+
+
+def compute_table1(
+    seeds: int,
+    scans: int = 4,
+    jobs: int = 1,
+    cases: Sequence[tuple[float, float]] = CASES,
+    search: ExhaustiveSearch = SEARCH,
+    progress: Progress = ignore_progress,
+) -> list[Table1Row]:
+    """Computes what every method obtains in every case.
+
+    Args:
+        seeds: number of yards and noises to try, whose seeds are 0 to seeds - 1.
+        scans: length of the window.
+        jobs: number of processes; the result does not depend on it.
+        cases: v [m/s], omega [rad/s] to drive.
+        search: motions that the exhaustive search tries.
+        progress: called after each trial with (stage, trials done, trials in all).
+    """
+    trials = [(case, seed, scans) for case, seed in product(cases, range(seeds))]
+
+    def show(done: int, _: NDArray[np.float64]) -> None:
+        progress("table1", done, len(trials))
+
+    with LocalEngine(jobs) as engine:
+        obtained = engine.map(_run_trial, search, trials, show)
+    by_case = np.array(obtained).reshape(len(cases), seeds, len(METHODS), 2)
+    return [Table1Row(case, method, by_case[i, :, k]) for i, case in enumerate(cases) for k, method in enumerate(METHODS)]
+
+
+def simulate_window(case: tuple[float, float], seed: int, scans: int) -> Window:
+    """Simulates a number of scans of a case in the yard of a seed, as the detector with its default settings sees them."""
+    drive, estimator = ConstantDrive(*case), EstimatorConfig()
+    recording = simulate_recording(make_yard_scene(seed), drive, duration_s=scans * REVOLUTION_S, sensor=SENSOR, seed=seed)
+    returns = Returns.concatenate(detect_stretch(recording, DetectorConfig(), 0, scans).returns)
+    return Window(returns, 0.0, kernel_of(estimator, REVOLUTION_S), estimator, beam_of(estimator, 0.0))
+
+
+def estimate_motion(window: Window) -> WindowMotion:
+    """Estimates v [m/s], omega [rad/s] of a window without any start."""
+    return window.find(SPEEDS, YAW_RATES, CONSTANT_VELOCITY)
+
+
+def _run_trial(search: ExhaustiveSearch, trial: tuple[tuple[float, float], int, int]) -> NDArray[np.float64]:
+    """Returns the motions (methods, 2) that are obtained in a trial: a case, a seed and a number of scans."""
+    window = simulate_window(*trial)
+    grid = (search.speeds, search.yaw_rates)
+    scores = _score_grid(window, *grid, list(VARIANTS.values()))
+    motions = []
+    for k, variant in enumerate(VARIANTS.values()):
+        v, omega = _find_lowest(scores[..., k], *grid)
+        fine = (v + search.fine_speeds, omega + search.fine_yaw_rates)
+        motions.append(_find_lowest(_score_grid(window, *fine, [variant])[..., 0], *fine))
+    return np.array([*motions, estimate_motion(window).theta])
+
+
+def _find_lowest(scores: NDArray[np.float64], speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64]) -> se2.Array:
+    """Returns the v [m/s], omega [rad/s] (2,) of the lowest score on a grid (V, W)."""
+    i, k = np.unravel_index(int(np.argmin(scores)), scores.shape)
+    return np.array([speeds[i], yaw_rates[k]])
+
+
+def _score_grid(
+    window: Window, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64], variants: Sequence[PsiConfig]
+) -> NDArray[np.float64]:
+    """Returns the published scores (V, W, variants) on a grid of motions."""
+    scores = np.empty((len(speeds), len(yaw_rates), len(variants)))
+    s = max(variant.s for variant in variants)
+    for i, v in enumerate(speeds):
+        for k, omega in enumerate(yaw_rates):
+            points = window.render(np.array([v, omega]), CONSTANT_VELOCITY)
+            lists = find_candidates(sort_into_cells(points.points, s), points.points, s)
+            for m, variant in enumerate(variants):
+                scores[i, k, m] = score(points.points, points.times, REVOLUTION_S, variant, None, lists).psi
+    return scores
+
+
+def format_table(rows: Sequence[Table1Row]) -> str:
+    """Returns the table as a person reads it."""
+    lines = [
+        f"{'v':>5}  {'omega':>7}  {'method':<22} {'mean v':>8} {'omega':>8}   {'RMS error v':>11} {'omega':>8}",
+        f"{'m/s':>5}  {'rad/s':>7}  {'':<22} {'m/s':>8} {'rad/s':>8}   {'m/s':>11} {'rad/s':>8}",
+    ]
+    before = None
+    for row in rows:
+        actual = f"{row.case[0]:5.1f}  {row.case[1]:7.4f}" if row.case != before else " " * 14
+        before = row.case
+        lines.append(
+            f"{actual}  {row.method:<22} {row.mean[0]:8.4f} {row.mean[1]:8.4f}   {row.rms[0]:11.4f} {row.rms[1]:8.4f}"
+        )
+    lines.append(f"{'':14}  {'paper, largest error':<22} {'':8} {'':8}   {PAPER_LARGEST[0]:11.4f} {PAPER_LARGEST[1]:8.4f}")
+    return "\n".join(lines)
+
+
+@dataclass(frozen=True, slots=True)
+class Rendering:
+    """A window rendered under a motion.
+
+    Args:
+        name: what the motion is.
+        motion: (2,) v [m/s], omega [rad/s].
+        points: (N, 2) m, sensor frame at the window's start.
+        scan: (N,) index of the scan that each point was seen in.
+        psi: the published score, unmatched points charged.
+    """
+
+    name: str
+    motion: se2.Array
+    points: NDArray[np.float64]
+    scan: NDArray[np.int64]
+    psi: float
+
+
+def render_motion(window: Window, name: str, motion: se2.Array) -> Rendering:
+    """Renders a window under v [m/s], omega [rad/s] and scores it."""
+    placed = window.render(motion, CONSTANT_VELOCITY)
+    psi = score(placed.points, placed.times, REVOLUTION_S, PsiConfig()).psi
+    scan = np.floor(placed.times / REVOLUTION_S + 1e-9).astype(np.int64)
+    return Rendering(name, np.asarray(motion), placed.points, scan, psi)
+
+
+def render_figure2(seed: int = 1) -> list[Rendering]:
+    """Renders one window under no motion at all, half of the estimated one, and the estimated one."""
+    window = simulate_window(_MOTION_2, seed, SCANS)
+    best = estimate_motion(window).theta
+    return [
+        render_motion(window, "bad: no motion", np.zeros(2)),
+        render_motion(window, "better: half the motion", 0.5 * best),
+        render_motion(window, "good: the estimated motion", best),
+    ]
+
+
+def render_figure3(seed: int = 1) -> list[tuple[Rendering, Rendering]]:
+    """Renders the three cases before compensation and after it."""
+    windows = [simulate_window(case, seed, SCANS) for case in CASES]
+    return [
+        (
+            render_motion(window, "before: no motion", np.zeros(2)),
+            render_motion(window, "after: estimated", estimate_motion(window).theta),
+        )
+        for window in windows
+    ]
+
+
+def write_figures(out: Path, seed: int = 1) -> Iterator[tuple[Path, str]]:
+    """Writes figure2.png and figure3.png into a folder, which is made if need be.
+
+    Yields:
+        Each path, with the scores that the figure shows.
+
+    Raises:
+        OutputError: the folder cannot be written to.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
+    maps = render_figure2(seed)
+    label = f"v {_MOTION_2[0]:g} m/s, omega {_MOTION_2[1]:g} rad/s"
+    yield _write_figure(out / "figure2.png", [maps], [label]), _format_scores(maps)
+    pairs = render_figure3(seed)
+    labels = [f"v {v:g} m/s, omega {omega:g} rad/s" for v, omega in CASES]
+    columns = [[before for before, _ in pairs], [after for _, after in pairs]]
+    text = "; ".join(_format_scores(pair) for pair in pairs)
+    yield _write_figure(out / "figure3.png", columns, labels), text
+
+
+def _format_scores(maps: Sequence[Rendering]) -> str:
+    """Returns the scores of maps as one line."""
+    return "psi " + " > ".join(f"{m.psi:.0f}" for m in maps)
+
+
+def _write_figure(path: Path, rows: list[list[Rendering]], labels: list[str]) -> Path:
+    """Writes a figure of rows of maps, with one label for all of them or one per column."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    across, down = len(rows[0]), len(rows)
+    figure = Figure(figsize=(_PANEL_IN * across, (_PANEL_IN + 0.4) * down + 0.7), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(down, across, squeeze=False)
+    for i, row in enumerate(rows):
+        for k, shown in enumerate(row):
+            _draw_map(axes[i, k], shown)
+            axes[i, k].label_outer()
+    _label_figure(figure, axes, labels)
+    with write_aside(path) as aside:
+        figure.savefig(aside, format="png", dpi=_DPI, facecolor="white")
+    return path
+
+
+def _draw_map(axes: Axes, shown: Rendering) -> None:
+    """Draws one map, its returns coloured by scan, below its motion and its score."""
+    for k, colour in enumerate(_COLOURS):
+        x, y = shown.points[shown.scan == k].T
+        axes.plot(x, y, ".", color=colour, markersize=3.2, markeredgewidth=0.0, zorder=2 + k)
+    axes.plot(0.0, 0.0, "+", color=_INK, markersize=9, zorder=9)
+    axes.set(xlim=(-_HALF_WIDTH_M, _HALF_WIDTH_M), ylim=(-_HALF_WIDTH_M, _HALF_WIDTH_M), aspect="equal")
+    axes.set_title(f"{shown.name}\n$\\psi$ = {shown.psi:,.0f}", fontsize=11, color=_INK, linespacing=1.35)
+    axes.set_xlabel("x [m]", color=_SOFT)
+    axes.set_ylabel("y [m]", color=_SOFT)
+    axes.tick_params(labelsize=8, colors=_SOFT)
+    axes.grid(True, color="#e6e9ee", linewidth=0.6, zorder=0)
+    axes.set_axisbelow(True)
+    for spine in axes.spines.values():
+        spine.set_color("#c4cad3")
+
+
+def _label_figure(figure: Figure, axes: NDArray[np.object_], labels: list[str]) -> None:
+    """Writes what was driven above the maps, and what the colours mean below them."""
+    from matplotlib.lines import Line2D
+
+    if len(labels) == 1:
+        figure.suptitle(f"one window of {SCANS} scans, driven at {labels[0]}", fontsize=12, color=_INK)
+    else:
+        for axis, label in zip(axes[0], labels, strict=True):
+            axis.set_title(f"driven at {label}\n{axis.get_title()}", fontsize=11, color=_INK, linespacing=1.35)
+    handles = [Line2D([], [], marker="o", linestyle="", markersize=5, color=colour) for colour in _COLOURS]
+    names = [f"scan {k + 1}" for k in range(SCANS)]
+    figure.legend(handles, names, loc="outside lower center", ncols=SCANS, frameon=False, fontsize=9, labelcolor=_INK)
