@@ -16,7 +16,7 @@ from mqslam.errors import ConfigError, OutputError, Remedy, suggest
 from mqslam.execution.folders import check_writable, claim_folder
 from mqslam.execution.guards.locks import lock_output
 from mqslam.formats.recordings import list_targets
-from mqslam.formats.shared.target import Message, Target
+from mqslam.formats.recordings.layout import Message, Target
 
 
 @dataclass(slots=True)

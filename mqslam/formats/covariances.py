@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
-from mqslam.formats.shared.stamps import LATEST_US
+from mqslam.formats.stamps import LATEST_US
 
 _COLUMNS: Final = ("stamp_us", "cov_xx", "cov_xy", "cov_xyaw", "cov_yy", "cov_yyaw", "cov_yawyaw")
 _ROUNDING: Final = 1e-9  # rounded terms may be those of no covariance by this much, as correlations

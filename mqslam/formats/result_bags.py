@@ -11,10 +11,9 @@ import numpy as np
 from mqslam.core.sensors.mount import VEHICLE
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, untrusted
+from mqslam.formats.bags import PATH_TYPE, POSE_TYPE, RADAR_FRAME, TF_TYPE, VEHICLE_FRAME, Bag, write_bag
 from mqslam.formats.maps.nav2_map import read_nav2_map
 from mqslam.formats.ply import read_ply
-from mqslam.formats.shared.bag_writer import RADAR_FRAME, TF_TYPE, VEHICLE_FRAME, Bag, write_bag
-from mqslam.formats.shared.bags import PATH_TYPE, POSE_TYPE
 from mqslam.formats.tum import read_tum
 
 WORLD_FRAME = "map"
@@ -38,7 +37,7 @@ def write_results(out: Path, run: Path, kind: str) -> None:
     Args:
         out: the file or folder.
         run: the folder of a run.
-        kind: one of `mqslam.formats.shared.bag_writer.KINDS`.
+        kind: one of `mqslam.formats.bags.KINDS`.
 
     Raises:
         DataError: a file of the run is missing or damaged.

@@ -9,8 +9,8 @@ import numpy as np
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
-from mqslam.formats.shared.poses import make_trajectory, read_yaw, round_yaw
-from mqslam.formats.shared.stamps import guess_unit, parse_stamps
+from mqslam.formats.poses import make_trajectory, read_yaw, round_yaw
+from mqslam.formats.stamps import guess_unit, parse_stamps
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:

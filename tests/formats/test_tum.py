@@ -10,7 +10,7 @@ import pytest
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.formats.shared.poses import yaw_of_quaternion
+from mqslam.formats.poses import yaw_of_quaternion
 from mqslam.formats.tum import read_tum, write_tum
 
 START_US = 1_547_131_046_353_776

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -11,10 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.errors import DataError, untrusted
-from mqslam.formats.graphs.stored_graph import StoredGraph
 
 if TYPE_CHECKING:
     import gtsam
+
+_TAGS: Final = ("VERTEX", "EDGE", "FIX")  # begin the lines of any g2o file, also those that are not understood here
+_TRAJECTORY_WIDTHS: Final = (8, 12)  # numbers in a line of TUM (a stamp, a place and a quaternion) and of KITTI (a matrix)
+_LARGEST: Final = 1e18  # of a pose or an information: squares and products of larger ones overflow
+_LARGEST_NUMBER: Final = 2**56 - 1  # by definition: GTSAM keeps letters in the bits above
+_TURNED: Final = [3, 4, 5, 0, 1, 2]  # GTSAM has the rotation first, g2o the place
 
 
 class _Kind(NamedTuple):
@@ -52,12 +58,9 @@ class _Edge(NamedTuple):
 
 
 _PLANAR: Final = _Kind("VERTEX_SE2", "EDGE_SE2", 3, 3)
+
 _SPATIAL: Final = _Kind("VERTEX_SE3:QUAT", "EDGE_SE3:QUAT", 7, 6)
-_TAGS: Final = ("VERTEX", "EDGE", "FIX")  # begin the lines of any g2o file, also those that are not understood here
-_TRAJECTORY_WIDTHS: Final = (8, 12)  # numbers in a line of TUM (a stamp, a place and a quaternion) and of KITTI (a matrix)
-_LARGEST: Final = 1e18  # of a pose or an information: squares and products of larger ones overflow
-_LARGEST_NUMBER: Final = 2**56 - 1  # by definition: GTSAM keeps letters in the bits above
-_TURNED: Final = [3, 4, 5, 0, 1, 2]  # GTSAM has the rotation first, g2o the place
+
 _REMEDY: Final = f"give a graph of {_PLANAR.vertex} and {_PLANAR.edge}, or of {_SPATIAL.vertex} and {_SPATIAL.edge}"
 
 
@@ -307,3 +310,20 @@ def _find_information(factor: gtsam.BetweenFactorPose2 | gtsam.BetweenFactorPose
 def _join(numbers: Iterable[float], digits: int = 9) -> str:
     """Returns numbers in a line."""
     return " ".join(f"{number:.{digits}g}" for number in numbers)
+
+
+@dataclass(frozen=True, slots=True)
+class StoredGraph:
+    """A graph, and where its poses begin.
+
+    Args:
+        factors: the graph.
+        values: the values of all variables, as the file has them.
+        keys: of the poses, Pose2 or Pose3, in the order of their keys.
+        held: keys of the poses that stay where they are, so that they hold the graph; none where its factors do that.
+    """
+
+    factors: gtsam.NonlinearFactorGraph
+    values: gtsam.Values
+    keys: tuple[int, ...]
+    held: tuple[int, ...] = ()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.guards.apart import ProcessFailed, call_apart
-from mqslam.formats.graphs.stored_graph import StoredGraph
+from mqslam.formats.graphs.g2o import StoredGraph
 
 if TYPE_CHECKING:
     import gtsam

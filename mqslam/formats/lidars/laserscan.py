@@ -17,10 +17,10 @@ from mqslam.core.sensors.lidar import LidarRecording, stamp_scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import DataError
-from mqslam.formats.lidars.mounts import Mounts
-from mqslam.formats.shared import bags
-from mqslam.formats.shared.bags import ODOMETRY_TYPE, POSE_TYPE, POSE_WITH_COVARIANCE_TYPE
-from mqslam.formats.shared.stamps import mark_increasing
+from mqslam.formats import bags
+from mqslam.formats.bags import ODOMETRY_TYPE, POSE_TYPE, POSE_WITH_COVARIANCE_TYPE
+from mqslam.formats.stamps import mark_increasing
+from mqslam.formats.transforms import Mounts
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader

@@ -26,8 +26,8 @@ from mqslam.core.sensors.tangent_plane import TangentPlane
 from mqslam.core.stored import release
 from mqslam.errors import DataError, OutputError, Remedy, untrusted
 from mqslam.execution.files import write_aside, write_json
-from mqslam.formats.shared.poses import mark_places
-from mqslam.formats.shared.stamps import LATEST_US
+from mqslam.formats.poses import mark_places
+from mqslam.formats.stamps import LATEST_US
 from mqslam.version import __version__
 
 FOLDER: Final = "keyframes"

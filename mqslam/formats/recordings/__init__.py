@@ -9,11 +9,10 @@ from typing import Protocol, cast
 from mqslam.core.recording import Recording
 from mqslam.errors import ConfigError, DataError, Remedy, suggest, untrusted
 from mqslam.execution.checkpoint import FOLDER
-from mqslam.formats.odometry_files import read_odometry
-from mqslam.formats.recordings.mirrored import turn_as_told
-from mqslam.formats.shared.bags import explain_packed
-from mqslam.formats.shared.sensing import USUAL_TOPICS, Sensing, Stamp, Topics, is_bin_length
-from mqslam.formats.shared.target import Target
+from mqslam.formats.bags import explain_packed
+from mqslam.formats.recordings.derived import turn_as_told
+from mqslam.formats.recordings.layout import USUAL_TOPICS, Sensing, Stamp, Target, Topics, is_bin_length
+from mqslam.formats.trajectories import read_odometry
 
 __all__ = ["FORMATS", "list_targets", "open_recording", "read_odometry"]
 
@@ -21,7 +20,7 @@ __all__ = ["FORMATS", "list_targets", "open_recording", "read_odometry"]
 class Layout(Protocol):
     """The functions that the module of a layout offers; the registry imports the module when it is asked for.
 
-    A layout that can also be written adds `TARGETS`, a tuple of `mqslam.formats.shared.target.Target`.
+    A layout that can also be written adds `TARGETS`, a tuple of `mqslam.formats.recordings.layout.Target`.
     """
 
     def recognises(self, path: Path) -> bool:

@@ -9,8 +9,8 @@ import numpy as np
 from mqslam.core import se2
 from mqslam.core.sensors.mount import Mount
 from mqslam.core.trajectory import Trajectory
-from mqslam.formats.lidars.mounts import Mounts
-from mqslam.formats.shared.bags import name_frame
+from mqslam.formats.bags import name_frame
+from mqslam.formats.transforms import Mounts
 
 
 @dataclass(frozen=True, slots=True)

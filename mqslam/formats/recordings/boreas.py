@@ -18,18 +18,22 @@ from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
-from mqslam.formats.odometry_files import read_beside, read_stamped
+from mqslam.formats.images import list_stamps, write_png
+from mqslam.formats.poses import make_trajectory
 from mqslam.formats.recordings import oxford
-from mqslam.formats.sensors.boreas_fixes import find_boreas_fixes, read_boreas_fixes
-from mqslam.formats.sensors.boreas_imus import find_boreas_imu, note_unread_imu, read_boreas_imu
-from mqslam.formats.sensors.boreas_mount import read_boreas_mount
-from mqslam.formats.sensors.carried import Carried, read_carried
-from mqslam.formats.shared.azimuth_rows import azimuth_stamps, make_rows_of_chirps
-from mqslam.formats.shared.images import list_stamps, write_png
-from mqslam.formats.shared.poses import make_trajectory
-from mqslam.formats.shared.row_images import RowImageRecording, index_rows
-from mqslam.formats.shared.sensing import Sensing
-from mqslam.formats.shared.target import Target
+from mqslam.formats.recordings.azimuths import azimuth_stamps, make_rows_of_chirps
+from mqslam.formats.recordings.layout import Sensing, Target
+from mqslam.formats.recordings.row_images import RowImageRecording, index_rows
+from mqslam.formats.sensors.datasets import (
+    find_boreas_fixes,
+    find_boreas_imu,
+    note_unread_imu,
+    read_boreas_fixes,
+    read_boreas_imu,
+    read_boreas_mount,
+)
+from mqslam.formats.sensors.reading import Carried, read_carried
+from mqslam.formats.trajectories import read_beside, read_stamped
 
 UPGRADE_US = 1_632_182_400_000_000
 """2021-09-21, when another radar was mounted."""

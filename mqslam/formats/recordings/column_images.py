@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.errors import DataError, untrusted
+from mqslam.formats.images import read_first, read_grey, write_png
+from mqslam.formats.recordings.arrivals import estimate_arrivals
+from mqslam.formats.recordings.azimuths import note_spread, spread_azimuths
+from mqslam.formats.recordings.layout import Sensing
 from mqslam.formats.recordings.lost_columns import Restorer
-from mqslam.formats.shared.arrivals import estimate_arrivals
-from mqslam.formats.shared.azimuth_rows import note_spread, spread_azimuths
-from mqslam.formats.shared.images import read_first, read_grey, write_png
-from mqslam.formats.shared.sensing import Sensing
-from mqslam.formats.shared.turns import find_usual_turns, place_turns
+from mqslam.formats.recordings.turns import find_usual_turns, place_turns
 
 _MOST_STEPS = 0.75  # a polar image cannot hold azimuths that lie further than this off even ones [steps]
 _NOTED_DEG = 0.05  # smaller deviations of azimuths from even ones are not worth a note

@@ -23,17 +23,16 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
-from mqslam.formats.odometry_files import read_beside, read_stamped
+from mqslam.formats.images import list_stamps, write_png
+from mqslam.formats.poses import make_trajectory
+from mqslam.formats.recordings.azimuths import FIRST_NS, Azimuths, azimuth_stamps, make_rows, stamps_in_us
 from mqslam.formats.recordings.column_images import ColumnImages, open_columns, write_columns
-from mqslam.formats.sensors.carried import Carried, read_carried
-from mqslam.formats.sensors.mulran_sensors import GPS_NAME, IMU_NAME, find_mulran_file, read_mulran_fixes, read_mulran_imu
-from mqslam.formats.sensors.sensor_table import read_header
-from mqslam.formats.shared.azimuth_rows import FIRST_NS, Azimuths, azimuth_stamps, make_rows, stamps_in_us
-from mqslam.formats.shared.images import list_stamps, write_png
-from mqslam.formats.shared.poses import make_trajectory
-from mqslam.formats.shared.row_images import index_rows
-from mqslam.formats.shared.sensing import Sensing
-from mqslam.formats.shared.target import Target
+from mqslam.formats.recordings.layout import Sensing, Target
+from mqslam.formats.recordings.row_images import index_rows
+from mqslam.formats.sensors.datasets import GPS_NAME, IMU_NAME, find_mulran_file, read_mulran_fixes, read_mulran_imu
+from mqslam.formats.sensors.reading import Carried, read_carried
+from mqslam.formats.tables import read_header
+from mqslam.formats.trajectories import read_beside, read_stamped
 
 _RADAR = "MulRan's radar"
 RANGE_RESOLUTION_M = 0.0595  # published with the data set

@@ -27,18 +27,16 @@ from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError, Remedy, untrusted
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
-from mqslam.formats.odometry_files import read_beside, read_numbers, read_odometry, write_twists
-from mqslam.formats.sensors import fixes_csv, gyroscope_csv
-from mqslam.formats.sensors.carried import read_carried
-from mqslam.formats.sensors.oxford_ins import read_ins_fixes, read_ins_rates
-from mqslam.formats.sensors.reading import Reading
-from mqslam.formats.sensors.sensor_table import read_header
-from mqslam.formats.shared.azimuth_rows import azimuth_stamps, make_rows_of_chirps
-from mqslam.formats.shared.images import list_stamps, write_png
-from mqslam.formats.shared.poses import make_trajectory
-from mqslam.formats.shared.row_images import RowImageRecording, index_rows
-from mqslam.formats.shared.sensing import Sensing, is_bin_length, note_resolution
-from mqslam.formats.shared.target import Target
+from mqslam.formats.images import list_stamps, write_png
+from mqslam.formats.poses import make_trajectory
+from mqslam.formats.recordings.azimuths import azimuth_stamps, make_rows_of_chirps
+from mqslam.formats.recordings.layout import Sensing, Target, is_bin_length, note_resolution
+from mqslam.formats.recordings.row_images import RowImageRecording, index_rows
+from mqslam.formats.sensors import datasets
+from mqslam.formats.sensors.datasets import read_ins_fixes, read_ins_rates
+from mqslam.formats.sensors.reading import Reading, read_carried
+from mqslam.formats.tables import read_header
+from mqslam.formats.trajectories import read_beside, read_numbers, read_odometry, write_twists
 from mqslam.formats.tum import read_tum, write_tum
 
 RANGE_RESOLUTION_M = 0.0438  # fits Oxford's radar best; 0.0432 m is published
@@ -151,7 +149,7 @@ def _read_gyroscope(root: Path) -> Reading[Gyroscope] | None:
     """Reads the gyroscope of a recording or, from the dataset, its INS."""
     own, ins = root / "imu.csv", root / "gps" / "ins.csv"
     if own.exists():
-        return gyroscope_csv.read_gyroscope_csv(read_header(own, _REMEDY))
+        return datasets.read_gyroscope_csv(read_header(own, _REMEDY))
     return read_ins_rates(read_header(ins, _REMEDY)) if ins.exists() else None
 
 
@@ -159,7 +157,7 @@ def _read_fixes(root: Path) -> Reading[Fixes] | None:
     """Reads the GNSS fixes of a recording or, from the dataset, those of its receiver or else its INS."""
     for name in (_GNSS, _TRUTH_GNSS):
         if (root / name).exists():
-            return fixes_csv.read_fixes_csv(read_header(root / name, _REMEDY), made_truth=name == _TRUTH_GNSS)
+            return datasets.read_fixes_csv(read_header(root / name, _REMEDY), made_truth=name == _TRUTH_GNSS)
     for file in (root / "gps" / "gps.csv", root / "gps" / "ins.csv"):
         if file.exists():
             return read_ins_fixes(read_header(file, _REMEDY))
@@ -235,11 +233,11 @@ def _write_sensors(folder: Path, recording: Recording) -> None:
         stated = {"range_resolution_m": recording.range_resolution, **stated}
         write_text(folder / _RECORDING, json.dumps(stated) + "\n")
     if recording.gyroscope is not None:
-        gyroscope_csv.write_gyroscope_csv(folder / "imu.csv", recording.gyroscope)
+        datasets.write_gyroscope_csv(folder / "imu.csv", recording.gyroscope)
     if recording.fixes is not None:
         file = folder / (_TRUTH_GNSS if recording.fixes.made_truth else _GNSS)
         file.parent.mkdir(exist_ok=True)
-        fixes_csv.write_fixes_csv(file, recording.fixes)
+        datasets.write_fixes_csv(file, recording.fixes)
 
 
 def write_stamps(folder: Path, stamps_us: Iterable[int]) -> None:

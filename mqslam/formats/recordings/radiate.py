@@ -23,15 +23,13 @@ from mqslam.core.sensors.sensors import NO_SENSORS
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
-from mqslam.formats.odometry_files import read_beside
+from mqslam.formats.images import list_numbers
 from mqslam.formats.recordings.column_images import ColumnImageRecording, ColumnImages, open_columns, write_columns
-from mqslam.formats.sensors.carried import Carried, read_carried
-from mqslam.formats.sensors.reading import Reading, make_fixes, make_gyroscope
-from mqslam.formats.sensors.sensor_table import SensorTable
-from mqslam.formats.shared.images import list_numbers
-from mqslam.formats.shared.sensing import Sensing
-from mqslam.formats.shared.stamps import FRAME_DIGITS, format_frame, read_listing
-from mqslam.formats.shared.target import Target
+from mqslam.formats.recordings.layout import Sensing, Target
+from mqslam.formats.sensors.reading import Carried, Reading, make_fixes, make_gyroscope, read_carried
+from mqslam.formats.stamps import FRAME_DIGITS, format_frame, read_listing
+from mqslam.formats.tables import SensorTable
+from mqslam.formats.trajectories import read_beside
 
 NAME = "GPS_IMU_Twist"
 _PLACE, _EAST, _NORTH, _RATES = 0, 1, 2, 5  # lines: position, two rows of its covariance, turn rates

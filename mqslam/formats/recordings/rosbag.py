@@ -20,22 +20,35 @@ from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError, untrusted
-from mqslam.formats.recordings.bag_azimuths import open_message, read_turns
-from mqslam.formats.recordings.bag_configuration import read_bin_size, read_encoder_size
+from mqslam.formats import bags
+from mqslam.formats.bags import (
+    B_SCAN_TYPE,
+    COMPRESSED_TYPE,
+    IMAGE_TYPE,
+    KINDS,
+    ODOMETRY_TYPE,
+    RADAR_FRAME,
+    VEHICLE_FRAME,
+    Bag,
+    write_bag,
+)
+from mqslam.formats.recordings import radar_messages
+from mqslam.formats.recordings.arrivals import estimate_arrivals
+from mqslam.formats.recordings.azimuths import azimuth_stamps, check_encoder, note_spread, spread_azimuths
 from mqslam.formats.recordings.bag_poses import Frames
-from mqslam.formats.recordings.mirrored import mirror
-from mqslam.formats.sensors.carried import read_carried
+from mqslam.formats.recordings.derived import mirror
+from mqslam.formats.recordings.layout import Message, Sensing, Target, Topics, note_resolution
+from mqslam.formats.recordings.radar_messages import (
+    AzimuthLayout,
+    open_message,
+    read_bin_size,
+    read_encoder_size,
+    read_turns,
+)
+from mqslam.formats.recordings.turns import find_usual_turns, place_turns
+from mqslam.formats.sensors.reading import read_carried
 from mqslam.formats.sensors.ros_sensors import RosSensors, list_sensor_messages
-from mqslam.formats.shared import bags, polar_message
-from mqslam.formats.shared.arrivals import estimate_arrivals
-from mqslam.formats.shared.azimuth_rows import azimuth_stamps, check_encoder, note_spread, spread_azimuths
-from mqslam.formats.shared.bag_writer import KINDS, RADAR_FRAME, VEHICLE_FRAME, Bag, write_bag
-from mqslam.formats.shared.bags import B_SCAN_TYPE, COMPRESSED_TYPE, IMAGE_TYPE, ODOMETRY_TYPE
-from mqslam.formats.shared.polar_message import AzimuthLayout
-from mqslam.formats.shared.sensing import Sensing, Topics, note_resolution
-from mqslam.formats.shared.stamps import mark_increasing
-from mqslam.formats.shared.target import Message, Target
-from mqslam.formats.shared.turns import find_usual_turns, place_turns
+from mqslam.formats.stamps import mark_increasing
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -103,9 +116,9 @@ class RosbagRecording(Recording):
         return int(self.logged_ns[stop]) if stop < len(self) else None
 
     def _polar_scan(self, k: int, message: Any) -> PolarScan:
-        power = polar_message.read_power(self.layout, message)
+        power = radar_messages.read_power(self.layout, message)
         if self.layout.stamps_azimuths:
-            azimuths = polar_message.read_azimuths(self.layout, message, self.encoder)
+            azimuths = radar_messages.read_azimuths(self.layout, message, self.encoder)
         else:
             begin, duration = int(self.stamps_us[k]), int(self.turns_us[k])
             azimuths = spread_azimuths(len(power), begin, duration, clockwise=self.clockwise)
@@ -129,7 +142,7 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
     """
     with bags.open_bag(path) as reader:
         encoder = sensing.encoder_size or read_encoder_size(reader)
-        topic, layout, notes = polar_message.choose_topic(path, reader, sensing.topics.radar, encoder)
+        topic, layout, notes = radar_messages.choose_topic(path, reader, sensing.topics.radar, encoder)
         odometry_topic, truth_topic = _choose_pose_topics(path, reader, sensing.topics)
         sensors, stated = RosSensors.choose(reader), read_bin_size(reader)
         index = _read_index(path, reader, (topic, layout, encoder), {odometry_topic, truth_topic} - {None}, sensors)
@@ -153,7 +166,7 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
         turns[-1] = index.turns_us[int(np.flatnonzero(ordered)[-1])] or turns[-1]
         notes += sensing.note_unused()
     else:
-        stamp = sensing.stamp or polar_message.usual_stamp(topic, layout)
+        stamp = sensing.stamp or radar_messages.usual_stamp(topic, layout)
         arrivals = estimate_arrivals(messages_us)
         starts, turns = place_turns(arrivals.stamps_us, stamp, find_usual_turns(arrivals.stamps_us))
         stamp_sigma_s = arrivals.sigma_s
@@ -285,10 +298,10 @@ def _read_index(
             continue
         index.stamps_us.append(stamp)
         index.logged_ns.append(logged)
-        index.radar_frame = index.radar_frame or polar_message.read_frame(message)
+        index.radar_frame = index.radar_frame or radar_messages.read_frame(message)
         if layout.stamps_azimuths:
-            index.turn_ticks = max(index.turn_ticks, polar_message.find_turn(layout, message))
-            azimuths = polar_message.read_azimuths(layout, message, encoder)
+            index.turn_ticks = max(index.turn_ticks, radar_messages.find_turn(layout, message))
+            azimuths = radar_messages.read_azimuths(layout, message, encoder)
             index.turns_us.append(azimuths.find_duration())
             index.measured_turns_us.append(azimuths.measure_turn())
     if 2 * index.unread > index.unread + len(index.stamps_us) and index.error is not None:
@@ -299,9 +312,9 @@ def _read_index(
 def _stamp_us(layout: AzimuthLayout, message: Any, clock: bags.Clock, recorded: tuple[str, int], encoder: int | None) -> int:
     """Returns the stamp [us] of a message: its first azimuth's, else the header's, else when it was recorded."""
     if layout.stamps_azimuths:
-        return int(polar_message.read_azimuths(layout, message, encoder).stamps_us[0])
+        return int(radar_messages.read_azimuths(layout, message, encoder).stamps_us[0])
     if message.__msgtype__ != COMPRESSED_TYPE:  # decoding every image of a bag only to index it takes minutes
-        polar_message.read_pixels(message)
+        radar_messages.read_pixels(message)
     topic, logged_ns = recorded
     return clock.stamp(topic, message, logged_ns)
 
@@ -310,7 +323,7 @@ def write(kind: str, message: Message, out: Path, recording: Recording) -> list[
     """Writes a recording as a bag, one polar scan in memory at a time.
 
     Args:
-        kind: one of `mqslam.formats.shared.bag_writer.KINDS`.
+        kind: one of `mqslam.formats.bags.KINDS`.
         message: `image` for mono8 images whose rows begin with time, angle and validity, as in the Oxford layout;
             `b_scan` for the driver's own messages, which do not say whether an azimuth was measured.
         out: the file or folder.
@@ -339,7 +352,7 @@ def write(kind: str, message: Message, out: Path, recording: Recording) -> list[
 
 def _list_scans(bag: Bag, recording: Recording, message: Message) -> Iterator[_Entry]:
     """Lists the polar scans as messages, stamped by their first azimuths."""
-    make: Callable[..., Any] = polar_message.make_image if message == "image" else polar_message.make_b_scan
+    make: Callable[..., Any] = radar_messages.make_image if message == "image" else radar_messages.make_b_scan
     connection = bag.topic(*_TOPICS[message])
     for k, polar_scan in enumerate(recording.polar_scans()):
         yield int(azimuth_stamps(recording, polar_scan)[0]), connection, make(bag, recording, k, polar_scan)

@@ -7,14 +7,22 @@ from pathlib import Path
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.errors import DataError, untrusted
-from mqslam.formats.sensors import fixes_csv, gyroscope_csv
-from mqslam.formats.sensors.boreas_fixes import TIME, read_boreas_fixes
-from mqslam.formats.sensors.boreas_imus import APPLANIX_COLUMN, DMU_NAMES, read_boreas_imu
-from mqslam.formats.sensors.mulran_sensors import read_mulran_fixes, read_mulran_imu
+from mqslam.formats.sensors import datasets
+from mqslam.formats.sensors.datasets import (
+    APPLANIX_COLUMN,
+    DMU_NAMES,
+    STATUS,
+    TIME,
+    read_boreas_fixes,
+    read_boreas_imu,
+    read_ins_fixes,
+    read_ins_rates,
+    read_mulran_fixes,
+    read_mulran_imu,
+)
 from mqslam.formats.sensors.nmea import read_nmea
-from mqslam.formats.sensors.oxford_ins import STATUS, read_ins_fixes, read_ins_rates
 from mqslam.formats.sensors.reading import Reading
-from mqslam.formats.sensors.sensor_table import read_header
+from mqslam.formats.tables import read_header
 
 __all__ = ["read_fixes", "read_gyroscope"]
 
@@ -26,12 +34,12 @@ def read_gyroscope(path: Path) -> Reading[Gyroscope]:
     Raises:
         DataError: the file cannot be read, is none of these, or holds fewer than two sound rows.
     """
-    header = read_header(path, gyroscope_csv.REMEDY)
+    header = read_header(path, datasets.GYROSCOPE_REMEDY)
     if path.name in DMU_NAMES or APPLANIX_COLUMN in header.names:
         return read_boreas_imu(path)
     if STATUS in header.names:
         return read_ins_rates(header)
-    return read_mulran_imu(header) if header.holds_numbers else gyroscope_csv.read_gyroscope_csv(header)
+    return read_mulran_imu(header) if header.holds_numbers else datasets.read_gyroscope_csv(header)
 
 
 @untrusted.reads_file
@@ -47,10 +55,10 @@ def read_fixes(path: Path, start_us: int) -> Reading[Fixes]:
     """
     if _holds_sentences(path):
         return read_nmea(path, start_us)
-    header = read_header(path, fixes_csv.REMEDY)
+    header = read_header(path, datasets.GYROSCOPE_REMEDY)
     if "latitude" in header.names:
         return read_boreas_fixes(header) if TIME in header.names else read_ins_fixes(header)
-    return read_mulran_fixes(header) if header.holds_numbers else fixes_csv.read_fixes_csv(header)
+    return read_mulran_fixes(header) if header.holds_numbers else datasets.read_fixes_csv(header)
 
 
 def _holds_sentences(path: Path) -> bool:
@@ -61,4 +69,4 @@ def _holds_sentences(path: Path) -> bool:
     except FileNotFoundError as error:
         raise DataError(path, "does not exist", "check the path") from error
     except OSError as error:
-        raise DataError(path, f"cannot be read ({error.strerror})", fixes_csv.REMEDY) from error
+        raise DataError(path, f"cannot be read ({error.strerror})", datasets.GYROSCOPE_REMEDY) from error

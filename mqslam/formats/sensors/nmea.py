@@ -20,7 +20,7 @@ from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError, untrusted
 from mqslam.formats.sensors.reading import Reading, make_fixes
-from mqslam.formats.sensors.sensor_table import SensorTable
+from mqslam.formats.tables import SensorTable
 
 _DAY_US = 86_400_000_000
 _MEASURED = ("1", "2", "3", "4", "5", "9")  # qualities of a GGA that are fixes: not none, estimated, entered or simulated

@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.core.recording import Recording
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors.sensors import Sensors
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError
-from mqslam.formats.sensors.sensor_table import SensorTable
-from mqslam.formats.shared.poses import mark_places
-from mqslam.formats.shared.stamps import mark_increasing
+from mqslam.formats.poses import mark_places
+from mqslam.formats.stamps import mark_increasing
+from mqslam.formats.tables import SensorTable
+from mqslam.formats.trajectories import read_beside
 
 _FASTEST_TURN = np.pi  # no vehicle turns faster than half round in a second [rad/s]: such readings are in another unit
 _SPIKES = 1e-3  # share of readings that may be faster all the same: a gyroscope that is knocked
 _Sensor = TypeVar("_Sensor", covariant=True)
+_SomeRecording = TypeVar("_SomeRecording", bound=Recording)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,3 +150,53 @@ def _note_unit(gyroscope: Gyroscope) -> list[str]:
         f"the yaw rates in {gyroscope.source} reach {usual:.3g} rad/s, faster than any vehicle turns, and look like degrees "
         "per second; convert them to rad/s, else the gyroscope cannot agree with the radar and will not be used"
     ]
+
+
+@dataclass(frozen=True, slots=True)
+class Carried:
+    """The sensors of a recording.
+
+    Args:
+        sensors: them.
+        notes: how they were understood.
+        faults: what could not be used.
+    """
+
+    sensors: Sensors
+    notes: tuple[str, ...]
+    faults: tuple[str, ...]
+
+    def add_to(self, recording: _SomeRecording) -> _SomeRecording:
+        """Returns a recording with these sensors, whose notes and faults come last."""
+        return replace(
+            recording,
+            gyroscope=self.sensors.gyroscope,
+            fixes=self.sensors.fixes,
+            mount=self.sensors.mount,
+            notes=(*recording.notes, *self.notes),
+            faults=(*recording.faults, *self.faults),
+        )
+
+
+def read_carried(
+    gyroscope: Callable[[], Reading[Gyroscope] | None] = lambda: None,
+    fixes: Callable[[], Reading[Fixes] | None] = lambda: None,
+    mount: Callable[[], Mount | None] = lambda: None,
+    notes: Iterable[str] = (),
+) -> Carried:
+    """Reads the sensors of a recording.
+
+    Args:
+        gyroscope: reads the gyroscope; None where the recording has none, DataError where it cannot be used.
+        fixes: likewise the GNSS fixes.
+        mount: likewise where the radar sits.
+        notes: what a user should know besides.
+    """
+    turning, unturned = read_beside(gyroscope)
+    placed, unplaced = read_beside(fixes)
+    seat, unseated = read_beside(mount)
+    sensors = Sensors(turning.sensor if turning else None, placed.sensor if placed else None, seat)
+    read = [reading for reading in (turning, placed) if reading is not None]
+    told = [*notes, *(note for reading in read for note in reading.notes)]
+    broken = [*unturned, *unplaced, *unseated, *(fault for reading in read for fault in reading.faults)]
+    return Carried(sensors, tuple(told), tuple(broken))

@@ -20,11 +20,11 @@ from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.sensors.mount import Mount
 from mqslam.core.wording import count_of
 from mqslam.errors import DataError
-from mqslam.formats.lidars.mounts import Mounts
+from mqslam.formats import bags
+from mqslam.formats.bags import RADAR_FRAME, TF_TYPE, VEHICLE_FRAME, Bag
 from mqslam.formats.sensors.reading import Reading, make_fixes, make_gyroscope
-from mqslam.formats.sensors.sensor_table import SensorTable
-from mqslam.formats.shared import bags
-from mqslam.formats.shared.bag_writer import RADAR_FRAME, TF_TYPE, VEHICLE_FRAME, Bag
+from mqslam.formats.tables import SensorTable
+from mqslam.formats.transforms import Mounts
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader

@@ -11,7 +11,7 @@ from support.recordings import START_US, assert_same, bag_writer, circle, raw_ro
 
 from mqslam.errors import DataError
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.shared.sensing import Topics
+from mqslam.formats.recordings.layout import Topics
 
 IMAGE, ODOMETRY = "sensor_msgs/msg/Image", "nav_msgs/msg/Odometry"
 

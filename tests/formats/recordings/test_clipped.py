@@ -13,7 +13,7 @@ from mqslam.config import Config
 from mqslam.errors import ConfigError
 from mqslam.execution.checkpoint import hash_run
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.recordings.clipped import clip
+from mqslam.formats.recordings.derived import clip
 
 
 def test_a_stretch_holds_the_same_scans_with_times_from_its_start(tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError
 from mqslam.formats.recordings import open_recording, read_odometry
+from mqslam.formats.recordings.azimuths import read_metadata
 from mqslam.formats.recordings.oxford import write_ground_truth
-from mqslam.formats.shared.azimuth_rows import read_metadata
 from mqslam.formats.tum import write_tum
 
 

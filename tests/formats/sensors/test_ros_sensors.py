@@ -11,8 +11,8 @@ from support.recordings import KINDS, START_US, TURN_US, Bag, bag_path, bag_writ
 from support.sensors import RATE, stamps
 
 from mqslam.core.recording import Recording
+from mqslam.formats.bags import TF_TYPE
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.shared.bag_writer import TF_TYPE
 
 IMU, FIX = "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
 ABSENT, KNOWN = np.array([-1.0, *[0.0] * 8]), np.zeros(9)

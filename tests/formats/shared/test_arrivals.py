@@ -13,7 +13,7 @@ from support.conversions import EVEN, arriving, convert, spinning, write_jittere
 from support.recordings import START_US, TURN_US
 
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.shared.arrivals import estimate_arrivals
+from mqslam.formats.recordings.arrivals import estimate_arrivals
 
 Stamps = NDArray[np.int64]
 

@@ -14,11 +14,10 @@ from mqslam.config import Config
 from mqslam.config.yaml_file import parse_yaml
 from mqslam.formats.graphs.g2o import read_g2o
 from mqslam.formats.lidars.carmen import read_lidar
-from mqslam.formats.odometry_files import read_odometry
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.sensors.boreas_mount import read_transform
-from mqslam.formats.shared.stamps import read_listing
-from mqslam.formats.trajectories import read_trajectory
+from mqslam.formats.sensors.datasets import read_transform
+from mqslam.formats.stamps import read_listing
+from mqslam.formats.trajectories import read_odometry, read_trajectory
 
 MARK = b"\xef\xbb\xbf"
 POSES = "".join(f"{k}.5 {k} 0 0 0 0 0 1\n" for k in range(3))

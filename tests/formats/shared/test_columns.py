@@ -13,9 +13,8 @@ from support.sensors import write_lines
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.clouds import read_cloud
-from mqslam.formats.odometry_files import read_odometry
 from mqslam.formats.sensors import read_fixes, read_gyroscope
-from mqslam.formats.trajectories import read_trajectory
+from mqslam.formats.trajectories import read_odometry, read_trajectory
 
 YAW = 0.5
 STAMPS = START_US + 250_000 * np.arange(4)

@@ -21,7 +21,7 @@ from support.recordings import write_bag
 
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.recordings.native import write as write_native
-from mqslam.formats.shared.turns import find_usual_turns, place_turns
+from mqslam.formats.recordings.turns import find_usual_turns, place_turns
 from mqslam.simulator import SimulatedRecording
 
 Writer = Callable[[Path, SimulatedRecording], Path]

@@ -16,8 +16,8 @@ from support.recordings import START_US
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.detection.stage import make_scans
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.shared.sensing import Stamp
-from mqslam.formats.shared.turns import find_usual_turns, measure_turn, place_turns
+from mqslam.formats.recordings.layout import Stamp
+from mqslam.formats.recordings.turns import find_usual_turns, measure_turn, place_turns
 
 DATA = Path(__file__).parents[4] / "shared" / "data"
 

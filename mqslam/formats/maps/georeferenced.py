@@ -6,6 +6,7 @@ are the same to less than a millimetre. The map's frame is turned against it, wh
 
 from __future__ import annotations
 
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Final
 
@@ -14,13 +15,16 @@ from PIL import Image, TiffImagePlugin
 
 from mqslam.core.point_map import OccupancyGrid
 from mqslam.core.sensors.georeference import Georeference
-from mqslam.execution.files import write_aside
+from mqslam.core.trajectory import Trajectory
+from mqslam.execution.files import write_aside, write_json
 
 _OCCUPIED: Final = 255
 _TRANSFORMATION, _KEYS, _DOUBLES, _NAMES, _NOTHING = 34264, 34735, 34736, 34737, 42113  # tags
 _USER_DEFINED: Final = 32767
 _METRE, _DEGREE, _WGS_84 = 9001, 9102, 4326  # EPSG
 _PROJECTION_NAME: Final = "Transverse Mercator about the map's tangent plane|"
+_DIGITS = 8  # of a degree: a millimetre
+_BEGINNING = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def write_geotiff(path: Path, grid: OccupancyGrid, place: Georeference) -> None:
@@ -73,3 +77,21 @@ def _make_tags(grid: OccupancyGrid, place: Georeference) -> TiffImagePlugin.Imag
         tags.tagtype[tag] = kind
         tags[tag] = value
     return tags
+
+
+def write_geojson(path: Path, trajectory: Trajectory, place: Georeference) -> None:
+    """Writes a trajectory as a line with the time of each of its points.
+
+    Args:
+        path: the file.
+        trajectory: poses in the map.
+        place: where the map lies.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    degrees = place.locate(trajectory.poses[:, :2]).round(_DIGITS).tolist()
+    times = [(_BEGINNING + timedelta(microseconds=stamp)).isoformat() for stamp in trajectory.stamps_us.tolist()]
+    line = {"type": "LineString", "coordinates": [[longitude, latitude] for latitude, longitude in degrees]}
+    feature = {"type": "Feature", "geometry": line, "properties": {"name": "trajectory", "coordTimes": times}}
+    write_json(path, {"type": "FeatureCollection", "features": [feature]})

@@ -13,8 +13,8 @@ from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import DataError
-from mqslam.formats.shared import bags
-from mqslam.formats.shared.bags import Clock, describe_left_out, name_frame
+from mqslam.formats import bags
+from mqslam.formats.bags import Clock, describe_left_out, name_frame
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 
 _BODIES = ("base_link", "base_footprint")
 _LISTED = 12
+_POSE_TYPES = (bags.ODOMETRY_TYPE, bags.POSE_TYPE, bags.POSE_WITH_COVARIANCE_TYPE, bags.PATH_TYPE)
+_TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+_STATIC = "tf_static"
+_AT_ONCE_US = 10_000  # nothing drives in so short a time: whoever wrote the bag did so afterwards
 
 
 @dataclass(slots=True)
@@ -159,12 +163,6 @@ class Transforms:
         since, wanted = (np.asarray(t, dtype=np.int64) - known[0] for t in (known, stamps))
         moves = np.column_stack([np.interp(wanted, since, rows[:, axis]) for axis in range(3)])
         return moves, Slerp(since.astype(np.float64), Rotation.from_quat(rows[:, 3:]))(wanted.astype(np.float64))
-
-
-_POSE_TYPES = (bags.ODOMETRY_TYPE, bags.POSE_TYPE, bags.POSE_WITH_COVARIANCE_TYPE, bags.PATH_TYPE)
-_TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-_STATIC = "tf_static"
-_AT_ONCE_US = 10_000  # nothing drives in so short a time: whoever wrote the bag did so afterwards
 
 
 def read_bag(path: Path, topic: str | None, frame: str | None) -> tuple[Trajectory, list[str]]:

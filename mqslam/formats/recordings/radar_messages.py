@@ -7,16 +7,33 @@ from __future__ import annotations
 
 import io
 import itertools
+import struct
+from collections.abc import Iterable, Iterator
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.errors import DataError, Remedy
-from mqslam.formats.shared.azimuth_rows import (
+from mqslam.formats import bags
+from mqslam.formats.bags import (
+    B_SCAN_TYPE,
+    COMPRESSED_TYPE,
+    FFT_NAMES,
+    IMAGE_TYPE,
+    RADAR_FRAME,
+    Bag,
+    deserialise,
+    list_topics,
+    name_message,
+    require_topic,
+)
+from mqslam.formats.images import CONVERT_IMAGES, NotGreyError, TooLargeError, check_size, decode_grey
+from mqslam.formats.recordings.azimuths import (
     METADATA_BYTES,
     TURN_TICKS,
     Azimuths,
@@ -28,19 +45,7 @@ from mqslam.formats.shared.azimuth_rows import (
     read_metadata,
     repair_azimuths,
 )
-from mqslam.formats.shared.bag_writer import RADAR_FRAME, Bag
-from mqslam.formats.shared.bags import (
-    B_SCAN_TYPE,
-    COMPRESSED_TYPE,
-    FFT_NAMES,
-    IMAGE_TYPE,
-    deserialise,
-    list_topics,
-    name_message,
-    require_topic,
-)
-from mqslam.formats.shared.images import CONVERT_IMAGES, NotGreyError, check_size, decode_grey
-from mqslam.formats.shared.sensing import Stamp
+from mqslam.formats.recordings.layout import Stamp
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -61,6 +66,15 @@ _GIVE_RADAR = (
     f"or with {B_SCAN_TYPE} or RadarFftDataMessage"
 )
 _B_SCAN_RANK = 4  # behind the images that users of these names mean
+_FIRST_S = 1_000_000_000  # a clock that says less has never been set: it counts from the start of the radar
+_NANOSECONDS = 1_000_000_000
+_SPLITS = 2**32  # parts of a second, where they are none of nanoseconds
+_Azimuth = tuple[int, int, int, NDArray[np.uint8], str]  # recorded [ns], tick, stamp [ns], power (B,), frame
+_CONFIGURATIONS: Final = ("/RadarConfigurationMessage", "/RadarConfigurationMsg")
+_BIN_M: Final = (0.005, 0.5)  # by the hardware: bins are about 4 to 18 cm long
+_ENCODER_TICKS: Final = (400, 65536)  # by the hardware: encoders have a tick for every azimuth at least, in 16 bits
+_USUAL_ENCODERS: Final = (5600, 16000)
+_PER_M: Final = (1.0, 1e4)  # units in which drivers state it
 
 
 class AzimuthLayout(Enum):
@@ -323,3 +337,196 @@ def _make_mono8(bag: Bag, stamp_us: int, pixels: NDArray[np.uint8]) -> Any:
     height, width = pixels.shape
     header = bag.header(stamp_us, RADAR_FRAME)
     return bag.make(IMAGE_TYPE, header, height, width, "mono8", 0, width, pixels.reshape(-1))
+
+
+def read_turns(
+    reader: AnyReader, messages: Iterable[tuple[Connection, int, Any]], topic: str
+) -> Iterator[tuple[Connection, int, Any]]:
+    """Yields a bag's messages, with one b-scan for each turn of azimuths on the radar's topic.
+
+    A turn that has only begun, or whose beginning is not in the bag, is left out, unless there is no other.
+
+    Args:
+        reader: of the open bag.
+        messages: connections, times of recording [ns] and bytes, as the reader yields them.
+        topic: the radar's.
+
+    Yields:
+        The connection, the time of recording [ns] of the message or of a turn's first azimuth, and the bytes or the b-scan.
+    """
+    gathered: list[_Azimuth] = []
+    radar: Connection | None = None
+    largest, count = 0, 0
+    for connection, logged, raw in messages:
+        if connection.topic != topic or not connection.msgtype.endswith(bags.FFT_NAMES):
+            yield connection, logged, raw
+            continue
+        try:
+            azimuth = _read_azimuth(bags.deserialise(reader, connection, raw), logged)
+        except (ValueError, AttributeError):
+            yield connection, logged, raw  # whoever reads it next says what is wrong with it
+            continue
+        radar, end = connection, _find_end(gathered, azimuth)
+        if end is not None:
+            largest = max(largest, *(tick for _, tick, *_ in gathered))
+            if _sweeps(gathered[:end], largest):
+                yield radar, gathered[0][0], _make_b_scan(gathered[:end])
+                count += 1
+            gathered = gathered[end:]
+        gathered.append(azimuth)
+    if radar is not None and gathered and (count == 0 or _sweeps(gathered, largest)):
+        yield radar, gathered[0][0], _make_b_scan(gathered)
+
+
+def _find_end(gathered: list[_Azimuth], following: _Azimuth) -> int | None:
+    """Finds where a turn ends among azimuths gathered, of which the last may be damaged; None where it goes on."""
+    if len(gathered) < 2:
+        return None
+    before, last = gathered[-2][1], gathered[-1][1]
+    if last < before and last <= following[1] < before:
+        return len(gathered) - 1
+    try:
+        check_size(len(gathered) + 1, max(len(gathered[0][3]), len(following[3])))
+    except TooLargeError:
+        return len(gathered)
+    return None
+
+
+def _sweeps(azimuths: list[_Azimuth], largest: int) -> bool:
+    """Returns whether azimuths sweep over half of a turn with so many ticks."""
+    ticks = [tick for _, tick, *_ in azimuths]
+    return 2 * (max(ticks) - min(ticks)) > largest
+
+
+def _read_azimuth(message: Any, logged: int) -> _Azimuth:
+    """Reads a message of one azimuth.
+
+    Raises:
+        AttributeError: it lacks a field.
+        ValueError: it has no power, or no number where there is to be one.
+    """
+    power = np.asarray(message.data, dtype=np.uint8)
+    if power.ndim != 1 or not power.size:
+        raise ValueError("holds no power")
+    header = getattr(message, "header", None)
+    stamp = _read_number(message.ntp_seconds) * _NANOSECONDS
+    if stamp >= _FIRST_S * _NANOSECONDS:
+        split = _read_number(message.ntp_split_seconds)
+        stamp += split if split < _NANOSECONDS else split * _NANOSECONDS // _SPLITS
+    else:
+        stamp = 1000 * bags.stamp_of(message) if header is not None else 0
+    return logged, _read_number(message.azimuth), stamp or logged, power, str(getattr(header, "frame_id", ""))
+
+
+def _read_number(stated: Any) -> int:
+    """Reads an unsigned number, or its bytes.
+
+    Raises:
+        ValueError: there are no bytes.
+    """
+    if np.ndim(stated) == 0:
+        return int(stated)
+    content = np.asarray(stated, dtype=np.uint8).tobytes()
+    if not content:
+        raise ValueError("lacks a number")
+    return int.from_bytes(content, "big")
+
+
+def _make_b_scan(azimuths: list[_Azimuth]) -> Any:
+    """Makes a message like the b-scans of Navtech's driver of the azimuths that have as many range bins as most have."""
+    widths, counts = np.unique([len(power) for *_, power, _ in azimuths], return_counts=True)
+    width = int(widths[counts.argmax()])
+    alike = [azimuth[1:] for azimuth in azimuths if len(azimuth[3]) == width]
+    ticks, stamps, power, frames = zip(*alike, strict=True)
+    seconds, nanoseconds = divmod(int(stamps[0]), _NANOSECONDS)
+    image = SimpleNamespace(
+        __msgtype__=bags.IMAGE_TYPE,
+        header=SimpleNamespace(stamp=SimpleNamespace(sec=seconds, nanosec=nanoseconds), frame_id=frames[0]),
+        height=len(power),
+        width=width,
+        step=width,
+        encoding="mono8",
+        data=np.concatenate(power),
+    )
+    return SimpleNamespace(
+        __msgtype__=bags.B_SCAN_TYPE,
+        b_scan_img=image,
+        encoder_values=np.clip(ticks, 0, 65535).astype(np.uint16),
+        timestamps=np.array(stamps, dtype=np.uint64),
+    )
+
+
+def open_message(reader: AnyReader, connection: Connection, raw: Any) -> Any:
+    """Deserialises what `read_turns` yields: a b-scan of a turn is one already.
+
+    Raises:
+        ValueError: its bytes are not those of its type.
+    """
+    return raw if isinstance(raw, SimpleNamespace) else bags.deserialise(reader, connection, raw)
+
+
+def read_bin_size(reader: AnyReader) -> tuple[float, str] | None:
+    """Reads the length of a range bin [m], and the topic that states it; None where no message does.
+
+    Args:
+        reader: of an open bag.
+    """
+    for connection in reader.connections:
+        if not connection.msgtype.endswith(_CONFIGURATIONS) or not connection.msgcount:
+            continue
+        for _, _, raw in reader.messages([connection]):
+            try:
+                stated = deserialise(reader, connection, raw).bin_size
+            except (ValueError, AttributeError):
+                break
+            length = _interpret(stated)
+            if length is not None:
+                return length, connection.topic
+    return None
+
+
+def read_encoder_size(reader: AnyReader) -> int | None:
+    """Reads the ticks of the encoder in a turn; None where no message states them.
+
+    Args:
+        reader: of an open bag.
+    """
+    for message in _read_configurations(reader):
+        numbers = [number for number in _list_numbers(getattr(message, "encoder_size", 0)) if number.is_integer()]
+        sizes = [int(number) for number in numbers if _ENCODER_TICKS[0] <= number <= _ENCODER_TICKS[1]]
+        if sizes:  # the radar sends its bytes the high one first
+            return next((size for size in sizes if size in _USUAL_ENCODERS), sizes[-1])
+    return None
+
+
+def _read_configurations(reader: AnyReader) -> Iterator[Any]:
+    """Yields the configuration messages of a bag that can be read."""
+    for connection in reader.connections:
+        if connection.msgtype.endswith(_CONFIGURATIONS) and connection.msgcount:
+            for _, _, raw in reader.messages([connection]):
+                try:
+                    yield deserialise(reader, connection, raw)
+                except ValueError:
+                    break
+
+
+def _interpret(stated: Any) -> float | None:
+    """Returns a bin's length [m] by a number or by the bytes of one; None where it is none that a radar can have."""
+    for number in _list_numbers(stated):
+        for per_m in _PER_M:
+            if _BIN_M[0] <= number / per_m <= _BIN_M[1]:
+                return number / per_m
+    return None
+
+
+def _list_numbers(stated: Any) -> Iterator[float]:
+    """Yields the numbers that a field may stand for: itself, or its bytes as a number of either order."""
+    if np.ndim(stated) == 0:
+        yield float(stated)
+        return
+    content = np.asarray(stated).astype(np.uint8).tobytes()
+    kinds = {2: "H", 4: "fI", 8: "dQ"}.get(len(content), "")
+    for kind in kinds:
+        for order in ("<", ">"):
+            (number,) = struct.unpack(order + kind, content)
+            yield float(number)

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, untrusted
-from mqslam.formats.shared.azimuth_rows import (
+from mqslam.formats.images import read_first, read_grey
+from mqslam.formats.recordings.azimuths import (
     FLAG_BYTE,
     METADATA_BYTES,
     TURN_TICKS,
@@ -22,8 +23,7 @@ from mqslam.formats.shared.azimuth_rows import (
     read_metadata,
     stamps_in_us,
 )
-from mqslam.formats.shared.images import read_first, read_grey
-from mqslam.formats.shared.turns import find_usual_turns, place_turns
+from mqslam.formats.recordings.turns import find_usual_turns, place_turns
 
 # An image with fewer azimuths than this share of the first image's is damaged, and is left out.
 _FEWEST_ROWS = 0.1
@@ -33,11 +33,8 @@ _VALIDITY_SHARE = 0.75
 # Otherwise byte 10 is the direction of the chirp, which alternates in Boreas-RT, if it is 255 in more than this share of
 # the rows; in fewer it says nothing about single azimuths.
 _CHIRP_SHARE = 0.25
-
 _MOST_STAMP_ERROR_US = 1_000_000  # a name that is a stamp further than this outside its turn is damaged
-
 _REMEDY = "copy it anew, or leave it out of the recording"
-
 Rows = tuple[Azimuths, NDArray[np.uint8]]  # azimuths (A,) and their power (A, B)
 
 

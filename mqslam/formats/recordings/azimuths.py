@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US, PolarScan, Recording
 from mqslam.errors import DataError
-from mqslam.formats.shared.sensing import Stamp
-from mqslam.formats.shared.turns import measure_turn
+from mqslam.formats.recordings.layout import Stamp
+from mqslam.formats.recordings.turns import measure_turn
 
 # A turn ends where its azimuths end if that differs by less than this share of a turn from what their rate says. Otherwise
 # the rate decides, since the azimuths are not those of exactly one turn.
 _SAME_TURN = 0.02
-
 METADATA_BYTES = 11
 FLAG_BYTE = 10
 TURN_TICKS = 5600

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.formats.shared.bags import name_frame
+from mqslam.formats.bags import name_frame
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.core.statistics.gross import SIGMAS_PER_DEVIATION
 from mqslam.core.wording import count_of
-from mqslam.formats.shared.stamps import mark_increasing
-from mqslam.formats.shared.turns import ALIKE_TURNS, LONGEST_STEP, TURNS_AROUND, USUAL_TURN_S, find_usual_turns
+from mqslam.formats.recordings.turns import ALIKE_TURNS, LONGEST_STEP, TURNS_AROUND, USUAL_TURN_S, find_usual_turns
+from mqslam.formats.stamps import mark_increasing
 
 # Jitter of arrival stamps below this [s] is left alone: at 30 m/s a vehicle drives 3 mm meanwhile.
 _LEAST_JITTER_S = 0.0001
@@ -52,7 +52,6 @@ _SCANS_AROUND_BREAK = 8
 _BREAK_SPREADS = 7.0
 # Share of an unusual step that must last behind it for the step to be a break.
 _BREAK_LASTS = 0.6
-
 _IGNORED = 1e-4  # weight of a stamp that tells nothing; above zero, so that a whole stretch of them can be solved
 _ROUNDS = 8  # most rounds of looking for such stamps; it takes two or three
 _PROBES = 64  # polar scans whose variances stand for those of all

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US
 from mqslam.core.statistics.evenly import pick_evenly
-from mqslam.formats.shared.sensing import Stamp
+from mqslam.formats.recordings.layout import Stamp
 
 # Duration of a turn [s] that is assumed where a recording shows none.
 USUAL_TURN_S = 0.25
@@ -43,7 +43,6 @@ _COMPARED_AZIMUTHS = 128
 # Two azimuths are compared if they lie at least this share of their polar scan apart. Nearer ones would show the bursts in
 # which a driver hands azimuths over.
 _COMPARED_APART = 0.25
-
 _COST_MISSING = 1.0  # cost of assuming that a polar scan is missing: the unit of the other costs
 Measure = Callable[[int], float | None]
 
