@@ -1,4 +1,4 @@
-"""Parts that all readers of ROS bags share: opening a bag, naming the message at fault, stamps and planar poses."""
+"""ROS bags: opening and writing them, naming the message at fault, stamps and planar poses."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 import shutil
 import sqlite3
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -219,31 +219,56 @@ class Clock:
         ]
 
 
-def pose_of(message_type: str, message: Any, stamp_us: int) -> PoseRow:
-    """Returns the stamp [us] and planar pose (x, y [m], yaw [rad]) of an odometry or pose message."""
-    pose = message.pose if message_type == POSE_TYPE else message.pose.pose
+@dataclass(slots=True)
+class PoseLog:
+    """The planar poses on topics of a bag; `add` takes in one message after the other.
+
+    Args:
+        clock: reads the stamps of messages.
+        rows: stamp [us], x, y [m] and yaw [rad] by topic.
+        frames: whose poses they are, "" where messages do not name it.
+    """
+
+    clock: Clock = field(default_factory=Clock)
+    rows: dict[str, list[PoseRow]] = field(default_factory=dict)
+    frames: dict[str, str] = field(default_factory=dict)
+
+    def add(self, reader: AnyReader, connection: Connection, logged_ns: int, raw: bytes) -> None:
+        """Takes in an odometry or pose message, or a path, which takes the place of all poses before it."""
+        topic = connection.topic
+        message: Any = reader.deserialize(raw, connection.msgtype)
+        if connection.msgtype == PATH_TYPE:
+            self.rows[topic] = [_pose_of(pose.pose, stamp_of(pose)) for pose in message.poses]
+            return
+        pose = message.pose if connection.msgtype == POSE_TYPE else message.pose.pose
+        self.rows.setdefault(topic, []).append(_pose_of(pose, self.clock.stamp(topic, message, logged_ns)))
+        self.frames.setdefault(topic, getattr(message, "child_frame_id", ""))
+
+    def trajectory(self, topic: str | None) -> Trajectory | None:
+        """Returns the finite poses on a topic in the order of their stamps, or None where there are not two."""
+        rows = {row[0]: row for row in self.rows.get(topic or "", ()) if mark_places(np.array(row[1:]))}
+        if len(rows) < 2:
+            return None
+        kept = sorted(rows.values())
+        return Trajectory(np.array([row[0] for row in kept], dtype=np.int64), np.array([row[1:] for row in kept]))
+
+    def note_left_out(self, topic: str | None) -> list[str]:
+        """Says which poses on a topic `trajectory` leaves out: one line, or none."""
+        rows = self.rows.get(topic or "", [])
+        if rows and self.trajectory(topic) is None:
+            return [f"{topic} is left out: it holds no two poses at different times"]
+        left_out = sum(not mark_places(np.array(row[1:])) for row in rows)
+        return describe_left_out(left_out, f"{left_out} of {count_of(len(rows), 'pose')} on {topic}")
+
+
+def _pose_of(pose: Any, stamp_us: int) -> PoseRow:
+    """Returns the stamp [us] and planar pose of a `geometry_msgs/Pose`."""
     q = pose.orientation
     return stamp_us, pose.position.x, pose.position.y, yaw_of_quaternion(q.x, q.y, q.z, q.w)
 
 
-def trajectory_of(rows: Iterable[PoseRow]) -> Trajectory | None:
-    """Returns the finite poses in the order of their stamps, or None where there are not two."""
-    kept = sorted({row[0]: row for row in rows if mark_places(np.array(row[1:]))}.values())
-    if len(kept) < 2:
-        return None
-    return Trajectory(np.array([row[0] for row in kept], dtype=np.int64), np.array([row[1:] for row in kept]))
-
-
-def note_left_out(rows: Sequence[PoseRow], topic: str | None) -> list[str]:
-    """Returns what to tell of poses that `trajectory_of` leaves out: one line, or none."""
-    if rows and trajectory_of(rows) is None:
-        return [f"{topic} is left out: it holds no two poses at different times"]
-    left_out = sum(not mark_places(np.array(row[1:])) for row in rows)
-    return describe_left_out(left_out, f"{left_out} of {count_of(len(rows), 'pose')} on {topic}")
-
-
 def describe_left_out(count: int, which: str) -> list[str]:
-    """Returns what to tell of poses or transforms that are no motion, by their number and in words: one line, or none."""
+    """Words that poses or transforms that are no motion are left out, by their number and in words: one line, or none."""
     return [f"{which} {is_or_are(count)} left out: a quaternion of zeros, or no finite number"] if count else []
 
 
@@ -297,6 +322,15 @@ class Bag:
         """Makes a `geometry_msgs/Quaternion` of a yaw [rad]."""
         return self.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2)))
 
+    def transform(self, stamp_us: int, frames: tuple[str, str], pose: se2.Array) -> Any:
+        """Makes a `tf2_msgs/TFMessage` of the pose x, y [m], yaw [rad] of the second of two frames in the first."""
+        x, y, yaw = pose.tolist()
+        move = self.make("geometry_msgs/msg/Transform", self.vector(x, y, 0.0), self.quaternion(yaw))
+        parent, child = frames
+        return self.make(
+            TF_TYPE, [self.make("geometry_msgs/msg/TransformStamped", self.header(stamp_us, parent), child, move)]
+        )
+
     def pose(self, pose: se2.Array) -> Any:
         """Makes a `geometry_msgs/Pose` of x, y [m], yaw [rad]."""
         x, y, yaw = pose.tolist()
@@ -310,33 +344,25 @@ def write_bag(out: Path, kind: str) -> Iterator[Bag]:
     Raises:
         OutputError: the bag cannot be written.
     """
-    try:
-        with (_write_file if kind in ("rosbag1", "mcap") else _write_folder)(out, kind) as bag:
-            yield bag
-    except sqlite3.Error as error:
-        raise OutputError(f"{out}: cannot be written ({error}); free space or choose another output") from error
-
-
-@contextlib.contextmanager
-def _write_file(out: Path, kind: str) -> Iterator[Bag]:
-    with write_aside(out) as aside, tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
-        path = Path(folder) / out.name
-        with _start_bag(path, kind) as bag:
-            yield bag
-        (path if path.is_file() else next(path.glob("*.mcap"))).replace(aside)
-
-
-@contextlib.contextmanager
-def _write_folder(out: Path, kind: str) -> Iterator[Bag]:
     if kind == "rosbag2" and set("?#%") & set(str(out)):
         raise OutputError(f"{out}: sqlite takes ?, # and % in a path for something else; choose another output")
-    with write_folder_aside(out) as aside:
-        inside = aside / out.name  # ROS 2 names the files in a bag after its folder
-        with _start_bag(inside, kind) as bag:
-            yield bag
-        for file in list(inside.iterdir()):
-            shutil.move(file, aside)
-        inside.rmdir()
+    try:
+        if KINDS[kind]:
+            with write_aside(out) as aside, tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
+                path = Path(folder) / out.name
+                with _start_bag(path, kind) as bag:
+                    yield bag
+                (path if path.is_file() else next(path.glob("*.mcap"))).replace(aside)
+        else:
+            with write_folder_aside(out) as aside:
+                inside = aside / out.name  # ROS 2 names the files in a bag after its folder
+                with _start_bag(inside, kind) as bag:
+                    yield bag
+                for file in list(inside.iterdir()):
+                    shutil.move(file, aside)
+                inside.rmdir()
+    except sqlite3.Error as error:
+        raise OutputError(f"{out}: cannot be written ({error}); free space or choose another output") from error
 
 
 @contextlib.contextmanager
@@ -363,14 +389,5 @@ def _make_latched_qos() -> Any:
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     forever = QosTime(9_223_372_036, 854_775_807)
-    return Qos(
-        QosHistory.KEEP_LAST,
-        1,
-        QosReliability.RELIABLE,
-        QosDurability.TRANSIENT_LOCAL,
-        forever,
-        forever,
-        QosLiveliness.AUTOMATIC,
-        forever,
-        False,
-    )
+    keep, reliable, durable = QosHistory.KEEP_LAST, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL
+    return Qos(keep, 1, reliable, durable, forever, forever, QosLiveliness.AUTOMATIC, forever, False)

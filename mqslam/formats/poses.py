@@ -1,4 +1,4 @@
-"""Poses that a file states as a trajectory."""
+"""Planar poses as files state them: what can be one, and what can be a trajectory."""
 
 from __future__ import annotations
 
@@ -24,12 +24,7 @@ def yaw_of_quaternion(qx: float, qy: float, qz: float, qw: float) -> float:
 
 
 def read_yaw(path: Path, place: str, quaternion: Sequence[float]) -> float:
-    """Returns the yaw [rad] of a rotation that a file gives as a quaternion of any length.
-
-    Args:
-        path: the file, for errors.
-        place: where in the file, for errors.
-        quaternion: x, y, z, w.
+    """Returns the yaw [rad] of the quaternion x, y, z, w of any length that stands at a place in a file.
 
     Raises:
         DataError: it is one of zeros.
@@ -51,12 +46,7 @@ def mark_places(numbers: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
 
 
 def make_trajectory(path: Path, stamps_us: NDArray[np.int64], poses: se2.Array) -> Trajectory:
-    """Makes a trajectory of a file's stamps and poses, once they are found usable.
-
-    Args:
-        path: the file, for errors.
-        stamps_us: (N,) [us].
-        poses: (N, 3) x [m], y [m], yaw [rad].
+    """Makes a trajectory of a file's stamps (N,) [us] and poses (N, 3), x [m], y [m], yaw [rad].
 
     Raises:
         DataError: there are fewer than two poses, one is not finite, or stamps do not increase.

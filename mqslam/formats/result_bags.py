@@ -53,8 +53,8 @@ def write_results(out: Path, run: Path, kind: str) -> None:
         ):
             bag.write(bag.topic(topic, message_type, latched=True), first, message)
         transforms = bag.topic("/tf", TF_TYPE)
-        for stamp, pose in zip(trajectory.stamps_us.tolist(), trajectory.poses.tolist(), strict=True):
-            bag.write(transforms, stamp, _make_transform(bag, stamp, pose, moved))
+        for stamp, pose in zip(trajectory.stamps_us.tolist(), trajectory.poses, strict=True):
+            bag.write(transforms, stamp, bag.transform(stamp, (WORLD_FRAME, moved), pose))
 
 
 def _find_moved(summary: Path) -> str:
@@ -65,14 +65,6 @@ def _find_moved(summary: Path) -> str:
     except (OSError, ValueError, AttributeError) as error:
         raise DataError(summary, "is no summary of a run", "run the recording anew") from error
     return VEHICLE_FRAME if of_vehicle else RADAR_FRAME
-
-
-def _make_transform(bag: Bag, stamp_us: int, pose: list[float], moved: str) -> Any:
-    """Makes a transform of the pose x, y [m], yaw [rad] of a frame."""
-    x, y, yaw = pose
-    move = bag.make("geometry_msgs/msg/Transform", bag.vector(x, y, 0.0), bag.quaternion(yaw))
-    header = bag.header(stamp_us, WORLD_FRAME)
-    return bag.make(TF_TYPE, [bag.make("geometry_msgs/msg/TransformStamped", header, moved, move)])
 
 
 def _make_path(bag: Bag, trajectory: Trajectory) -> Any:

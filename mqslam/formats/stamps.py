@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import re
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from decimal import Decimal, InvalidOperation
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from mqslam.errors import DataError, untrusted
 
 _TOO_LARGE = "holds stamps too large for any clock"
 _MOST_DIGITS = 40  # before the point; a larger number would overflow
 UNITS = {"s": Decimal(10**6), "ms": Decimal(1000), "us": Decimal(1), "ns": Decimal("0.001")}
 LATEST_US = 2**62
 """Stamps beyond this [us] are beyond any clock: they are damaged, and would overflow."""
-FRAME_DIGITS = 6
-"""Least number of digits of the number of a frame, in a list of when frames arrived and in the name of its file."""
-_FRAME = re.compile(r"\s*Frame:\s*(\d{1,18})\s+Time:\s*(\d+)(?:\.(\d+))?\s*")
-_NANOSECONDS = 9  # digits of a fraction of a second
 _SECONDS = r"(s|secs?|seconds|ms|msecs?|milliseconds|us|usecs?|microseconds|ns|nsecs?|nanosecs?|nanoseconds)"
 _TIME_NAME = re.compile(
     r"(?:header[._/])?(?:t|times?|time_?stamps?|stamps?|gps_?time)"
@@ -71,11 +64,7 @@ def guess_stated_unit(first: int, last: int, start_us: int, end_us: int) -> str:
 
 
 def parse_stamps(words: Sequence[str], unit: str = "") -> NDArray[np.int64]:
-    """Parses decimal numbers as stamps (N,) [us], exactly.
-
-    Args:
-        words: (N,) the numbers.
-        unit: one of `UNITS`; "" guesses it from their size.
+    """Parses decimal numbers (N,) as stamps (N,) [us], exactly; the unit is guessed from their size where it is "".
 
     Raises:
         ValueError: a word is no finite number, or a stamp lies beyond any clock.
@@ -104,22 +93,21 @@ def convert_stamps(values: NDArray[Any], unit: str = "") -> tuple[NDArray[np.int
     unit = unit or guess_unit(largest)
     if largest * float(UNITS[unit]) > LATEST_US:
         raise ValueError(_TOO_LARGE)
-    if unit == "ns" and np.issubdtype(values.dtype, np.integer):
-        return (values // 1000).astype(np.int64), unit
-    if unit == "us" and np.issubdtype(values.dtype, np.integer):
-        return values.astype(np.int64), unit
+    if unit in ("ns", "us") and np.issubdtype(values.dtype, np.integer):
+        return (values // (1000 if unit == "ns" else 1)).astype(np.int64), unit
     return np.round(values.astype(np.float64) * float(UNITS[unit])).astype(np.int64), unit
 
 
-def mark_increasing(stamps_us: Sequence[int]) -> NDArray[np.bool_]:
-    """Marks (N,) the longest subsequence of stamps that strictly increases: one stray stamp costs one entry."""
-    tails: list[int] = []
+def mark_increasing(values: Sequence[float], *, strictly: bool = True) -> NDArray[np.bool_]:
+    """Marks (N,) the longest subsequence that increases, or does not decrease: one stray value costs one entry."""
+    find = bisect_left if strictly else bisect_right
+    tails: list[float] = []
     tail_rows: list[int] = []
     before: list[int] = []
-    for row, stamp in enumerate(stamps_us):
-        length = bisect_left(tails, stamp)
+    for row, value in enumerate(values):
+        length = find(tails, value)
         before.append(tail_rows[length - 1] if length else -1)
-        tails[length : length + 1] = [stamp]
+        tails[length : length + 1] = [value]
         tail_rows[length : length + 1] = [row]
     mask = np.zeros(len(before), dtype=np.bool_)
     row = tail_rows[-1] if tail_rows else -1
@@ -127,50 +115,3 @@ def mark_increasing(stamps_us: Sequence[int]) -> NDArray[np.bool_]:
         mask[row] = True
         row = before[row]
     return mask
-
-
-def format_frame(frame: int) -> str:
-    """Formats the number of a frame as the name of its file."""
-    return str(frame).zfill(FRAME_DIGITS)
-
-
-def read_listing(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Reads frames (N,) and when they arrived (N,) [us] from lines `Frame: 000001 Time: 1574859771.744660272`.
-
-    RADIATE's files state the nanoseconds behind the point without their leading zeros: `36.25327499` is 36 s and 25,327,499
-    ns, not 36.25 s. Where fractions differ in length, they are read in the way in which the frames follow more steadily.
-
-    Raises:
-        DataError: it cannot be read, or a line is of another form.
-    """
-    remedy = "it should hold a line 'Frame: 000001 Time: 1574859771.744660272' for each file"
-    try:
-        lines = [line for line in untrusted.read_text(listing).splitlines() if line.strip()]
-    except FileNotFoundError as error:
-        raise DataError(listing, "does not exist", remedy) from error
-    except (OSError, ValueError) as error:
-        raise DataError(listing, "is not a readable text file", remedy) from error
-    if not lines:
-        raise DataError(listing, "is empty", remedy)
-    matches = [_FRAME.fullmatch(line) for line in lines]
-    if None in matches:
-        number = matches.index(None) + 1
-        raise DataError(listing, f"line {number} is not 'Frame: 000001 Time: 1574859771.744660272'", "repair it")
-    rows = [match.groups(default="0") for match in matches if match]
-    fractions = [fraction for _, _, fraction in rows]
-    padded = [fraction.rjust(_NANOSECONDS, "0") for fraction in fractions]
-    choices = [fractions] if len({len(fraction) for fraction in fractions}) == 1 else [fractions, padded]
-    try:
-        stamps = [
-            parse_stamps([f"{second}.{fraction}" for (_, second, _), fraction in zip(rows, choice, strict=True)], "s")
-            for choice in choices
-        ]
-    except ValueError as error:
-        raise DataError(listing, str(error), "repair it") from error
-    frames = np.array([int(frame) for frame, _, _ in rows], dtype=np.int64)
-    return frames, min(stamps, key=_measure_unsteadiness, default=np.empty(0, dtype=np.int64))
-
-
-def _measure_unsteadiness(stamps_us: NDArray[np.int64]) -> float:
-    """Measures by how much successive steps between stamps (N,) differ in all."""
-    return float(np.abs(np.diff(stamps_us.astype(np.float64), 2)).sum())

@@ -73,8 +73,8 @@ def test_a_file_that_is_no_trajectory_is_refused_by_name(tmp_path: Path, text: s
 
 def test_a_file_that_is_no_text_is_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / "t.tum").write_bytes(b"\xff\xfe\x00\x81")
-    for name in ("t.tum", "missing.tum"):
-        with pytest.raises(DataError, match=f"{name}: is not a readable text file"):
+    for name, problem in (("t.tum", "is not a readable text file"), ("other.txt", "does not exist")):
+        with pytest.raises(DataError, match=f"{name}: {problem}"):
             read_tum(tmp_path / name)
 
 

@@ -12,9 +12,8 @@ from mqslam.execution.checkpoint import FOLDER
 from mqslam.formats.bags import explain_packed
 from mqslam.formats.recordings.derived import turn_as_told
 from mqslam.formats.recordings.layout import USUAL_TOPICS, Sensing, Stamp, Target, Topics, is_bin_length
-from mqslam.formats.trajectories import read_odometry
 
-__all__ = ["FORMATS", "list_targets", "open_recording", "read_odometry"]
+__all__ = ["FORMATS", "list_targets", "open_recording"]
 
 
 class Layout(Protocol):

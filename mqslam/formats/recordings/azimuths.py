@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US, PolarScan, R
 from mqslam.errors import DataError
 from mqslam.formats.recordings.layout import Stamp
 from mqslam.formats.recordings.turns import measure_turn
+from mqslam.formats.stamps import mark_increasing
 
 # A turn ends where its azimuths end if that differs by less than this share of a turn from what their rate says. Otherwise
 # the rate decides, since the azimuths are not those of exactly one turn.
@@ -96,11 +96,11 @@ def repair_azimuths(
     if len(stamps_us) < 2:
         raise ValueError(f"has {len(stamps_us)} azimuths")
     near = np.abs(stamps_us.astype(np.float64) - np.median(stamps_us.astype(np.float64))) < _LONGEST_TURN_US
-    timed = _mark_increasing(stamps_us.astype(np.float64), near)
+    timed = _mark_ordered(stamps_us.astype(np.float64), near)
     inside = ticks <= turn
     unwrapped = np.zeros(len(ticks))
     unwrapped[inside] = np.unwrap(ticks[inside].astype(np.float64), period=turn)
-    rotating = _mark_increasing(unwrapped, inside)
+    rotating = _mark_ordered(unwrapped, inside)
     for usable, what in ((timed, "times that increase"), (rotating, f"encoder values of one turn (0..{turn})")):
         if 2 * np.count_nonzero(usable) < len(usable):
             hint = f"; {STATE_ENCODER}" if np.max(ticks) > turn else ""
@@ -274,22 +274,9 @@ def encode_azimuths(recording: Recording, k: int, polar_scan: PolarScan, turn: i
     return np.where((ticks >= 0) & (ticks <= turn), ticks, ticks % turn)
 
 
-def _mark_increasing(values: NDArray[np.float64], candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _mark_ordered(values: NDArray[np.float64], candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Marks the longest subsequence of some candidates (A,) whose values (A,) do not decrease."""
-    rows = np.flatnonzero(candidates)
-    if np.all(np.diff(values[rows]) >= 0):
-        return candidates
-    tails: list[float] = []
-    tail_rows: list[int] = []
-    before = np.full(len(values), -1)
-    for row, value in zip(rows.tolist(), values[rows].tolist(), strict=True):
-        length = bisect_right(tails, value)
-        before[row] = tail_rows[length - 1] if length else -1
-        tails[length : length + 1] = [value]
-        tail_rows[length : length + 1] = [row]
-    mask = np.zeros(len(values), dtype=np.bool_)
-    row = tail_rows[-1]
-    while row >= 0:
-        mask[row] = True
-        row = int(before[row])
+    mask = candidates.copy()
+    if np.any(np.diff(values[candidates]) < 0):
+        mask[candidates] = mark_increasing(values[candidates].tolist(), strictly=False)
     return mask

@@ -1,9 +1,10 @@
-"""A stretch of a recording, by time."""
+"""Recordings made of another recording: a stretch of it by time, what it sees mirrored, or its reading watched."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,23 +13,39 @@ from mqslam.errors import ConfigError, DataError
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClippedRecording(Recording):
-    """The polar scans of another recording from one on; `clip` makes it.
+class DerivedRecording(Recording):
+    """The polar scans of another recording, from one on, changed.
 
     Args:
         inner: the recording.
         first: number of the polar scan of the inner one that is the first one here.
+        earlier_s: start of this recording since the start of the inner one [s].
+        is_mirrored: whether the radar turns the other way than the inner one says.
     """
 
     inner: Recording
-    first: int
+    first: int = 0
+    earlier_s: float = 0.0
+    is_mirrored: bool = False
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Reads the polar scans start <= k < stop, whose times count from the first one of the stretch."""
+        """Reads the polar scans start <= k < stop, whose times count from the first one."""
         stop = len(self) if stop is None else min(stop, len(self))
-        earlier_s = (self.start_us - self.inner.start_us) * 1e-6
-        for polar_scan in self.inner.polar_scans(self.first + start, self.first + stop):
-            yield _count_from(polar_scan, earlier_s)
+        return map(self._change, self.inner.polar_scans(self.first + start, self.first + stop))
+
+    def _change(self, polar_scan: PolarScan) -> PolarScan:
+        """Returns a polar scan, with that of its other chirps, as it is in this recording."""
+        return replace(
+            polar_scan,
+            times=polar_scan.times - self.earlier_s if self.earlier_s else polar_scan.times,
+            azimuths=-polar_scan.azimuths if self.is_mirrored else polar_scan.azimuths,
+            down=None if polar_scan.down is None else self._change(polar_scan.down),
+        )
+
+
+def copy_fields(recording: Recording) -> dict[str, Any]:
+    """Returns all that any recording states of itself, by the names of its fields."""
+    return {entry.name: getattr(recording, entry.name) for entry in fields(Recording)}
 
 
 def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Recording:
@@ -53,32 +70,18 @@ def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Re
     if first >= after:
         problem = f"no scan begins in it, since the recording takes {recording.duration_s:.1f} s"
         raise ConfigError(f"the stretch from {span} of {recording.path}: {problem}; give times within it")
-    same = {entry.name: getattr(recording, entry.name) for entry in fields(Recording)}
-    same |= {"stamps_us": recording.stamps_us[first:after], "turns_us": recording.turns_us[first:after]}
+    stamps_us = recording.stamps_us[first:after]
+    same = copy_fields(recording) | {"stamps_us": stamps_us, "turns_us": recording.turns_us[first:after]}
     note = f"only the {after - first} of {len(recording)} scans from {span} are used; times count from the first of them"
     same["notes"] = (*recording.notes, note)
-    return ClippedRecording(inner=recording, first=first, **same)
+    earlier_s = (int(stamps_us[0]) - recording.start_us) * 1e-6
+    return DerivedRecording(inner=recording, first=first, earlier_s=earlier_s, **same)
 
 
-def _count_from(polar_scan: PolarScan, earlier_s: float) -> PolarScan:
-    """Returns a polar scan whose times, and those of its other chirps, count from so much later [s]."""
-    down = None if polar_scan.down is None else _count_from(polar_scan.down, earlier_s)
-    return replace(polar_scan, times=polar_scan.times - earlier_s, down=down)
-
-
-@dataclass(frozen=True, kw_only=True)
-class MirroredRecording(Recording):
-    """The polar scans of another recording, mirrored; `turn_as_told` makes it.
-
-    Args:
-        inner: the recording.
-    """
-
-    inner: Recording
-
-    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Reads the polar scans start <= k < stop, one after the other."""
-        return map(_mirror, self.inner.polar_scans(start, stop))
+def mirror(recording: Recording, note: str) -> Recording:
+    """Returns a recording whose radar sees everything on the other side, with a note on why."""
+    same = copy_fields(recording) | {"notes": (*recording.notes, note)}
+    return DerivedRecording(inner=recording, is_mirrored=True, **same)
 
 
 def turn_as_told(recording: Recording, clockwise: bool | None) -> Recording:
@@ -90,16 +93,9 @@ def turn_as_told(recording: Recording, clockwise: bool | None) -> Recording:
     """
     if clockwise is None or _is_clockwise(recording) is clockwise:
         return recording
-    told = "clockwise" if clockwise else "counter-clockwise"
-    note = f"the radar turns {told} (sensor.clockwise), the other way than its azimuths say: what it sees is mirrored"
+    way = "clockwise" if clockwise else "counter-clockwise"
+    note = f"the radar turns {way} (sensor.clockwise), the other way than its azimuths say: what it sees is mirrored"
     return mirror(recording, note)
-
-
-def mirror(recording: Recording, note: str) -> Recording:
-    """Returns a recording whose radar sees everything on the other side, with a note on why."""
-    same = {entry.name: getattr(recording, entry.name) for entry in fields(Recording)}
-    same["notes"] = (*recording.notes, note)
-    return MirroredRecording(inner=recording, **same)
 
 
 def _is_clockwise(recording: Recording) -> bool:
@@ -113,7 +109,28 @@ def _is_clockwise(recording: Recording) -> bool:
     return True
 
 
-def _mirror(polar_scan: PolarScan) -> PolarScan:
-    """Returns a polar scan, and that of its other chirps, with azimuths to the other side."""
-    down = None if polar_scan.down is None else _mirror(polar_scan.down)
-    return replace(polar_scan, azimuths=-polar_scan.azimuths, down=down)
+@dataclass(frozen=True, kw_only=True)
+class WatchedRecording(Recording):
+    """Another recording that reports how far it has been read; `watch` makes one.
+
+    Args:
+        inner: the recording.
+        progress: called with (polar scans read, polar scans in all).
+        unmeasured: one number, that of the azimuths read so far that are marked as not measured.
+    """
+
+    inner: Recording
+    progress: Callable[[int, int], object]
+    unmeasured: list[int]
+
+    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
+        """Reads the polar scans start <= k < stop, one after the other."""
+        for k, polar_scan in enumerate(self.inner.polar_scans(start, stop), start + 1):
+            self.unmeasured[0] += int(np.count_nonzero(~polar_scan.valid))
+            self.progress(k, len(self))
+            yield polar_scan
+
+
+def watch(recording: Recording, progress: Callable[[int, int], object]) -> WatchedRecording:
+    """Makes a recording that reports what is read of it."""
+    return WatchedRecording(inner=recording, progress=progress, unmeasured=[0], **copy_fields(recording))

@@ -11,7 +11,6 @@ and the calibration.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,18 +27,17 @@ from mqslam.formats.poses import make_trajectory
 from mqslam.formats.recordings.azimuths import FIRST_NS, Azimuths, azimuth_stamps, make_rows, stamps_in_us
 from mqslam.formats.recordings.column_images import ColumnImages, open_columns, write_columns
 from mqslam.formats.recordings.layout import Sensing, Target
-from mqslam.formats.recordings.row_images import index_rows
-from mqslam.formats.sensors.datasets import GPS_NAME, IMU_NAME, find_mulran_file, read_mulran_fixes, read_mulran_imu
-from mqslam.formats.sensors.reading import Carried, read_carried
-from mqslam.formats.tables import read_header
-from mqslam.formats.trajectories import read_beside, read_stamped
+from mqslam.formats.recordings.row_images import open_rows
+from mqslam.formats.sensors.csv_files import read_fixes_table, read_gyroscope_table
+from mqslam.formats.sensors.reading import add_beside
+from mqslam.formats.tables import read_stamped
 
-_RADAR = "MulRan's radar"
 RANGE_RESOLUTION_M = 0.0595  # published with the data set
+_USUAL_BINS = (RANGE_RESOLUTION_M, "MulRan's radar")
 _ROWS, _COLUMNS = "polar_oxford_form", "polar"
 _BASE_TO_RADAR = (1.50, -0.04, float(np.deg2rad(0.9)))
 """Pose of the radar on the vehicle [m, m, rad]: calib_base2radar.txt of the dataset, of which z is left out."""
-_MOUNT_SOURCE = "the calibration that MulRan publishes, since no file of a recording states it"
+_MOUNT = Mount(np.array(_BASE_TO_RADAR), "the calibration that MulRan publishes, since no file of a recording states it")
 
 
 def recognises(path: Path) -> bool:
@@ -63,28 +61,23 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
     if folder is None:
         remedy = f"give the folder that holds sensor_data/radar/{_COLUMNS} or {_ROWS}"
         raise DataError(path, "holds no radar images of MulRan", remedy)
-    poses = find_mulran_file(folder, "global_pose.csv")
-    truth, faults = read_beside(lambda: _read_poses(poses) if poses else None)
     names = list_stamps(folder)
+    recording: Recording
     if folder.resolve().name == _ROWS:
-        resolution, assumed = sensing.choose_resolution(RANGE_RESOLUTION_M, _RADAR)
-        notes = [*assumed, *sensing.note_unused()]
-        images = index_rows(folder, names, sensing.encoder_size)
-        rows = images.to_recording(path, "mulran", resolution, ground_truth=truth, notes=notes, faults=faults)
-        return _read_sensors(folder).add_to(replace(rows, is_resolution_assumed=bool(assumed)))
-    columns = ColumnImages(folder, names)
-    usual = RANGE_RESOLUTION_M, _RADAR
-    recording = open_columns(path, "mulran", columns, stamps_in_us(names), None, usual, sensing)
-    return _read_sensors(folder).add_to(replace(recording, ground_truth=truth, faults=(*faults, *recording.faults)))
-
-
-def _read_sensors(images: Path) -> Carried:
-    """Reads the sensors of the recording whose images lie in a folder."""
-    imu, gps = find_mulran_file(images, IMU_NAME), find_mulran_file(images, GPS_NAME)
-    return read_carried(
-        lambda: read_mulran_imu(read_header(imu, "repair or remove it")) if imu else None,
-        lambda: read_mulran_fixes(read_header(gps, "repair or remove it")) if gps else None,
-        lambda: Mount(np.array(_BASE_TO_RADAR), _MOUNT_SOURCE),
+        recording = open_rows(path, "mulran", folder, names, lambda _: sensing.choose_resolution(*_USUAL_BINS), sensing)
+    else:
+        images = ColumnImages(folder, names)
+        recording = open_columns(path, "mulran", images, stamps_in_us(names), None, _USUAL_BINS, sensing)
+    poses, imu, gps = (
+        next((file for above in folder.resolve().parents[:3] if (file := above / name).exists()), None)
+        for name in ("global_pose.csv", "xsens_imu.csv", "gps.csv")
+    )
+    return add_beside(
+        recording,
+        lambda: read_gyroscope_table(imu) if imu else None,
+        lambda: read_fixes_table(gps) if gps else None,
+        lambda: _MOUNT,
+        truth=lambda: _read_poses(poses) if poses else None,
     )
 
 

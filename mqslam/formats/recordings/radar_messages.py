@@ -1,6 +1,10 @@
 """Radar messages of ROS: polar images, compressed or not, with or without the time and angle of every azimuth.
 
-Messages are read in every layout, and written as Oxford rows or as the b-scans of Navtech's driver.
+Messages are read in every layout, and written as Oxford rows or as the b-scans of Navtech's driver. Drivers of several ages
+publish one azimuth per message (`RadarFftDataMessage` and its later names), in numbers or in their bytes, the high one
+first: the azimuths of a turn are gathered into one b-scan. Beside them they publish a RadarConfigurationMessage, whose
+`bin_size` is a number or the bytes of one, in metres or in tenths of a millimetre. No radar of this kind has bins shorter
+than 5 mm or longer than 0.5 m, which tells these units from each other.
 """
 
 from __future__ import annotations
@@ -9,6 +13,7 @@ import io
 import itertools
 import struct
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,18 +25,7 @@ from numpy.typing import NDArray
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.errors import DataError, Remedy
 from mqslam.formats import bags
-from mqslam.formats.bags import (
-    B_SCAN_TYPE,
-    COMPRESSED_TYPE,
-    FFT_NAMES,
-    IMAGE_TYPE,
-    RADAR_FRAME,
-    Bag,
-    deserialise,
-    list_topics,
-    name_message,
-    require_topic,
-)
+from mqslam.formats.bags import B_SCAN_TYPE, COMPRESSED_TYPE, FFT_NAMES, IMAGE_TYPE, RADAR_FRAME, Bag
 from mqslam.formats.images import CONVERT_IMAGES, NotGreyError, TooLargeError, check_size, decode_grey
 from mqslam.formats.recordings.azimuths import (
     METADATA_BYTES,
@@ -66,15 +60,24 @@ _GIVE_RADAR = (
     f"or with {B_SCAN_TYPE} or RadarFftDataMessage"
 )
 _B_SCAN_RANK = 4  # behind the images that users of these names mean
+_SUFFIXES = ("", "/compressed")
+_USUAL = [name + suffix for suffix in _SUFFIXES for name in (_NAVTECH, _MULRAN_PLAYER)]
+_RANKS = {name: rank for rank, name in enumerate(_USUAL)} | {
+    name + suffix: _B_SCAN_RANK + 2 + rank for rank, (suffix, name) in enumerate(itertools.product(_SUFFIXES, _DRIVER))
+}
+"""How usual the names of topics of images are for a radar, the usual ones first.
+
+Messages that carry the times and angles of their azimuths come before the driver's images, which do not.
+"""
 _FIRST_S = 1_000_000_000  # a clock that says less has never been set: it counts from the start of the radar
 _NANOSECONDS = 1_000_000_000
 _SPLITS = 2**32  # parts of a second, where they are none of nanoseconds
-_Azimuth = tuple[int, int, int, NDArray[np.uint8], str]  # recorded [ns], tick, stamp [ns], power (B,), frame
 _CONFIGURATIONS: Final = ("/RadarConfigurationMessage", "/RadarConfigurationMsg")
 _BIN_M: Final = (0.005, 0.5)  # by the hardware: bins are about 4 to 18 cm long
-_ENCODER_TICKS: Final = (400, 65536)  # by the hardware: encoders have a tick for every azimuth at least, in 16 bits
-_USUAL_ENCODERS: Final = (5600, 16000)
 _PER_M: Final = (1.0, 1e4)  # units in which drivers state it
+_ENCODER_TICKS: Final = (400, 65536)  # by the hardware: encoders have a tick for every azimuth at least, in 16 bits
+
+_Azimuth = tuple[int, int, int, NDArray[np.uint8], str]  # recorded [ns], tick, stamp [ns], power (B,), frame
 
 
 class AzimuthLayout(Enum):
@@ -85,16 +88,89 @@ class AzimuthLayout(Enum):
     COLUMNS = "columns"
     B_SCAN = "rows, with times and encoder values beside the image"
 
+
+@dataclass(frozen=True, slots=True)
+class RadarTopic:
+    """The topic of a bag on which a radar's messages are.
+
+    Args:
+        name: its name.
+        layout: how messages hold their azimuths.
+        encoder: encoder ticks of a turn, where the bag or the user states them.
+    """
+
+    name: str
+    layout: AzimuthLayout
+    encoder: int | None = None
+
     @property
     def stamps_azimuths(self) -> bool:
-        """Whether the message says when every azimuth was measured."""
-        return self in (AzimuthLayout.OXFORD_ROWS, AzimuthLayout.B_SCAN)
+        """Whether a message says when every azimuth was measured."""
+        return self.layout in (AzimuthLayout.OXFORD_ROWS, AzimuthLayout.B_SCAN)
+
+    @property
+    def usual_stamp(self) -> Stamp:
+        """Which instant of a turn the only stamp of a message usually is.
+
+        MulRan's player and Navtech's driver send a turn when it is complete.
+        """
+        name = self.name.lower().removesuffix("/compressed")
+        is_late = name.endswith(_DRIVER) or (name.endswith(_MULRAN_PLAYER) and self.layout is AzimuthLayout.COLUMNS)
+        return "end" if is_late else "start"
+
+    def read_stamp(self, message: Any, logged_ns: int, clock: bags.Clock) -> int:
+        """Returns the stamp [us] of a message: its first azimuth's, else the header's, else when it was recorded.
+
+        Raises:
+            ValueError: its image cannot be used, or times and angles make no turn.
+        """
+        if self.stamps_azimuths:
+            return int(self.read_azimuths(message).stamps_us[0])
+        if message.__msgtype__ != COMPRESSED_TYPE:  # decoding every image of a bag only to index it takes minutes
+            _read_pixels(message)
+        return clock.stamp(self.name, message, logged_ns)
+
+    def read_power(self, message: Any) -> NDArray[np.uint8]:
+        """Reads the power (A, B) of a message, one row per azimuth.
+
+        Raises:
+            ValueError: its image cannot be used.
+        """
+        if self.layout is AzimuthLayout.B_SCAN:
+            image = _read_pixels(message.b_scan_img)
+            return image if len(image) == len(message.encoder_values) else image.T
+        image = _read_pixels(message)
+        if self.layout is AzimuthLayout.OXFORD_ROWS:
+            return image[:, METADATA_BYTES:]
+        return image.T if self.layout is AzimuthLayout.COLUMNS else image
+
+    def read_azimuths(self, message: Any) -> Azimuths:
+        """Reads the azimuths of a message that carries their times and angles.
+
+        Raises:
+            ValueError: its image cannot be used, or times and angles make no turn.
+        """
+        turn = self.encoder or self.find_turn(message)
+        if self.layout is AzimuthLayout.OXFORD_ROWS:
+            return read_metadata(_read_pixels(message), turn=turn)
+        ticks = np.asarray(message.encoder_values, dtype=np.uint16)
+        stamps_us = (np.asarray(message.timestamps, dtype=np.uint64) // np.uint64(1000)).astype(np.int64)
+        if not len(ticks) == len(stamps_us) == len(self.read_power(message)):
+            raise ValueError(f"holds {len(ticks)} encoder values and {len(stamps_us)} times for another number of azimuths")
+        return repair_azimuths(stamps_us, ticks, np.ones(len(ticks), dtype=np.bool_), turn)
+
+    def find_turn(self, message: Any) -> int:
+        """Finds the encoder ticks that are taken as a turn where nobody states them: the fewest that hold a message's."""
+        if self.layout is not AzimuthLayout.B_SCAN:
+            return TURN_TICKS
+        largest = np.asarray(message.encoder_values, dtype=np.uint16).max(initial=0)
+        return next((turn for turn in _ENCODER_TURNS if largest <= turn), _ENCODER_TURNS[-1])
 
 
 def choose_topic(
     path: Path, reader: AnyReader, named: str | None = None, encoder: int | None = None
-) -> tuple[str, AzimuthLayout, list[str]]:
-    """Chooses the radar's topic; returns it with the layout of its messages and a note on the choice.
+) -> tuple[RadarTopic, list[str]]:
+    """Chooses the radar's topic; returns it with notes on the choice.
 
     Args:
         path: of the bag.
@@ -110,70 +186,103 @@ def choose_topic(
     b_scans = [connection for connection in filled if connection.msgtype == B_SCAN_TYPE]
     b_scans += [connection for connection in filled if connection.msgtype.endswith(FFT_NAMES)]
     if named is not None:
-        meant = require_topic(path, named, (*images, *b_scans), "polar scans", "images")
-        return named, _find_layout(path, reader, meant, encoder), [f"radar from {named}, as asked"]
+        meant = bags.require_topic(path, named, (*images, *b_scans), "polar scans", "images")
+        return _find_layout(path, reader, meant, encoder), [f"radar from {named}, as asked"]
     ranked = [(rank, c) for c in images if (rank := _rank_topic(c.topic)) is not None]
     ranked += [(_B_SCAN_RANK + c.msgtype.endswith(FFT_NAMES), c) for c in b_scans]
-    usual = [c for _, c in sorted(ranked, key=lambda entry: entry[0])]
-    if usual:
-        chosen = usual[0]
-        others = sorted({c.topic for c in usual if not _is_twin(c.topic, chosen.topic)})
-        first = min((rank for rank, _ in ranked), default=0)
-        if len(alike_ranked := sorted({c.topic for rank, c in ranked if rank == first})) > 1:
-            raise DataError(
-                path, f"has several topics that could be radar ({', '.join(alike_ranked[:12])})", Remedy.NAME_TOPIC
-            )
-        notes = [f"radar from {chosen.topic}"]
-        notes += [f"{', '.join(others[:12])} could be the radar, too: {Remedy.NAME_TOPIC} if it is"] if others else []
-    else:
-        first_messages = {c.topic: (c, _read_first(reader, c)) for c in images}
-        alike = {topic: c for topic, (c, message) in first_messages.items() if _looks_like_radar(message)}
+    if ranked:
+        first, chosen = min(ranked, key=lambda entry: entry[0])
+        alike = sorted({c.topic for rank, c in ranked if rank == first})
         if len(alike) > 1:
-            raise DataError(path, f"has several topics that could be radar (topics: {', '.join(alike)})", Remedy.NAME_TOPIC)
-        if not alike:
-            deep = [f"{topic} {said}" for topic, (_, m) in first_messages.items() if (said := _find_other_depth(m))]
-            problem = f"has no radar (topics: {list_topics(reader)})" + "".join(
-                f"; the first on {text}" for text in deep[:4]
-            )
-            raise DataError(path, problem, CONVERT_IMAGES if deep else _GIVE_RADAR)
-        chosen = next(iter(alike.values()))
+            raise DataError(path, f"has several topics that could be radar ({', '.join(alike[:12])})", Remedy.NAME_TOPIC)
+        notes = [f"radar from {chosen.topic}"]
+        if others := sorted({c.topic for _, c in ranked if not _is_twin(c.topic, chosen.topic)}):
+            notes.append(f"{', '.join(others[:12])} could be the radar, too: {Remedy.NAME_TOPIC} if it is")
+    else:
+        chosen = _choose_by_shape(path, reader, images)
         notes = [f"radar from {chosen.topic}, the only topic with images shaped like a radar's"]
-    return chosen.topic, _find_layout(path, reader, chosen, encoder), notes
+    return _find_layout(path, reader, chosen, encoder), notes
 
 
-def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder: int | None) -> AzimuthLayout:
+def _choose_by_shape(path: Path, reader: AnyReader, images: list[Connection]) -> Connection:
+    """Chooses the only topic of images whose first message looks like a radar's."""
+    first_messages: dict[str, tuple[Connection, Any]] = {}
+    for connection in images:
+        _, _, raw = next(reader.messages([connection]))
+        first_messages[connection.topic] = connection, reader.deserialize(raw, connection.msgtype)
+    alike = {topic: connection for topic, (connection, message) in first_messages.items() if _looks_like_radar(message)}
+    if len(alike) > 1:
+        raise DataError(path, f"has several topics that could be radar (topics: {', '.join(alike)})", Remedy.NAME_TOPIC)
+    if not alike:
+        deep = [f"; the first on {topic} {why}" for topic, (_, m) in first_messages.items() if (why := _find_other_depth(m))]
+        problem = f"has no radar (topics: {bags.list_topics(reader)})" + "".join(deep[:4])
+        raise DataError(path, problem, CONVERT_IMAGES if deep else _GIVE_RADAR)
+    return next(iter(alike.values()))
+
+
+def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder: int | None) -> RadarTopic:
     """Finds the layout of a radar's messages from the first that is a polar scan."""
     first: DataError | None = None
     for _, logged, raw in itertools.islice(reader.messages([connection]), _FIRST_TRIED):
         try:
-            with name_message(path, connection.topic, logged):
-                message = deserialise(reader, connection, raw)
-                return _interpret_layout(connection.topic, connection.msgtype, message, encoder)
+            with bags.name_message(path, connection.topic, logged):
+                message = bags.deserialise(reader, connection, raw)
+                layout = _interpret_layout(connection.topic, connection.msgtype, message, encoder or TURN_TICKS)
+                return RadarTopic(connection.topic, layout, encoder)
         except DataError as error:
             first = first or error
     raise first or DataError(path, f"holds no message on {connection.topic}", "name another bag")
 
 
-def _read_first(reader: AnyReader, connection: Connection) -> Any:
-    """Reads the first message of a connection."""
-    _, _, raw = next(reader.messages([connection]))
-    return reader.deserialize(raw, connection.msgtype)
+def _interpret_layout(topic: str, message_type: str, message: Any, turn: int) -> AzimuthLayout:
+    """Finds the layout of a topic's messages from one of them; ValueError where its image cannot be used."""
+    if message_type == B_SCAN_TYPE or message_type.endswith(FFT_NAMES):
+        return AzimuthLayout.B_SCAN
+    image = _read_pixels(message)
+    if has_times(image):
+        read_metadata(image, turn=turn)  # says what is wrong with its angles
+        return AzimuthLayout.OXFORD_ROWS
+    if has_metadata(image, turn):
+        return AzimuthLayout.OXFORD_ROWS
+    name = topic.lower().removesuffix("/compressed")
+    if name.endswith(_MULRAN_PLAYER):
+        return AzimuthLayout.COLUMNS
+    if name.endswith((_NAVTECH, *_DRIVER)):
+        return AzimuthLayout.ROWS
+    return AzimuthLayout.ROWS if image.shape[1] >= image.shape[0] else AzimuthLayout.COLUMNS
 
 
 def _rank_topic(topic: str) -> int | None:
-    """Ranks how usual a topic of images is for a radar, 0 first; None where only its images could show that it is one.
-
-    Messages that carry the times and angles of their azimuths come before the driver's images, which do not.
-    """
-    known = [name + suffix for suffix in ("", "/compressed") for name in (_NAVTECH, _MULRAN_PLAYER)]
-    drivers = [name + suffix for suffix in ("", "/compressed") for name in _DRIVER]
-    ranks = {name: rank for rank, name in enumerate(known)} | {
-        name: rank for rank, name in enumerate(drivers, _B_SCAN_RANK + 2)
-    }
-    return next((rank for name, rank in ranks.items() if topic.lower().endswith(name)), None)
+    """Ranks a topic of images by its name as `_RANKS` does; None where only its images could show that it is a radar's."""
+    return next((rank for name, rank in _RANKS.items() if topic.lower().endswith(name)), None)
 
 
-def read_pixels(image: Any) -> NDArray[np.uint8]:
+def _is_twin(topic: str, other: str) -> bool:
+    """Returns whether two topics hold the same images, one of them compressed, or are the same."""
+    return topic.removesuffix("/compressed") == other.removesuffix("/compressed")
+
+
+def _find_other_depth(message: Any) -> str:
+    """Returns what is wrong with a grey image that is not of 8 bits; "" of any other, such as one in colour."""
+    try:
+        _read_pixels(message)
+    except NotGreyError as error:
+        return str(error) if getattr(message, "encoding", "") in _DEEP or "(mode I" in str(error) else ""
+    except ValueError:
+        pass
+    return ""
+
+
+def _looks_like_radar(message: Any) -> bool:
+    """Returns whether an image of an unknown topic is polar: Oxford rows, or one side three times the other."""
+    try:
+        image = _read_pixels(message)
+    except ValueError:
+        return False
+    return has_times(image) or (min(image.shape) >= _FEWEST_PIXELS and max(image.shape) >= _LONG_SIDE * min(image.shape))
+
+
+def _read_pixels(image: Any) -> NDArray[np.uint8]:
     """Reads the pixels (height, width) of a `sensor_msgs/Image` or `CompressedImage`.
 
     Raises:
@@ -191,118 +300,177 @@ def read_pixels(image: Any) -> NDArray[np.uint8]:
     return data.reshape(height, step)[:, :width]
 
 
-def _interpret_layout(topic: str, message_type: str, message: Any, encoder: int | None) -> AzimuthLayout:
-    """Finds the layout of a topic's messages from its first one.
-
-    Raises:
-        ValueError: its image cannot be used.
-    """
-    if message_type == B_SCAN_TYPE or message_type.endswith(FFT_NAMES):
-        return AzimuthLayout.B_SCAN
-    image = read_pixels(message)
-    if has_times(image):
-        read_metadata(image, turn=encoder or TURN_TICKS)  # says what is wrong with its angles
-        return AzimuthLayout.OXFORD_ROWS
-    if has_metadata(image, encoder or TURN_TICKS):
-        return AzimuthLayout.OXFORD_ROWS
-    name = topic.lower().removesuffix("/compressed")
-    if name.endswith(_MULRAN_PLAYER):
-        return AzimuthLayout.COLUMNS
-    if name.endswith((_NAVTECH, *_DRIVER)):
-        return AzimuthLayout.ROWS
-    return AzimuthLayout.ROWS if image.shape[1] >= image.shape[0] else AzimuthLayout.COLUMNS
-
-
 def read_frame(message: Any) -> str:
     """Returns the name of the frame that a radar's message is in."""
     image = message.b_scan_img if message.__msgtype__ == B_SCAN_TYPE else message
     return str(image.header.frame_id)
 
 
-def usual_stamp(topic: str, layout: AzimuthLayout) -> Stamp:
-    """Returns which instant of a turn the only stamp of a topic's messages usually is.
+def read_turns(
+    reader: AnyReader, messages: Iterable[tuple[Connection, int, Any]], topic: str
+) -> Iterator[tuple[Connection, int, Any]]:
+    """Yields a bag's messages, with one b-scan for each turn of azimuths on the radar's topic.
 
-    MulRan's player and Navtech's driver send a turn when it is complete.
-    """
-    name = topic.lower().removesuffix("/compressed")
-    is_late = name.endswith(_DRIVER) or (name.endswith(_MULRAN_PLAYER) and layout is AzimuthLayout.COLUMNS)
-    return "end" if is_late else "start"
-
-
-def _is_twin(topic: str, other: str) -> bool:
-    """Returns whether two topics hold the same images, one of them compressed, or are the same."""
-    return topic.removesuffix("/compressed") == other.removesuffix("/compressed")
-
-
-def _find_other_depth(message: Any) -> str:
-    """Returns what is wrong with a grey image that is not of 8 bits; "" of any other, such as one in colour."""
-    try:
-        read_pixels(message)
-    except NotGreyError as error:
-        if getattr(message, "encoding", "") in _DEEP or "(mode I" in str(error):
-            return str(error)
-    except ValueError:
-        pass
-    return ""
-
-
-def _looks_like_radar(message: Any) -> bool:
-    """Returns whether an image of an unknown topic is polar: Oxford rows, or one side three times the other."""
-    try:
-        image = read_pixels(message)
-    except ValueError:
-        return False
-    return has_times(image) or (min(image.shape) >= _FEWEST_PIXELS and max(image.shape) >= _LONG_SIDE * min(image.shape))
-
-
-def read_power(layout: AzimuthLayout, message: Any) -> NDArray[np.uint8]:
-    """Reads the power (A, B) of a message, one row per azimuth.
-
-    Raises:
-        ValueError: its image cannot be used.
-    """
-    if layout is AzimuthLayout.B_SCAN:
-        image = read_pixels(message.b_scan_img)
-        return image if len(image) == len(message.encoder_values) else image.T
-    image = read_pixels(message)
-    if layout is AzimuthLayout.OXFORD_ROWS:
-        return image[:, METADATA_BYTES:]
-    return image.T if layout is AzimuthLayout.COLUMNS else image
-
-
-def read_azimuths(layout: AzimuthLayout, message: Any, encoder: int | None = None) -> Azimuths:
-    """Reads the azimuths of a message that carries their times and angles.
+    A turn that has only begun, or whose beginning is not in the bag, is left out, unless there is no other.
 
     Args:
-        layout: of the message.
-        message: the message.
-        encoder: encoder ticks of a turn, as the bag or the user states them, or None.
+        reader: of the open bag.
+        messages: connections, times of recording [ns] and bytes, as the reader yields them.
+        topic: the radar's.
+
+    Yields:
+        The connection, the time of recording [ns] of the message or of a turn's first azimuth, and the bytes or the b-scan.
+    """
+    gathered: list[_Azimuth] = []
+    radar: Connection | None = None
+    largest, count = 0, 0
+    for connection, logged, raw in messages:
+        if connection.topic != topic or not connection.msgtype.endswith(FFT_NAMES):
+            yield connection, logged, raw
+            continue
+        try:
+            azimuth = _read_azimuth(bags.deserialise(reader, connection, raw), logged)
+        except (ValueError, AttributeError):
+            yield connection, logged, raw  # whoever reads it next says what is wrong with it
+            continue
+        radar, end = connection, _find_end(gathered, azimuth)
+        if end is not None:
+            largest = max(largest, *(tick for _, tick, *_ in gathered))
+            if _sweeps(gathered[:end], largest):
+                yield radar, gathered[0][0], _make_turn(gathered[:end])
+                count += 1
+            gathered = gathered[end:]
+        gathered.append(azimuth)
+    if radar is not None and gathered and (count == 0 or _sweeps(gathered, largest)):
+        yield radar, gathered[0][0], _make_turn(gathered)
+
+
+def open_message(reader: AnyReader, connection: Connection, raw: Any) -> Any:
+    """Deserialises what `read_turns` yields: a b-scan of a turn is one already.
 
     Raises:
-        ValueError: its image cannot be used, or times and angles make no turn.
+        ValueError: its bytes are not those of its type.
     """
-    if layout is AzimuthLayout.OXFORD_ROWS:
-        return read_metadata(read_pixels(message), turn=encoder or TURN_TICKS)
-    ticks = np.asarray(message.encoder_values, dtype=np.uint16)
-    stamps_us = (np.asarray(message.timestamps, dtype=np.uint64) // np.uint64(1000)).astype(np.int64)
-    if not len(ticks) == len(stamps_us) == len(read_power(layout, message)):
-        raise ValueError(f"holds {len(ticks)} encoder values and {len(stamps_us)} times for another number of azimuths")
-    return repair_azimuths(stamps_us, ticks, np.ones(len(ticks), dtype=np.bool_), encoder or find_turn(layout, message))
+    return raw if isinstance(raw, SimpleNamespace) else bags.deserialise(reader, connection, raw)
 
 
-def find_turn(layout: AzimuthLayout, message: Any) -> int:
-    """Finds the encoder ticks that are taken as a turn where nobody states them: the fewest that hold a message's values."""
-    if layout is not AzimuthLayout.B_SCAN:
-        return TURN_TICKS
-    largest = np.asarray(message.encoder_values, dtype=np.uint16).max(initial=0)
-    return next((turn for turn in _ENCODER_TURNS if largest <= turn), _ENCODER_TURNS[-1])
+def _find_end(gathered: list[_Azimuth], following: _Azimuth) -> int | None:
+    """Finds where a turn ends among azimuths gathered, of which the last may be damaged; None where it goes on."""
+    if len(gathered) < 2:
+        return None
+    before, last = gathered[-2][1], gathered[-1][1]
+    if last < before and last <= following[1] < before:
+        return len(gathered) - 1
+    try:
+        check_size(len(gathered) + 1, max(len(gathered[0][3]), len(following[3])))
+    except TooLargeError:
+        return len(gathered)
+    return None
+
+
+def _sweeps(azimuths: list[_Azimuth], largest: int) -> bool:
+    """Returns whether azimuths sweep over half of a turn with so many ticks."""
+    ticks = [tick for _, tick, *_ in azimuths]
+    return 2 * (max(ticks) - min(ticks)) > largest
+
+
+def _read_azimuth(message: Any, logged: int) -> _Azimuth:
+    """Reads a message of one azimuth; AttributeError where it lacks a field, ValueError where power or a number is none."""
+    power = np.asarray(message.data, dtype=np.uint8)
+    if power.ndim != 1 or not power.size:
+        raise ValueError("holds no power")
+    header = getattr(message, "header", None)
+    stamp = _read_number(message.ntp_seconds) * _NANOSECONDS
+    if stamp >= _FIRST_S * _NANOSECONDS:
+        split = _read_number(message.ntp_split_seconds)
+        stamp += split if split < _NANOSECONDS else split * _NANOSECONDS // _SPLITS
+    else:
+        stamp = 1000 * bags.stamp_of(message) if header is not None else 0
+    return logged, _read_number(message.azimuth), stamp or logged, power, str(getattr(header, "frame_id", ""))
+
+
+def _read_number(stated: Any) -> int:
+    """Reads an unsigned number, or its bytes; ValueError where there are none."""
+    if np.ndim(stated) == 0:
+        return int(stated)
+    content = np.asarray(stated, dtype=np.uint8).tobytes()
+    if not content:
+        raise ValueError("lacks a number")
+    return int.from_bytes(content, "big")
+
+
+def _make_turn(azimuths: list[_Azimuth]) -> Any:
+    """Makes a message like the b-scans of Navtech's driver of the azimuths that have as many range bins as most have."""
+    widths, counts = np.unique([len(power) for *_, power, _ in azimuths], return_counts=True)
+    width = int(widths[counts.argmax()])
+    alike = [azimuth[1:] for azimuth in azimuths if len(azimuth[3]) == width]
+    ticks, stamps, power, frames = zip(*alike, strict=True)
+    seconds, nanoseconds = divmod(int(stamps[0]), _NANOSECONDS)
+    image = SimpleNamespace(
+        __msgtype__=IMAGE_TYPE,
+        header=SimpleNamespace(stamp=SimpleNamespace(sec=seconds, nanosec=nanoseconds), frame_id=frames[0]),
+        height=len(power),
+        width=width,
+        step=width,
+        encoding="mono8",
+        data=np.concatenate(power),
+    )
+    return SimpleNamespace(
+        __msgtype__=B_SCAN_TYPE,
+        b_scan_img=image,
+        encoder_values=np.clip(ticks, 0, 65535).astype(np.uint16),
+        timestamps=np.array(stamps, dtype=np.uint64),
+    )
+
+
+def read_bin_size(reader: AnyReader) -> tuple[float, str] | None:
+    """Reads the length of a range bin [m], and the topic that states it; None where no message of an open bag does."""
+    for topic, message in _read_configurations(reader):
+        for number in _list_numbers(getattr(message, "bin_size", 0)):
+            for per_m in _PER_M:
+                if _BIN_M[0] <= number / per_m <= _BIN_M[1]:
+                    return number / per_m, topic
+    return None
+
+
+def read_encoder_size(reader: AnyReader) -> int | None:
+    """Reads the ticks of the encoder in a turn; None where no message of an open bag states them."""
+    for _, message in _read_configurations(reader):
+        numbers = [number for number in _list_numbers(getattr(message, "encoder_size", 0)) if number.is_integer()]
+        sizes = [int(number) for number in numbers if _ENCODER_TICKS[0] <= number <= _ENCODER_TICKS[1]]
+        if sizes:  # the radar sends its bytes the high one first
+            return next((size for size in sizes if size in _ENCODER_TURNS), sizes[-1])
+    return None
+
+
+def _read_configurations(reader: AnyReader) -> Iterator[tuple[str, Any]]:
+    """Yields the configuration messages of a bag that can be read, with their topics."""
+    for connection in reader.connections:
+        if connection.msgtype.endswith(_CONFIGURATIONS) and connection.msgcount:
+            for _, _, raw in reader.messages([connection]):
+                try:
+                    yield connection.topic, bags.deserialise(reader, connection, raw)
+                except ValueError:
+                    break
+
+
+def _list_numbers(stated: Any) -> Iterator[float]:
+    """Yields the numbers that a field may stand for: itself, or its bytes as a number of either order."""
+    if np.ndim(stated) == 0:
+        yield float(stated)
+        return
+    content = np.asarray(stated).astype(np.uint8).tobytes()
+    for kind in {2: "H", 4: "fI", 8: "dQ"}.get(len(content), ""):
+        for order in ("<", ">"):
+            (number,) = struct.unpack(order + kind, content)
+            yield float(number)
 
 
 def make_image(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -> Any:
     """Makes a mono8 image of Oxford rows of polar scan k.
 
     Raises:
-        DataError: the polar scan turns counter-clockwise, or readers could not recognise the rows.
+        DataError: the polar scan turns counter-clockwise, or readers would not recognise the rows.
     """
     rows = make_rows(recording, k, polar_scan)
     if k == 0 and not has_metadata(rows):
@@ -337,196 +505,3 @@ def _make_mono8(bag: Bag, stamp_us: int, pixels: NDArray[np.uint8]) -> Any:
     height, width = pixels.shape
     header = bag.header(stamp_us, RADAR_FRAME)
     return bag.make(IMAGE_TYPE, header, height, width, "mono8", 0, width, pixels.reshape(-1))
-
-
-def read_turns(
-    reader: AnyReader, messages: Iterable[tuple[Connection, int, Any]], topic: str
-) -> Iterator[tuple[Connection, int, Any]]:
-    """Yields a bag's messages, with one b-scan for each turn of azimuths on the radar's topic.
-
-    A turn that has only begun, or whose beginning is not in the bag, is left out, unless there is no other.
-
-    Args:
-        reader: of the open bag.
-        messages: connections, times of recording [ns] and bytes, as the reader yields them.
-        topic: the radar's.
-
-    Yields:
-        The connection, the time of recording [ns] of the message or of a turn's first azimuth, and the bytes or the b-scan.
-    """
-    gathered: list[_Azimuth] = []
-    radar: Connection | None = None
-    largest, count = 0, 0
-    for connection, logged, raw in messages:
-        if connection.topic != topic or not connection.msgtype.endswith(bags.FFT_NAMES):
-            yield connection, logged, raw
-            continue
-        try:
-            azimuth = _read_azimuth(bags.deserialise(reader, connection, raw), logged)
-        except (ValueError, AttributeError):
-            yield connection, logged, raw  # whoever reads it next says what is wrong with it
-            continue
-        radar, end = connection, _find_end(gathered, azimuth)
-        if end is not None:
-            largest = max(largest, *(tick for _, tick, *_ in gathered))
-            if _sweeps(gathered[:end], largest):
-                yield radar, gathered[0][0], _make_b_scan(gathered[:end])
-                count += 1
-            gathered = gathered[end:]
-        gathered.append(azimuth)
-    if radar is not None and gathered and (count == 0 or _sweeps(gathered, largest)):
-        yield radar, gathered[0][0], _make_b_scan(gathered)
-
-
-def _find_end(gathered: list[_Azimuth], following: _Azimuth) -> int | None:
-    """Finds where a turn ends among azimuths gathered, of which the last may be damaged; None where it goes on."""
-    if len(gathered) < 2:
-        return None
-    before, last = gathered[-2][1], gathered[-1][1]
-    if last < before and last <= following[1] < before:
-        return len(gathered) - 1
-    try:
-        check_size(len(gathered) + 1, max(len(gathered[0][3]), len(following[3])))
-    except TooLargeError:
-        return len(gathered)
-    return None
-
-
-def _sweeps(azimuths: list[_Azimuth], largest: int) -> bool:
-    """Returns whether azimuths sweep over half of a turn with so many ticks."""
-    ticks = [tick for _, tick, *_ in azimuths]
-    return 2 * (max(ticks) - min(ticks)) > largest
-
-
-def _read_azimuth(message: Any, logged: int) -> _Azimuth:
-    """Reads a message of one azimuth.
-
-    Raises:
-        AttributeError: it lacks a field.
-        ValueError: it has no power, or no number where there is to be one.
-    """
-    power = np.asarray(message.data, dtype=np.uint8)
-    if power.ndim != 1 or not power.size:
-        raise ValueError("holds no power")
-    header = getattr(message, "header", None)
-    stamp = _read_number(message.ntp_seconds) * _NANOSECONDS
-    if stamp >= _FIRST_S * _NANOSECONDS:
-        split = _read_number(message.ntp_split_seconds)
-        stamp += split if split < _NANOSECONDS else split * _NANOSECONDS // _SPLITS
-    else:
-        stamp = 1000 * bags.stamp_of(message) if header is not None else 0
-    return logged, _read_number(message.azimuth), stamp or logged, power, str(getattr(header, "frame_id", ""))
-
-
-def _read_number(stated: Any) -> int:
-    """Reads an unsigned number, or its bytes.
-
-    Raises:
-        ValueError: there are no bytes.
-    """
-    if np.ndim(stated) == 0:
-        return int(stated)
-    content = np.asarray(stated, dtype=np.uint8).tobytes()
-    if not content:
-        raise ValueError("lacks a number")
-    return int.from_bytes(content, "big")
-
-
-def _make_b_scan(azimuths: list[_Azimuth]) -> Any:
-    """Makes a message like the b-scans of Navtech's driver of the azimuths that have as many range bins as most have."""
-    widths, counts = np.unique([len(power) for *_, power, _ in azimuths], return_counts=True)
-    width = int(widths[counts.argmax()])
-    alike = [azimuth[1:] for azimuth in azimuths if len(azimuth[3]) == width]
-    ticks, stamps, power, frames = zip(*alike, strict=True)
-    seconds, nanoseconds = divmod(int(stamps[0]), _NANOSECONDS)
-    image = SimpleNamespace(
-        __msgtype__=bags.IMAGE_TYPE,
-        header=SimpleNamespace(stamp=SimpleNamespace(sec=seconds, nanosec=nanoseconds), frame_id=frames[0]),
-        height=len(power),
-        width=width,
-        step=width,
-        encoding="mono8",
-        data=np.concatenate(power),
-    )
-    return SimpleNamespace(
-        __msgtype__=bags.B_SCAN_TYPE,
-        b_scan_img=image,
-        encoder_values=np.clip(ticks, 0, 65535).astype(np.uint16),
-        timestamps=np.array(stamps, dtype=np.uint64),
-    )
-
-
-def open_message(reader: AnyReader, connection: Connection, raw: Any) -> Any:
-    """Deserialises what `read_turns` yields: a b-scan of a turn is one already.
-
-    Raises:
-        ValueError: its bytes are not those of its type.
-    """
-    return raw if isinstance(raw, SimpleNamespace) else bags.deserialise(reader, connection, raw)
-
-
-def read_bin_size(reader: AnyReader) -> tuple[float, str] | None:
-    """Reads the length of a range bin [m], and the topic that states it; None where no message does.
-
-    Args:
-        reader: of an open bag.
-    """
-    for connection in reader.connections:
-        if not connection.msgtype.endswith(_CONFIGURATIONS) or not connection.msgcount:
-            continue
-        for _, _, raw in reader.messages([connection]):
-            try:
-                stated = deserialise(reader, connection, raw).bin_size
-            except (ValueError, AttributeError):
-                break
-            length = _interpret(stated)
-            if length is not None:
-                return length, connection.topic
-    return None
-
-
-def read_encoder_size(reader: AnyReader) -> int | None:
-    """Reads the ticks of the encoder in a turn; None where no message states them.
-
-    Args:
-        reader: of an open bag.
-    """
-    for message in _read_configurations(reader):
-        numbers = [number for number in _list_numbers(getattr(message, "encoder_size", 0)) if number.is_integer()]
-        sizes = [int(number) for number in numbers if _ENCODER_TICKS[0] <= number <= _ENCODER_TICKS[1]]
-        if sizes:  # the radar sends its bytes the high one first
-            return next((size for size in sizes if size in _USUAL_ENCODERS), sizes[-1])
-    return None
-
-
-def _read_configurations(reader: AnyReader) -> Iterator[Any]:
-    """Yields the configuration messages of a bag that can be read."""
-    for connection in reader.connections:
-        if connection.msgtype.endswith(_CONFIGURATIONS) and connection.msgcount:
-            for _, _, raw in reader.messages([connection]):
-                try:
-                    yield deserialise(reader, connection, raw)
-                except ValueError:
-                    break
-
-
-def _interpret(stated: Any) -> float | None:
-    """Returns a bin's length [m] by a number or by the bytes of one; None where it is none that a radar can have."""
-    for number in _list_numbers(stated):
-        for per_m in _PER_M:
-            if _BIN_M[0] <= number / per_m <= _BIN_M[1]:
-                return number / per_m
-    return None
-
-
-def _list_numbers(stated: Any) -> Iterator[float]:
-    """Yields the numbers that a field may stand for: itself, or its bytes as a number of either order."""
-    if np.ndim(stated) == 0:
-        yield float(stated)
-        return
-    content = np.asarray(stated).astype(np.uint8).tobytes()
-    kinds = {2: "H", 4: "fI", 8: "dQ"}.get(len(content), "")
-    for kind in kinds:
-        for order in ("<", ">"):
-            (number,) = struct.unpack(order + kind, content)
-            yield float(number)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, untrusted
 from mqslam.formats.images import read_first, read_grey
 from mqslam.formats.recordings.azimuths import (
@@ -23,6 +22,7 @@ from mqslam.formats.recordings.azimuths import (
     read_metadata,
     stamps_in_us,
 )
+from mqslam.formats.recordings.layout import Sensing
 from mqslam.formats.recordings.turns import find_usual_turns, place_turns
 
 # An image with fewer azimuths than this share of the first image's is damaged, and is left out.
@@ -35,7 +35,8 @@ _VALIDITY_SHARE = 0.75
 _CHIRP_SHARE = 0.25
 _MOST_STAMP_ERROR_US = 1_000_000  # a name that is a stamp further than this outside its turn is damaged
 _REMEDY = "copy it anew, or leave it out of the recording"
-Rows = tuple[Azimuths, NDArray[np.uint8]]  # azimuths (A,) and their power (A, B)
+
+_Rows = tuple[Azimuths, NDArray[np.uint8]]  # azimuths (A,) and their power (A, B)
 
 
 class Flag(Enum):
@@ -53,52 +54,36 @@ class RowFolder:
     Args:
         path: the folder.
         flag: meaning of byte 10 of the rows.
-        fewest_rows: an image with fewer azimuths than this share of the usual number is damaged.
-        usual: number of azimuths of the first image; 0 where it is not known yet.
         encoder: encoder ticks of a turn.
+        usual: number of azimuths of the first image; 0 where it is not known yet.
     """
 
     path: Path
     flag: Flag
-    fewest_rows: float
+    encoder: int
     usual: int = 0
-    encoder: int = TURN_TICKS
 
-    def read(self, name: int) -> tuple[Azimuths, NDArray[np.uint8]]:
-        """Reads the azimuths of an image and their power (A, B); of both directions of a chirp those that go up.
+    def read(self, name: int) -> tuple[_Rows, _Rows | None]:
+        """Reads the azimuths of an image and their power; of both directions of a chirp those that go up, then the others.
 
         Args:
             name: of the image: a stamp [us or ns] within its turn.
 
         Raises:
-            DataError: the image cannot be used.
+            DataError: the image cannot be used, or does not belong to its name.
         """
-        return self._read_both(name)[0]
-
-    def read_polar_scan(self, name: int, start_us: int) -> PolarScan:
-        """Reads an image as a polar scan, its times counted from a start [us].
-
-        Raises:
-            DataError: the image cannot be used.
-        """
-        up, down = self._read_both(name)
-        falling = None if down is None else down[0].to_polar_scan(down[1], start_us)
-        return replace(up[0].to_polar_scan(up[1], start_us), down=falling)
-
-    def _read_both(self, name: int) -> tuple[Rows, Rows | None]:
-        """Reads the rows of an image, and those of down-chirps apart, and checks that they belong to its name."""
         image = self.path / f"{name}.png"
         pixels = read_grey(image)
         try:
             azimuths = read_metadata(pixels, flags_validity=self.flag is Flag.VALIDITY, turn=self.encoder)
-            down: Rows | None = None
+            down: _Rows | None = None
             if self.flag is Flag.CHIRP:
                 up = pixels[:, FLAG_BYTE] == 255
                 down = azimuths.take(~up), pixels[~up, METADATA_BYTES:]
                 azimuths, pixels = azimuths.take(up), pixels[up]
                 if len(pixels) < 2:
                     raise ValueError(f"has {len(pixels)} up-chirps")
-            if len(pixels) < self.fewest_rows * self.usual:
+            if len(pixels) < _FEWEST_ROWS * self.usual:
                 raise ValueError(f"has {len(pixels)} azimuths, the first image {self.usual}")
         except ValueError as error:
             raise DataError(image, str(error), _REMEDY) from error
@@ -115,7 +100,7 @@ class RowImageRecording(Recording):
 
     Args:
         folder: holds the images.
-        names: (N,) int64, what they are called.
+        names: (N,) int64, what they are called: increasing stamps [us or ns].
     """
 
     folder: RowFolder
@@ -125,91 +110,57 @@ class RowImageRecording(Recording):
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Reads the polar scans start <= k < stop, one after the other."""
         for name in self.names[start:stop].tolist():
-            yield self.folder.read_polar_scan(name, self.start_us)
+            (azimuths, power), down = self.folder.read(name)
+            falling = None if down is None else down[0].to_polar_scan(down[1], self.start_us)
+            yield replace(azimuths.to_polar_scan(power, self.start_us), down=falling)
 
 
-@dataclass(frozen=True, slots=True)
-class RowImages:
-    """The images of a recording, indexed.
-
-    Args:
-        folder: holds the images.
-        names: (N,) int64, what they are called: increasing stamps [us or ns].
-        stamps_us: (N,) int64 [us], when their turns begin.
-        turns_us: (N,) int64 [us], how long they take.
-        notes: how that was understood.
-        faults: what could not be read.
-    """
-
-    folder: RowFolder
-    names: NDArray[np.int64]
-    stamps_us: NDArray[np.int64]
-    turns_us: NDArray[np.int64]
-    notes: tuple[str, ...]
-    faults: tuple[str, ...]
-
-    def to_recording(
-        self,
-        path: Path,
-        format: str,
-        range_resolution: float,
-        *,
-        odometry: Trajectory | None = None,
-        ground_truth: Trajectory | None = None,
-        notes: Iterable[str] = (),
-        faults: Iterable[str] = (),
-    ) -> RowImageRecording:
-        """Makes a recording at a path of the images and what lies beside them, whose notes and faults come first."""
-        return RowImageRecording(
-            path=path,
-            format=format,
-            stamps_us=self.stamps_us,
-            turns_us=self.turns_us,
-            range_resolution=range_resolution,
-            odometry=odometry,
-            ground_truth=ground_truth,
-            notes=(*notes, *self.notes),
-            faults=(*faults, *self.faults),
-            folder=self.folder,
-            names=self.names,
-        )
-
-
-def index_rows(path: Path, names: NDArray[np.int64], encoder: int | None = None) -> RowImages:
+def open_rows(
+    path: Path,
+    format: str,
+    folder: Path,
+    names: NDArray[np.int64],
+    choose_resolution: Callable[[int], tuple[float, list[str]]],
+    sensing: Sensing,
+) -> RowImageRecording:
     """Indexes images by their names: the first and the last that can be read are read, however many there are.
 
     An image is named after an instant of its turn: in Oxford the first azimuth, in Boreas the middle, in MulRan the end.
     The first image shows which; the others begin the same part of their turns before their names.
 
     Args:
-        path: the folder of the images.
+        path: the recording.
+        format: name of its layout.
+        folder: holds the images.
         names: (N,) of the images, increasing.
-        encoder: encoder ticks of a turn, as the user states them; None takes those of Navtech's radars.
+        choose_resolution: returns the length of a range bin [m] of a recording that begins at a stamp [us], with a note
+            where it is assumed.
+        sensing: what the user says about the radar.
 
     Raises:
         DataError: there are no images, or half of them cannot be used, or their encoder has other ticks.
     """
     if not len(names):
-        raise DataError(path, "holds no polar scans", "it should hold images named <t>.png, t in microseconds")
+        raise DataError(folder, "holds no polar scans", "it should hold images named <t>.png, t in microseconds")
 
     def read_with_flag(name: int) -> tuple[RowFolder, tuple[str, ...], Azimuths]:
-        flag, notes = _interpret_flag(read_grey(path / f"{name}.png"))
-        folder = RowFolder(path, flag, _FEWEST_ROWS, encoder=encoder or TURN_TICKS)
-        return folder, notes, folder.read(name)[0]
+        flag, notes = _interpret_flag(read_grey(folder / f"{name}.png"))
+        images = RowFolder(folder, flag, sensing.encoder_size or TURN_TICKS)
+        return images, notes, images.read(name)[0][0]
 
-    (folder, notes, first), skipped, faults = read_first(names.tolist(), read_with_flag, "first")
-    whole = replace(folder, usual=len(first.stamps_us))
+    (images, notes, first), skipped, faults = read_first(names.tolist(), read_with_flag, "first")
+    whole = replace(images, usual=len(first.stamps_us))
     names = names[skipped:]
-    (last, _), skipped, missing = read_first(names[::-1].tolist(), whole.read, "last")
+    (((last, _), _), skipped, missing) = read_first(names[::-1].tolist(), whole.read, "last")
     names = names[: len(names) - skipped]
     named_us = stamps_in_us(names)
     known = {0: first, len(names) - 1: last}
-    if encoder is None:
-        faults = [*faults, *check_encoder(path, named_us, [azimuths.measure_turn() for azimuths in (first, last)])]
+    if sensing.encoder_size is None:
+        faults = [*faults, *check_encoder(folder, named_us, [azimuths.measure_turn() for azimuths in (first, last)])]
 
     def measure(k: int) -> float | None:
         try:
-            azimuths = known[k] if k in known else folder.read(int(names[k]))[0]
+            azimuths = known[k] if k in known else images.read(int(names[k]))[0][0]
         except DataError:
             return None
         return azimuths.measure_turn()
@@ -224,7 +175,19 @@ def index_rows(path: Path, names: NDArray[np.int64], encoder: int | None = None)
     duration = last.find_duration()
     if duration is not None:
         turns[-1] = max(1, int(last.stamps_us[0]) + duration - int(starts[-1]))
-    return RowImages(whole, names, starts, turns, notes, (*faults, *missing))
+    resolution, assumed = choose_resolution(int(starts[0]))
+    return RowImageRecording(
+        path=path,
+        format=format,
+        stamps_us=starts,
+        turns_us=turns,
+        range_resolution=resolution,
+        is_resolution_assumed=bool(assumed),
+        notes=(*assumed, *sensing.note_unused(), *notes),
+        faults=(*faults, *missing),
+        folder=whole,
+        names=names,
+    )
 
 
 def _interpret_flag(pixels: NDArray[np.uint8]) -> tuple[Flag, tuple[str, ...]]:
@@ -233,9 +196,7 @@ def _interpret_flag(pixels: NDArray[np.uint8]) -> tuple[Flag, tuple[str, ...]]:
     Few rows of a recording are marked as not measured. Boreas leaves the byte unused, Boreas-RT puts the direction of the
     chirp there, which alternates from row to row.
     """
-    if pixels.shape[1] <= METADATA_BYTES:
-        return Flag.VALIDITY, ()
-    share = float(np.mean(pixels[:, FLAG_BYTE] == 255))
+    share = float(np.mean(pixels[:, FLAG_BYTE] == 255)) if pixels.shape[1] > METADATA_BYTES else 1.0
     if share > _VALIDITY_SHARE:
         return Flag.VALIDITY, ()
     if share > _CHIRP_SHARE:

@@ -107,14 +107,14 @@ class RosSensors:
         if self.imu_topic is None:
             return None
         rates = np.array(self.rates, dtype=np.float64).reshape(-1, 3)
-        placed = self.mounts.place(self.imu_frame, "")
+        placed = self.mounts.place(self.imu_frame)
         if placed is None:
             note = f"the axes of the gyroscope on {self.imu_topic} are taken as x forward, y left, z up"
         else:
             note = f"the gyroscope on {self.imu_topic} is turned to the vehicle's axes by its frame, {self.imu_frame}"
             with np.errstate(invalid="ignore"):  # rates that are not finite are left out afterwards
                 rates = rates @ placed[:3, :3].T
-        return make_gyroscope(path, self.imu_topic, self._tabulate(self.imu_topic, self.imu_stamps, rates), note)
+        return make_gyroscope(path, self._tabulate(self.imu_topic, self.imu_stamps, rates), note, source=self.imu_topic)
 
     def read_fixes(self, path: Path) -> Reading[Fixes] | None:
         """Returns the fixes; None without a topic, or where the receiver never had one.
@@ -126,7 +126,7 @@ class RosSensors:
             return None
         places = np.array(self.places, dtype=np.float64).reshape(-1, 3)
         table = self._tabulate(self.fix_topic, self.fix_stamps, places)
-        return make_fixes(path, self.fix_topic, table, made_truth=_is_truth(self.fix_topic))
+        return make_fixes(path, table, source=self.fix_topic, made_truth=_is_truth(self.fix_topic))
 
     def read_mount(self, path: Path, radar_frame: str) -> Mount | None:
         """Returns where the transforms place the radar on the vehicle; None where they do not.
@@ -135,14 +135,14 @@ class RosSensors:
             DataError: it holds damaged messages, or transforms that are not finite.
         """
         topic = self.mounts.topics.get(bags.name_frame(radar_frame))
-        mount = self.mounts.find(radar_frame, "") if topic else None
-        if mount is None:
+        pose = self.mounts.find(radar_frame) if topic else None
+        if pose is None:
             if damaged := self.unread.get(STATIC_TOPIC):
                 raise DataError(path, f"holds {count_of(damaged, 'damaged message')} on {STATIC_TOPIC}", "repair the bag")
             return None
-        if not np.isfinite(mount.pose).all():
+        if not np.isfinite(pose).all():
             raise DataError(path, f"places {radar_frame} by transforms that are not finite", f"repair {topic}")
-        return Mount(mount.pose, topic or STATIC_TOPIC)
+        return Mount(pose, topic or STATIC_TOPIC)
 
     @property
     def notes(self) -> list[str]:
@@ -213,10 +213,7 @@ def list_sensor_messages(bag: Bag, recording: Recording) -> list[Iterator[tuple[
 def _list_mount(bag: Bag, mount: Mount, stamp_us: int) -> Iterator[tuple[int, Connection, Any]]:
     """Lists the transform from the vehicle to the radar, stamped [us]."""
     connection = bag.topic(STATIC_TOPIC, TF_TYPE, latched=True)
-    x, y, yaw = mount.pose.tolist()
-    move = bag.make("geometry_msgs/msg/Transform", bag.vector(x, y, 0.0), bag.quaternion(yaw))
-    stamped = bag.make("geometry_msgs/msg/TransformStamped", bag.header(stamp_us, VEHICLE_FRAME), RADAR_FRAME, move)
-    yield stamp_us, connection, bag.make(TF_TYPE, [stamped])
+    yield stamp_us, connection, bag.transform(stamp_us, (VEHICLE_FRAME, RADAR_FRAME), mount.pose)
 
 
 def _list_rates(bag: Bag, gyroscope: Gyroscope) -> Iterator[tuple[int, Connection, Any]]:

@@ -18,7 +18,7 @@ from mqslam.core.recording import Recording
 from mqslam.core.sensors.mount import Mount
 from mqslam.formats.conversion import find_target, write_recording
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.recordings.bag_poses import Frames
+from mqslam.formats.recordings.rosbag import Frames
 from mqslam.formats.transforms import Mounts
 
 TRACK = circle(START_US + TURN_US * np.arange(9))

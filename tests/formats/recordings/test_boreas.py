@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 from pathlib import Path
 
 import numpy as np
@@ -150,7 +151,9 @@ def test_broken_poses_are_left_out_by_name(boreas: Path, line: str) -> None:
     recording = open_recording(boreas)
     assert recording.ground_truth is None and len(recording) == 6
     (fault,) = recording.faults
-    assert fault.startswith(f"{poses} is not a table of numbers") and fault.endswith(": left out")
+    assert re.fullmatch(
+        rf"{poses} (row \d+ is not made of finite numbers|holds stamps that are no numbers): left out", fault
+    )
 
 
 def test_an_oxford_folder_stays_oxford(tmp_path: Path) -> None:

@@ -13,9 +13,10 @@ from support.recordings import START_US, TURN_US, assert_same, oxford_rows, with
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError
-from mqslam.formats.recordings import open_recording, read_odometry
+from mqslam.formats.recordings import open_recording
 from mqslam.formats.recordings.azimuths import read_metadata
 from mqslam.formats.recordings.oxford import write_ground_truth
+from mqslam.formats.trajectories import read_odometry
 from mqslam.formats.tum import write_tum
 
 

@@ -13,7 +13,7 @@ from support.sensors import LATITUDE, LONGITUDE, a_gyroscope, some_fixes, stamps
 from mqslam.errors import DataError
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.sensors import read_fixes, read_gyroscope
-from mqslam.formats.sensors.datasets import write_fixes_csv, write_gyroscope_csv
+from mqslam.formats.sensors.csv_files import write_fixes_csv, write_gyroscope_csv
 
 
 def test_a_gyroscope_is_read_in_radians_per_second_and_microseconds(tmp_path: Path) -> None:

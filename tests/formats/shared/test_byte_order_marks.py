@@ -15,8 +15,8 @@ from mqslam.config.yaml_file import parse_yaml
 from mqslam.formats.graphs.g2o import read_g2o
 from mqslam.formats.lidars.carmen import read_lidar
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.sensors.datasets import read_transform
-from mqslam.formats.stamps import read_listing
+from mqslam.formats.recordings.radiate import read_listing
+from mqslam.formats.sensors.csv_files import read_transform
 from mqslam.formats.trajectories import read_odometry, read_trajectory
 
 MARK = b"\xef\xbb\xbf"
