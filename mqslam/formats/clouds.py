@@ -129,11 +129,7 @@ def _read_column(path: Path, columns: Columns, name: str) -> NDArray[Any]:
 
 
 def _note_precision(path: Path, name: str, times: NDArray[np.float32]) -> str:
-    """Words a note on the step between single-precision times; "" where it does not matter.
-
-    Raises:
-        DataError: the steps are too long to tell one sweep from the next, as in seconds since 1970.
-    """
+    """Words a note on the step between single-precision times; "" where it does not matter."""
     step = float(np.spacing(np.abs(times[np.isfinite(times)]).max(initial=np.float32(0.0))))
     if step > _COARSEST_S:
         problem = f"{name} is single-precision, which cannot tell times less than {step:.3g} s apart"

@@ -86,11 +86,7 @@ def _make_grid(bag: Bag, run: Path, stamp_us: int) -> Any:
 
 
 def _make_cloud(bag: Bag, file: Path, stamp_us: int) -> Any:
-    """Makes a cloud of the points of the map with their intensities.
-
-    Raises:
-        DataError: the file is no such PLY.
-    """
+    """Makes a cloud of the points of the map with their intensities."""
     points = np.column_stack([column.astype("<f4") for column in read_ply(file, _COLUMNS).values()])
     fields = [bag.make("sensor_msgs/msg/PointField", name, 4 * i, _FLOAT32, 1) for i, name in enumerate(_COLUMNS)]
     step = 4 * len(_COLUMNS)

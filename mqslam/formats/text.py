@@ -38,11 +38,20 @@ def open_lines(
         raise DataError(path, f"is not a readable text file ({reason})", remedy) from error
 
 
+def read_text(path: Path, remedy: str, missing: str = "") -> str:
+    """Reads a text file.
+
+    Raises:
+        DataError: the file does not exist, cannot be read, or is no text.
+    """
+    with open_lines(path, remedy, missing=missing) as file:
+        return file.read()
+
+
 def read_lines(path: Path, remedy: str, missing: str = "") -> list[str]:
     """Reads the lines of a text file, blank ones included, without the white space around them.
 
     Raises:
         DataError: the file does not exist, cannot be read, or is no text.
     """
-    with open_lines(path, remedy, missing=missing) as file:
-        return [line.strip() for line in file.read().splitlines()]
+    return [line.strip() for line in read_text(path, remedy, missing).splitlines()]

@@ -165,9 +165,6 @@ def _read_bag(path: Path, topic: str | None, frame: str | None) -> tuple[Traject
         path: the bag.
         topic: a topic of poses or of transforms; None takes the only one of poses, or all transforms where there is none.
         frame: a frame whose pose the transforms give; None takes a vehicle's usual one, or the only one that moves.
-
-    Raises:
-        DataError: there is no such trajectory, or several.
     """
     with bags.open_bag(path) as reader:
         filled = [c for c in reader.connections if c.msgcount]
@@ -347,9 +344,6 @@ def _find_result(folder: Path, times: Path | None) -> tuple[Path, Path | None]:
 
     Returns:
         the file of the poses, and that of their stamps where it is another one: `times` if it is given.
-
-    Raises:
-        DataError: there is no trajectory or more than one, or what stands for its stamps are numbers of scans.
     """
     for place in (folder, folder / "latest", folder / "est"):
         results = _list_results(place)

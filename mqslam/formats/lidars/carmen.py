@@ -124,11 +124,7 @@ def _choose_scans(
 def _spread_readings(
     path: Path, scans: list[ScanLine], parameters: dict[str, float], settings: ReadingConfig
 ) -> tuple[list[ScanLine], list[str]]:
-    """Returns FLASER scans with the angles that the user or the log's parameters state, and a note.
-
-    Raises:
-        DataError: nobody states what their readings sweep, and their number does not tell it.
-    """
+    """Returns FLASER scans with the angles that the user or the log's parameters state, and a note."""
     fov_deg, whose = settings.lidar_fov_deg, "reading.lidar_fov_deg"
     for name in _FIELDS_OF_VIEW if fov_deg is None else ():
         if _LEAST_FOV_DEG <= parameters.get(name, 0.0) <= _FULL_DEG:

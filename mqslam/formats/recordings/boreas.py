@@ -49,15 +49,7 @@ def recognises(path: Path) -> bool:
 
 
 def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
-    """Indexes a recording of Boreas: names, two images, poses and sensors are read, however long it is.
-
-    Args:
-        path: the recording.
-        sensing: what the user says about the radar.
-
-    Raises:
-        DataError: there are no polar scans, or a file cannot be used.
-    """
+    """Indexes a recording of Boreas: names, two images, poses and sensors are read, however long it is."""
     folder = oxford.find_image_folder(path)
     root = folder.parent
     recording = open_rows(
@@ -128,15 +120,7 @@ def _read_poses(file: Path) -> Trajectory:
 
 
 def write(out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a folder, whole or not at all, one polar scan in memory at a time.
-
-    Returns:
-        Notes for the user on what was lost.
-
-    Raises:
-        DataError: a polar scan cannot be read, or turns counter-clockwise.
-        OutputError: the folder cannot be written.
-    """
+    """Writes a recording as a folder; see `Target`."""
     middles = np.empty(len(recording), dtype=np.int64)
     with write_folder_aside(out) as folder:
         for name in ("radar", "applanix"):

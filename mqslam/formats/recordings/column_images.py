@@ -84,11 +84,7 @@ class ColumnImageRecording(Recording):
             yield replace(polar_scan, valid=polar_scan.valid & measured)
 
     def _read_image(self, k: int) -> NDArray[np.uint8]:
-        """Reads image k (R, A).
-
-        Raises:
-            DataError: it cannot be read, or differs in size from the first one.
-        """
+        """Reads image k (R, A)."""
         image = self.images.path(int(self.images.names[k]))
         pixels = read_grey(image)
         if pixels.shape != self.shape:

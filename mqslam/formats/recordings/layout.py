@@ -1,11 +1,11 @@
-"""Statements of a user about a radar where its recording makes none."""
+"""What the module of a layout offers, what a user states about a radar, and the layouts that can be written."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Protocol
 
 from mqslam.core.recording import Recording
 from mqslam.errors import Remedy
@@ -73,6 +73,27 @@ class Sensing:
         return [] if self.stamp is None else ["azimuths carry stamps of their own: sensor.stamp has no effect"]
 
 
+class Layout(Protocol):
+    """The functions that the module of a layout offers; the registry imports the module when it is asked for.
+
+    A layout that can also be written adds `TARGETS`, a tuple of `Target`.
+    """
+
+    def recognises(self, path: Path) -> bool:
+        """Returns whether the path looks like a recording of this layout; reads names only."""
+
+    def open_recording(self, path: Path, sensing: Sensing) -> Recording:
+        """Indexes the recording at a path without reading its polar scans, however long it is.
+
+        Args:
+            path: the recording.
+            sensing: what the user says about the radar, which overrides what the layout says.
+
+        Raises:
+            DataError: there are no polar scans, or a file cannot be used.
+        """
+
+
 def note_resolution(metres: float, why: str = "") -> str:
     """Words the note that a length of range bins [m] is assumed, with the reason for the number."""
     return f"range resolution {metres:.4g} m is assumed{why}: {Remedy.OVERRIDE_RANGE_RESOLUTION}"
@@ -85,8 +106,8 @@ class Target:
     Args:
         name: as a user states it.
         write: writes a recording to a path, whole or not at all, one polar scan in memory at a time. It returns what a user
-            should know about what was lost, and raises a DataError where the layout cannot hold the recording and an
-            OutputError where it cannot be written.
+            should know about what was lost, and raises a DataError where a polar scan cannot be read or the layout cannot
+            hold the recording, and an OutputError where it cannot be written.
         suffix: of the file, "" for a folder.
         odometry: whether odometry is written in the layout.
         truth: whether ground truth is.

@@ -49,13 +49,6 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
     """Indexes a recording of MulRan: names, two images, poses and sensors are read, however long it is.
 
     Rows with own stamps are preferred to columns without.
-
-    Args:
-        path: the recording.
-        sensing: what the user says about the radar.
-
-    Raises:
-        DataError: there are no polar scans, or a file cannot be used.
     """
     folder = next(_list_folders(path), None)
     if folder is None:
@@ -99,30 +92,14 @@ def _read_poses(file: Path) -> Trajectory:
 
 
 def write(out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a folder of polar images, whole or not at all, one polar scan in memory at a time.
-
-    Returns:
-        Notes for the user on what was lost.
-
-    Raises:
-        DataError: a polar scan cannot be read, or polar images cannot hold it.
-        OutputError: the folder cannot be written.
-    """
+    """Writes a recording as a folder of polar images; see `Target`."""
     with write_folder_aside(out) as folder:
         images = _prepare_folder(folder, recording, _COLUMNS)
         return write_columns(images, recording, [f"{end}000" for end in recording.ends_us.tolist()])
 
 
 def write_rows(out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a folder of Oxford rows, whole or not at all, one polar scan in memory at a time.
-
-    Returns:
-        Notes for the user on what was lost: none.
-
-    Raises:
-        DataError: a polar scan cannot be read, or turns counter-clockwise.
-        OutputError: the folder cannot be written.
-    """
+    """Writes a recording as a folder of Oxford rows; see `Target`."""
     with write_folder_aside(out) as folder:
         images = _prepare_folder(folder, recording, _ROWS)
         for k, polar_scan in enumerate(recording.polar_scans()):
@@ -133,11 +110,7 @@ def write_rows(out: Path, recording: Recording) -> list[str]:
 
 
 def _prepare_folder(folder: Path, recording: Recording, form: str) -> Path:
-    """Makes the folder of the images and writes the poses above it; returns the folder.
-
-    Raises:
-        DataError: the recording's stamps could not be recognised as nanoseconds.
-    """
+    """Makes the folder of the images and writes the poses above it; returns the folder."""
     if recording.start_us * 1000 <= FIRST_NS:
         problem = f"begins at {recording.start_us} us: in MulRan's ns such stamps are taken for us"
         raise DataError(recording.path, problem, "convert it to another layout")

@@ -46,11 +46,7 @@ class _Archive:
         return DataError(self.path, problem, _REMEDY)
 
     def read(self, name: str, kind: Any, shape: tuple[int, ...]) -> NDArray[Any]:
-        """Reads a member of a type and a shape, in which -1 stands for any length.
-
-        Raises:
-            DataError: it is missing or damaged, or has another type or shape.
-        """
+        """Reads a member of a type and a shape, in which -1 stands for any length."""
         try:
             array = npz.read_array(self.file, name)
         except ValueError as error:
@@ -85,15 +81,7 @@ def recognises(path: Path) -> bool:
 
 
 def open_recording(path: Path, sensing: Sensing) -> NativeRecording:
-    """Indexes a native `.npz`: everything but the polar scans is read.
-
-    Args:
-        path: the recording.
-        sensing: what the user says about the radar.
-
-    Raises:
-        DataError: the file is none of these, is damaged, or holds no polar scans.
-    """
+    """Indexes a native `.npz`: everything but the polar scans is read."""
     with _open_archive(path) as archive:
         stamps = archive.read("stamps_us", np.int64, (-1,))
         if not len(stamps) or np.any(np.diff(stamps) <= 0):
@@ -196,20 +184,13 @@ def _read_mount(archive: _Archive) -> Mount | None:
 
 
 def write(path: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a native `.npz`, whole or not at all, one polar scan in memory at a time.
+    """Writes a recording as a native `.npz`; see `Target`.
 
     Members: `stamps_us`, `turns_us`, `range_resolution`, `notes`; where there are any `odometry_stamps_us`,
     `odometry_poses`, the same with `ground_truth`; `gyroscope_stamps_us` and `gyroscope_rates`; `fixes_stamps_us`,
     `fixes_places` (latitude and longitude [degrees], standard deviation [m]) and `fixes_made_truth`; `mount_pose`; and the
     source of each of these three, such as `mount_source`. For polar scan k there are `times_k`, `azimuths_k`, `power_k` and
     `valid_k` with k in six digits at least. Nothing is compressed.
-
-    Returns:
-        Notes for the user on what was lost: none.
-
-    Raises:
-        DataError: the recording cannot be read.
-        OutputError: the file cannot be written.
     """
     with write_aside(path) as aside, zipfile.ZipFile(aside, "w", zipfile.ZIP_STORED) as archive:
         for name, array in _list_members(recording):

@@ -52,15 +52,7 @@ def recognises(path: Path) -> bool:
 
 
 def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
-    """Indexes a recording in the Oxford layout: names, two images and sensors are read, however long it is.
-
-    Args:
-        path: the recording.
-        sensing: what the user says about the radar.
-
-    Raises:
-        DataError: there are no polar scans, or a file beside them cannot be used.
-    """
+    """Indexes a recording in the Oxford layout: names, two images and sensors are read, however long it is."""
     folder = find_image_folder(path)
     root = folder.parent
     if not folder.is_dir():
@@ -188,15 +180,7 @@ def _read_ground_truth(root: Path, recording: Recording, notes: list[str]) -> Tr
 
 
 def write(out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a folder, whole or not at all, one polar scan in memory at a time.
-
-    Returns:
-        Notes for the user on what was lost: none.
-
-    Raises:
-        DataError: a polar scan cannot be read, or turns counter-clockwise.
-        OutputError: the folder cannot be written.
-    """
+    """Writes a recording as a folder; see `Target`."""
     with write_folder_aside(out) as folder:
         write_ground_truth(folder, recording)
         _write_sensors(folder, recording)

@@ -49,15 +49,7 @@ def recognises(path: Path) -> bool:
 
 
 def open_recording(path: Path, sensing: Sensing) -> ColumnImageRecording:
-    """Indexes a recording of RADIATE: names, stamps and one image are read, however long it is.
-
-    Args:
-        path: the recording.
-        sensing: what the user says about the radar.
-
-    Raises:
-        DataError: there are no polar scans, or a file cannot be used.
-    """
+    """Indexes a recording of RADIATE: names, stamps and one image are read, however long it is."""
     folder = _find_image_folder(path)
     if not folder.is_dir():
         raise DataError(path, "holds no folder Navtech_Polar/", "give the folder that holds it and Navtech_Polar.txt")
@@ -122,11 +114,7 @@ def _format_frame(frame: int) -> str:
 
 
 def _read_messages(root: Path) -> SensorTable | None:
-    """Reads latitude, longitude [degrees], standard deviation [m] and three turn rates [rad/s]; NaN in damaged messages.
-
-    Raises:
-        DataError: the list of stamps cannot be used.
-    """
+    """Reads latitude, longitude [degrees], standard deviation [m] and three turn rates [rad/s]; NaN in damaged messages."""
     folder = root / _NAME
     if not folder.is_dir():
         return None
@@ -172,15 +160,7 @@ def _find_image_folder(path: Path) -> Path:
 
 
 def write(out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a folder, whole or not at all, one polar scan in memory at a time.
-
-    Returns:
-        Notes for the user on what was lost.
-
-    Raises:
-        DataError: a polar scan cannot be read, or polar images cannot hold it.
-        OutputError: the folder cannot be written.
-    """
+    """Writes a recording as a folder; see `Target`."""
     names = [_format_frame(number) for number in range(1, len(recording) + 1)]
     lines = [
         f"Frame: {name} Time: {end // 1_000_000}.{end % 1_000_000:06d}000\n"

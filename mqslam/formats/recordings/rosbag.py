@@ -108,15 +108,7 @@ recognises = bags.recognises
 
 
 def open_recording(path: Path, sensing: Sensing) -> Recording:
-    """Indexes a bag in one pass over its messages, of which only stamps, poses and the readings of sensors stay.
-
-    Args:
-        path: the bag.
-        sensing: what the user says about the radar.
-
-    Raises:
-        DataError: the bag cannot be read, has no radar topic, or a radar message cannot be used.
-    """
+    """Indexes a bag in one pass over its messages, of which only stamps, poses and the readings of sensors stay."""
     with bags.open_bag(path) as reader:
         encoder = sensing.encoder_size or radar_messages.read_encoder_size(reader)
         radar, notes = radar_messages.choose_topic(path, reader, sensing.topics.radar, encoder)
@@ -283,11 +275,7 @@ class _Index:
 
 
 def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[str | None, str | None]:
-    """Chooses the topics of odometry and of ground truth: those that are named, else by type and name.
-
-    Raises:
-        DataError: a topic that is named holds no poses.
-    """
+    """Chooses the topics of odometry and of ground truth: those that are named, else by type and name."""
     typed = [c for c in reader.connections if c.msgtype in (ODOMETRY_TYPE, bags.POSE_TYPE)]
     chosen = (named.odometry, named.truth)
     for topic in chosen:
@@ -334,7 +322,7 @@ def _read_index(
 
 
 def write(kind: str, message: Message, out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a bag, one polar scan in memory at a time.
+    """Writes a recording as a bag; see `Target`.
 
     Args:
         kind: one of `mqslam.formats.bags.KINDS`.
@@ -342,13 +330,6 @@ def write(kind: str, message: Message, out: Path, recording: Recording) -> list[
             `b_scan` for the driver's own messages, which do not say whether an azimuth was measured.
         out: the file or folder.
         recording: the recording.
-
-    Returns:
-        Notes for the user on what was lost: none.
-
-    Raises:
-        DataError: a polar scan cannot be read, or a bag cannot hold it.
-        OutputError: the bag cannot be written.
     """
     with write_bag(out, kind) as bag:
         sources = [_list_scans(bag, recording, message)]

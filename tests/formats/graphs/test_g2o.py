@@ -68,10 +68,12 @@ def test_the_gaussian_under_a_loss_is_written(tmp_path: Path) -> None:
 
 
 def test_poses_are_replaced_and_all_else_stays_as_it_was(tmp_path: Path) -> None:
-    stored, text = read_g2o(write(tmp_path, PLANAR)), PLANAR + "FIX 6\n"
+    text = PLANAR + "FIX 6\n"
+    path = write(tmp_path, text)
+    stored = read_g2o(path)
     values = gtsam.Values(stored.values)
     values.update(7, gtsam.Pose2(123456.789012, -0.25, 3.0))
-    replaced = replace_poses(text, values).splitlines()
+    replaced = replace_poses(path, values).splitlines()
     assert replaced[2] == "VERTEX_SE2 7 123456.789012 -0.25 3"
     assert [line for k, line in enumerate(replaced) if k != 2] == [
         line for k, line in enumerate(text.splitlines()) if k != 2
