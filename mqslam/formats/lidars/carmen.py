@@ -13,9 +13,9 @@ import gzip
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,21 +29,11 @@ from mqslam.core.wording import count_of
 from mqslam.errors import DataError, untrusted
 from mqslam.formats.stamps import mark_increasing, parse_stamps
 
-# A lidar log is clipped at its longest range if more than this share of its readings have that range.
-_LIDAR_CLIP_SHARE = 1e-3
-# Least number of readings at the longest range of a lidar log that is clipped there.
-_LIDAR_CLIP_COUNT = 10
-# No lidar log is clipped at a range below this [m].
-_LIDAR_CLIP_M = 3.0
-# Poses in a lidar log that differ by less than this [m] count as equal: it is written to centimetres.
-_LIDAR_SAME_M = 0.01
-# Headings in a lidar log that differ by less than this [rad] count as equal.
-_LIDAR_SAME_RAD = 0.01
-# Poses beside the scans of a lidar log that stay within this [m] of its odometry are the odometry's own, and no SLAM has
-# corrected them.
-_LIDAR_SAME_TRACK_M = 0.05
-# Headings beside the scans of a lidar log that stay within this [rad] of its odometry are the odometry's own.
-_LIDAR_SAME_TRACK_RAD = 0.02
+# A log is clipped at its longest range, if that is no shorter, where more readings have it than this share and this number.
+_CLIP_M, _CLIP_SHARE, _CLIP_COUNT = 3.0, 1e-3, 10
+_SAME = np.array([0.01, 0.01, 0.01])  # poses [m, m, rad] that differ by less are equal: a log is written to centimetres
+# Poses [m, m, rad] beside the scans that stay this near to the odometry are the odometry's own: no SLAM has corrected them.
+_SAME_TRACK = np.array([0.05, 0.05, 0.02])
 _ENDINGS = (".log", ".log.gz", ".clf", ".clf.gz")
 _ERROR_CODES_M = 81.82  # SICK lidars write what they could not measure as 81.83 m to 81.91 m
 _CLIP_TOLERANCE_M = 1e-6  # ranges are written with fewer digits
@@ -176,8 +166,7 @@ def _find_ceiling(ranges: NDArray[np.float64], readings: int, parameters: dict[s
     """
     longest = float(ranges.max(initial=0.0))
     clipped = int(np.count_nonzero(ranges >= longest - _CLIP_TOLERANCE_M))
-    often = clipped > max(_LIDAR_CLIP_COUNT, _LIDAR_CLIP_SHARE * readings)
-    if longest >= _LIDAR_CLIP_M and often:
+    if longest >= _CLIP_M and clipped > max(_CLIP_COUNT, _CLIP_SHARE * readings):
         return longest - _CLIP_TOLERANCE_M
     named = parameters.get("robot_front_laser_max", 0.0)
     named = named if named <= _MOST_METRES else named / 100.0
@@ -194,11 +183,8 @@ def _find_mount(sensor: se2.Array, robot: se2.Array, parameters: dict[str, float
     named = np.array([offset if abs(offset) <= _MOST_OFFSET_M else offset / 100.0, 0.0, 0.0])
     apart = se2.wrapped_between(robot, sensor)
     shown = np.median(apart, axis=0)
-    off = np.abs(apart - shown)
-    same_m, same_rad = _LIDAR_SAME_M, _LIDAR_SAME_RAD
-    rigid = bool(off[:, :2].max() < same_m and off[:, 2].max() < same_rad)
-    separate = bool(np.any(np.abs(shown) > [same_m, same_m, same_rad]))
-    return (shown if rigid and separate else named), rigid
+    rigid = bool((np.abs(apart - shown) < _SAME).all())
+    return (shown if rigid and np.any(np.abs(shown) > _SAME) else named), rigid
 
 
 def _chain_odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]) -> tuple[Trajectory | None, list[str]]:
@@ -245,8 +231,7 @@ def _is_same_motion(a: Trajectory, b: Trajectory) -> bool:
     """Returns whether two trajectories differ only in the frame they start in, by centimetres at the stamps of the first."""
     one, other = a.poses, b.at(a.stamps_us)
     apart = se2.wrapped_between(se2.between(one[0], one), se2.between(other[0], other))
-    limits = [_LIDAR_SAME_TRACK_M, _LIDAR_SAME_TRACK_M, _LIDAR_SAME_TRACK_RAD]
-    return bool(np.all(np.abs(apart) < limits))
+    return bool(np.all(np.abs(apart) < _SAME_TRACK))
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,11 +301,8 @@ def read_log(path: Path) -> CarmenLog:
             continue
         log.messages[kind] += 1
         try:
-            if kind == "FLASER":
-                before = _parse_flaser(words, len(log.odometry))
-                log.scans[kind].append(before)
-            elif kind == "ROBOTLASER1":
-                before = _parse_robotlaser(words, len(log.odometry))
+            if kind in log.scans:
+                before = (_parse_flaser if kind == "FLASER" else _parse_robotlaser)(words, len(log.odometry))
                 log.scans[kind].append(before)
             elif kind == "ODOM":
                 pose, stamp = _parse_finite(words[1:4], 3), float(words[7])
@@ -329,7 +311,8 @@ def read_log(path: Path) -> CarmenLog:
                 log.odometry.append(before)
                 latest = latest if before.anchored else stamp
             elif kind == "PARAM" and len(words) > 2:
-                _keep_parameter(log.parameters, words[1], words[2])
+                with suppress(ValueError):  # others are words
+                    log.parameters[words[1]] = float(_parse_finite(words[2:3], 1)[0])
         except (ValueError, IndexError):
             remedy = "remove the line, or copy the log anew"
             raise DataError(path, f"line {number} is no whole {kind} message of numbers", remedy) from None
@@ -340,7 +323,10 @@ def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
     """Reads the lines of a log with their numbers; a line is never held beyond a mebibyte."""
     limit = _LONGEST_LINE + _MOST_EXPANSION * path.stat().st_size if path.exists() else 0
     try:
-        with untrusted.check_file(path).open("rb") as plain, gzip.open(plain) if _is_gzip(plain) else plain as lines:
+        with (
+            untrusted.check_file(path).open("rb") as plain,
+            gzip.open(plain) if plain.peek(2)[:2] == _GZIP_MAGIC else plain as lines,
+        ):
             number = unpacked = 0
             while line := lines.readline(_LONGEST_LINE):
                 number += 1
@@ -353,13 +339,6 @@ def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
                 yield number, line.decode("ascii", errors="replace")
     except (OSError, EOFError, zlib.error) as error:
         raise DataError(path, f"is not a readable log ({str(error) or type(error).__name__})", "copy it anew") from error
-
-
-def _is_gzip(file: IO[bytes]) -> bool:
-    """Returns whether a file that is open at its beginning is compressed; it is left there."""
-    magic = file.read(2)
-    file.seek(0)
-    return magic == _GZIP_MAGIC
 
 
 def _parse_flaser(words: list[str], above: int) -> ScanLine:
@@ -413,13 +392,3 @@ def _parse_finite(words: list[str] | list[float], count: int) -> NDArray[np.floa
     if values.shape != (count,) or not np.isfinite(values).all():
         raise ValueError(words)
     return values
-
-
-def _keep_parameter(parameters: dict[str, float], name: str, value: str) -> None:
-    """Keeps a parameter whose value is a finite number; others are words."""
-    try:
-        number = float(value)
-    except ValueError:
-        return
-    if np.isfinite(number):
-        parameters[name] = number

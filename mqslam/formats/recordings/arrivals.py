@@ -28,37 +28,26 @@ from mqslam.core.wording import count_of
 from mqslam.formats.recordings.turns import ALIKE_TURNS, LONGEST_STEP, TURNS_AROUND, USUAL_TURN_S, find_usual_turns
 from mqslam.formats.stamps import mark_increasing
 
-# Jitter of arrival stamps below this [s] is left alone: at 30 m/s a vehicle drives 3 mm meanwhile.
-_LEAST_JITTER_S = 0.0001
-# Largest ratio that is tried between the variance of arrival jitter and the variance of changes of a turn's duration. With
-# this ratio stamps are averaged over about a hundred turns.
-_SMOOTHEST_RATIO = 1e8
-# Smallest ratio that is tried between the variance of arrival jitter and that of changes of a turn's duration; each
-# further ratio is ten times as large.
-_ROUGHEST_RATIO = 1e-4
+_LEAST_JITTER_S = 1e-4  # less jitter [s] is left alone: at 30 m/s a vehicle drives 3 mm meanwhile
+# Ratios between the variance of jitter and that of changes of a turn's duration that are tried, each ten times the one
+# before. The largest averages stamps over about a hundred turns.
+_ROUGHEST_RATIO, _SMOOTHEST_RATIO = 1e-4, 1e8
 # Ratios whose costs (twice the negative log-likelihood) differ by less than this count as equally likely, and the smallest
 # is taken. Three polar scans cannot tell jitter from changes of the turn rate.
 _EQUAL_LIKELIHOOD = 0.01
-# Share of its duration by which a turn can be faster or slower than the one before. A turning mass of some kilograms
-# allows no more.
-_MOST_TURN_CHANGE = 0.1
-# An arrival stamp further than this many spreads of the jitter from its place tells nothing.
-_STRAY_SPREADS = 5.0
-# An arrival stamp that is later by more than this [s] than those around it allow is damaged, not late.
-_MOST_LATE_S = 3.0
-# Number of polar scans on each side of a step that show whether the step is a lasting break.
-_SCANS_AROUND_BREAK = 8
-# A step further than this many spreads of the jitter from the usual one may be a break.
-_BREAK_SPREADS = 7.0
-# Share of an unusual step that must last behind it for the step to be a break.
-_BREAK_LASTS = 0.6
+_MOST_TURN_CHANGE = 0.1  # share by which a turn can be faster or slower than the one before: a turning mass allows no more
+_STRAY_SPREADS = 5.0  # a stamp further than this many spreads of the jitter from its place tells nothing
+_MOST_LATE_S = 3.0  # a stamp that is later than those around it allow by more than this [s] is damaged, not late
+_MOST_EARLY = 0.5  # a stamp that is more turns than this before its turn's end is damaged, since nothing arrives early
+_SCANS_AROUND_BREAK = 8  # polar scans on each side of a step that show whether the step is a lasting break
+_BREAK_SPREADS = 7.0  # a step further than this many spreads of the jitter from the usual one may be a break
+_BREAK_LASTS = 0.6  # share of an unusual step that must last behind it for the step to be a break
+_NEAR = 3  # breaks fewer polar scans apart than this may be one
 _IGNORED = 1e-4  # weight of a stamp that tells nothing; above zero, so that a whole stretch of them can be solved
 _ROUNDS = 8  # most rounds of looking for such stamps; it takes two or three
 _PROBES = 64  # polar scans whose variances stand for those of all
 _LOW = 0.2  # quantile of some stamps below which hardly any is late
-_NEAR = 3  # breaks fewer polar scans apart than this may be one
 _AVERAGED = 37  # turns over which their usual duration is averaged: the median of nine still shows the jitter of stamps
-_MOST_EARLY = 0.5  # a stamp that is more turns than this before its turn's end is damaged, since nothing arrives early
 _MOST_MISSING = 100  # turns in a hole of the numbers; where more are missing, nothing ties both sides
 
 
@@ -112,11 +101,7 @@ def estimate_arrivals(stamps_us: NDArray[np.int64], numbers: NDArray[np.int64] |
 
 
 def _estimate_once(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> tuple[NDArray[np.int64], float, float]:
-    """Frees stamps (N,) [us] of the delays that they show.
-
-    Args:
-        stamps_us: of arrival.
-        places: (N,) of the polar scans among the turns.
+    """Frees stamps of arrival (N,) [us] of turns at places (N,) of the delays that they show.
 
     Returns:
         the stamps (N,) [us], how long a turn usually takes [us], and the standard deviation of the stamps [s].
@@ -151,12 +136,7 @@ def _find_takes(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDAr
 
 
 def _mark_in_time(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Marks stamps (N,) [us] that increase, and that the radar can have reached the later ones from by whole turns.
-
-    Args:
-        stamps_us: of arrival.
-        places: (N,) of the polar scans among the turns.
-    """
+    """Marks stamps (N,) [us] that increase, and that the radar can have reached the later ones from by whole turns."""
     from scipy.ndimage import minimum_filter1d
 
     rows = np.flatnonzero(mark_increasing(stamps_us.tolist()))
@@ -174,11 +154,6 @@ def _fill_turns(
     """Estimates the stamps (M,) [us] of all turns, steadily between known ones; returns how long one usually takes as well.
 
     A turn between two known ones with a gap between them lies behind the gap if it arrived there, else before it.
-
-    Args:
-        stamps_us: (N,) of arrival [us].
-        places: (N,) of the polar scans among the turns.
-        known: (N,) which of the stamps, increasing ones, count.
     """
     stamps, counts = stamps_us[known], places[known]
     apart, steps, takes = np.diff(counts), np.diff(stamps), _find_takes(stamps, counts)

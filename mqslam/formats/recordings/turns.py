@@ -11,39 +11,26 @@ from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US
 from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.formats.recordings.layout import Stamp
 
-# Duration of a turn [s] that is assumed where a recording shows none.
-USUAL_TURN_S = 0.25
+USUAL_TURN_S = 0.25  # duration of a turn that is assumed where a recording shows none
 # Number of successive steps between polar scans whose median is the usual duration of a turn. Where a recording has fewer
 # steps, each is judged by itself.
 TURNS_AROUND = 9
-# A step of more usual turns than this from one polar scan to the next holds a gap, since at least half a turn is missing.
-LONGEST_STEP = 1.5
-# Turns whose durations differ by less than this factor count as turns at the same rate.
-ALIKE_TURNS = 1.25
-# A polar scan of fewer azimuths does not tell how fast they were swept.
-_FEWEST_AZIMUTHS = 8
+LONGEST_STEP = 1.5  # a step of more usual turns than this to the next polar scan holds a gap: half a turn is missing
+ALIKE_TURNS = 1.25  # turns whose durations differ by less than this factor count as turns at the same rate
+_FEWEST_AZIMUTHS = 8  # a polar scan of fewer azimuths does not tell how fast they were swept
 # Quantile of the steps between polar scans that counts as the duration of a turn in a recording of few polar scans. It is
 # low, because polar scans may be missing but never come early.
 _SHORT_SHARE = 0.25
-# Steps are counted together to find turn rates if their durations differ by less than this factor.
-_RATE_CELL = 1.1
-# Largest number of turn rates that a recording is assumed to have.
-_MOST_RATES = 8
-# A step counts as whole turns if it differs from them by at most this much [turns].
-_WHOLE_TURN = 0.2
-# Cost of assuming that a polar scan came late, in units of the cost of assuming that one is missing.
-_COST_LATE = 1.5
-# Cost of assuming that a polar scan came early, in units of the cost of assuming that one is missing.
-_COST_EARLY = 2.0
-# Cost of assuming that the radar was told to turn at another rate, in units of the cost of assuming that a polar scan is
-# missing.
-_COST_RATE_CHANGE = 4.0
-# Largest number of azimuths of a polar scan that are compared to find how fast they were swept.
-_COMPARED_AZIMUTHS = 128
+_RATE_CELL = 1.1  # steps are counted together to find turn rates if their durations differ by less than this factor
+_MOST_RATES = 8  # largest number of turn rates that a recording is assumed to have
+_WHOLE_TURN = 0.2  # a step counts as whole turns if it differs from them by at most this much [turns]
+# Costs of assuming that a polar scan is missing, which is their unit, that it came late, that it came early, and that the
+# radar was told to turn at another rate.
+_COST_MISSING, _COST_LATE, _COST_EARLY, _COST_RATE_CHANGE = 1.0, 1.5, 2.0, 4.0
+_COMPARED_AZIMUTHS = 128  # largest number of azimuths of a polar scan that are compared to find how fast they were swept
 # Two azimuths are compared if they lie at least this share of their polar scan apart. Nearer ones would show the bursts in
 # which a driver hands azimuths over.
 _COMPARED_APART = 0.25
-_COST_MISSING = 1.0  # cost of assuming that a polar scan is missing: the unit of the other costs
 Measure = Callable[[int], float | None]
 
 
