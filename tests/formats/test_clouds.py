@@ -1,4 +1,4 @@
-"""from __future__ import annotations"""
+"""Clouds with a time per point, as our own maps and other software write them."""
 
 from __future__ import annotations
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.typesys import get_types_from_msg
 from support.commands import mqslam
 from support.recordings import (
     KINDS,
     START_US,
+    TF,
     TURN_US,
     Bag,
     assert_same,
@@ -206,7 +206,7 @@ def test_messages_of_ros_1_in_an_mcap_are_named(tmp_path: Path) -> None:
             read(path)
 
 
-SCAN, PATH, TF = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Path", "tf2_msgs/msg/TFMessage"
+SCAN, PATH = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Path"
 TRACK = circle(START_US + np.arange(0, 1_600_000, 50_000))
 SAID = "messages on {} have no stamps in their headers: they are taken at the times at which they were recorded"
 
@@ -258,10 +258,7 @@ def test_scans_of_a_lidar_and_its_odometry_without_stamps_say_so(tmp_path: Path)
         write_poses(bag, "/odom")
         scans = bag.topic("/scan", SCAN)
         for k in range(6):
-            ranges = np.array([1, 2, 3, 4, 5], np.float32)
-            limits = (-1.0, 1.0, 0.5, 1e-3, 0.1, 0.1, 30.0)
-            message = bag.store.types[SCAN](bag.header(0), *limits, ranges, np.zeros(0, np.float32))
-            bag.write(scans, START_US + k * TURN_US, message)
+            bag.write(scans, START_US + k * TURN_US, bag.scan(0))
     recording = read_lidar(tmp_path / "drive.bag")
     assert recording.odometry is not None and recording.scans.stamps_us[0] == START_US
     assert {"the " + SAID.format(topic) for topic in ("/odom", "/scan")} <= set(recording.notes)
@@ -269,20 +266,11 @@ def test_scans_of_a_lidar_and_its_odometry_without_stamps_say_so(tmp_path: Path)
 
 def test_transforms_without_stamps_say_so(tmp_path: Path) -> None:
     with bag_writer(tmp_path / "drive.bag", "ros1") as bag:
-        bag.store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", TF))
-        types = bag.store.types
-
-        def link(parent: str, child: str, pose: Any) -> Any:
-            header = bag.header(0)
-            header.frame_id = parent
-            turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, np.sin(pose[2] / 2), np.cos(pose[2] / 2))
-            move = types["geometry_msgs/msg/Transform"](types["geometry_msgs/msg/Vector3"](pose[0], pose[1], 0.0), turn)
-            return types[TF]([types["geometry_msgs/msg/TransformStamped"](header, child, move)])
-
         moving, static = bag.topic("/tf", TF), bag.topic("/tf_static", TF)
-        bag.write(static, START_US, link("base_link", "radar", np.zeros(3)))
-        for stamp, pose in zip(TRACK.stamps_us.tolist(), TRACK.poses, strict=True):
-            bag.write(moving, stamp, link("map", "base_link", pose))
+        bag.write(static, START_US, bag.transform(0, ("base_link", "radar"), (0, 0, 0)))
+        for stamp, (x, y, yaw) in zip(TRACK.stamps_us.tolist(), TRACK.poses, strict=True):
+            turn = (0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))
+            bag.write(moving, stamp, bag.transform(0, ("map", "base_link"), (x, y, 0), turn))
     track, notes = read_with_notes(tmp_path / "drive.bag")
     np.testing.assert_array_equal(track.stamps_us, TRACK.stamps_us)
     assert notes == ["the " + SAID.format("/tf")]  # static transforms need none

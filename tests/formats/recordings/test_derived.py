@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.typesys import get_types_from_msg
-from support.recordings import KINDS, START_US, TURN_US, Bag, bag_path, bag_writer, oxford_rows, write_oxford
+from support.recordings import KINDS, START_US, TF, TURN_US, bag_path, bag_writer, oxford_rows, write_oxford
 
 from mqslam.config import Config
 from mqslam.errors import ConfigError
@@ -56,18 +55,9 @@ def test_a_stretch_without_scans_is_refused(tmp_path: Path, span: tuple[float, f
         clip(open_recording(write_oxford(tmp_path / "drive", polar_scans=12)), *span)
 
 
-IMAGE, SCAN, TF = "sensor_msgs/msg/Image", "sensor_msgs/msg/LaserScan", "tf2_msgs/msg/TFMessage"
+IMAGE, SCAN = "sensor_msgs/msg/Image", "sensor_msgs/msg/LaserScan"
 OVER, AHEAD = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)  # half a turn about x, and none, as x, y, z, w
 NODDING = (1.0, 0.0, 0.0, 0.2)
-
-
-def link(bag: Bag, parent: str, child: str, turn: Any) -> Any:
-    types = bag.store.types
-    header = bag.header(START_US)
-    header.frame_id = parent
-    move = types["geometry_msgs/msg/Vector3"](0.5, 0.0, 0.0)
-    transform = types["geometry_msgs/msg/Transform"](move, types["geometry_msgs/msg/Quaternion"](*turn))
-    return types[TF]([types["geometry_msgs/msg/TransformStamped"](header, child, transform)])
 
 
 def write(
@@ -75,21 +65,14 @@ def write(
 ) -> Path:
     """Writes six scans of a sensor, with a transform of its frame, called radar, beside each of them."""
     with bag_writer(path, kind) as bag:
-        if TF not in bag.store.types:
-            bag.store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", TF))
         transforms = {name: bag.topic(name, TF) for name in {topic, *(entry[0] for entry in extra)}}
         data = bag.topic("/scan" if sensor == "lidar" else "/Navtech/Polar", SCAN if sensor == "lidar" else IMAGE)
         for k in range(6):
             stamp = START_US + k * TURN_US
-            bag.write(transforms[topic], stamp, link(bag, parent, "radar", turns[k % len(turns)]))
-            for name, above, frame, turn in extra:
-                bag.write(transforms[name], stamp, link(bag, above, frame, turn))
-            if sensor == "lidar":
-                beams = np.array([1, 2, 3, 4, 5], np.float32)
-                limits = (-1.0, 1.0, 0.5, 1e-3, 0.1, 0.1, 30.0)
-                bag.write(data, stamp, bag.store.types[SCAN](bag.header(stamp), *limits, beams, np.zeros(0, np.float32)))
-            else:
-                bag.write(data, stamp, bag.image(stamp, oxford_rows(k)[:, 0 if sensor == "rows" else 11 :]))
+            for name, above, frame, turn in ((topic, parent, "radar", turns[k % len(turns)]), *extra):
+                bag.write(transforms[name], stamp, bag.transform(START_US, (above, frame), (0.5, 0, 0), turn))
+            image = bag.image(stamp, oxford_rows(k)[:, 0 if sensor == "rows" else 11 :])
+            bag.write(data, stamp, bag.scan(stamp) if sensor == "lidar" else image)
     return path
 
 
