@@ -289,12 +289,17 @@ def read_sensor_table(
     Raises:
         DataError: the file cannot be read.
     """
-    parsers, numbers = [(parse or {}).get(column, float) for column in columns], array("d")
-    skipped = 0 if header.holds_numbers else header.line
+    parsers = [(column, (parse or {}).get(column, float)) for column in columns]
+    numbers, skipped = array("d"), 0 if header.holds_numbers else header.line
     with untrusted.open_text(header.path, "utf-8-sig", "replace") as file:
         for number, line in enumerate(file):
-            if number >= skipped and (row := line.partition("#")[0]).strip():
-                numbers.extend(_parse_row(row.split(","), columns, parsers))
+            words = line.partition("#")[0].split(",")
+            if number < skipped or not (len(words) > 1 or words[0].strip()):
+                continue
+            try:
+                numbers.extend([parse_word(words[column]) for column, parse_word in parsers])
+            except (ValueError, IndexError):
+                numbers.extend(_parse_word(words, column, parse_word) for column, parse_word in parsers)
     table = np.array(numbers, dtype=np.float64).reshape(-1, len(columns))
     stamps = table[:, 0]
     timed = np.isfinite(stamps)
@@ -304,14 +309,12 @@ def read_sensor_table(
     return SensorTable(stamps_us, table[timed, 1:], int(np.count_nonzero(~timed)))
 
 
-def _parse_row(words: Sequence[str], columns: Sequence[int], parsers: Sequence[Parse]) -> list[float]:
-    """Parses words of a row; NaN where there is no number."""
+def _parse_word(words: Sequence[str], column: int, parse: Parse) -> float:
+    """Parses a word of a row as a number; NaN where there is none."""
     try:
-        return [parse(words[column].strip()) for column, parse in zip(columns, parsers, strict=True)]
+        return parse(words[column])
     except (ValueError, IndexError):
-        if len(columns) == 1:
-            return [float("nan")]
-    return [_parse_row(words, [column], [parse])[0] for column, parse in zip(columns, parsers, strict=True)]
+        return float("nan")
 
 
 def read_converted_sensor(header: Header, wanted: Wanted, remedy: str) -> SensorTable:

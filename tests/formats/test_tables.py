@@ -149,13 +149,6 @@ def test_sensors_convert_what_their_headers_state(tmp_path: Path) -> None:
     np.testing.assert_allclose(fixes.latitudes, np.degrees(0.9))
 
 
-@pytest.mark.parametrize("per_us", [1, 1000])
-def test_a_tum_file_in_microseconds_or_nanoseconds_is_read(tmp_path: Path, per_us: int) -> None:
-    rows = [f"{t * per_us} 1 2 0 0 0 0 1" for t in STAMPS.tolist()]
-    track = read_trajectory(write_lines(tmp_path / "t.tum", "\ufeff" + rows[0], *rows[1:]))
-    np.testing.assert_array_equal(track.stamps_us, STAMPS)
-
-
 MARK = b"\xef\xbb\xbf"
 POSES = "".join(f"{k}.5 {k} 0 0 0 0 0 1\n" for k in range(3))
 SCANS = "".join(f"FLASER 180 {' '.join(str(1 + k / 180) for k in range(180))} {t} 0 0 {t} 0 0 {t} h {t}\n" for t in (1, 2))

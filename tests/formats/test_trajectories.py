@@ -209,7 +209,6 @@ KITTI_LINE = "1 0 0 {} 0 1 0 0 0 0 1 0\n"
         (b"", "is no trajectory in a known format: the file is empty"),
         (b"# nothing, but words\n", "is no trajectory in a known format: the file holds nothing but comments"),
         (b"1 2 3\n", r"is no trajectory in a known format \(3 words"),
-        (b"\xff\xfe\x00\x81", r"is not a readable text file \(not UTF-8\)"),
         (b"1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "stamps do not increase at pose 2"),
         (b"t,x,y\n1,2,3\n2,3,4\n", r"has no column qx, qy, qz, qw \(columns: t, x, y\)"),
         (b"1,2,3,0\n2,3,4,0\n", r"has no column t, x, y, qx"),
@@ -249,11 +248,10 @@ def test_poses_and_times_that_do_not_fit_are_named(tmp_path: Path, text: str, ti
         read_trajectory(tmp_path / "t.kitti", tmp_path / "times.txt")
 
 
-def test_missing_files_are_named(tmp_path: Path) -> None:
+def test_a_missing_file_of_times_is_named(tmp_path: Path) -> None:
     (tmp_path / "t.kitti").write_text(2 * KITTI_LINE.format(0))
-    for arguments in ((tmp_path / "missing.tum",), (tmp_path / "t.kitti", tmp_path / "missing.tum")):
-        with pytest.raises(DataError, match=r"missing\.tum: does not exist; check the path"):
-            read_trajectory(*arguments)
+    with pytest.raises(DataError, match=r"missing\.tum: does not exist; check the path"):
+        read_trajectory(tmp_path / "t.kitti", tmp_path / "missing.tum")
 
 
 def test_a_tum_file_is_read_back_as_it_was_written(arc: Trajectory, tmp_path: Path) -> None:
@@ -301,13 +299,6 @@ def test_a_file_that_is_no_trajectory_is_refused_by_name(tmp_path: Path, text: s
     file.write_text(text)
     with pytest.raises(DataError, match=rf"t\.tum: .*{problem}"):
         read_tum(file)
-
-
-def test_a_file_that_is_no_text_is_refused_by_name(tmp_path: Path) -> None:
-    (tmp_path / "t.tum").write_bytes(b"\xff\xfe\x00\x81")
-    for name, problem in (("t.tum", "is not a readable text file"), ("other.txt", "does not exist")):
-        with pytest.raises(DataError, match=f"{name}: {problem}"):
-            read_tum(tmp_path / name)
 
 
 @pytest.mark.parametrize("yaw", [-3.0, -1.0, 0.0, 0.5, 3.1])

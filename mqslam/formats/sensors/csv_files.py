@@ -201,7 +201,9 @@ def _read_ins_fixes(header: Header) -> Reading[Fixes]:
 def _read_good_rows(header: Header, names: Sequence[str]) -> tuple[SensorTable, list[str]]:
     """Reads whether the status of each row is good (1, else NaN) and some columns, with a note on those that are not."""
     columns = header.find(("timestamp", _STATUS, *names), _OXFORD_INS)
-    table = read_sensor_table(header, columns, "", {columns[1]: lambda text: 1.0 if text.endswith(_GOOD) else np.nan})
+    table = read_sensor_table(
+        header, columns, "", {columns[1]: lambda text: 1.0 if text.strip().endswith(_GOOD) else np.nan}
+    )
     bad = int(np.count_nonzero(~np.isfinite(table.columns[:, 0])))
     rows = count_of(len(table.columns), "row")
     return table, [f"{bad} of {rows} in {header.path} are left out: their {_STATUS} is not {_GOOD}"] if bad else []

@@ -113,20 +113,15 @@ def test_a_line_that_cannot_be_meant_is_named(tmp_path: Path, line: str, message
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
+    ("text", "message"),
     [
-        (b"", "holds 0 poses and 0 edges; give a graph of VERTEX_SE2"),
-        (b"\xff\xfe\x00", "is not a readable text file"),
-        (b"VERTEX_SE2 0 0 0 0\n", "holds 1 poses and 0"),
+        ("", "holds 0 poses and 0 edges; give a graph of VERTEX_SE2"),
+        ("VERTEX_SE2 0 0 0 0\n", "holds 1 poses and 0"),
     ],
 )
-def test_a_file_without_a_graph_is_refused(tmp_path: Path, content: bytes, message: str) -> None:
-    path = tmp_path / "graph.g2o"
-    path.write_bytes(content)
+def test_a_file_without_a_graph_is_refused(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(DataError, match=message):
-        read_g2o(path)
-    with pytest.raises(DataError, match="does not exist"):
-        read_g2o(tmp_path / "none.g2o")
+        read_g2o(write(tmp_path, text))
 
 
 def test_pairs_are_read_without_the_graph(tmp_path: Path) -> None:

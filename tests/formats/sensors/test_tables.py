@@ -145,13 +145,6 @@ def test_a_file_without_fixes_is_refused(tmp_path: Path, lines: list[str], said:
     assert said in str(caught.value) and caught.value.remedy
 
 
-def test_a_missing_file_is_said_to_be_missing(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="does not exist"):
-        read_gyroscope(tmp_path / "imu.csv")
-    with pytest.raises(DataError, match="does not exist"):
-        read_fixes(tmp_path / "gnss.csv", START_US)
-
-
 def test_files_beside_the_images_are_the_recordings_sensors(oxford: Path) -> None:
     write_imu_csv(oxford / "imu.csv")
     write_gnss_csv(oxford / "gnss.csv")
