@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from mqslam.core.recording import Recording
 from mqslam.core.sensors.mount import Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.recordings import open_recording
+from mqslam.simulator import SimulatedRecording
 
 WITHOUT_VALIDITY = ("b_scan", *EVEN)
 NEXT = list(itertools.pairwise((*STAMPED, STAMPED[0])))  # every layout once as the first and once as the second
@@ -153,43 +155,37 @@ def to_whole_us(name: str) -> str:
     return f"{folder}/{int(stem) // 1000}"
 
 
-def test_boreas_is_named_after_the_middles_and_holds_the_same_rows(tmp_path: Path) -> None:
-    described, written = write_boreas(tmp_path / "described", left_turn()), convert(left_turn(), tmp_path, "boreas")[0]
+@pytest.mark.parametrize(
+    ("layout", "describe", "in_ns"),
+    [
+        ("boreas", write_boreas, False),  # named after the middles of the turns
+        ("radiate", write_radiate, False),  # numbered
+        ("mulran", write_mulran_columns, True),  # named after the ends
+        ("mulran_oxford", write_mulran_rows, True),
+    ],
+)
+def test_images_are_those_that_the_description_of_the_layout_makes(
+    tmp_path: Path, layout: str, describe: Callable[[Path, SimulatedRecording], Path], in_ns: bool
+) -> None:
+    described, written = describe(tmp_path / "described", left_turn()), convert(left_turn(), tmp_path, layout)[0]
     ours, theirs = images(written), images(described)
-    assert ours.keys() == theirs.keys()
-    for name, pixels in theirs.items():
-        np.testing.assert_array_equal(ours[name], pixels)
+    name_of = to_whole_us if in_ns else str
+    assert [name_of(name) for name in ours] == [name_of(name) for name in theirs]
+    for one, other in zip(ours.values(), theirs.values(), strict=True):
+        stamped = 8 if layout == "mulran_oxford" else 0  # rows begin with a stamp in ns, written to whole us
+        np.testing.assert_array_equal(one[:, stamped:], other[:, stamped:])
+        stamps = [np.ascontiguousarray(rows[:, :stamped]).view("<i8") // 1000 for rows in (one, other) if stamped]
+        assert not stamps or np.array_equal(*stamps)
+
+
+def test_boreas_and_radiate_state_poses_and_arrivals_as_described(tmp_path: Path) -> None:
+    described, written = write_boreas(tmp_path / "described", left_turn()), convert(left_turn(), tmp_path, "boreas")[0]
     columns = [(root / "applanix" / "radar_poses.csv").read_text().splitlines()[0] for root in (described, written)]
     assert columns[0] == columns[1]
     poses = np.loadtxt(written / "applanix" / "radar_poses.csv", delimiter=",", skiprows=1)
     middle = poses[len(poses) // 2]
     assert np.hypot(middle[4], middle[5]) == pytest.approx(8.0, rel=0.01) and middle[10] == pytest.approx(-0.4, rel=0.01)
-
-
-def test_mulran_columns_are_named_after_the_ends(tmp_path: Path) -> None:
-    described = write_mulran_columns(tmp_path / "described", left_turn())
-    ours, theirs = images(convert(left_turn(), tmp_path, "mulran")[0]), images(described)
-    assert [to_whole_us(name) for name in ours] == [to_whole_us(name) for name in theirs]
-    for one, other in zip(ours.values(), theirs.values(), strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
-def test_mulran_rows_are_stamped_in_nanoseconds(tmp_path: Path) -> None:
-    described = write_mulran_rows(tmp_path / "described", left_turn())
-    ours, theirs = images(convert(left_turn(), tmp_path, "mulran_oxford")[0]), images(described)
-    assert [to_whole_us(name) for name in ours] == [to_whole_us(name) for name in theirs]
-    for one, other in zip(ours.values(), theirs.values(), strict=True):
-        np.testing.assert_array_equal(one[:, 8:], other[:, 8:])
-        stamps = [np.ascontiguousarray(rows[:, :8]).view("<i8") // 1000 for rows in (one, other)]
-        np.testing.assert_array_equal(*stamps)
-
-
-def test_radiate_numbers_its_images_and_lists_their_arrival(tmp_path: Path) -> None:
-    described, written = write_radiate(tmp_path / "described", left_turn()), convert(left_turn(), tmp_path, "radiate")[0]
-    ours, theirs = images(written), images(described)
-    assert ours.keys() == theirs.keys()
-    for name, pixels in theirs.items():
-        np.testing.assert_array_equal(ours[name], pixels)
+    described, written = write_radiate(tmp_path / "city", left_turn()), convert(left_turn(), tmp_path, "radiate")[0]
     lists = [(root / "Navtech_Polar.txt").read_text().splitlines() for root in (described, written)]
     assert [line[:-3] for line in lists[0]] == [line[:-3] for line in lists[1]]
 
