@@ -120,18 +120,16 @@ def read_first(names: Sequence[int], read: Callable[[int], _Read], place: str) -
         DataError: half of the images cannot be read.
     """
     errors: list[DataError] = []
-    while True:
+    for name in names:
         try:
-            content = read(names[len(errors)])
+            content = read(name)
             break
         except DataError as error:
             errors.append(error)
-            if 2 * len(errors) > len(names) - 1:
-                first, several = (
-                    errors[0],
-                    f", like at least {len(errors)} of the {len(names)} polar scans" if errors[1:] else "",
-                )
-                raise DataError(first.path, f"{first.problem}{several}", first.remedy) from None
+        if 2 * len(errors) > len(names) - 1:
+            first = errors[0]
+            several = f", like at least {len(errors)} of the {len(names)} polar scans" if errors[1:] else ""
+            raise DataError(first.path, f"{first.problem}{several}", first.remedy)
     if not errors:
         return content, 0, []
     several = f"{place} polar scan" if len(errors) == 1 else f"{place} {len(errors)} polar scans"

@@ -208,12 +208,7 @@ class Frames:
     def place_odometry(self, odometry: Trajectory, topic: str, frame: str) -> tuple[Trajectory, str]:
         """Returns odometry as the motion of the vehicle if the mount is known, else of the radar, and how it was understood.
 
-        Odometry of a frame that no transform places is taken as that of the vehicle, whose wheels make it.
-
-        Args:
-            odometry: poses.
-            topic: that they come from.
-            frame: whose poses they are, or "".
+        Odometry of a frame that no transform places, or of "", is taken as that of the vehicle, whose wheels make it.
         """
         if self.mount is None:
             return odometry, f"odometry from {topic} is taken as the motion of the radar itself"
@@ -224,13 +219,7 @@ class Frames:
         return carried, f"odometry from {topic} is the motion of {frame}"
 
     def place_truth(self, truth: Trajectory, topic: str, frame: str) -> tuple[Trajectory, str]:
-        """Returns ground truth as poses of the radar where the transforms say how to carry it, and how it was understood.
-
-        Args:
-            truth: poses.
-            topic: that they come from.
-            frame: whose poses they are, or "".
-        """
+        """Returns ground truth as poses of the radar where the transforms say how to carry it, and how it was understood."""
         if frame and name_frame(frame) == name_frame(self.radar):
             return truth, f"ground truth from {topic} is the pose of the radar"
         on_vehicle = self._find(frame)
