@@ -15,7 +15,7 @@ from mqslam.config import DetectorConfig, EstimatorConfig, TrackerConfig
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
-from mqslam.formats.shared.turns import find_usual_turns
+from mqslam.formats.recordings.turns import find_usual_turns
 from mqslam.psi.place import Beam
 
 # Share of a turn by which the durations of nine tenths of all turns may differ.

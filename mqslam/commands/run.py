@@ -32,10 +32,10 @@ from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
+from mqslam.formats.recordings.azimuths import stamps_in_us
 from mqslam.formats.recordings.oxford import find_image_folder
-from mqslam.formats.shared.azimuth_rows import stamps_in_us
-from mqslam.formats.shared.row_images import RowImageRecording
-from mqslam.formats.trajectories.boreas_odometry import write_boreas_odometry
+from mqslam.formats.recordings.row_images import RowImageRecording
+from mqslam.formats.trajectories import write_boreas_odometry
 from mqslam.report.run_page import write_run_pages
 from mqslam.results.run_results import add_warnings, summarise, write_run
 from mqslam.results.run_verdict import list_warnings

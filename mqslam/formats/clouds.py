@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import struct
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +17,12 @@ from mqslam.core.sensors.timed_cloud import TimedCloud
 from mqslam.core.wording import count_of
 from mqslam.errors import DataError, MqslamError, untrusted
 from mqslam.execution.extras import describe_missing
-from mqslam.formats.lidars import laz
+from mqslam.execution.guards.apart import ProcessFailed, call_apart
+from mqslam.formats import npz
 from mqslam.formats.ply import read_clock
-from mqslam.formats.shared import npz
-from mqslam.formats.shared.columns import find_stamps
-from mqslam.formats.shared.poses import mark_places
-from mqslam.formats.shared.stamps import LATEST_US, convert_stamps, time_unit
+from mqslam.formats.poses import mark_places
+from mqslam.formats.stamps import LATEST_US, convert_stamps, time_unit
+from mqslam.formats.tables import find_stamps
 
 _WANTED = "a cloud needs x, y and one of time, t, timestamp, stamp or gps_time for every point"
 _COARSEST_S = 0.05  # coarser times cannot tell one sweep of a sensor from the next: such files are refused
@@ -28,6 +31,9 @@ _YEAR_US = 365.25 * 86400e6
 _LONGEST_US = 10 * _YEAR_US  # the times of a longer cloud are no times: as many windows as there can be would be judged
 _MOST_NUMBERS = 10_000  # a point may have this many numbers, for the same reason
 Columns = Mapping[str, Any]
+_RECORD_BYTES, _COMPRESSED = 54, 0x80  # header of a variable-length record, flag of compressed points
+_ALWAYS_BYTES: Final = 1 << 30  # memory for an interpreter with its libraries; almost all of it is never used
+_COPIES: Final = 4  # of the points, that unpacking and writing hold at a time
 
 
 @untrusted.reads_file
@@ -123,11 +129,7 @@ def _read_column(path: Path, columns: Columns, name: str) -> NDArray[Any]:
 
 
 def _note_precision(path: Path, name: str, times: NDArray[np.float32]) -> str:
-    """Words a note on the step between single-precision times; "" where it does not matter.
-
-    Raises:
-        DataError: the steps are too long to tell one sweep from the next, as in seconds since 1970.
-    """
+    """Words a note on the step between single-precision times; "" where it does not matter."""
     step = float(np.spacing(np.abs(times[np.isfinite(times)]).max(initial=np.float32(0.0))))
     if step > _COARSEST_S:
         problem = f"{name} is single-precision, which cannot tell times less than {step:.3g} s apart"
@@ -179,7 +181,7 @@ def _load_las(path: Path) -> Columns:
     except ModuleNotFoundError as error:
         raise _name_missing(path, "las") from error
 
-    with laz.unpack(path) as unpacked, laspy.open(unpacked, read_evlrs=False) as file:
+    with unpack(path) as unpacked, laspy.open(unpacked, read_evlrs=False) as file:
         count, cloud = file.header.point_count, file.read()
     if len(cloud.points) != count:
         raise DataError(path, f"holds {len(cloud.points)} of {count} points", "copy it anew")
@@ -215,3 +217,89 @@ _LOADERS: dict[str, Callable[[Path], Columns]] = {
     ".laz": _load_las,
     ".npz": _load_npz,
 }
+
+
+@contextmanager
+def unpack(path: Path) -> Iterator[Path]:
+    """Yields the path of a LAS file with the content of a LAS or LAZ one; a copy is gone after the block.
+
+    Raises:
+        DataError: the file cannot be unpacked.
+    """
+    compressed, points_bytes = _read_covariances(path)
+    if points_bytes > untrusted.bound_unpacked(path.stat().st_size):
+        raise DataError(path, f"claims {points_bytes} bytes of points in {path.stat().st_size} bytes", "write it anew")
+    if not _is_plausible(path):
+        raise DataError(path, "has a damaged header or chunk table", "copy it anew")
+    if not compressed:
+        yield path
+        return
+    with tempfile.TemporaryDirectory(prefix="mqslam-") as folder:
+        copy = Path(folder) / "points.las"
+        try:
+            words = [str(path.absolute()), str(copy)]
+            call_apart(write_unpacked, words, most_bytes=_ALWAYS_BYTES + _COPIES * untrusted.bound_unpacked(points_bytes))
+        except ProcessFailed as error:
+            raise DataError(path, f"is not a readable {path.suffix} ({error})", "write it anew") from error
+        yield copy
+
+
+def write_unpacked(words: list[str]) -> bytes:
+    """Writes the LAZ file of the first path as a LAS file at the second, for `call_apart`."""
+    import laspy
+
+    backend = laspy.LazBackend.Lazrs  # the parallel one aborts on damaged chunks
+    with laspy.open(words[0], laz_backend=backend, read_evlrs=False) as file:
+        count, cloud = file.header.point_count, file.read()
+    if len(cloud.points) != count:
+        raise ValueError(f"holds {len(cloud.points)} of {count} points")
+    cloud.write(words[1], do_compress=False)
+    return b""
+
+
+def _read_covariances(path: Path) -> tuple[bool, int]:
+    """Returns whether the points are compressed, and how many bytes of them the header claims."""
+    with path.open("rb") as file:
+        head = file.read(255).ljust(255, b"\0")
+    (point_bytes, old_count), (count,) = struct.unpack_from("<HI", head, 105), struct.unpack_from("<Q", head, 247)
+    is_new = head[24:26] >= b"\1\4"
+    return bool(head[104] & _COMPRESSED), point_bytes * max(old_count, count if is_new else 0)
+
+
+def _is_plausible(path: Path) -> bool:
+    """Returns whether the file can hold the records and chunks it claims: laspy and lazrs allocate what they read."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(107).ljust(107, b"\0")
+        header_size, points_at, records = struct.unpack_from("<HII", head, 94)
+        if header_size + _RECORD_BYTES * records > min(points_at, size):
+            return False
+        if not head[104] & _COMPRESSED:
+            return True
+        file.seek(header_size)
+        if not _are_plausible_items(file.read(points_at - header_size), records, int.from_bytes(head[105:107], "little")):
+            return False
+        file.seek(points_at)
+        (table_at,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
+        if table_at == -1:  # written as a stream: the table's place follows it
+            file.seek(max(0, size - 8))
+            (table_at,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
+        if not points_at < table_at < size:
+            return False
+        file.seek(table_at)
+        _, chunks = struct.unpack("<II", file.read(8).ljust(8, b"\xff"))
+    return bool(chunks <= size)
+
+
+def _are_plausible_items(block: bytes, records: int, point_bytes: int) -> bool:
+    """Returns whether records of a LAZ file say how points are packed, in items that add up to a point, or lazrs panics."""
+    at = 0
+    for _ in range(records):
+        user, number, length = struct.unpack_from("<2x16sHH", block.ljust(at + _RECORD_BYTES, b"\0"), at)
+        content = block[at + _RECORD_BYTES : at + _RECORD_BYTES + length]
+        at += _RECORD_BYTES + length
+        if user.rstrip(b"\0") == b"laszip encoded" and number == 22204 and len(content) >= 34:
+            count = int.from_bytes(content[32:34], "little")
+            sizes = [int.from_bytes(content[k + 2 : k + 4], "little") for k in range(34, 34 + 6 * count, 6)]
+            return count > 0 and sum(sizes) == point_bytes and len(content) >= 34 + 6 * count
+    return False

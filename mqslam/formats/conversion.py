@@ -4,59 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from mqslam.core.recording import PolarScan, Recording
+from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import ConfigError, OutputError, Remedy, suggest
 from mqslam.execution.folders import check_writable, claim_folder
 from mqslam.execution.guards.locks import lock_output
 from mqslam.formats.recordings import list_targets
-from mqslam.formats.shared.target import Message, Target
-
-
-@dataclass(slots=True)
-class Tally:
-    """Counts of what was read so far.
-
-    Args:
-        unmeasured: azimuths that are marked as not measured.
-    """
-
-    unmeasured: int = 0
-
-
-@dataclass(frozen=True, kw_only=True)
-class WatchedRecording(Recording):
-    """Another recording that reports how far it has been read; `watch` makes one.
-
-    Args:
-        inner: the recording.
-        progress: called with (polar scans read, polar scans in all).
-        tally: of what was read.
-    """
-
-    inner: Recording
-    progress: Callable[[int, int], object]
-    tally: Tally = field(default_factory=Tally)
-
-    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Reads the polar scans start <= k < stop, one after the other."""
-        for k, polar_scan in enumerate(self.inner.polar_scans(start, stop), start + 1):
-            self.tally.unmeasured += int(np.count_nonzero(~polar_scan.valid))
-            self.progress(k, len(self))
-            yield polar_scan
-
-
-def watch(recording: Recording, progress: Callable[[int, int], object]) -> WatchedRecording:
-    """Makes a recording that reports what is read of it."""
-    same = {entry.name: getattr(recording, entry.name) for entry in fields(Recording)}
-    return WatchedRecording(inner=recording, progress=progress, **same)
-
+from mqslam.formats.recordings.derived import watch
+from mqslam.formats.recordings.layout import Message, Target
 
 _FOLDER = "oxford"  # layout of a folder, where none is named
 _LEFT = "is left behind: mqslam does not write it in this layout"
@@ -142,7 +101,7 @@ def write_recording(recording: Recording, out: Path, target: Target, progress: C
     notes = target.write(out, source)
     for name, given, kept in (("odometry", recording.odometry, odometry), ("ground truth", recording.ground_truth, truth)):
         notes += [f"{name} is left behind: one pose is no trajectory"] if given is not kept else []
-    return [*notes, *_list_losses(source, target, 0 if target.validity else source.tally.unmeasured)]
+    return [*notes, *_list_losses(source, target, 0 if target.validity else source.unmeasured[0])]
 
 
 def _drop_single(track: Trajectory | None) -> Trajectory | None:

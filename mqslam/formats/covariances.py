@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
-from mqslam.formats.shared.stamps import LATEST_US
+from mqslam.formats.stamps import LATEST_US
+from mqslam.formats.text import read_lines
 
 _COLUMNS: Final = ("stamp_us", "cov_xx", "cov_xy", "cov_xyaw", "cov_yy", "cov_yyaw", "cov_yawyaw")
 _ROUNDING: Final = 1e-9  # rounded terms may be those of no covariance by this much, as correlations
@@ -47,26 +49,17 @@ def read_covariances(path: Path) -> StampedCovariances:
         DataError: the file cannot be read, has other columns or a row of anything else, its stamps do not increase, or the
             terms of a row are not those of a covariance.
     """
-    try:
-        lines = untrusted.read_text(path).splitlines()
-    except FileNotFoundError as error:
-        raise DataError(path, "does not exist", _REMEDY) from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(path, "is not a readable text file", _REMEDY) from error
+    lines = read_lines(path, _REMEDY, missing=_REMEDY)
     if not lines or tuple(name.strip() for name in lines[0].split(",")) != _COLUMNS:
         raise DataError(path, f"does not begin with the columns {','.join(_COLUMNS)}", _REMEDY)
-    stamps: list[int] = []
-    terms: list[NDArray[np.float64]] = []
-    for number, line in enumerate(lines[1:], 2):
-        if line.strip():
-            stamp, row = _parse_row(path, number, line)
-            if stamps and stamp <= stamps[-1]:
-                raise DataError(path, f"the stamp of line {number} is not later than the one before", _REMEDY)
-            stamps.append(stamp)
-            terms.append(row)
-    if not stamps:
+    rows = {number: _parse_row(path, number, line) for number, line in enumerate(lines[1:], 2) if line}
+    if not rows:
         raise DataError(path, "holds no covariances", _REMEDY)
-    return StampedCovariances(np.array(stamps, dtype=np.int64), np.array(terms))
+    for (_, (before, _)), (number, (stamp, _)) in itertools.pairwise(rows.items()):
+        if stamp <= before:
+            raise DataError(path, f"the stamp of line {number} is not later than the one before", _REMEDY)
+    stamps, covariances = zip(*rows.values(), strict=True)
+    return StampedCovariances(np.array(stamps, dtype=np.int64), np.array(covariances))
 
 
 def _parse_row(path: Path, number: int, line: str) -> tuple[int, NDArray[np.float64]]:
@@ -81,8 +74,7 @@ def _parse_row(path: Path, number: int, line: str) -> tuple[int, NDArray[np.floa
     covariance = np.zeros((3, 3))
     covariance[np.triu_indices(3)] = terms
     covariance += np.triu(covariance, 1).T
-    variances = covariance.diagonal()
-    if not np.all(variances > 0.0):
+    if not np.all(covariance.diagonal() > 0.0):
         raise DataError(path, f"line {number} has a variance that is not positive", _REMEDY)
     if not _is_covariance(covariance):
         raise DataError(path, f"the terms of line {number} are not those of a covariance", _REMEDY)
@@ -90,7 +82,7 @@ def _parse_row(path: Path, number: int, line: str) -> tuple[int, NDArray[np.floa
 
 
 def _is_covariance(matrix: NDArray[np.float64]) -> bool:
-    """Tells whether a symmetric matrix with positive diagonal is a covariance, but for rounding."""
+    """Returns whether a symmetric matrix with positive diagonal is a covariance, but for rounding."""
     sigmas = np.sqrt(matrix.diagonal())
     with np.errstate(over="ignore"):
         correlations = matrix / sigmas[:, None] / sigmas

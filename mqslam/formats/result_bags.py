@@ -11,10 +11,9 @@ import numpy as np
 from mqslam.core.sensors.mount import VEHICLE
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, untrusted
+from mqslam.formats.bags import PATH_TYPE, POSE_TYPE, RADAR_FRAME, TF_TYPE, VEHICLE_FRAME, Bag, write_bag
 from mqslam.formats.maps.nav2_map import read_nav2_map
 from mqslam.formats.ply import read_ply
-from mqslam.formats.shared.bag_writer import RADAR_FRAME, TF_TYPE, VEHICLE_FRAME, Bag, write_bag
-from mqslam.formats.shared.bags import PATH_TYPE, POSE_TYPE
 from mqslam.formats.tum import read_tum
 
 WORLD_FRAME = "map"
@@ -38,7 +37,7 @@ def write_results(out: Path, run: Path, kind: str) -> None:
     Args:
         out: the file or folder.
         run: the folder of a run.
-        kind: one of `mqslam.formats.shared.bag_writer.KINDS`.
+        kind: one of `mqslam.formats.bags.KINDS`.
 
     Raises:
         DataError: a file of the run is missing or damaged.
@@ -54,8 +53,8 @@ def write_results(out: Path, run: Path, kind: str) -> None:
         ):
             bag.write(bag.topic(topic, message_type, latched=True), first, message)
         transforms = bag.topic("/tf", TF_TYPE)
-        for stamp, pose in zip(trajectory.stamps_us.tolist(), trajectory.poses.tolist(), strict=True):
-            bag.write(transforms, stamp, _make_transform(bag, stamp, pose, moved))
+        for stamp, pose in zip(trajectory.stamps_us.tolist(), trajectory.poses, strict=True):
+            bag.write(transforms, stamp, bag.transform(stamp, (WORLD_FRAME, moved), pose))
 
 
 def _find_moved(summary: Path) -> str:
@@ -66,14 +65,6 @@ def _find_moved(summary: Path) -> str:
     except (OSError, ValueError, AttributeError) as error:
         raise DataError(summary, "is no summary of a run", "run the recording anew") from error
     return VEHICLE_FRAME if of_vehicle else RADAR_FRAME
-
-
-def _make_transform(bag: Bag, stamp_us: int, pose: list[float], moved: str) -> Any:
-    """Makes a transform of the pose x, y [m], yaw [rad] of a frame."""
-    x, y, yaw = pose
-    move = bag.make("geometry_msgs/msg/Transform", bag.vector(x, y, 0.0), bag.quaternion(yaw))
-    header = bag.header(stamp_us, WORLD_FRAME)
-    return bag.make(TF_TYPE, [bag.make("geometry_msgs/msg/TransformStamped", header, moved, move)])
 
 
 def _make_path(bag: Bag, trajectory: Trajectory) -> Any:
@@ -95,11 +86,7 @@ def _make_grid(bag: Bag, run: Path, stamp_us: int) -> Any:
 
 
 def _make_cloud(bag: Bag, file: Path, stamp_us: int) -> Any:
-    """Makes a cloud of the points of the map with their intensities.
-
-    Raises:
-        DataError: the file is no such PLY.
-    """
+    """Makes a cloud of the points of the map with their intensities."""
     points = np.column_stack([column.astype("<f4") for column in read_ply(file, _COLUMNS).values()])
     fields = [bag.make("sensor_msgs/msg/PointField", name, 4 * i, _FLOAT32, 1) for i, name in enumerate(_COLUMNS)]
     step = 4 * len(_COLUMNS)

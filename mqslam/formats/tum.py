@@ -9,8 +9,11 @@ import numpy as np
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
-from mqslam.formats.shared.poses import make_trajectory, read_yaw, round_yaw
-from mqslam.formats.shared.stamps import guess_unit, parse_stamps
+from mqslam.formats.poses import make_trajectory, read_yaw, round_yaw
+from mqslam.formats.stamps import guess_unit, parse_stamps
+from mqslam.formats.text import read_lines
+
+_REMEDY = "give a TUM trajectory"
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
@@ -38,11 +41,7 @@ def read_tum(path: Path) -> Trajectory:
     """
     times: list[str] = []
     poses: list[tuple[float, float, float]] = []
-    try:
-        text = untrusted.read_text(path, "utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(path, "is not a readable text file", "give a TUM trajectory") from error
-    for number, line in enumerate(text.splitlines(), 1):
+    for number, line in enumerate(read_lines(path, _REMEDY), 1):
         words = line.split("#", 1)[0].split()
         if not words:
             continue
@@ -51,14 +50,14 @@ def read_tum(path: Path) -> Trajectory:
             if len(values) != 8 or not np.isfinite(values).all():
                 raise ValueError
         except ValueError:
-            raise DataError(path, f"line {number} is not 't x y z qx qy qz qw'", "give a TUM trajectory") from None
+            raise DataError(path, f"line {number} is not 't x y z qx qy qz qw'", _REMEDY) from None
         times.append(words[0])
         poses.append((values[1], values[2], read_yaw(path, f"line {number}", values[4:])))
     try:
         unit = guess_unit(max((abs(float(time)) for time in times), default=0.0))
         stamps = parse_stamps(times, unit) if unit != "s" else np.array([_parse_stamp(t) for t in times], dtype=np.int64)
     except ValueError as error:
-        raise DataError(path, str(error), "give a TUM trajectory, with stamps in seconds") from error
+        raise DataError(path, str(error), f"{_REMEDY}, with stamps in seconds") from error
     return make_trajectory(path, stamps, np.array(poses, dtype=np.float64).reshape(-1, 3))
 
 

@@ -18,8 +18,7 @@ from mqslam.errors import DataError
 from mqslam.factors.loop_between import CAUCHY
 from mqslam.factors.noise import HUBER
 from mqslam.factors.prior import prior
-from mqslam.formats.graphs.g2o import list_edges
-from mqslam.formats.graphs.stored_graph import StoredGraph
+from mqslam.formats.graphs.g2o import StoredGraph, list_edges
 
 _OFF_M: Final = 0.01  # by which poses of keyframes and graph may differ [m], which are the same numbers rounded
 _REMEDY: Final = "give the folder of a result as `mqslam run` or `mqslam merge` has written it"

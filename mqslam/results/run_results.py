@@ -27,8 +27,7 @@ from mqslam.execution.files import write_json, write_text
 from mqslam.execution.guards.memory import find_peak_mb
 from mqslam.formats.covariances import StampedCovariances, write_covariances
 from mqslam.formats.graphs.g2o import format_g2o
-from mqslam.formats.maps.geojson import write_geojson
-from mqslam.formats.maps.geotiff import write_geotiff
+from mqslam.formats.maps.georeferenced import write_geojson, write_geotiff
 from mqslam.formats.maps.keyframe_folder import FOLDER, write_keyframes
 from mqslam.formats.maps.nav2_map import write_nav2_map
 from mqslam.formats.ply import MapClock, write_ply

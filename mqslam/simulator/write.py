@@ -17,8 +17,8 @@ from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.errors import ConfigError, suggest
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import claim_folder, make_folder, write_folder_aside
-from mqslam.formats.odometry_files import write_twists
 from mqslam.formats.recordings import oxford
+from mqslam.formats.trajectories import write_twists
 from mqslam.simulator.city import give_way, make_city_drive, make_city_scene
 from mqslam.simulator.drive import ConstantDrive, Drive, clear_way, make_loop_drive, make_tunnel_drive
 from mqslam.simulator.in_memory import SimulatedRecording, simulate_recording

@@ -21,9 +21,9 @@ from mqslam.detection.stage import detect_all
 from mqslam.execution import local_engine, worker_processes
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.runner import Runner
+from mqslam.formats import images as images_module
+from mqslam.formats.images import decode_grey
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.shared import images as images_module
-from mqslam.formats.shared.images import decode_grey
 
 
 @pytest.mark.parametrize("kind", ["bag", "mcap", "npz", "odometry", "settings"])

@@ -164,7 +164,7 @@ def test_an_error_that_a_reader_lets_through(drive: Path, tmp_path: Path, monkey
         raise OverflowError("Python int too large to convert to C long")
 
     with monkeypatch.context() as patch:
-        patch.setattr("mqslam.formats.recordings.oxford.index_rows", fail)
+        patch.setattr("mqslam.formats.recordings.oxford.open_rows", fail)
         said = f"{drive}: is damaged or of another kind (OverflowError: Python int too large to convert to C long)"
         assert_refused(run_quickly(drive, tmp_path / "out"), said)
         assert_refused(mqslam("info", drive), said)

@@ -53,11 +53,3 @@ def test_a_file_of_anything_else_is_refused_with_its_line(tmp_path: Path, text: 
     with pytest.raises(DataError) as caught:
         read_covariances(tmp_path / "c.csv")
     assert problem in str(caught.value) and "give covariances.csv as a run writes it" in str(caught.value)
-
-
-@pytest.mark.parametrize("content", [None, b"\xff\xfe\x00"])
-def test_a_file_that_is_no_text_or_not_there_is_refused(tmp_path: Path, content: bytes | None) -> None:
-    if content is not None:
-        (tmp_path / "c.csv").write_bytes(content)
-    with pytest.raises(DataError, match="does not exist" if content is None else "is not a readable text file"):
-        read_covariances(tmp_path / "c.csv")

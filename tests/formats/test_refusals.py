@@ -16,8 +16,8 @@ from support.layouts import assert_alike_polar_scan, left_turn
 from mqslam.core.recording import PolarScan
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, OutputError
+from mqslam.formats import bags
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.shared import bag_writer
 
 
 def counter_clockwise() -> Turns:
@@ -145,7 +145,7 @@ def test_a_full_disk_is_an_error_of_the_output(
     def full(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr(bag_writer.Bag, "write", full)
+    monkeypatch.setattr(bags.Bag, "write", full)
     with pytest.raises(OutputError, match=rf"{layout}.*: cannot be written \((No space left on device|disk is full)\)"):
         convert(left_turn(), tmp_path, layout)
     assert list(tmp_path.iterdir()) == []

@@ -134,14 +134,6 @@ def test_a_run_of_ones_own_is_read_from_its_folder(drive: Trajectory, tmp_path: 
     assert_same(read_trajectory(tmp_path), read_tum(tmp_path / "trajectory.tum"), atol=0.0)
 
 
-def test_a_file_that_is_missing_is_sought_beside_its_path(drive: Trajectory, tmp_path: Path) -> None:
-    write_tum(tmp_path / "trajectory.tum", drive)
-    with pytest.raises(DataError, match=r"trajektory\.tum: does not exist; did you mean trajectory\.tum\?"):
-        read_trajectory(tmp_path / "trajektory.tum")
-    with pytest.raises(DataError, match="does not exist; check the path"):
-        read_trajectory(tmp_path / "away" / "trajectory.tum")
-
-
 def test_a_folder_without_or_with_several_trajectories_is_named(drive: Trajectory, tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"is a folder, but neither a ROS 2 bag nor a result of mqslam, KISS-ICP, KISS-SLAM"):
         read_trajectory(tmp_path)

@@ -7,16 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.typesys import get_types_from_msg
 from scipy.spatial.transform import Rotation
-from support.recordings import KINDS, START_US, Bag, bag_path, bag_writer
+from support.recordings import KINDS, START_US, TF, Bag, bag_path, bag_writer
 
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.trajectories import read_trajectory
 
-TF = "tf2_msgs/msg/TFMessage"
 STEPS = 21
 STAMPS = START_US + 50_000 * np.arange(STEPS)
 CORRECTIONS = START_US - 20_000 + 200_000 * np.arange(6)
@@ -24,31 +22,22 @@ WHEELS = se2.exp(np.tile([4.0, 0.0, 0.8], (STEPS, 1)), 0.05 * np.arange(STEPS)) 
 DRIFT = np.c_[0.1 * np.arange(6), np.zeros(6), np.zeros(6)]  # map -> odom
 
 
-def link(bag: Bag, stamp_us: int, names: tuple[str, str], pose: Any, lean: Rotation | None = None) -> Any:
-    """Makes the transform of a frame in its parent: x, y [m], yaw [rad], and a rotation before that."""
-    types = bag.store.types
-    x, y, yaw = pose
-    turn = Rotation.from_euler("z", yaw) * (lean or Rotation.identity())
-    header = bag.header(stamp_us)
-    header.frame_id = names[0]
-    move = types["geometry_msgs/msg/Vector3"](float(x), float(y), 0.3)
-    transform = types["geometry_msgs/msg/Transform"](move, types["geometry_msgs/msg/Quaternion"](*turn.as_quat().tolist()))
-    return types["geometry_msgs/msg/TransformStamped"](header, names[1], transform)
-
-
 class Tree:
     """A bag of transforms being filled."""
 
     def __init__(self, bag: Bag) -> None:
         self.bag = bag
-        if TF not in bag.store.types:
-            bag.store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", TF))
         self.topics: dict[str, Any] = {}
 
-    def add(self, stamp_us: int, names: tuple[str, str], pose: Any, topic: str = "/tf", **more: Any) -> None:
+    def add(
+        self, stamp_us: int, names: tuple[str, str], pose: Any, topic: str = "/tf", lean: Rotation | None = None
+    ) -> None:
+        """Adds the transform of a frame in its parent: x, y [m], yaw [rad], and a rotation before that."""
         if topic not in self.topics:
             self.topics[topic] = self.bag.topic(topic, TF)
-        message = self.bag.store.types[TF]([link(self.bag, stamp_us, names, pose, **more)])
+        x, y, yaw = pose
+        turn = Rotation.from_euler("z", yaw) * (lean or Rotation.identity())
+        message = self.bag.transform(stamp_us, names, (x, y, 0.3), turn.as_quat())
         self.bag.write(self.topics[topic], stamp_us, message)
 
     def drive(self, slash: str = "", body: str = "base_link") -> None:

@@ -11,7 +11,7 @@ from support.commands import mqslam
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.evaluation import evaluate
-from mqslam.formats.trajectories.boreas_odometry import write_boreas_odometry
+from mqslam.formats.trajectories import write_boreas_odometry
 from mqslam.simulator import simulate
 
 SEQUENCE = "boreas-2021-01-26-10-59"

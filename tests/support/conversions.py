@@ -15,7 +15,7 @@ from support.recordings import START_US, TURN_US, bag_writer, circle, with_metad
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.formats.conversion import write_recording
 from mqslam.formats.recordings import list_targets, open_recording
-from mqslam.formats.shared.target import Target
+from mqslam.formats.recordings.layout import Target
 from mqslam.formats.tum import write_tum
 
 BAGS = ("rosbag1", "mcap", "rosbag2", "rosbag2_mcap")

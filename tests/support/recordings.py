@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
+from mqslam.formats.recordings import open_recording
 
 START_US = 1_700_000_000_000_000
 TURN_US = 250_000
@@ -77,6 +78,9 @@ def circle(stamps_us: NDArray[np.int64]) -> Trajectory:
     return Trajectory(stamps_us, np.column_stack([50 * np.sin(yaw), 50 * (1 - np.cos(yaw)), yaw]))
 
 
+TF = "tf2_msgs/msg/TFMessage"
+
+
 @dataclass
 class Bag:
     """A bag being written: ROS 1, ROS 2 with sqlite, or a bare mcap."""
@@ -95,10 +99,10 @@ class Bag:
         serialise = self.store.serialize_ros1 if self.is_ros1 else self.store.serialize_cdr
         self.writer.write(connection, stamp_us * 1000, serialise(message, connection.msgtype))
 
-    def header(self, stamp_us: int) -> Any:
+    def header(self, stamp_us: int, frame: str = "radar") -> Any:
         stamp = self.store.types["builtin_interfaces/msg/Time"](stamp_us // 1_000_000, stamp_us % 1_000_000 * 1000)
         header = self.store.types["std_msgs/msg/Header"]
-        return header(0, stamp, "radar") if self.is_ros1 else header(stamp, "radar")
+        return header(0, stamp, frame) if self.is_ros1 else header(stamp, frame)
 
     def image(self, stamp_us: int, pixels: NDArray[np.uint8], encoding: str = "mono8") -> Any:
         height, width = pixels.shape
@@ -131,6 +135,22 @@ class Bag:
     def pose_stamped(self, stamp_us: int, pose: NDArray[np.float64]) -> Any:
         return self.store.types["geometry_msgs/msg/PoseStamped"](self.header(stamp_us), self._pose(pose))
 
+    def transform(self, stamp_us: int, names: tuple[str, str], move: Any, turn: Any = (0.0, 0.0, 0.0, 1.0)) -> Any:
+        """Makes a message with the place x, y, z and the quaternion x, y, z, w of the second frame in the first."""
+        types = self.store.types
+        vector = types["geometry_msgs/msg/Vector3"](*map(float, move))
+        motion = types["geometry_msgs/msg/Transform"](vector, types["geometry_msgs/msg/Quaternion"](*map(float, turn)))
+        parent, child = names
+        return types[TF]([types["geometry_msgs/msg/TransformStamped"](self.header(stamp_us, parent), child, motion)])
+
+    def scan(self, stamp_us: int, ranges: Any = (1, 2, 3, 4, 5), intensities: Any = (), **changed: float) -> Any:
+        """Makes a lidar's scan that begins at -1 rad, in steps of 0.5 rad, in the frame called radar."""
+        limits = {"angle_min": -1.0, "angle_max": 1.0, "angle_increment": 0.5, "time_increment": 1e-3, "scan_time": 0.1}
+        limits |= {"range_min": 0.1, "range_max": 30.0, **changed}
+        ranges, intensities = (np.asarray(numbers, np.float32) for numbers in (ranges, intensities))
+        scan = self.store.types["sensor_msgs/msg/LaserScan"]
+        return scan(header=self.header(stamp_us), ranges=ranges, intensities=intensities, **limits)
+
     def _pose(self, pose: NDArray[np.float64]) -> Any:
         x, y, yaw = pose
         point = self.store.types["geometry_msgs/msg/Point"](x, y, 0.0)
@@ -146,6 +166,8 @@ class bag_writer:
         self.folder = path.with_name(path.name + ".parts") if kind == "mcap" else path
         store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
         store.register(get_types_from_msg(B_SCAN, "navtech_msgs/msg/RadarBScanMsg"))
+        if TF not in store.types:
+            store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", TF))
         plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
         writer = Writer1(path) if kind == "ros1" else Writer2(self.folder, version=8, storage_plugin=plugin)
         self.bag = Bag(writer, store)
@@ -188,6 +210,24 @@ def write_bag(recording: Recording, path: Path, kind: str, topic: str = "/Navtec
         for stamp, connection, message in sorted(messages, key=lambda entry: entry[0]):
             bag.write(connection, stamp, message)
     return path
+
+
+def write_turns(
+    oxford: Path,
+    path: Path,
+    kind: str,
+    make: Callable[[Bag, int, NDArray[np.uint8]], Any],
+    topic: str = "/Navtech/Polar",
+    late_us: int = 0,
+) -> Recording:
+    """Writes one message for each polar scan of a folder, made of its stamp and rows, and opens the bag."""
+    with bag_writer(path, kind) as bag:
+        connection = None
+        for stamp, rows in raw_rows(open_recording(oxford)):
+            message = make(bag, stamp + late_us, rows)
+            connection = connection or bag.topic(topic, message.__msgtype__)
+            bag.write(connection, stamp + late_us, message)
+    return open_recording(path)
 
 
 def assert_same(a: Recording, b: Recording) -> None:

@@ -41,14 +41,14 @@ from support.sensors import (
 
 from mqslam.config import Config, dump_yaml
 from mqslam.core.trajectory import Trajectory
+from mqslam.formats.bags import TF_TYPE
+from mqslam.formats.bags import write_bag as write_result_bag
 from mqslam.formats.covariances import StampedCovariances, write_covariances
 from mqslam.formats.lidars import laserscan
 from mqslam.formats.maps.keyframe_folder import write_keyframes
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.recordings.native import write as write_native
 from mqslam.formats.recordings.rosbag import write as write_own_bag
-from mqslam.formats.shared.bag_writer import TF_TYPE
-from mqslam.formats.shared.bag_writer import write_bag as write_result_bag
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import write_tum
 

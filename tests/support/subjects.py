@@ -37,9 +37,8 @@ from mqslam.config import Config, load_config
 from mqslam.formats.clouds import read_cloud
 from mqslam.formats.graphs.gtsam_text import read_gtsam
 from mqslam.formats.lidars import carmen, laserscan
-from mqslam.formats.recordings import read_odometry
 from mqslam.formats.sensors import read_fixes, read_gyroscope
-from mqslam.formats.trajectories import read_trajectory
+from mqslam.formats.trajectories import read_odometry, read_trajectory
 
 
 @dataclass(frozen=True)

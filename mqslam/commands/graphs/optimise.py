@@ -13,8 +13,7 @@ from mqslam.errors import ConfigError, DataError, EstimationError, OutputError, 
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import check_writable
 from mqslam.formats.graphs import gtsam_text
-from mqslam.formats.graphs.g2o import format_poses_and_edges, list_edges, read_g2o, read_text, replace_poses
-from mqslam.formats.graphs.stored_graph import StoredGraph
+from mqslam.formats.graphs.g2o import StoredGraph, format_poses_and_edges, list_edges, read_g2o, replace_poses
 from mqslam.formats.tum import read_tum, write_tum
 
 _SUFFIXES = (".g2o", ".tum")
@@ -63,7 +62,7 @@ def optimise_file(
         is_g2o = values is None
         write_text(
             out,
-            replace_poses(read_text(graph), optimum.values)
+            replace_poses(graph, optimum.values)
             if is_g2o
             else format_poses_and_edges(stored.factors, optimum.values, stored.keys),
         )

@@ -18,12 +18,13 @@ from mqslam.core.sensors.mount import RADAR, VEHICLE, Mount
 from mqslam.core.sensors.sensors import Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError, Remedy, suggest
-from mqslam.formats.recordings import open_recording, read_odometry
-from mqslam.formats.recordings.clipped import clip
+from mqslam.formats.recordings import open_recording
+from mqslam.formats.recordings.derived import clip
+from mqslam.formats.recordings.layout import Topics
 from mqslam.formats.sensors import read_fixes, read_gyroscope
 from mqslam.formats.sensors.reading import Reading
-from mqslam.formats.shared.sensing import Topics
-from mqslam.formats.shared.stamps import guess_stated_unit
+from mqslam.formats.stamps import guess_stated_unit
+from mqslam.formats.trajectories import read_odometry
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -11,10 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.errors import DataError, untrusted
-from mqslam.formats.graphs.stored_graph import StoredGraph
+from mqslam.formats.text import read_lines, read_text
 
 if TYPE_CHECKING:
     import gtsam
+
+_TAGS: Final = ("VERTEX", "EDGE", "FIX")  # begin the lines of any g2o file, also those that are not understood here
+_TRAJECTORY_WIDTHS: Final = (8, 12)  # numbers in a line of TUM (a stamp, a place and a quaternion) and of KITTI (a matrix)
+_LARGEST: Final = 1e18  # of a pose or an information: squares and products of larger ones overflow
+_LARGEST_NUMBER: Final = 2**56 - 1  # by definition: GTSAM keeps letters in the bits above
+_TURNED: Final = [3, 4, 5, 0, 1, 2]  # GTSAM has the rotation first, g2o the place
 
 
 class _Kind(NamedTuple):
@@ -52,12 +59,9 @@ class _Edge(NamedTuple):
 
 
 _PLANAR: Final = _Kind("VERTEX_SE2", "EDGE_SE2", 3, 3)
+
 _SPATIAL: Final = _Kind("VERTEX_SE3:QUAT", "EDGE_SE3:QUAT", 7, 6)
-_TAGS: Final = ("VERTEX", "EDGE", "FIX")  # begin the lines of any g2o file, also those that are not understood here
-_TRAJECTORY_WIDTHS: Final = (8, 12)  # numbers in a line of TUM (a stamp, a place and a quaternion) and of KITTI (a matrix)
-_LARGEST: Final = 1e18  # of a pose or an information: squares and products of larger ones overflow
-_LARGEST_NUMBER: Final = 2**56 - 1  # by definition: GTSAM keeps letters in the bits above
-_TURNED: Final = [3, 4, 5, 0, 1, 2]  # GTSAM has the rotation first, g2o the place
+
 _REMEDY: Final = f"give a graph of {_PLANAR.vertex} and {_PLANAR.edge}, or of {_SPATIAL.vertex} and {_SPATIAL.edge}"
 
 
@@ -108,15 +112,18 @@ def list_edges(factors: gtsam.NonlinearFactorGraph) -> list[gtsam.BetweenFactorP
     return [factor for factor in map(factors.at, range(factors.size())) if isinstance(factor, edges)]
 
 
-def replace_poses(text: str, values: gtsam.Values) -> str:
-    """Returns a graph's text with other poses; all other lines stay as they are.
+def replace_poses(path: Path, values: gtsam.Values) -> str:
+    """Returns the text of a file that `read_g2o` reads with other poses; all other lines stay as they are.
 
     Args:
-        text: as `read_g2o` reads it.
+        path: the file.
         values: of its vertices, by their numbers.
+
+    Raises:
+        DataError: the file cannot be read.
     """
     lines = []
-    for line in text.splitlines():
+    for line in read_text(path, _REMEDY).splitlines():
         words = line.split()
         if words and words[0] in (_PLANAR.vertex, _SPATIAL.vertex):
             _, pose = _read_value(values, int(words[1]))
@@ -138,7 +145,7 @@ def read_g2o(path: Path) -> StoredGraph:
     """
     import gtsam
 
-    words = [(number, line.split()) for number, line in enumerate(read_text(path).splitlines(), 1)]
+    words = [(number, line.split()) for number, line in enumerate(read_lines(path, _REMEDY), 1)]
     lines = [(number, some) for number, some in words if some and not some[0].startswith("#")]
     if lines and not any(some[0].startswith(_TAGS) for _, some in lines):
         raise DataError(path, f"is no g2o graph{_guess_content(lines[0][1])}", _REMEDY)
@@ -164,26 +171,12 @@ def read_edges(path: Path) -> tuple[list[tuple[int, int]], int]:
     Raises:
         DataError: the file cannot be read or is no graph.
     """
+    words = [line.split() for line in read_lines(path, _REMEDY) if line]
     try:
-        words = [line.split() for line in untrusted.read_text(path).splitlines()]
-        edges = [(int(w[1]), int(w[2])) for w in words if w and w[0] == _PLANAR.edge]
-        return edges, sum(bool(w) and w[0] == _PLANAR.vertex for w in words)
-    except (OSError, ValueError, IndexError) as error:
+        edges = [(int(w[1]), int(w[2])) for w in words if w[0] == _PLANAR.edge]
+        return edges, sum(w[0] == _PLANAR.vertex for w in words)
+    except (ValueError, IndexError) as error:
         raise DataError(path, "is not a readable pose graph", "give the folder of a finished run") from error
-
-
-def read_text(path: Path) -> str:
-    """Reads the text of a graph.
-
-    Raises:
-        DataError: the file cannot be read or is no text.
-    """
-    try:
-        return untrusted.read_text(path)
-    except FileNotFoundError as error:
-        raise DataError(path, "does not exist", "check the path") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(path, "is not a readable text file", _REMEDY) from error
 
 
 def _guess_content(words: Sequence[str]) -> str:
@@ -199,17 +192,11 @@ def _guess_content(words: Sequence[str]) -> str:
 def _parse_lines(
     path: Path, lines: Iterable[tuple[int, list[str]]], kind: _Kind
 ) -> tuple[dict[int, list[float]], list[_Edge], set[int]]:
-    """Returns the pose of each vertex, the edges, and the vertices that are held.
-
-    Raises:
-        DataError: a line is not one of a graph of these poses.
-    """
+    """Returns the pose of each vertex, the edges, and the vertices that are held."""
     poses, edges, held = dict[int, list[float]](), list[_Edge](), set[int]()
     for line, words in lines:
-        tag, counts = (
-            words[0],
-            {kind.vertex: (1, kind.size), kind.edge: (2, kind.size + kind.upper), "FIX": (len(words) - 1, 0)},
-        )
+        tag = words[0]
+        counts = {kind.vertex: (1, kind.size), kind.edge: (2, kind.size + kind.upper), "FIX": (len(words) - 1, 0)}
         if tag not in counts:
             raise DataError(path, f"line {line} is {tag[:40]}, which is not understood in a graph of {kind.vertex}", _REMEDY)
         ends, numbers = _parse_words(words, *counts[tag])
@@ -229,9 +216,8 @@ def _parse_lines(
         raise DataError(path, f"holds {len(poses)} poses and {len(edges)} edges", _REMEDY)
     for line, (a, b), _ in edges:
         if a == b or not {a, b} <= poses.keys():
-            what = (
-                f"the vertex {a} with itself" if a == b else f"the vertex {min({a, b} - poses.keys())}, which is not there"
-            )
+            missing = min({a, b} - poses.keys(), default=a)
+            what = f"the vertex {a} with itself" if a == b else f"the vertex {missing}, which is not there"
             raise DataError(path, f"line {line} joins {what}", "give every vertex, and edges between two of them")
     if not held <= poses.keys():
         raise DataError(path, f"holds the vertex {min(held - poses.keys())}, which is not there", "give every vertex")
@@ -249,11 +235,7 @@ def _parse_words(words: Sequence[str], ends: int, count: int) -> tuple[list[int]
 
 
 def _make_informations(path: Path, edges: Sequence[_Edge], kind: _Kind) -> NDArray[np.float64]:
-    """Returns the information matrix of every edge in GTSAM's order.
-
-    Raises:
-        DataError: one is not positive definite.
-    """
+    """Returns the information matrix of every edge in GTSAM's order."""
     matrices = np.zeros((len(edges), kind.width, kind.width))
     rows, columns = np.triu_indices(kind.width)
     matrices[:, rows, columns] = matrices[:, columns, rows] = [edge.numbers[kind.size :] for edge in edges]
@@ -307,3 +289,20 @@ def _find_information(factor: gtsam.BetweenFactorPose2 | gtsam.BetweenFactorPose
 def _join(numbers: Iterable[float], digits: int = 9) -> str:
     """Returns numbers in a line."""
     return " ".join(f"{number:.{digits}g}" for number in numbers)
+
+
+@dataclass(frozen=True, slots=True)
+class StoredGraph:
+    """A graph, and where its poses begin.
+
+    Args:
+        factors: the graph.
+        values: the values of all variables, as the file has them.
+        keys: of the poses, Pose2 or Pose3, in the order of their keys.
+        held: keys of the poses that stay where they are, so that they hold the graph; none where its factors do that.
+    """
+
+    factors: gtsam.NonlinearFactorGraph
+    values: gtsam.Values
+    keys: tuple[int, ...]
+    held: tuple[int, ...] = ()

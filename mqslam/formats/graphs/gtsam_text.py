@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.guards.apart import ProcessFailed, call_apart
-from mqslam.formats.graphs.stored_graph import StoredGraph
+from mqslam.formats.graphs.g2o import StoredGraph
 
 if TYPE_CHECKING:
     import gtsam
@@ -69,11 +69,7 @@ def write_again(words: list[str]) -> bytes:
 
 
 def _read_again(path: Path, kind: str) -> str:
-    """Returns an archive as a process of its own has read and written it.
-
-    Raises:
-        DataError: the file cannot be read, or that process does not come to its end.
-    """
+    """Returns an archive as a process of its own has read and written it."""
     if not path.exists():
         raise DataError(path, "does not exist", "check the path")
     if not recognises(path):

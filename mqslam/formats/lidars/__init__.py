@@ -7,8 +7,8 @@ from pathlib import Path
 from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core.sensors.lidar import LidarRecording
 from mqslam.errors import untrusted
+from mqslam.formats import bags
 from mqslam.formats.lidars import carmen, laserscan
-from mqslam.formats.shared import bags
 
 
 @untrusted.reads_file

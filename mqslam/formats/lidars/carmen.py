@@ -8,8 +8,13 @@ is stated by a setting or by the log's parameters, or the log is refused.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import codecs
+import gzip
+import zlib
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,26 +26,14 @@ from mqslam.core.scans import Returns
 from mqslam.core.sensors.lidar import LidarRecording, stamp_scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
-from mqslam.errors import DataError
-from mqslam.formats.lidars.carmen_lines import CarmenLog, OdometryLine, ScanLine, read_log
-from mqslam.formats.shared.stamps import mark_increasing, parse_stamps
+from mqslam.errors import DataError, untrusted
+from mqslam.formats.stamps import mark_increasing, parse_stamps
 
-# A lidar log is clipped at its longest range if more than this share of its readings have that range.
-_LIDAR_CLIP_SHARE = 1e-3
-# Least number of readings at the longest range of a lidar log that is clipped there.
-_LIDAR_CLIP_COUNT = 10
-# No lidar log is clipped at a range below this [m].
-_LIDAR_CLIP_M = 3.0
-# Poses in a lidar log that differ by less than this [m] count as equal: it is written to centimetres.
-_LIDAR_SAME_M = 0.01
-# Headings in a lidar log that differ by less than this [rad] count as equal.
-_LIDAR_SAME_RAD = 0.01
-# Poses beside the scans of a lidar log that stay within this [m] of its odometry are the odometry's own, and no SLAM has
-# corrected them.
-_LIDAR_SAME_TRACK_M = 0.05
-# Headings beside the scans of a lidar log that stay within this [rad] of its odometry are the odometry's own.
-_LIDAR_SAME_TRACK_RAD = 0.02
-
+# A log is clipped at its longest range, if that is no shorter, where more readings have it than this share and this number.
+_CLIP_M, _CLIP_SHARE, _CLIP_COUNT = 3.0, 1e-3, 10
+_SAME = np.array([0.01, 0.01, 0.01])  # poses [m, m, rad] that differ by less are equal: a log is written to centimetres
+# Poses [m, m, rad] beside the scans that stay this near to the odometry are the odometry's own: no SLAM has corrected them.
+_SAME_TRACK = np.array([0.05, 0.05, 0.02])
 _ENDINGS = (".log", ".log.gz", ".clf", ".clf.gz")
 _ERROR_CODES_M = 81.82  # SICK lidars write what they could not measure as 81.83 m to 81.91 m
 _CLIP_TOLERANCE_M = 1e-6  # ranges are written with fewer digits
@@ -50,6 +43,9 @@ _FIELDS_OF_VIEW = ("laser_front_laser_fov", "laser_laser1_fov")  # parameters [d
 _LEAST_FOV_DEG, _FULL_DEG = 10.0, 360.0  # what a lidar sweeps; a smaller number may be in radians
 _FEW = 90  # readings of no lidar that is known: more than two degrees apart over half a turn
 _MOST_METRES, _MOST_OFFSET_M = 100.0, 2.0  # larger maxima and offsets among the parameters are in centimetres
+_LONGEST_LINE = 1 << 20  # [bytes] longer lines would fill the memory
+_GZIP_MAGIC = b"\x1f\x8b"
+_MOST_EXPANSION = 100  # a file may unpack to this many times its size: numbers pack to a tenth
 
 
 def recognises(path: Path) -> bool:
@@ -118,11 +114,7 @@ def _choose_scans(
 def _spread_readings(
     path: Path, scans: list[ScanLine], parameters: dict[str, float], settings: ReadingConfig
 ) -> tuple[list[ScanLine], list[str]]:
-    """Returns FLASER scans with the angles that the user or the log's parameters state, and a note.
-
-    Raises:
-        DataError: nobody states what their readings sweep, and their number does not tell it.
-    """
+    """Returns FLASER scans with the angles that the user or the log's parameters state, and a note."""
     fov_deg, whose = settings.lidar_fov_deg, "reading.lidar_fov_deg"
     for name in _FIELDS_OF_VIEW if fov_deg is None else ():
         if _LEAST_FOV_DEG <= parameters.get(name, 0.0) <= _FULL_DEG:
@@ -174,8 +166,7 @@ def _find_ceiling(ranges: NDArray[np.float64], readings: int, parameters: dict[s
     """
     longest = float(ranges.max(initial=0.0))
     clipped = int(np.count_nonzero(ranges >= longest - _CLIP_TOLERANCE_M))
-    often = clipped > max(_LIDAR_CLIP_COUNT, _LIDAR_CLIP_SHARE * readings)
-    if longest >= _LIDAR_CLIP_M and often:
+    if longest >= _CLIP_M and clipped > max(_CLIP_COUNT, _CLIP_SHARE * readings):
         return longest - _CLIP_TOLERANCE_M
     named = parameters.get("robot_front_laser_max", 0.0)
     named = named if named <= _MOST_METRES else named / 100.0
@@ -192,11 +183,8 @@ def _find_mount(sensor: se2.Array, robot: se2.Array, parameters: dict[str, float
     named = np.array([offset if abs(offset) <= _MOST_OFFSET_M else offset / 100.0, 0.0, 0.0])
     apart = se2.wrapped_between(robot, sensor)
     shown = np.median(apart, axis=0)
-    off = np.abs(apart - shown)
-    same_m, same_rad = _LIDAR_SAME_M, _LIDAR_SAME_RAD
-    rigid = bool(off[:, :2].max() < same_m and off[:, 2].max() < same_rad)
-    separate = bool(np.any(np.abs(shown) > [same_m, same_m, same_rad]))
-    return (shown if rigid and separate else named), rigid
+    rigid = bool((np.abs(apart - shown) < _SAME).all())
+    return (shown if rigid and np.any(np.abs(shown) > _SAME) else named), rigid
 
 
 def _chain_odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]) -> tuple[Trajectory | None, list[str]]:
@@ -243,5 +231,164 @@ def _is_same_motion(a: Trajectory, b: Trajectory) -> bool:
     """Returns whether two trajectories differ only in the frame they start in, by centimetres at the stamps of the first."""
     one, other = a.poses, b.at(a.stamps_us)
     apart = se2.wrapped_between(se2.between(one[0], one), se2.between(other[0], other))
-    limits = [_LIDAR_SAME_TRACK_M, _LIDAR_SAME_TRACK_M, _LIDAR_SAME_TRACK_RAD]
-    return bool(np.all(np.abs(apart) < limits))
+    return bool(np.all(np.abs(apart) < _SAME_TRACK))
+
+
+@dataclass(frozen=True, slots=True)
+class ScanLine:
+    """A FLASER or ROBOTLASER1 line.
+
+    Args:
+        stamp: as written [s].
+        ranges: (n,) [m].
+        angles: (n,) [rad] counter-clockwise from straight ahead.
+        remissions: (n,) 0 where the line has none.
+        maximum_m: the range the line names as the sensor's maximum [m], or inf.
+        sensor: (3,) pose of the lidar.
+        robot: (3,) pose of the robot.
+        odometry_above: number of ODOM lines above this one.
+    """
+
+    stamp: str
+    ranges: NDArray[np.float64]
+    angles: NDArray[np.float64]
+    remissions: NDArray[np.float64]
+    maximum_m: float
+    sensor: NDArray[np.float64]
+    robot: NDArray[np.float64]
+    odometry_above: int
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryLine:
+    """An ODOM line.
+
+    Args:
+        stamp: as written [s].
+        pose: (3,) pose of the robot.
+        anchored: whether it moves the odometry to the pose of the scan line before it and measures nothing: it repeats
+            that pose, and its stamp lies before those of the lines above.
+    """
+
+    stamp: str
+    pose: NDArray[np.float64]
+    anchored: bool
+
+
+@dataclass(frozen=True, slots=True)
+class CarmenLog:
+    """The content of a log in its order; `messages` counts all kinds of lines, also those that are not kept."""
+
+    scans: dict[str, list[ScanLine]] = field(default_factory=lambda: {"FLASER": [], "ROBOTLASER1": []})
+    odometry: list[OdometryLine] = field(default_factory=list)
+    parameters: dict[str, float] = field(default_factory=dict)
+    messages: Counter[str] = field(default_factory=Counter)
+
+
+def read_log(path: Path) -> CarmenLog:
+    """Reads a log, compressed by gzip or not.
+
+    Raises:
+        DataError: the log cannot be read, or a line is cut short or holds something other than numbers.
+    """
+    log = CarmenLog()
+    before: ScanLine | OdometryLine | None = None
+    latest = -np.inf
+    for number, line in _read_lines(path):
+        words = line.split()
+        kind = words[0] if words else "#"
+        if kind.startswith("#"):
+            continue
+        log.messages[kind] += 1
+        try:
+            if kind in log.scans:
+                before = (_parse_flaser if kind == "FLASER" else _parse_robotlaser)(words, len(log.odometry))
+                log.scans[kind].append(before)
+            elif kind == "ODOM":
+                pose, stamp = _parse_finite(words[1:4], 3), float(words[7])
+                repeats = isinstance(before, ScanLine) and np.array_equal(pose, before.sensor)
+                before = OdometryLine(words[7], pose, repeats and not stamp >= latest)
+                log.odometry.append(before)
+                latest = latest if before.anchored else stamp
+            elif kind == "PARAM" and len(words) > 2:
+                with suppress(ValueError):  # others are words
+                    log.parameters[words[1]] = float(_parse_finite(words[2:3], 1)[0])
+        except (ValueError, IndexError):
+            remedy = "remove the line, or copy the log anew"
+            raise DataError(path, f"line {number} is no whole {kind} message of numbers", remedy) from None
+    return log
+
+
+def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Reads the lines of a log with their numbers; a line is never held beyond a mebibyte."""
+    limit = _LONGEST_LINE + _MOST_EXPANSION * path.stat().st_size if path.exists() else 0
+    try:
+        with (
+            untrusted.check_file(path).open("rb") as plain,
+            gzip.open(plain) if plain.peek(2)[:2] == _GZIP_MAGIC else plain as lines,
+        ):
+            number = unpacked = 0
+            while line := lines.readline(_LONGEST_LINE):
+                number += 1
+                line = line.removeprefix(codecs.BOM_UTF8) if number == 1 else line
+                unpacked += len(line)
+                if unpacked > limit:
+                    raise DataError(path, f"unpacks to more than {limit / 1e6:.0f} MB", "give a CARMEN log")
+                if len(line) == _LONGEST_LINE:
+                    raise DataError(path, f"line {number} does not end", "give a CARMEN log")
+                yield number, line.decode("ascii", errors="replace")
+    except (OSError, EOFError, zlib.error) as error:
+        raise DataError(path, f"is not a readable log ({str(error) or type(error).__name__})", "copy it anew") from error
+
+
+def _parse_flaser(words: list[str], above: int) -> ScanLine:
+    """Parses the words of a FLASER line, with the number of ODOM lines above it."""
+    count = int(words[1])
+    ranges, tail = _parse_numbers(words[2:], count), words[2 + count :]
+    step = np.pi / max(count - count % 2, 1)
+    angles = -np.pi / 2 + step * np.arange(count, dtype=np.float64)
+    poses = _parse_finite(tail[:6], 6)
+    return ScanLine(_check_stamp(tail[6]), ranges, angles, np.zeros(count), np.inf, poses[:3], poses[3:], above)
+
+
+def _parse_robotlaser(words: list[str], above: int) -> ScanLine:
+    """Parses the words of a ROBOTLASER1 line, with the number of ODOM lines above it."""
+    start, view, resolution, maximum = (float(words[column]) for column in (2, 3, 4, 5))
+    count = int(words[8])
+    if resolution <= 0.0:  # some programs leave it out
+        resolution = _parse_finite([view], 1)[0] / max(count - 1, 1)
+    if resolution <= 0.0:
+        raise ValueError(words[3])
+    ranges, rest = _parse_numbers(words[9:], count), words[9 + count :]
+    reflected = int(rest[0])
+    remissions, tail = _parse_numbers(rest[1:], reflected), rest[1 + reflected :]
+    poses = _parse_finite(tail[:6], 6)
+    angles = _parse_finite([start, resolution], 2)[0] + resolution * np.arange(count)
+    remissions = remissions if reflected == count else np.zeros(count)
+    limit = maximum if maximum > 0.0 else np.inf
+    return ScanLine(_check_stamp(tail[11]), ranges, angles, remissions, limit, poses[:3], poses[3:], above)
+
+
+def _check_stamp(word: str) -> str:
+    """Returns a word, and checks that it is a number."""
+    float(word)
+    return word
+
+
+def _parse_numbers(words: list[str], count: int) -> NDArray[np.float64]:
+    """Parses the first `count` words as numbers.
+
+    Raises:
+        ValueError: there are fewer words, or one is no number.
+    """
+    if not 0 <= count <= len(words):
+        raise ValueError(count)
+    return np.array(words[:count], dtype=np.float64)
+
+
+def _parse_finite(words: list[str] | list[float], count: int) -> NDArray[np.float64]:
+    """Parses all words as `count` finite numbers."""
+    values = np.array(words, dtype=np.float64)
+    if values.shape != (count,) or not np.isfinite(values).all():
+        raise ValueError(words)
+    return values

@@ -17,10 +17,10 @@ from mqslam.core.sensors.lidar import LidarRecording, stamp_scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import DataError
-from mqslam.formats.lidars.mounts import Mounts
-from mqslam.formats.shared import bags
-from mqslam.formats.shared.bags import ODOMETRY_TYPE, POSE_TYPE, POSE_WITH_COVARIANCE_TYPE
-from mqslam.formats.shared.stamps import mark_increasing
+from mqslam.formats import bags
+from mqslam.formats.bags import ODOMETRY_TYPE, POSE_TYPE, POSE_WITH_COVARIANCE_TYPE
+from mqslam.formats.stamps import mark_increasing
+from mqslam.formats.transforms import Mounts
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -35,15 +35,13 @@ _COMMANDS = ("goal", "initialpose", "initial_pose")
 
 @dataclass(slots=True)
 class _ScanIndex:
-    """The result of one pass over a bag: scans with times since their own stamps, poses by topic, frames, mounts."""
+    """The result of one pass over a bag: scans with times since their own stamps, poses, frames, mounts."""
 
     stamps_us: list[int] = field(default_factory=list)
     scans: list[Returns] = field(default_factory=list)
-    poses: dict[str, list[bags.PoseRow]] = field(default_factory=dict)
+    poses: bags.PoseLog = field(default_factory=bags.PoseLog)
     sensor_frame: str = ""
-    body_frame: str = ""
     mounts: Mounts = field(default_factory=Mounts)
-    clock: bags.Clock = field(default_factory=bags.Clock)
 
 
 def holds_scans(path: Path) -> bool:
@@ -81,12 +79,13 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
     if len(scans) < 2 or not any(map(len, scans)):
         problem = f"has {len(scans)} scans with stamps that increase on {topic}, {sum(map(len, scans))} returns in them"
         raise DataError(path, problem, "give a bag in which the lidar moves and sees something")
-    notes = [f"scans from {topic}", *index.clock.notes]
+    notes = [f"scans from {topic}", *index.poses.clock.notes]
     if dropped := len(index.scans) - len(scans):
         notes.append(f"{count_of(dropped, 'scan')} with a stamp that repeats or runs backward: left out")
-    mount = index.mounts.find(index.sensor_frame, index.body_frame)
+    body = index.poses.frames.get(odometry_topic or "", "")
+    mount = index.mounts.find(index.sensor_frame, body)
     stated = index.mounts.topics.get(bags.name_frame(index.sensor_frame), "/tf_static")
-    upside_down = index.mounts.is_upside_down(index.sensor_frame, index.body_frame)
+    upside_down = index.mounts.is_upside_down(index.sensor_frame, body)
     if upside_down:
         notes.append(f"the lidar is mounted upside down, as {stated} states it: its angles are mirrored")
     times, noted = _find_times(stamps, scans)
@@ -97,12 +96,12 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
     notes += noted
     carried = {}
     for what, name in (("odometry", odometry_topic), ("trajectory", pose_topic)):
-        poses = bags.trajectory_of(index.poses.get(name or "", ()))
-        notes += bags.note_left_out(index.poses.get(name or "", ()), name)
-        if poses is not None:
-            how = f"carried to the lidar by {stated}" if mount else "taken as that of the lidar itself"
+        track = index.poses.trajectory(name)
+        notes += index.poses.note_left_out(name)
+        if track is not None:
+            how = "taken as that of the lidar itself" if mount is None else f"carried to the lidar by {stated}"
             notes.append(f"{what} from {name}, {how}")
-            carried[what] = Trajectory(poses.stamps_us, se2.compose(poses.poses, mount.pose)) if mount else poses
+            carried[what] = track if mount is None else Trajectory(track.stamps_us, se2.compose(track.poses, mount))
     timed = stamp_scans(stamps, scans)
     return LidarRecording(path, "laserscan", timed, carried.get("trajectory"), carried.get("odometry"), tuple(notes))
 
@@ -135,19 +134,17 @@ def _read_index(path: Path, reader: AnyReader, topic: str, pose_topics: set[str 
     index = _ScanIndex()
     connections = [c for c in reader.connections if c.topic == topic or c.topic in pose_topics or Mounts.reads(c)]
     for connection, logged, raw in reader.messages(connections):
+        if connection.topic in pose_topics:
+            index.poses.add(reader, connection, logged, raw)
+            continue
         message: Any = reader.deserialize(raw, connection.msgtype)
         if connection.topic == topic:
             with bags.name_message(path, topic, logged):
                 index.scans.append(_parse_scan(message))
-            index.stamps_us.append(index.clock.stamp(topic, message, logged))
+            index.stamps_us.append(index.poses.clock.stamp(topic, message, logged))
             index.sensor_frame = message.header.frame_id
-        elif Mounts.reads(connection):
-            index.mounts.add(message, connection.topic)
         else:
-            stamp = index.clock.stamp(connection.topic, message, logged)
-            index.poses.setdefault(connection.topic, []).append(bags.pose_of(connection.msgtype, message, stamp))
-            if connection.msgtype == ODOMETRY_TYPE:
-                index.body_frame = message.child_frame_id
+            index.mounts.add(message, connection.topic)
     return index
 
 

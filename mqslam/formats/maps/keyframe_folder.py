@@ -26,8 +26,8 @@ from mqslam.core.sensors.tangent_plane import TangentPlane
 from mqslam.core.stored import release
 from mqslam.errors import DataError, OutputError, Remedy, untrusted
 from mqslam.execution.files import write_aside, write_json
-from mqslam.formats.shared.poses import mark_places
-from mqslam.formats.shared.stamps import LATEST_US
+from mqslam.formats.poses import mark_places
+from mqslam.formats.stamps import LATEST_US
 from mqslam.version import __version__
 
 FOLDER: Final = "keyframes"
@@ -158,11 +158,7 @@ def read_keyframes(path: Path) -> KeyframeMap:
 
 
 def _check_numbers(path: Path, numbers: NDArray[Any]) -> None:
-    """Looks through the numbers (N,) of a mapped file, which is taken out of the memory again.
-
-    Raises:
-        DataError: one is not finite, or larger than anything in a map.
-    """
+    """Looks through the numbers (N,) of a mapped file, which is taken out of the memory again."""
     for begin in range(0, len(numbers), _AT_A_TIME):
         if not mark_places(numbers[begin : begin + _AT_A_TIME, None].astype(np.float32)).all():
             raise DataError(path, "holds numbers that are not finite, or far too large", _REMEDY)
@@ -171,11 +167,7 @@ def _check_numbers(path: Path, numbers: NDArray[Any]) -> None:
 
 @untrusted.reads_file
 def _read_index(path: Path) -> dict[str, Any]:
-    """Reads index.json.
-
-    Raises:
-        DataError: it cannot be read, or another version has written it.
-    """
+    """Reads index.json."""
     try:
         index = json.loads(untrusted.read_document(path))
         is_map, version = index["format"] == _FORMAT, int(index["version"])
@@ -206,11 +198,7 @@ def _read_index(path: Path) -> dict[str, Any]:
 
 @untrusted.reads_file
 def _read_array(path: Path, kind: np.dtype[Any], shape: tuple[int | None, ...]) -> NDArray[Any]:
-    """Maps an array of a file; None in the shape is any length.
-
-    Raises:
-        DataError: the file does not hold such an array.
-    """
+    """Maps an array of a file; None in the shape is any length."""
     try:
         array: NDArray[Any] = np.load(
             untrusted.check_file(path), mmap_mode="r" if 0 not in shape else None, allow_pickle=False

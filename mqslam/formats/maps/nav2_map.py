@@ -15,7 +15,7 @@ from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.stored import release
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_aside, write_text
-from mqslam.formats.shared.poses import mark_places
+from mqslam.formats.poses import mark_places
 
 _WIDEST_M = 1e3  # no map has wider cells
 _OCCUPIED = 0

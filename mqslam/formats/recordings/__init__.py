@@ -4,31 +4,16 @@ from __future__ import annotations
 
 import importlib
 from pathlib import Path
-from typing import Protocol, cast
+from typing import cast
 
 from mqslam.core.recording import Recording
 from mqslam.errors import ConfigError, DataError, Remedy, suggest, untrusted
 from mqslam.execution.checkpoint import FOLDER
-from mqslam.formats.odometry_files import read_odometry
-from mqslam.formats.recordings.mirrored import turn_as_told
-from mqslam.formats.shared.bags import explain_packed
-from mqslam.formats.shared.sensing import USUAL_TOPICS, Sensing, Stamp, Topics, is_bin_length
-from mqslam.formats.shared.target import Target
+from mqslam.formats.bags import explain_packed
+from mqslam.formats.recordings.derived import turn_as_told
+from mqslam.formats.recordings.layout import USUAL_TOPICS, Layout, Sensing, Stamp, Target, Topics, is_bin_length
 
-__all__ = ["FORMATS", "list_targets", "open_recording", "read_odometry"]
-
-
-class Layout(Protocol):
-    """The functions that the module of a layout offers; the registry imports the module when it is asked for.
-
-    A layout that can also be written adds `TARGETS`, a tuple of `mqslam.formats.shared.target.Target`.
-    """
-
-    def recognises(self, path: Path) -> bool:
-        """Returns whether the path looks like a recording of this layout; reads names only."""
-
-    def open_recording(self, path: Path, sensing: Sensing) -> Recording:
-        """Indexes the recording; `sensing` overrides what the layout says."""
+__all__ = ["FORMATS", "list_targets", "open_recording"]
 
 
 FORMATS = {

@@ -1,13 +1,17 @@
 """The layouts Boreas and Boreas-RT: `radar/<t>.png` of Oxford rows, with `calib/` or `applanix/` beside it.
 
-Source: github.com/utiasASRL/pyboreas, DATA_REFERENCE.md, DATA_RT_REFERENCE.md, pyboreas/utils. An image and its pose are
-stamped in the middle of the turn (row floor(A / 2) - 1). Poses lie in `applanix/radar_poses.csv`, calibrations in `calib/`,
-readings of other sensors in `applanix/` and `imu/`.
+Source: github.com/utiasASRL/pyboreas, DATA_REFERENCE.md, DATA_RT_REFERENCE.md, pyboreas/utils, and issue 44. An image and
+its pose are stamped in the middle of the turn (row floor(A / 2) - 1). Poses lie in `applanix/radar_poses.csv`, calibrations
+in `calib/`: `T_a_b` takes points of frame b to frame a. The Applanix frame is x right, y forward, z up; the radar's is x
+forward, y right, z down.
+
+Readings of other sensors lie in `applanix/` and `imu/`. What applanix/imu.csv holds in Boreas is the post-processed
+solution, which the ground truth is, too; in Boreas-RT its authors advise against it for the same reason. So it is read only
+where a user names it.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,21 +19,19 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.recording import Recording
+from mqslam.core.sensors.mount import Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
-from mqslam.formats.odometry_files import read_beside, read_stamped
+from mqslam.formats.images import list_stamps, write_png
+from mqslam.formats.poses import make_trajectory
 from mqslam.formats.recordings import oxford
-from mqslam.formats.sensors.boreas_fixes import find_boreas_fixes, read_boreas_fixes
-from mqslam.formats.sensors.boreas_imus import find_boreas_imu, note_unread_imu, read_boreas_imu
-from mqslam.formats.sensors.boreas_mount import read_boreas_mount
-from mqslam.formats.sensors.carried import Carried, read_carried
-from mqslam.formats.shared.azimuth_rows import azimuth_stamps, make_rows_of_chirps
-from mqslam.formats.shared.images import list_stamps, write_png
-from mqslam.formats.shared.poses import make_trajectory
-from mqslam.formats.shared.row_images import RowImageRecording, index_rows
-from mqslam.formats.shared.sensing import Sensing
-from mqslam.formats.shared.target import Target
+from mqslam.formats.recordings.azimuths import azimuth_stamps, make_rows_of_chirps
+from mqslam.formats.recordings.layout import Sensing, Target
+from mqslam.formats.recordings.row_images import RowImageRecording, open_rows
+from mqslam.formats.sensors.csv_files import DMU_NAMES, TO_FORWARD, read_fixes_table, read_gyroscope_table, read_transform
+from mqslam.formats.sensors.reading import add_beside
+from mqslam.formats.tables import read_header, read_stamped
 
 UPGRADE_US = 1_632_182_400_000_000
 """2021-09-21, when another radar was mounted."""
@@ -47,34 +49,55 @@ def recognises(path: Path) -> bool:
 
 
 def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
-    """Indexes a recording of Boreas: names, two images, poses and sensors are read, however long it is.
-
-    Args:
-        path: the recording.
-        sensing: what the user says about the radar.
-
-    Raises:
-        DataError: there are no polar scans, or a file cannot be used.
-    """
+    """Indexes a recording of Boreas: names, two images, poses and sensors are read, however long it is."""
     folder = oxford.find_image_folder(path)
-    images = index_rows(folder, list_stamps(folder), sensing.encoder_size)
-    poses = folder.parent / "applanix" / "radar_poses.csv"
-    truth, faults = read_beside(lambda: _read_poses(poses) if poses.exists() else None)
-    resolution, assumed = sensing.choose_resolution(_find_resolution(int(images.stamps_us[0])), _RADAR)
-    notes = [*assumed, *sensing.note_unused()]
-    recording = images.to_recording(path, "boreas", resolution, ground_truth=truth, notes=notes, faults=faults)
-    return _read_sensors(folder.parent).add_to(replace(recording, is_resolution_assumed=bool(assumed)))
-
-
-def _read_sensors(root: Path) -> Carried:
-    """Reads the sensors of a recording whose folder is `root`."""
-    imu = find_boreas_imu(root)
-    return read_carried(
-        lambda: read_boreas_imu(imu) if imu else None,
-        lambda: read_boreas_fixes(header) if (header := find_boreas_fixes(root)) else None,
-        lambda: read_boreas_mount(root / "calib"),
-        note_unread_imu(root),
+    root = folder.parent
+    recording = open_rows(
+        path,
+        "boreas",
+        folder,
+        list_stamps(folder),
+        lambda start_us: sensing.choose_resolution(_find_resolution(start_us), _RADAR),
+        sensing,
     )
+    poses = root / "applanix" / "radar_poses.csv"
+    imus = (*(root / "imu" / name for name in DMU_NAMES), root / "applanix" / "imu_raw.csv")
+    imu = next((file for file in imus if file.exists()), None)  # the one that the ground truth depends on least
+    unread = root / "applanix" / "imu.csv"
+    dependent = f"{unread} comes out of the solution that the ground truth is, and is not read as a gyroscope"
+    return add_beside(
+        recording,
+        lambda: read_gyroscope_table(imu) if imu else None,
+        lambda: read_fixes_table(fixes) if (fixes := _find_fixes(root)) else None,
+        lambda: _read_mount(root / "calib"),
+        truth=lambda: _read_poses(poses) if poses.exists() else None,
+        notes=[f"{dependent}; name it to use it"] if imu is None and unread.exists() else [],
+    )
+
+
+def _find_fixes(root: Path) -> Path | None:
+    """Returns the file of the fixes, or None where no file names latitude and longitude."""
+    for name in ("gps_post_process.csv", "gps.csv"):
+        file = root / "applanix" / name
+        if file.exists() and {"gpstime", "latitude", "longitude"} <= set(read_header(file, "repair or remove it").names):
+            return file
+    return None
+
+
+def _read_mount(calibration: Path) -> Mount | None:
+    """Reads the pose of the radar in the Applanix frame, or returns None where the calibrations do not state it."""
+    direct = calibration / "T_applanix_radar.txt"
+    to_lidar, from_lidar = calibration / "T_applanix_lidar.txt", calibration / "T_radar_lidar.txt"
+    if direct.exists():
+        matrix, source = read_transform(direct), str(direct)
+    elif to_lidar.exists() and from_lidar.exists():
+        matrix = read_transform(to_lidar) @ np.linalg.inv(read_transform(from_lidar))
+        source = f"{to_lidar} and {from_lidar.name}"
+    else:
+        return None
+    x, y, _ = TO_FORWARD @ matrix[:3, 3]
+    ahead = TO_FORWARD @ matrix[:3, 0]
+    return Mount(np.array([x, y, np.arctan2(ahead[1], ahead[0])]), source)
 
 
 def _find_resolution(start_us: int) -> float:
@@ -97,15 +120,7 @@ def _read_poses(file: Path) -> Trajectory:
 
 
 def write(out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a folder, whole or not at all, one polar scan in memory at a time.
-
-    Returns:
-        Notes for the user on what was lost.
-
-    Raises:
-        DataError: a polar scan cannot be read, or turns counter-clockwise.
-        OutputError: the folder cannot be written.
-    """
+    """Writes a recording as a folder; see `Target`."""
     middles = np.empty(len(recording), dtype=np.int64)
     with write_folder_aside(out) as folder:
         for name in ("radar", "applanix"):

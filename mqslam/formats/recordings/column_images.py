@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.errors import DataError, untrusted
+from mqslam.formats.images import read_first, read_grey, write_png
+from mqslam.formats.recordings.arrivals import estimate_arrivals
+from mqslam.formats.recordings.azimuths import note_spread, spread_azimuths
+from mqslam.formats.recordings.layout import Sensing
 from mqslam.formats.recordings.lost_columns import Restorer
-from mqslam.formats.shared.arrivals import estimate_arrivals
-from mqslam.formats.shared.azimuth_rows import note_spread, spread_azimuths
-from mqslam.formats.shared.images import read_first, read_grey, write_png
-from mqslam.formats.shared.sensing import Sensing
-from mqslam.formats.shared.turns import find_usual_turns, place_turns
+from mqslam.formats.recordings.turns import find_usual_turns, place_turns
 
 _MOST_STEPS = 0.75  # a polar image cannot hold azimuths that lie further than this off even ones [steps]
 _NOTED_DEG = 0.05  # smaller deviations of azimuths from even ones are not worth a note
+_REMEDY = "convert it to a layout that keeps times and angles: oxford, boreas, mulran_oxford, a bag or .npz"
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +54,6 @@ class ColumnImages:
             raise DataError(self.path(name), f"holds {rows} rows by {columns} columns", remedy)
         return rows, columns
 
-    def leave_out(self, first: int) -> ColumnImages:
-        """Returns the images without the first ones."""
-        return ColumnImages(self.folder, self.names[first:], self.digits)
-
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnImageRecording(Recording):
@@ -87,11 +84,7 @@ class ColumnImageRecording(Recording):
             yield replace(polar_scan, valid=polar_scan.valid & measured)
 
     def _read_image(self, k: int) -> NDArray[np.uint8]:
-        """Reads image k (R, A).
-
-        Raises:
-            DataError: it cannot be read, or differs in size from the first one.
-        """
+        """Reads image k (R, A)."""
         image = self.images.path(int(self.images.names[k]))
         pixels = read_grey(image)
         if pixels.shape != self.shape:
@@ -141,7 +134,7 @@ def open_columns(
         stamp_sigma_s=arrivals.sigma_s,
         notes=(*assumed, note_spread("file", stamp, clockwise), *arrivals.notes),
         faults=(*missing, *arrivals.faults),
-        images=images.leave_out(skipped),
+        images=replace(images, names=images.names[skipped:]),
         shape=shape,
         clockwise=clockwise,
     )
@@ -175,7 +168,8 @@ def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> l
             shape, clockwise = polar_scan.power.shape, bool(polar_scan.azimuths[-1] <= polar_scan.azimuths[0])
             late = _measure_deviation(polar_scan, clockwise, 1) < _measure_deviation(polar_scan, clockwise, 0)
         off = _measure_deviation(polar_scan, clockwise, int(late))
-        _check_fits(recording, k, polar_scan, shape, off)
+        if problem := _find_misfit(k, polar_scan, shape, off):
+            raise DataError(recording.path, problem, _REMEDY)
         apart = max(apart, off)
         power = polar_scan.power
         if late:
@@ -190,29 +184,24 @@ def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> l
     return notes
 
 
-def _check_fits(recording: Recording, k: int, polar_scan: PolarScan, shape: tuple[int, int], off: float) -> None:
-    """Checks that polar images can hold polar scan k.
+def _find_misfit(k: int, polar_scan: PolarScan, shape: tuple[int, int], off: float) -> str:
+    """Words why polar images cannot hold polar scan k; "" where they can.
 
     Args:
-        recording: the recording.
         k: number of the polar scan.
         polar_scan: its content.
         shape: azimuths and range bins of the first one.
         off: how far azimuths lie from where readers take them [rad].
-
-    Raises:
-        DataError: they cannot hold it.
     """
-    remedy = "convert it to a layout that keeps times and angles: oxford, boreas, mulran_oxford, a bag or .npz"
     if polar_scan.power.shape != shape:
         sizes = [f"{azimuths} azimuths by {bins} bins" for azimuths, bins in (polar_scan.power.shape, shape)]
-        problem = f"polar scan {k} has {sizes[0]}, the first {sizes[1]}; polar images have one size"
-        raise DataError(recording.path, problem, remedy)
+        return f"polar scan {k} has {sizes[0]}, the first {sizes[1]}; polar images have one size"
     if shape[0] > shape[1]:
-        raise DataError(recording.path, f"has more azimuths ({shape[0]}) than range bins ({shape[1]})", remedy)
+        return f"has more azimuths ({shape[0]}) than range bins ({shape[1]})"
     if off * shape[0] > _MOST_STEPS * 2.0 * np.pi:
-        problem = f"azimuths of polar scan {k} lie {np.rad2deg(off):.2f} deg off the even steps from straight ahead"
-        raise DataError(recording.path, f"{problem} that polar images stand for", remedy)
+        where = f"azimuths of polar scan {k} lie {np.rad2deg(off):.2f} deg off the even steps from straight ahead"
+        return f"{where} that polar images stand for"
+    return ""
 
 
 def _measure_deviation(polar_scan: PolarScan, clockwise: bool, late: int) -> float:

@@ -11,7 +11,6 @@ and the calibration.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,24 +22,22 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
-from mqslam.formats.odometry_files import read_beside, read_stamped
+from mqslam.formats.images import list_stamps, write_png
+from mqslam.formats.poses import make_trajectory
+from mqslam.formats.recordings.azimuths import FIRST_NS, Azimuths, azimuth_stamps, make_rows, stamps_in_us
 from mqslam.formats.recordings.column_images import ColumnImages, open_columns, write_columns
-from mqslam.formats.sensors.carried import Carried, read_carried
-from mqslam.formats.sensors.mulran_sensors import GPS_NAME, IMU_NAME, find_mulran_file, read_mulran_fixes, read_mulran_imu
-from mqslam.formats.sensors.sensor_table import read_header
-from mqslam.formats.shared.azimuth_rows import FIRST_NS, Azimuths, azimuth_stamps, make_rows, stamps_in_us
-from mqslam.formats.shared.images import list_stamps, write_png
-from mqslam.formats.shared.poses import make_trajectory
-from mqslam.formats.shared.row_images import index_rows
-from mqslam.formats.shared.sensing import Sensing
-from mqslam.formats.shared.target import Target
+from mqslam.formats.recordings.layout import Sensing, Target
+from mqslam.formats.recordings.row_images import open_rows
+from mqslam.formats.sensors.csv_files import read_fixes_table, read_gyroscope_table
+from mqslam.formats.sensors.reading import add_beside
+from mqslam.formats.tables import read_stamped
 
-_RADAR = "MulRan's radar"
 RANGE_RESOLUTION_M = 0.0595  # published with the data set
+_USUAL_BINS = (RANGE_RESOLUTION_M, "MulRan's radar")
 _ROWS, _COLUMNS = "polar_oxford_form", "polar"
 _BASE_TO_RADAR = (1.50, -0.04, float(np.deg2rad(0.9)))
 """Pose of the radar on the vehicle [m, m, rad]: calib_base2radar.txt of the dataset, of which z is left out."""
-_MOUNT_SOURCE = "the calibration that MulRan publishes, since no file of a recording states it"
+_MOUNT = Mount(np.array(_BASE_TO_RADAR), "the calibration that MulRan publishes, since no file of a recording states it")
 
 
 def recognises(path: Path) -> bool:
@@ -52,40 +49,28 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
     """Indexes a recording of MulRan: names, two images, poses and sensors are read, however long it is.
 
     Rows with own stamps are preferred to columns without.
-
-    Args:
-        path: the recording.
-        sensing: what the user says about the radar.
-
-    Raises:
-        DataError: there are no polar scans, or a file cannot be used.
     """
     folder = next(_list_folders(path), None)
     if folder is None:
         remedy = f"give the folder that holds sensor_data/radar/{_COLUMNS} or {_ROWS}"
         raise DataError(path, "holds no radar images of MulRan", remedy)
-    poses = find_mulran_file(folder, "global_pose.csv")
-    truth, faults = read_beside(lambda: _read_poses(poses) if poses else None)
     names = list_stamps(folder)
+    recording: Recording
     if folder.resolve().name == _ROWS:
-        resolution, assumed = sensing.choose_resolution(RANGE_RESOLUTION_M, _RADAR)
-        notes = [*assumed, *sensing.note_unused()]
-        images = index_rows(folder, names, sensing.encoder_size)
-        rows = images.to_recording(path, "mulran", resolution, ground_truth=truth, notes=notes, faults=faults)
-        return _read_sensors(folder).add_to(replace(rows, is_resolution_assumed=bool(assumed)))
-    columns = ColumnImages(folder, names)
-    usual = RANGE_RESOLUTION_M, _RADAR
-    recording = open_columns(path, "mulran", columns, stamps_in_us(names), None, usual, sensing)
-    return _read_sensors(folder).add_to(replace(recording, ground_truth=truth, faults=(*faults, *recording.faults)))
-
-
-def _read_sensors(images: Path) -> Carried:
-    """Reads the sensors of the recording whose images lie in a folder."""
-    imu, gps = find_mulran_file(images, IMU_NAME), find_mulran_file(images, GPS_NAME)
-    return read_carried(
-        lambda: read_mulran_imu(read_header(imu, "repair or remove it")) if imu else None,
-        lambda: read_mulran_fixes(read_header(gps, "repair or remove it")) if gps else None,
-        lambda: Mount(np.array(_BASE_TO_RADAR), _MOUNT_SOURCE),
+        recording = open_rows(path, "mulran", folder, names, lambda _: sensing.choose_resolution(*_USUAL_BINS), sensing)
+    else:
+        images = ColumnImages(folder, names)
+        recording = open_columns(path, "mulran", images, stamps_in_us(names), None, _USUAL_BINS, sensing)
+    poses, imu, gps = (
+        next((file for above in folder.resolve().parents[:3] if (file := above / name).exists()), None)
+        for name in ("global_pose.csv", "xsens_imu.csv", "gps.csv")
+    )
+    return add_beside(
+        recording,
+        lambda: read_gyroscope_table(imu) if imu else None,
+        lambda: read_fixes_table(gps) if gps else None,
+        lambda: _MOUNT,
+        truth=lambda: _read_poses(poses) if poses else None,
     )
 
 
@@ -107,30 +92,14 @@ def _read_poses(file: Path) -> Trajectory:
 
 
 def write(out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a folder of polar images, whole or not at all, one polar scan in memory at a time.
-
-    Returns:
-        Notes for the user on what was lost.
-
-    Raises:
-        DataError: a polar scan cannot be read, or polar images cannot hold it.
-        OutputError: the folder cannot be written.
-    """
+    """Writes a recording as a folder of polar images; see `Target`."""
     with write_folder_aside(out) as folder:
         images = _prepare_folder(folder, recording, _COLUMNS)
         return write_columns(images, recording, [f"{end}000" for end in recording.ends_us.tolist()])
 
 
 def write_rows(out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a folder of Oxford rows, whole or not at all, one polar scan in memory at a time.
-
-    Returns:
-        Notes for the user on what was lost: none.
-
-    Raises:
-        DataError: a polar scan cannot be read, or turns counter-clockwise.
-        OutputError: the folder cannot be written.
-    """
+    """Writes a recording as a folder of Oxford rows; see `Target`."""
     with write_folder_aside(out) as folder:
         images = _prepare_folder(folder, recording, _ROWS)
         for k, polar_scan in enumerate(recording.polar_scans()):
@@ -141,11 +110,7 @@ def write_rows(out: Path, recording: Recording) -> list[str]:
 
 
 def _prepare_folder(folder: Path, recording: Recording, form: str) -> Path:
-    """Makes the folder of the images and writes the poses above it; returns the folder.
-
-    Raises:
-        DataError: the recording's stamps could not be recognised as nanoseconds.
-    """
+    """Makes the folder of the images and writes the poses above it; returns the folder."""
     if recording.start_us * 1000 <= FIRST_NS:
         problem = f"begins at {recording.start_us} us: in MulRan's ns such stamps are taken for us"
         raise DataError(recording.path, problem, "convert it to another layout")

@@ -27,25 +27,21 @@ from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError, Remedy, untrusted
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
-from mqslam.formats.odometry_files import read_beside, read_numbers, read_odometry, write_twists
-from mqslam.formats.sensors import fixes_csv, gyroscope_csv
-from mqslam.formats.sensors.carried import read_carried
-from mqslam.formats.sensors.oxford_ins import read_ins_fixes, read_ins_rates
-from mqslam.formats.sensors.reading import Reading
-from mqslam.formats.sensors.sensor_table import read_header
-from mqslam.formats.shared.azimuth_rows import azimuth_stamps, make_rows_of_chirps
-from mqslam.formats.shared.images import list_stamps, write_png
-from mqslam.formats.shared.poses import make_trajectory
-from mqslam.formats.shared.row_images import RowImageRecording, index_rows
-from mqslam.formats.shared.sensing import Sensing, is_bin_length, note_resolution
-from mqslam.formats.shared.target import Target
+from mqslam.formats.images import list_stamps, write_png
+from mqslam.formats.poses import make_trajectory
+from mqslam.formats.recordings.azimuths import azimuth_stamps, make_rows_of_chirps
+from mqslam.formats.recordings.layout import Sensing, Target, is_bin_length, note_resolution
+from mqslam.formats.recordings.row_images import RowImageRecording, open_rows
+from mqslam.formats.sensors.csv_files import read_fixes_table, read_gyroscope_table, write_fixes_csv, write_gyroscope_csv
+from mqslam.formats.sensors.reading import Reading, add_beside
+from mqslam.formats.tables import parse_numbers, read_rows
+from mqslam.formats.trajectories import read_odometry, write_twists
 from mqslam.formats.tum import read_tum, write_tum
 
 RANGE_RESOLUTION_M = 0.0438  # fits Oxford's radar best; 0.0432 m is published
 _RECORDING = "recording.json"  # file in which a converted recording says how long a range bin is and where the radar sits
-_MOUNT = "radar_on_vehicle"
+_MOUNT, _MOUNT_KEYS = "radar_on_vehicle", ("x_m", "y_m", "yaw_rad")
 _GNSS, _TRUTH_GNSS = "gnss.csv", "gt/gnss.csv"
-_REMEDY = "repair or remove it"
 _COLUMNS = "source_timestamp,destination_timestamp,x,y,z,roll,pitch,yaw,source_radar_timestamp,destination_radar_timestamp"
 
 
@@ -56,38 +52,25 @@ def recognises(path: Path) -> bool:
 
 
 def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
-    """Indexes a recording in the Oxford layout: names, two images and sensors are read, however long it is.
-
-    Args:
-        path: the recording.
-        sensing: what the user says about the radar.
-
-    Raises:
-        DataError: there are no polar scans, or a file beside them cannot be used.
-    """
+    """Indexes a recording in the Oxford layout: names, two images and sensors are read, however long it is."""
     folder = find_image_folder(path)
     root = folder.parent
     if not folder.is_dir():
         raise DataError(path, "holds no folder radar/", "give the folder whose radar/ holds <t>.png images")
-    names, notes, faults = _list_names(root, folder)
-    images = index_rows(folder, names, sensing.encoder_size)
-    resolution, assumed = _find_resolution(root, sensing.range_resolution)
-    end_us = int(images.stamps_us[-1] + images.turns_us[-1])
-    beside, unread = read_beside(lambda: _read_ground_truth(root, int(images.stamps_us[0]), end_us))
-    truth, broken = beside or (None, [])
-    file = root / "odom.csv"
-    odometry, unused = read_beside(lambda: read_odometry(file) if file.exists() else None)
-    recording = images.to_recording(
-        path,
-        "oxford",
-        resolution,
-        odometry=odometry,
-        ground_truth=truth,
-        notes=(*notes, *assumed, *broken, *sensing.note_unused()),
-        faults=(*faults, *unread, *unused),
+    names, unlisted, damage = _list_names(root, folder)
+    recording = open_rows(path, "oxford", folder, names, lambda _: _find_resolution(root, sensing.range_resolution), sensing)
+    odometry = root / "odom.csv"
+    broken: list[str] = []
+    recording = add_beside(
+        replace(recording, notes=(*unlisted, *recording.notes)),
+        lambda: _read_gyroscope(root),
+        lambda: _read_fixes(root),
+        lambda: _read_mount(root),
+        truth=lambda: _read_ground_truth(root, recording, broken),
+        odometry=lambda: read_odometry(odometry) if odometry.exists() else None,
+        notes=broken,
     )
-    carried = read_carried(lambda: _read_gyroscope(root), lambda: _read_fixes(root), lambda: _read_mount(root))
-    return carried.add_to(replace(recording, is_resolution_assumed=bool(assumed)))
+    return replace(recording, faults=(*damage, *recording.faults))
 
 
 def find_image_folder(path: Path) -> Path:
@@ -142,28 +125,20 @@ def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]
             problem = "names no range_resolution_m that is a length of range bins"
             raise DataError(file, problem, Remedy.GIVE_RANGE_RESOLUTION) from error
         return value, []
-    return RANGE_RESOLUTION_M, [
-        note_resolution(RANGE_RESOLUTION_M, ", the best fit to Oxford's radar (published: 0.0432 m)")
-    ]
+    fit = ", the best fit to Oxford's radar (published: 0.0432 m)"
+    return RANGE_RESOLUTION_M, [note_resolution(RANGE_RESOLUTION_M, fit)]
 
 
 def _read_gyroscope(root: Path) -> Reading[Gyroscope] | None:
     """Reads the gyroscope of a recording or, from the dataset, its INS."""
-    own, ins = root / "imu.csv", root / "gps" / "ins.csv"
-    if own.exists():
-        return gyroscope_csv.read_gyroscope_csv(read_header(own, _REMEDY))
-    return read_ins_rates(read_header(ins, _REMEDY)) if ins.exists() else None
+    files = (root / "imu.csv", root / "gps" / "ins.csv")
+    return next((read_gyroscope_table(file) for file in files if file.exists()), None)
 
 
 def _read_fixes(root: Path) -> Reading[Fixes] | None:
     """Reads the GNSS fixes of a recording or, from the dataset, those of its receiver or else its INS."""
-    for name in (_GNSS, _TRUTH_GNSS):
-        if (root / name).exists():
-            return fixes_csv.read_fixes_csv(read_header(root / name, _REMEDY), made_truth=name == _TRUTH_GNSS)
-    for file in (root / "gps" / "gps.csv", root / "gps" / "ins.csv"):
-        if file.exists():
-            return read_ins_fixes(read_header(file, _REMEDY))
-    return None
+    files = (root / name for name in (_GNSS, _TRUTH_GNSS, "gps/gps.csv", "gps/ins.csv"))
+    return next((read_fixes_table(file, made_truth=file == root / _TRUTH_GNSS) for file in files if file.exists()), None)
 
 
 def _read_mount(root: Path) -> Mount | None:
@@ -173,46 +148,39 @@ def _read_mount(root: Path) -> Mount | None:
         stated = json.loads(untrusted.read_document(file)) if file.exists() else {}
         if _MOUNT not in stated:
             return None
-        pose = np.array([float(stated[_MOUNT][key]) for key in ("x_m", "y_m", "yaw_rad")])
+        pose = np.array([float(stated[_MOUNT][key]) for key in _MOUNT_KEYS])
         if not np.isfinite(pose).all():
             raise ValueError(_MOUNT)
     except (OSError, ValueError, KeyError, TypeError, RecursionError, OverflowError) as error:
-        raise DataError(file, f"states no {_MOUNT} with x_m, y_m and yaw_rad", _REMEDY) from error
+        raise DataError(file, f"states no {_MOUNT} with x_m, y_m and yaw_rad", "repair or remove it") from error
     return Mount(pose, str(file))
 
 
-def _read_ground_truth(root: Path, start_us: int, end_us: int) -> tuple[Trajectory | None, list[str]]:
-    """Reads the ground truth of a recording; returns it, or None, with what was left out of it."""
+def _read_ground_truth(root: Path, recording: Recording, notes: list[str]) -> Trajectory | None:
+    """Reads the ground truth of a recording; adds a note on what was left out of it."""
     tum, csv = root / "gt" / "poses_tum.txt", root / "gt" / "radar_odometry.csv"
     if tum.exists():
-        return read_tum(tum), []
+        return read_tum(tum)
     if not csv.exists():
-        return None, []
-    table = read_numbers(csv, [0, 1, 2, 3, 7])
+        return None
+    table = parse_numbers(csv, read_rows(csv, "repair or remove it")[1:], [0, 1, 2, 3, 7])
     table = table[np.argsort(table[:, 0], kind="stable")]
     later, earlier = np.round(table[:, :2]).astype(np.int64).T
-    inside = (later > start_us) & (earlier < end_us)
+    inside = (later > recording.start_us) & (earlier < int(recording.stamps_us[-1] + recording.turns_us[-1]))
     table, later, earlier = table[inside], later[inside], earlier[inside]
     if not len(table):
-        return None, [f"{csv.name} has no row within the recording: no ground truth"]
+        notes.append(f"{csv.name} has no row within the recording: no ground truth")
+        return None
     breaks = np.flatnonzero(earlier[1:] != later[:-1]) + 1
-    pieces = np.split(np.arange(len(table)), breaks)
-    longest = max(pieces, key=len)
-    notes = [f"{csv.name} has {len(breaks)} breaks: the longest stretch is the ground truth"] if len(breaks) else []
+    longest = max(np.split(np.arange(len(table)), breaks), key=len)
+    if len(breaks):
+        notes.append(f"{csv.name} has {len(breaks)} breaks: the longest stretch is the ground truth")
     steps = table[longest][:, 2:] * [1.0, -1.0, -1.0]
-    return make_trajectory(csv, np.append(earlier[longest[0]], later[longest]), se2.integrate_steps(steps)), notes
+    return make_trajectory(csv, np.append(earlier[longest[0]], later[longest]), se2.integrate_steps(steps))
 
 
 def write(out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a folder, whole or not at all, one polar scan in memory at a time.
-
-    Returns:
-        Notes for the user on what was lost: none.
-
-    Raises:
-        DataError: a polar scan cannot be read, or turns counter-clockwise.
-        OutputError: the folder cannot be written.
-    """
+    """Writes a recording as a folder; see `Target`."""
     with write_folder_aside(out) as folder:
         write_ground_truth(folder, recording)
         _write_sensors(folder, recording)
@@ -230,16 +198,16 @@ def _write_sensors(folder: Path, recording: Recording) -> None:
     """Writes the gyroscope and the GNSS fixes, and what has no place in another file: range bins and the radar's mount."""
     stated: dict[str, Any] = {}
     if recording.mount is not None:
-        stated[_MOUNT] = dict(zip(("x_m", "y_m", "yaw_rad"), recording.mount.pose.tolist(), strict=True))
+        stated[_MOUNT] = dict(zip(_MOUNT_KEYS, recording.mount.pose.tolist(), strict=True))
     if stated or recording.range_resolution != RANGE_RESOLUTION_M:
         stated = {"range_resolution_m": recording.range_resolution, **stated}
         write_text(folder / _RECORDING, json.dumps(stated) + "\n")
     if recording.gyroscope is not None:
-        gyroscope_csv.write_gyroscope_csv(folder / "imu.csv", recording.gyroscope)
+        write_gyroscope_csv(folder / "imu.csv", recording.gyroscope)
     if recording.fixes is not None:
         file = folder / (_TRUTH_GNSS if recording.fixes.made_truth else _GNSS)
         file.parent.mkdir(exist_ok=True)
-        fixes_csv.write_fixes_csv(file, recording.fixes)
+        write_fixes_csv(file, recording.fixes)
 
 
 def write_stamps(folder: Path, stamps_us: Iterable[int]) -> None:

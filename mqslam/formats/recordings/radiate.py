@@ -11,76 +11,121 @@ Source: github.com/marcelsheeny/radiate_sdk, README.md, for the files; their ord
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mqslam.core.recording import Recording
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.sensors.sensors import NO_SENSORS
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
-from mqslam.formats.odometry_files import read_beside
+from mqslam.formats.images import list_numbers
 from mqslam.formats.recordings.column_images import ColumnImageRecording, ColumnImages, open_columns, write_columns
-from mqslam.formats.sensors.carried import Carried, read_carried
-from mqslam.formats.sensors.reading import Reading, make_fixes, make_gyroscope
-from mqslam.formats.sensors.sensor_table import SensorTable
-from mqslam.formats.shared.images import list_numbers
-from mqslam.formats.shared.sensing import Sensing
-from mqslam.formats.shared.stamps import FRAME_DIGITS, format_frame, read_listing
-from mqslam.formats.shared.target import Target
+from mqslam.formats.recordings.layout import Sensing, Target
+from mqslam.formats.sensors.reading import Reading, add_beside, make_fixes, make_gyroscope, read_beside
+from mqslam.formats.tables import SensorTable, parse_times
+from mqslam.formats.text import read_lines
 
-NAME = "GPS_IMU_Twist"
+_NAME = "GPS_IMU_Twist"
 _PLACE, _EAST, _NORTH, _RATES = 0, 1, 2, 5  # lines: position, two rows of its covariance, turn rates
 _MOST_BYTES = 10_000  # of a message, which has about 500
 _DOWN = (1.0, -1.0, -1.0)  # from x forward, y right, z down to x forward, y left, z up
+_DIGITS = 6  # least number of digits of the number of a frame, in a list of when frames arrived and in the name of its file
+_FRAME = re.compile(r"\s*Frame:\s*(\d{1,18})\s+Time:\s*(\d+)(?:\.(\d+))?\s*")
+_LINE = "'Frame: 000001 Time: 1574859771.744660272'"
+_NANOSECONDS = 9  # digits of a fraction of a second
+RANGE_RESOLUTION_M = 0.175  # of the CTS350-X as RADIATE uses it; 576 such bins reach 100.8 m
+_OTHER_CLOCK = "GPS and IMU run on another clock, which a run finds: neither odometry nor ground truth is taken from them"
 
 
-def read_radiate_messages(root: Path) -> SensorTable | None:
-    """Reads the messages in a recording: latitude and longitude [degrees], standard deviation [m] and turn rates [rad/s].
+def recognises(path: Path) -> bool:
+    """Returns whether the path holds a folder `Navtech_Polar`, or is that folder."""
+    return _find_image_folder(path).is_dir()
 
-    Args:
-        root: the folder of the recording.
 
-    Returns:
-        The messages, of which one that cannot be read holds NaN; None where there are none.
+def open_recording(path: Path, sensing: Sensing) -> ColumnImageRecording:
+    """Indexes a recording of RADIATE: names, stamps and one image are read, however long it is."""
+    folder = _find_image_folder(path)
+    if not folder.is_dir():
+        raise DataError(path, "holds no folder Navtech_Polar/", "give the folder that holds it and Navtech_Polar.txt")
+    listing = folder.parent / "Navtech_Polar.txt"
+    frames, stamps = read_listing(listing)
+    faults = []
+    there = {int(name) for name in list_numbers(folder) if len(name) == _DIGITS}
+    if unlisted := sorted(there - set(frames.tolist())):
+        others = f" and {len(unlisted) - 1} others" if len(unlisted) > 1 else ""
+        faults.append(f"{listing.name} has no line for frame {_format_frame(unlisted[0])}{others}: left out")
+    order = np.argsort(frames, kind="stable")
+    if backward := np.flatnonzero(np.diff(frames) <= 0).tolist():
+        faults.append(
+            f"{listing.name} does not list its frames in order, first at {_format_frame(frames[backward[0] + 1])}: sorted"
+        )
+    order = order[np.append(True, np.diff(frames[order]) > 0)[: len(order)]]
+    present = order[np.isin(frames[order], list(there))]
+    names, stamps = frames[present], stamps[present]
+    missing = len(order) - len(names)
+    skipped = [f"{missing} of {len(frames)} frames in {listing.name} have no image and are skipped"] if missing else []
+    notes = (*skipped, *([_OTHER_CLOCK] if (folder.parent / _NAME).exists() else []))
+    images = ColumnImages(folder, names, _DIGITS)
+    recording = open_columns(path, "radiate", images, stamps, names, (RANGE_RESOLUTION_M, "RADIATE's radar"), sensing)
+    messages, unread = read_beside(lambda: _read_messages(folder.parent))
+    faults, notes = [*faults, *recording.faults, *unread], (*notes, *recording.notes)
+    return add_beside(
+        replace(recording, notes=notes, faults=tuple(faults)),
+        lambda: _make_gyroscope(folder.parent, messages),
+        lambda: _make_fixes(folder.parent, messages),
+    )
+
+
+def read_listing(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Reads frames (N,) and when they arrived (N,) [us] from lines `Frame: 000001 Time: 1574859771.744660272`.
+
+    RADIATE's files state the nanoseconds behind the point without their leading zeros: `36.25327499` is 36 s and 25,327,499
+    ns, not 36.25 s. Where fractions differ in length, they are read in the way in which the frames follow more steadily.
 
     Raises:
-        DataError: the list of stamps cannot be used.
+        DataError: it cannot be read, or a line is of another form.
     """
-    folder = root / NAME
+    remedy = f"it should hold a line {_LINE} for each file"
+    lines = [line for line in read_lines(listing, remedy, missing=remedy) if line]
+    if not lines:
+        raise DataError(listing, "is empty", remedy)
+    matches = [_FRAME.fullmatch(line) for line in lines]
+    if None in matches:
+        raise DataError(listing, f"line {matches.index(None) + 1} is not {_LINE}", "repair it")
+    rows = [match.groups(default="0") for match in matches if match]
+    fractions = [fraction for _, _, fraction in rows]
+    padded = [fraction.rjust(_NANOSECONDS, "0") for fraction in fractions]
+    choices = [fractions] if len({len(fraction) for fraction in fractions}) == 1 else [fractions, padded]
+    seconds = [second for _, second, _ in rows]
+    stamps = [parse_times(listing, [f"{s}.{f}" for s, f in zip(seconds, choice, strict=True)], "s") for choice in choices]
+    frames = np.array([int(frame) for frame, _, _ in rows], dtype=np.int64)
+    return frames, min(stamps, key=lambda some: float(np.abs(np.diff(some.astype(np.float64), 2)).sum()))
+
+
+def _format_frame(frame: int) -> str:
+    """Formats the number of a frame as the name of its file."""
+    return str(frame).zfill(_DIGITS)
+
+
+def _read_messages(root: Path) -> SensorTable | None:
+    """Reads latitude, longitude [degrees], standard deviation [m] and three turn rates [rad/s]; NaN in damaged messages."""
+    folder = root / _NAME
     if not folder.is_dir():
         return None
-    frames, stamps = read_listing(root / f"{NAME}.txt")
+    frames, stamps = read_listing(root / f"{_NAME}.txt")
     new = np.append(True, np.diff(stamps) != 0)[: len(stamps)]
-    rows = [_read_message(folder / f"{format_frame(frame)}.txt") for frame in frames[new].tolist()]
+    rows = [_read_message(folder / f"{_format_frame(frame)}.txt") for frame in frames[new].tolist()]
     return SensorTable(stamps[new], np.array(rows).reshape(-1, 6))
 
 
-def make_radiate_gyroscope(root: Path, messages: SensorTable) -> Reading[Gyroscope]:
-    """Makes a gyroscope of the messages of a recording.
-
-    Raises:
-        DataError: fewer than two messages can be used.
-    """
-    note = f"the axes of {NAME} are taken as x forward, y right, z down"
-    return make_gyroscope(root / NAME, NAME, messages.with_columns(messages.columns[:, 3:] * _DOWN), note, own_clock=True)
-
-
-def make_radiate_fixes(root: Path, messages: SensorTable) -> Reading[Fixes]:
-    """Makes fixes of the messages of a recording.
-
-    Raises:
-        DataError: no message can be used.
-    """
-    return make_fixes(root / NAME, NAME, messages.with_columns(messages.columns[:, :3]), own_clock=True)
-
-
 def _read_message(file: Path) -> list[float]:
-    """Reads latitude, longitude, standard deviation and three turn rates from a file; NaN where it cannot be read."""
+    """Reads the numbers of a message from its file; NaN where it cannot be read."""
     try:
         lines = [
             [float(word) for word in line.split(",")] for line in untrusted.read_document(file, _MOST_BYTES).splitlines()
@@ -93,59 +138,20 @@ def _read_message(file: Path) -> list[float]:
     return [latitude, longitude, float(np.sqrt(max(variance, 0.0))), x, y, z]
 
 
-_RADAR = "RADIATE's radar"
-RANGE_RESOLUTION_M = 0.175  # of the CTS350-X as RADIATE uses it; 576 such bins reach 100.8 m
-_OTHER_CLOCK = "GPS and IMU run on another clock, which a run finds: neither odometry nor ground truth is taken from them"
-
-
-def recognises(path: Path) -> bool:
-    """Returns whether the path holds a folder `Navtech_Polar`, or is that folder."""
-    return _find_image_folder(path).is_dir()
-
-
-def open_recording(path: Path, sensing: Sensing) -> ColumnImageRecording:
-    """Indexes a recording of RADIATE: names, stamps and one image are read, however long it is.
-
-    Args:
-        path: the recording.
-        sensing: what the user says about the radar.
-
-    Raises:
-        DataError: there are no polar scans, or a file cannot be used.
-    """
-    folder = _find_image_folder(path)
-    if not folder.is_dir():
-        raise DataError(path, "holds no folder Navtech_Polar/", "give the folder that holds it and Navtech_Polar.txt")
-    listing = folder.parent / "Navtech_Polar.txt"
-    frames, stamps = read_listing(listing)
-    faults = []
-    there = {int(name) for name in list_numbers(folder) if len(name) == FRAME_DIGITS}
-    if unlisted := sorted(there - set(frames.tolist())):
-        others = f" and {len(unlisted) - 1} others" if len(unlisted) > 1 else ""
-        faults.append(f"{listing.name} has no line for frame {format_frame(unlisted[0])}{others}: left out")
-    order = np.argsort(frames, kind="stable")
-    if backward := np.flatnonzero(np.diff(frames) <= 0).tolist():
-        faults.append(
-            f"{listing.name} does not list its frames in order, first at {format_frame(frames[backward[0] + 1])}: sorted"
-        )
-    order = order[np.append(True, np.diff(frames[order]) > 0)[: len(order)]]
-    present = order[np.isin(frames[order], list(there))]
-    names, stamps = frames[present], stamps[present]
-    missing = len(order) - len(names)
-    skipped = [f"{missing} of {len(frames)} frames in {listing.name} have no image and are skipped"] if missing else []
-    notes = (*skipped, *([_OTHER_CLOCK] if (folder.parent / NAME).exists() else []))
-    images = ColumnImages(folder, names, FRAME_DIGITS)
-    recording = open_columns(path, "radiate", images, stamps, names, (RANGE_RESOLUTION_M, _RADAR), sensing)
-    recording = replace(recording, notes=(*notes, *recording.notes), faults=(*faults, *recording.faults))
-    return _read_sensors(folder.parent).add_to(recording)
-
-
-def _read_sensors(root: Path) -> Carried:
-    """Reads the sensors of the recording in a folder."""
-    messages, faults = read_beside(lambda: read_radiate_messages(root))
+def _make_gyroscope(root: Path, messages: SensorTable | None) -> Reading[Gyroscope] | None:
+    """Makes a gyroscope of the messages of a recording."""
     if messages is None:
-        return Carried(NO_SENSORS, (), tuple(faults))
-    return read_carried(lambda: make_radiate_gyroscope(root, messages), lambda: make_radiate_fixes(root, messages))
+        return None
+    note = f"the axes of {_NAME} are taken as x forward, y right, z down"
+    table = messages.with_columns(messages.columns[:, 3:] * _DOWN)
+    return make_gyroscope(root / _NAME, table, note, source=_NAME, own_clock=True)
+
+
+def _make_fixes(root: Path, messages: SensorTable | None) -> Reading[Fixes] | None:
+    """Makes fixes of the messages of a recording."""
+    if messages is None:
+        return None
+    return make_fixes(root / _NAME, messages.with_columns(messages.columns[:, :3]), source=_NAME, own_clock=True)
 
 
 def _find_image_folder(path: Path) -> Path:
@@ -154,16 +160,8 @@ def _find_image_folder(path: Path) -> Path:
 
 
 def write(out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a folder, whole or not at all, one polar scan in memory at a time.
-
-    Returns:
-        Notes for the user on what was lost.
-
-    Raises:
-        DataError: a polar scan cannot be read, or polar images cannot hold it.
-        OutputError: the folder cannot be written.
-    """
-    names = [format_frame(number) for number in range(1, len(recording) + 1)]
+    """Writes a recording as a folder; see `Target`."""
+    names = [_format_frame(number) for number in range(1, len(recording) + 1)]
     lines = [
         f"Frame: {name} Time: {end // 1_000_000}.{end % 1_000_000:06d}000\n"
         for name, end in zip(names, recording.ends_us.tolist(), strict=True)

@@ -16,26 +16,25 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
+from mqslam.core.sensors.mount import Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError, untrusted
-from mqslam.formats.recordings.bag_azimuths import open_message, read_turns
-from mqslam.formats.recordings.bag_configuration import read_bin_size, read_encoder_size
-from mqslam.formats.recordings.bag_poses import Frames
-from mqslam.formats.recordings.mirrored import mirror
-from mqslam.formats.sensors.carried import read_carried
+from mqslam.formats import bags
+from mqslam.formats.bags import KINDS, ODOMETRY_TYPE, RADAR_FRAME, VEHICLE_FRAME, Bag, name_frame, write_bag
+from mqslam.formats.recordings import radar_messages
+from mqslam.formats.recordings.arrivals import estimate_arrivals
+from mqslam.formats.recordings.azimuths import azimuth_stamps, check_encoder, note_spread, spread_azimuths
+from mqslam.formats.recordings.derived import mirror
+from mqslam.formats.recordings.layout import Message, Sensing, Target, Topics, note_resolution
+from mqslam.formats.recordings.radar_messages import RadarTopic, open_message, read_turns
+from mqslam.formats.recordings.turns import find_usual_turns, place_turns
+from mqslam.formats.sensors.reading import add_beside, read_beside
 from mqslam.formats.sensors.ros_sensors import RosSensors, list_sensor_messages
-from mqslam.formats.shared import bags, polar_message
-from mqslam.formats.shared.arrivals import estimate_arrivals
-from mqslam.formats.shared.azimuth_rows import azimuth_stamps, check_encoder, note_spread, spread_azimuths
-from mqslam.formats.shared.bag_writer import KINDS, RADAR_FRAME, VEHICLE_FRAME, Bag, write_bag
-from mqslam.formats.shared.bags import B_SCAN_TYPE, COMPRESSED_TYPE, IMAGE_TYPE, ODOMETRY_TYPE
-from mqslam.formats.shared.polar_message import AzimuthLayout
-from mqslam.formats.shared.sensing import Sensing, Topics, note_resolution
-from mqslam.formats.shared.stamps import mark_increasing
-from mqslam.formats.shared.target import Message, Target
-from mqslam.formats.shared.turns import find_usual_turns, place_turns
+from mqslam.formats.stamps import mark_increasing
+from mqslam.formats.transforms import Mounts
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -44,7 +43,7 @@ if TYPE_CHECKING:
 RANGE_RESOLUTION_M = 0.0438  # as in Oxford's recordings; a bag does not say it
 ODOMETRY_TOPIC = "/odom"
 TRUTH_TOPIC = "/ground_truth"
-_TOPICS = {"image": ("/Navtech/Polar", IMAGE_TYPE), "b_scan": ("/radar_data/b_scan_msg", B_SCAN_TYPE)}
+_TOPICS = {"image": ("/Navtech/Polar", bags.IMAGE_TYPE), "b_scan": ("/radar_data/b_scan_msg", bags.B_SCAN_TYPE)}
 _Entry = tuple[int, "Connection", Any]  # stamp [us], topic, message
 
 
@@ -53,20 +52,16 @@ class RosbagRecording(Recording):
     """A recording in a ROS bag; the bag is opened anew by every call of `polar_scans`.
 
     Args:
-        topic: the radar's topic.
-        layout: how its messages hold their azimuths.
+        radar: the radar's topic.
         messages_us: (N,) int64 [us], stamp of the message of each polar scan, be it the start or the end of the turn.
         logged_ns: (N,) int64 [ns], when the message of each polar scan was recorded.
         clockwise: whether azimuths without stamps and angles of their own follow one another clockwise, seen from above.
-        encoder: encoder ticks of a turn, where they are stated.
     """
 
-    topic: str
-    layout: AzimuthLayout
+    radar: RadarTopic
     messages_us: NDArray[np.int64]
     logged_ns: NDArray[np.int64]
     clockwise: bool
-    encoder: int | None = None
 
     @untrusted.reads_recording
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
@@ -74,27 +69,24 @@ class RosbagRecording(Recording):
         wanted = range(len(self))[start:stop]
         if not wanted:
             return
-        k = wanted.start
+        k, topic = wanted.start, self.radar.name
         with bags.open_bag(self.path) as reader:
-            connections = [connection for connection in reader.connections if connection.topic == self.topic]
+            connections = [connection for connection in reader.connections if connection.topic == topic]
             first, after = int(self.logged_ns[k]), self._until(connections, wanted.stop)
-            for connection, logged, raw in read_turns(reader, reader.messages(connections, first, after), self.topic):
+            for connection, logged, raw in read_turns(reader, reader.messages(connections, first, after), topic):
                 try:
                     message = open_message(reader, connection, raw)
-                    if (
-                        _stamp_us(self.layout, message, bags.Clock(), (self.topic, logged), self.encoder)
-                        != self.messages_us[k]
-                    ):
+                    if self.radar.read_stamp(message, logged, bags.Clock()) != self.messages_us[k]:
                         continue
                 except ValueError:  # the index has left it out, too
                     continue
-                with bags.name_message(self.path, self.topic, logged):
+                with bags.name_message(self.path, topic, logged):
                     polar_scan = self._polar_scan(k, message)
                 yield polar_scan
                 k += 1
                 if k == wanted.stop:
                     return
-        raise DataError(self.path, f"polar scan {k} on {self.topic} is gone", "the bag changed since it was opened")
+        raise DataError(self.path, f"polar scan {k} on {topic} is gone", "the bag changed since it was opened")
 
     def _until(self, connections: list[Connection], stop: int) -> int | None:
         """Returns when all messages of the polar scans before `stop` are recorded [ns]; None if the bag ends with them."""
@@ -103,61 +95,50 @@ class RosbagRecording(Recording):
         return int(self.logged_ns[stop]) if stop < len(self) else None
 
     def _polar_scan(self, k: int, message: Any) -> PolarScan:
-        power = polar_message.read_power(self.layout, message)
-        if self.layout.stamps_azimuths:
-            azimuths = polar_message.read_azimuths(self.layout, message, self.encoder)
+        power = self.radar.read_power(message)
+        if self.radar.stamps_azimuths:
+            azimuths = self.radar.read_azimuths(message)
         else:
             begin, duration = int(self.stamps_us[k]), int(self.turns_us[k])
             azimuths = spread_azimuths(len(power), begin, duration, clockwise=self.clockwise)
         return azimuths.to_polar_scan(power, self.start_us)
 
 
-def recognises(path: Path) -> bool:
-    """Returns whether the path is a `.bag`, `.mcap` or `.db3` file, or a folder with a `metadata.yaml`."""
-    return bags.recognises(path)
+recognises = bags.recognises
 
 
 def open_recording(path: Path, sensing: Sensing) -> Recording:
-    """Indexes a bag in one pass over its messages, of which only stamps, poses and the readings of sensors stay.
-
-    Args:
-        path: the bag.
-        sensing: what the user says about the radar.
-
-    Raises:
-        DataError: the bag cannot be read, has no radar topic, or a radar message cannot be used.
-    """
+    """Indexes a bag in one pass over its messages, of which only stamps, poses and the readings of sensors stay."""
     with bags.open_bag(path) as reader:
-        encoder = sensing.encoder_size or read_encoder_size(reader)
-        topic, layout, notes = polar_message.choose_topic(path, reader, sensing.topics.radar, encoder)
+        encoder = sensing.encoder_size or radar_messages.read_encoder_size(reader)
+        radar, notes = radar_messages.choose_topic(path, reader, sensing.topics.radar, encoder)
         odometry_topic, truth_topic = _choose_pose_topics(path, reader, sensing.topics)
-        sensors, stated = RosSensors.choose(reader), read_bin_size(reader)
-        index = _read_index(path, reader, (topic, layout, encoder), {odometry_topic, truth_topic} - {None}, sensors)
+        sensors, stated = RosSensors.choose(reader), radar_messages.read_bin_size(reader)
+        index = _read_index(path, reader, radar, {odometry_topic, truth_topic} - {None}, sensors)
     ordered = np.ones(len(index.stamps_us), dtype=np.bool_)
-    if layout.stamps_azimuths:  # else the order of messages is that of the polar scans
+    if radar.stamps_azimuths:  # else the order of messages is that of the polar scans
         ordered = mark_increasing(index.stamps_us)
     messages_us = np.array(index.stamps_us, dtype=np.int64)[ordered]
-    left_out = f"could not be read and {is_or_are(index.unread)} left out: {index.error}"
-    unread = f"{count_of(index.unread, 'message')} on {topic} {left_out}"
-    faults = [unread] if index.unread else []
+    faults = []
+    if index.unread:
+        left_out = f"could not be read and {is_or_are(index.unread)} left out: {index.error}"
+        faults.append(f"{count_of(index.unread, 'message')} on {radar.name} {left_out}")
     if skipped := len(ordered) - len(messages_us):
-        faults.append(f"the stamps of {count_of(skipped, 'message')} on {topic} repeat or run backward: left out")
+        faults.append(f"the stamps of {count_of(skipped, 'message')} on {radar.name} repeat or run backward: left out")
     upside_down = sensors.mounts.is_upside_down(index.radar_frame)
     clockwise, stamp_sigma_s = (not upside_down if sensing.clockwise is None else sensing.clockwise), 0.0
-    if layout.stamps_azimuths:
+    if radar.stamps_azimuths:
         measured = [turn for turn, kept in zip(index.measured_turns_us, ordered.tolist(), strict=True) if kept]
         if encoder is None:
             faults += check_encoder(path, messages_us, [measured[0], measured[-1]], index.turn_ticks)
-        usual = find_usual_turns(messages_us, measured.__getitem__)
-        starts, turns = place_turns(messages_us, "start", usual)
+        starts, turns = place_turns(messages_us, "start", find_usual_turns(messages_us, measured.__getitem__))
         turns[-1] = index.turns_us[int(np.flatnonzero(ordered)[-1])] or turns[-1]
         notes += sensing.note_unused()
     else:
-        stamp = sensing.stamp or polar_message.usual_stamp(topic, layout)
-        arrivals = estimate_arrivals(messages_us)
+        stamp, arrivals = sensing.stamp or radar.usual_stamp, estimate_arrivals(messages_us)
         starts, turns = place_turns(arrivals.stamps_us, stamp, find_usual_turns(arrivals.stamps_us))
         stamp_sigma_s = arrivals.sigma_s
-        notes.append(f"{layout.value} of the images are taken as azimuths; " + note_spread("header", stamp, clockwise))
+        notes.append(f"{radar.layout.value} of the images are taken as azimuths; " + note_spread("header", stamp, clockwise))
         notes += arrivals.notes
         faults += arrivals.faults
     resolution = sensing.range_resolution
@@ -166,23 +147,18 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
         notes.append(f"range resolution {resolution:.6g} m, as {stated[1]} states it")
     elif resolution is None:
         notes.append(note_resolution(RANGE_RESOLUTION_M))
-    odometry, truth = (bags.trajectory_of(index.poses.get(name or "", ())) for name in (odometry_topic, truth_topic))
+    odometry, truth = (index.poses.trajectory(name) for name in (odometry_topic, truth_topic))
     for name in (odometry_topic, truth_topic):
-        faults += bags.note_left_out(index.poses.get(name or "", ()), name)
-    notes += index.clock.notes
-    carried = read_carried(
-        lambda: sensors.read_gyroscope(path),
-        lambda: sensors.read_fixes(path),
-        lambda: sensors.read_mount(path, index.radar_frame),
-        sensors.notes,
-    )
-    frames, truth_on_vehicle = Frames(index.radar_frame, carried.sensors.mount, sensors.mounts), False
+        faults += index.poses.note_left_out(name)
+    notes += index.poses.clock.notes
+    mount, unplaced = read_beside(lambda: sensors.read_mount(path, index.radar_frame))
+    frames, truth_on_vehicle = Frames(index.radar_frame, mount, sensors.mounts), False
     if odometry is not None and odometry_topic is not None:
-        odometry, note = frames.place_odometry(odometry, odometry_topic, index.frames[odometry_topic])
+        odometry, note = frames.place_odometry(odometry, odometry_topic, index.poses.frames[odometry_topic])
         notes.append(note)
     if truth is not None and truth_topic is not None:
-        truth_on_vehicle = frames.is_of_vehicle(index.frames[truth_topic])
-        truth, note = frames.place_truth(truth, truth_topic, index.frames[truth_topic])
+        truth_on_vehicle = frames.is_of_vehicle(index.poses.frames[truth_topic])
+        truth, note = frames.place_truth(truth, truth_topic, index.poses.frames[truth_topic])
         notes.append(note)
     recording = RosbagRecording(
         path=path,
@@ -196,32 +172,84 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
         ground_truth=truth,
         truth_on_vehicle=truth_on_vehicle,
         notes=tuple(notes),
-        faults=tuple(faults),
-        topic=topic,
-        layout=layout,
+        faults=(*faults, *unplaced),
+        radar=radar,
         messages_us=messages_us,
         logged_ns=np.array(index.logged_ns, dtype=np.int64)[ordered],
         clockwise=clockwise,
-        encoder=encoder,
     )
-    placed = carried.add_to(recording)
+    placed = add_beside(
+        recording, lambda: sensors.read_gyroscope(path), lambda: sensors.read_fixes(path), lambda: mount, notes=sensors.notes
+    )
     if not upside_down:
         return placed
-    over = f"{sensors.mounts.topics[bags.name_frame(index.radar_frame)]} places the radar upside down"
+    over = f"{sensors.mounts.topics[name_frame(index.radar_frame)]} places the radar upside down"
     if sensing.clockwise is not None:
         return replace(placed, notes=(*placed.notes, f"{over}, which counts for nothing since sensor.clockwise is set"))
-    if layout.stamps_azimuths:
+    if radar.stamps_azimuths:
         return mirror(placed, f"{over}: what it sees is mirrored")
     return replace(placed, notes=(*placed.notes, f"{over}: it turns counter-clockwise, seen from above"))
 
 
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """What the poses of a bag are the poses of, by the frame that their messages name: radar, vehicle or something on it.
+
+    Args:
+        radar: frame of the radar's messages.
+        mount: where the radar sits on the vehicle, or None where the bag does not say it.
+        placed: the static transforms.
+    """
+
+    radar: str
+    mount: Mount | None
+    placed: Mounts
+
+    def place_odometry(self, odometry: Trajectory, topic: str, frame: str) -> tuple[Trajectory, str]:
+        """Returns odometry as the motion of the vehicle if the mount is known, else of the radar, and how it was understood.
+
+        Odometry of a frame that no transform places, or of "", is taken as that of the vehicle, whose wheels make it.
+        """
+        if self.mount is None:
+            return odometry, f"odometry from {topic} is taken as the motion of the radar itself"
+        on_vehicle = self._find(frame)
+        if on_vehicle is None:
+            return odometry, f"odometry from {topic} is taken as the motion of the vehicle, on which {self.radar} sits"
+        carried = Trajectory(odometry.stamps_us, se2.compose(odometry.poses, se2.inverse(on_vehicle)))
+        return carried, f"odometry from {topic} is the motion of {frame}"
+
+    def place_truth(self, truth: Trajectory, topic: str, frame: str) -> tuple[Trajectory, str]:
+        """Returns ground truth as poses of the radar where the transforms say how to carry it, and how it was understood."""
+        if frame and name_frame(frame) == name_frame(self.radar):
+            return truth, f"ground truth from {topic} is the pose of the radar"
+        on_vehicle = self._find(frame)
+        if on_vehicle is None:
+            return truth, f"ground truth from {topic} is taken as the pose of the radar itself"
+        if self.mount is None:
+            return truth, f"ground truth from {topic} is the pose of {frame}; where the radar sits on it is not stated"
+        to_radar = se2.compose(se2.inverse(on_vehicle), self.mount.pose)
+        carried = Trajectory(truth.stamps_us, se2.compose(truth.poses, to_radar))
+        return carried, f"ground truth from {topic} is the pose of {frame}, carried to the radar by {self.mount.source}"
+
+    def is_of_vehicle(self, frame: str) -> bool:
+        """Returns whether a frame is the vehicle's own, on which the bag does not place the radar."""
+        on_vehicle = self._find(frame)
+        apart = name_frame(frame) != name_frame(self.radar)
+        return self.mount is None and apart and on_vehicle is not None and not on_vehicle.any()
+
+    def _find(self, frame: str) -> se2.Array | None:
+        """Returns the pose (3,) of a frame on the vehicle, or None where no finite transforms place it."""
+        pose = self.placed.find(frame) if frame else None
+        return pose if pose is not None and np.isfinite(pose).all() else None
+
+
 @dataclass(slots=True)
 class _Index:
-    """The result of one pass over a bag: polar scans, messages that are none, and poses (t, x, y, yaw) by topic.
+    """The result of one pass over a bag: polar scans, messages that are none, and poses.
 
     Turns are those of polar scans whose azimuths are stamped, None where these do not tell; of the messages that are no
-    polar scans, the first is kept as an error. The radar's frame is that of its first message, and so is that whose poses
-    a topic has, "" where its messages do not name it. `turn_ticks` are taken as a turn of the encoder if none are stated.
+    polar scans, the first is kept as an error. The radar's frame is that of its first message. `turn_ticks` are taken as a
+    turn of the encoder if none are stated.
     """
 
     stamps_us: list[int] = field(default_factory=list)
@@ -230,98 +258,67 @@ class _Index:
     measured_turns_us: list[float | None] = field(default_factory=list)
     unread: int = 0
     error: DataError | None = None
-    poses: dict[str, list[bags.PoseRow]] = field(default_factory=dict)
+    poses: bags.PoseLog = field(default_factory=bags.PoseLog)
     radar_frame: str = ""
     turn_ticks: int = 0
-    frames: dict[str, str] = field(default_factory=dict)
-    clock: bags.Clock = field(default_factory=bags.Clock)
 
 
 def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[str | None, str | None]:
-    """Chooses the topics of odometry and of ground truth: those that are named, else by type and name.
-
-    Raises:
-        DataError: a topic that is named holds no poses.
-    """
-    typed = [c for c in reader.connections if c.msgtype in (bags.ODOMETRY_TYPE, bags.POSE_TYPE)]
-    for topic in (named.odometry, named.truth):
+    """Chooses the topics of odometry and of ground truth: those that are named, else by type and name."""
+    typed = [c for c in reader.connections if c.msgtype in (ODOMETRY_TYPE, bags.POSE_TYPE)]
+    chosen = (named.odometry, named.truth)
+    for topic in chosen:
         if topic is not None:
             bags.require_topic(path, topic, typed, "poses", "poses")
-    chosen = (named.odometry, named.truth)
     truths = [c.topic for c in typed if bags.TRUTH_NAME.search(c.topic.lower()) and c.topic not in chosen]
-    drives = [c.topic for c in typed if c.msgtype == bags.ODOMETRY_TYPE and c.topic not in (*truths, *chosen)]
+    drives = [c.topic for c in typed if c.msgtype == ODOMETRY_TYPE and c.topic not in (*truths, *chosen)]
     drives.sort(key=lambda topic: "odom" not in topic.lower())
     return named.odometry or next(iter(drives), None), named.truth or next(iter(truths), None)
 
 
 def _read_index(
-    path: Path,
-    reader: AnyReader,
-    radar: tuple[str, AzimuthLayout, int | None],
-    pose_topics: set[str | None],
-    sensors: RosSensors,
+    path: Path, reader: AnyReader, radar: RadarTopic, pose_topics: set[str | None], sensors: RosSensors
 ) -> _Index:
     """Reads the messages of the radar, of the pose topics and of the sensors, once."""
-    topic, layout, encoder = radar
     index = _Index()
-    read = [c for c in reader.connections if c.topic == topic or c.topic in pose_topics or sensors.reads(c.topic)]
-    for connection, logged, raw in read_turns(reader, reader.messages(read), topic):
+    read = [c for c in reader.connections if c.topic == radar.name or c.topic in pose_topics or sensors.reads(c.topic)]
+    for connection, logged, raw in read_turns(reader, reader.messages(read), radar.name):
         if sensors.reads(connection.topic):
             sensors.add(reader, connection, logged, raw)
             continue
-        if connection.topic != topic:
-            message: Any = reader.deserialize(raw, connection.msgtype)
-            stamp = index.clock.stamp(connection.topic, message, logged)
-            index.poses.setdefault(connection.topic, []).append(bags.pose_of(connection.msgtype, message, stamp))
-            index.frames.setdefault(connection.topic, getattr(message, "child_frame_id", ""))
+        if connection.topic != radar.name:
+            index.poses.add(reader, connection, logged, raw)
             continue
         try:
-            with bags.name_message(path, topic, logged):
+            with bags.name_message(path, radar.name, logged):
                 message = open_message(reader, connection, raw)
-                stamp = _stamp_us(layout, message, index.clock, (topic, logged), encoder)
+                stamp = radar.read_stamp(message, logged, index.poses.clock)
         except DataError as error:
             index.unread += 1
             index.error = index.error or error.with_traceback(None)
             continue
         index.stamps_us.append(stamp)
         index.logged_ns.append(logged)
-        index.radar_frame = index.radar_frame or polar_message.read_frame(message)
-        if layout.stamps_azimuths:
-            index.turn_ticks = max(index.turn_ticks, polar_message.find_turn(layout, message))
-            azimuths = polar_message.read_azimuths(layout, message, encoder)
+        index.radar_frame = index.radar_frame or radar_messages.read_frame(message)
+        if radar.stamps_azimuths:
+            index.turn_ticks = max(index.turn_ticks, radar.find_turn(message))
+            azimuths = radar.read_azimuths(message)
             index.turns_us.append(azimuths.find_duration())
             index.measured_turns_us.append(azimuths.measure_turn())
-    if 2 * index.unread > index.unread + len(index.stamps_us) and index.error is not None:
+    if index.error is not None and index.unread > len(index.stamps_us):
         raise index.error
     return index
 
 
-def _stamp_us(layout: AzimuthLayout, message: Any, clock: bags.Clock, recorded: tuple[str, int], encoder: int | None) -> int:
-    """Returns the stamp [us] of a message: its first azimuth's, else the header's, else when it was recorded."""
-    if layout.stamps_azimuths:
-        return int(polar_message.read_azimuths(layout, message, encoder).stamps_us[0])
-    if message.__msgtype__ != COMPRESSED_TYPE:  # decoding every image of a bag only to index it takes minutes
-        polar_message.read_pixels(message)
-    topic, logged_ns = recorded
-    return clock.stamp(topic, message, logged_ns)
-
-
 def write(kind: str, message: Message, out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a bag, one polar scan in memory at a time.
+    """Writes a recording as a bag; see `Target`.
 
     Args:
-        kind: one of `mqslam.formats.shared.bag_writer.KINDS`.
+        kind: one of `mqslam.formats.bags.KINDS`.
         message: `image` for mono8 images whose rows begin with time, angle and validity, as in the Oxford layout;
             `b_scan` for the driver's own messages, which do not say whether an azimuth was measured.
         out: the file or folder.
         recording: the recording.
-
-    Returns:
-        Notes for the user on what was lost: none.
-
-    Raises:
-        DataError: a polar scan cannot be read, or a bag cannot hold it.
-        OutputError: the bag cannot be written.
     """
     with write_bag(out, kind) as bag:
         sources = [_list_scans(bag, recording, message)]
@@ -339,7 +336,7 @@ def write(kind: str, message: Message, out: Path, recording: Recording) -> list[
 
 def _list_scans(bag: Bag, recording: Recording, message: Message) -> Iterator[_Entry]:
     """Lists the polar scans as messages, stamped by their first azimuths."""
-    make: Callable[..., Any] = polar_message.make_image if message == "image" else polar_message.make_b_scan
+    make: Callable[..., Any] = radar_messages.make_image if message == "image" else radar_messages.make_b_scan
     connection = bag.topic(*_TOPICS[message])
     for k, polar_scan in enumerate(recording.polar_scans()):
         yield int(azimuth_stamps(recording, polar_scan)[0]), connection, make(bag, recording, k, polar_scan)

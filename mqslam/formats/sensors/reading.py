@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.core.recording import Recording
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors.mount import Mount
+from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError
-from mqslam.formats.sensors.sensor_table import SensorTable
-from mqslam.formats.shared.poses import mark_places
-from mqslam.formats.shared.stamps import mark_increasing
+from mqslam.formats.poses import mark_places
+from mqslam.formats.stamps import mark_increasing
+from mqslam.formats.tables import SensorTable
 
 _FASTEST_TURN = np.pi  # no vehicle turns faster than half round in a second [rad/s]: such readings are in another unit
 _SPIKES = 1e-3  # share of readings that may be faster all the same: a gyroscope that is knocked
 _Sensor = TypeVar("_Sensor", covariant=True)
+_Some = TypeVar("_Some", bound=Recording)
+_Read = TypeVar("_Read")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,20 +43,76 @@ class Reading(Generic[_Sensor]):
     faults: tuple[str, ...] = ()
 
 
-def make_gyroscope(path: Path, source: str, table: SensorTable, *notes: str, own_clock: bool = False) -> Reading[Gyroscope]:
+def read_beside(read: Callable[[], _Read]) -> tuple[_Read | None, list[str]]:
+    """Reads a file beside the images of a recording; where it cannot be used, the images still can.
+
+    Args:
+        read: reads it, or raises a DataError.
+
+    Returns:
+        What was read, or None and the fault where it cannot be used.
+    """
+    try:
+        return read(), []
+    except DataError as error:
+        return None, [f"{error.path} {error.problem}: left out"]
+
+
+def add_beside(
+    recording: _Some,
+    gyroscope: Callable[[], Reading[Gyroscope] | None] = lambda: None,
+    fixes: Callable[[], Reading[Fixes] | None] = lambda: None,
+    mount: Callable[[], Mount | None] = lambda: None,
+    *,
+    truth: Callable[[], Trajectory | None] = lambda: None,
+    odometry: Callable[[], Trajectory | None] = lambda: None,
+    notes: Iterable[str] = (),
+) -> _Some:
+    """Returns a recording with what lies beside its polar scans; what cannot be used is left out with a fault.
+
+    Args:
+        recording: the recording, whose notes come first; a trajectory that it has already stays.
+        gyroscope: reads the gyroscope; None where the recording has none, DataError where it cannot be used.
+        fixes: likewise the GNSS fixes.
+        mount: likewise where the radar sits.
+        truth: likewise the ground truth.
+        odometry: likewise the odometry.
+        notes: what a user should know besides.
+    """
+    (true_track, untrue), (track, unused) = read_beside(truth), read_beside(odometry)
+    turning, unturned = read_beside(gyroscope)
+    placed, unplaced = read_beside(fixes)
+    seat, unseated = read_beside(mount)
+    read = [reading for reading in (turning, placed) if reading is not None]
+    faults = [*unturned, *unplaced, *unseated, *(fault for reading in read for fault in reading.faults)]
+    return replace(
+        recording,
+        ground_truth=true_track or recording.ground_truth,
+        odometry=track or recording.odometry,
+        gyroscope=turning.sensor if turning else None,
+        fixes=placed.sensor if placed else None,
+        mount=seat,
+        notes=(*recording.notes, *notes, *(note for reading in read for note in reading.notes)),
+        faults=(*untrue, *unused, *recording.faults, *faults),
+    )
+
+
+def make_gyroscope(
+    path: Path, table: SensorTable, *notes: str, source: str = "", own_clock: bool = False
+) -> Reading[Gyroscope]:
     """Makes a gyroscope of the rows of a file or topic that can be used.
 
     Args:
         path: the file, for errors.
-        source: the file or topic, for messages.
         table: stamps, and rates about x forward, y left and z up [rad/s].
         notes: how the file was understood.
+        source: what the rows come from where that is not the whole file, for messages.
         own_clock: whether its clock is known not to be that of the radar.
 
     Raises:
         DataError: fewer than two rows can be used.
     """
-    finite = mark_places(table.columns)
+    finite, source = mark_places(table.columns), source or str(path)
     kept, faults = _choose_rows(source, table, finite, "numbers that are not finite")
     if np.count_nonzero(kept) < 2:
         has = "finite rates" if np.count_nonzero(finite) < 2 else "a later stamp than those before it"
@@ -61,39 +123,43 @@ def make_gyroscope(path: Path, source: str, table: SensorTable, *notes: str, own
 
 
 def make_fixes(
-    path: Path, source: str, table: SensorTable, *notes: str, made_truth: bool = False, own_clock: bool = False
+    path: Path, table: SensorTable, *notes: str, source: str = "", made_truth: bool = False, own_clock: bool = False
 ) -> Reading[Fixes]:
     """Makes fixes of the rows of a file or topic that can be used.
 
     Args:
         path: the file, for errors.
-        source: the file or topic, for messages.
-        table: stamps, and latitude and longitude [degrees] and standard deviation [m], which is no finite positive number
-            where the receiver states none.
+        table: stamps, and latitude and longitude [degrees] and, as far as the receiver states it, standard deviation [m]: a
+            finite positive number.
         notes: how the file was understood.
+        source: what the rows come from where that is not the whole file, for messages.
         made_truth: whether the recording's ground truth was made from this receiver.
         own_clock: whether the receiver's clock is known not to be that of the radar.
 
     Raises:
         DataError: no row can be used.
     """
-    latitudes, longitudes, sigmas = table.columns.T
+    latitudes, longitudes = table.columns[:, :2].T
+    sigmas = table.columns[:, 2] if table.columns.shape[1] > 2 else np.full(len(latitudes), np.nan)
     on_earth = (np.abs(latitudes) <= 90.0) & (np.abs(longitudes) <= 180.0)  # false of NaN
     on_earth &= (latitudes != 0.0) | (longitudes != 0.0)  # receivers write zeros where they have no fix
-    kept, faults = _choose_rows(source, table, np.asarray(on_earth), "no place on the Earth")
+    kept, faults = _choose_rows(source or str(path), table, np.asarray(on_earth), "no place on the Earth")
     if not kept.any():
         has = "a latitude within 90 degrees and a longitude within 180 degrees that are not both 0"
         problem = _describe_unusable(table, 0, "position of a GNSS receiver", has)
         swapped = (np.abs(longitudes) <= 90.0) & (np.abs(latitudes) <= 180.0) & (np.abs(latitudes) > 90.0)
         hint = ": its latitudes seem to be longitudes, and the other way round" if swapped.any() else ""
         raise DataError(path, problem, f"give a log with fixes, in degrees{hint}")
-    sigmas = np.where(np.isfinite(sigmas) & (sigmas > 0.0), sigmas, np.nan)
-    fixes = Fixes(table.stamps_us[kept], latitudes[kept], longitudes[kept], sigmas[kept], source, made_truth, own_clock)
-    return Reading(fixes, notes, faults)
+    sigmas = np.where(np.isfinite(sigmas) & (sigmas > 0.0), sigmas, np.nan)[kept]
+    return Reading(
+        Fixes(table.stamps_us[kept], latitudes[kept], longitudes[kept], sigmas, source or str(path), made_truth, own_clock),
+        notes,
+        faults,
+    )
 
 
 def _describe_unusable(table: SensorTable, kept: int, noun: str, has: str) -> str:
-    """Returns how many rows a file holds and how few of them can be used, in words.
+    """Words how many rows a file holds and how few of them can be used.
 
     Args:
         table: the rows.
@@ -114,21 +180,13 @@ def _describe_unusable(table: SensorTable, kept: int, noun: str, has: str) -> st
 def _choose_rows(
     source: str, table: SensorTable, sound: NDArray[np.bool_], unsound: str
 ) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
-    """Chooses the rows (N,) to keep, and counts the others in words.
-
-    Args:
-        source: the file or topic.
-        table: its rows.
-        sound: (N,) which rows hold what they should.
-        unsound: what the others hold.
-    """
+    """Chooses the rows (N,) to keep of the sound ones (N,), and words what the unsound and the late ones are."""
     faults = []
     rows = table.unread + len(sound)
     if bad := table.unread + int(np.count_nonzero(~sound)):
         faults.append(f"{source}: {bad} of {count_of(rows, 'row')} {is_or_are(bad)} left out: they hold {unsound}")
     kept = sound.copy()
-    steps = np.diff(table.stamps_us[sound])
-    if np.any(steps <= 0):
+    if np.any(np.diff(table.stamps_us[sound]) <= 0):
         kept[sound] = mark_increasing(table.stamps_us[sound].tolist())
         late = int(np.count_nonzero(sound & ~kept))
         faults.append(f"{source}: the stamps of {late} of {count_of(rows, 'row')} repeat or run backward: left out")

@@ -6,13 +6,13 @@ Fixes on a topic whose name says that it is ground truth are those that the grou
 from __future__ import annotations
 
 from array import array
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mqslam.core.recording import Recording
 from mqslam.core.sensors.fixes import Fixes
@@ -20,11 +20,11 @@ from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.sensors.mount import Mount
 from mqslam.core.wording import count_of
 from mqslam.errors import DataError
-from mqslam.formats.lidars.mounts import Mounts
+from mqslam.formats import bags
+from mqslam.formats.bags import RADAR_FRAME, TF_TYPE, VEHICLE_FRAME, Bag
 from mqslam.formats.sensors.reading import Reading, make_fixes, make_gyroscope
-from mqslam.formats.sensors.sensor_table import SensorTable
-from mqslam.formats.shared import bags
-from mqslam.formats.shared.bag_writer import RADAR_FRAME, TF_TYPE, VEHICLE_FRAME, Bag
+from mqslam.formats.tables import SensorTable
+from mqslam.formats.transforms import Mounts
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -39,6 +39,23 @@ _NO_FIX, _UNKNOWN = -1, -2  # statuses of a NavSatFix; drivers that never set it
 
 
 @dataclass(slots=True)
+class _Rows:
+    """The messages on a topic: their stamps [us], three numbers each, and how many beside them are damaged."""
+
+    stamps: array[int] = field(default_factory=lambda: array("q"))
+    numbers: array[float] = field(default_factory=lambda: array("d"))
+    unread: int = 0
+
+    def add(self, stamp_us: int, *numbers: float) -> None:
+        self.numbers.extend([float(number) for number in numbers])
+        self.stamps.append(stamp_us)
+
+    def to_table(self) -> SensorTable:
+        columns = np.array(self.numbers, dtype=np.float64).reshape(-1, 3)
+        return SensorTable(np.array(self.stamps, dtype=np.int64), columns, self.unread)
+
+
+@dataclass(slots=True)
 class RosSensors:
     """The messages of a bag's sensors; `add` takes in one after the other.
 
@@ -46,15 +63,12 @@ class RosSensors:
         imu_topic: topic of the gyroscope, or None.
         fix_topic: topic of the GNSS receiver, or None.
         others: topics of the same types that are not read.
-        imu_stamps, fix_stamps: [us].
-        rates: three [rad/s] per stamp.
-        places: latitude, longitude [degrees] and standard deviation [m] per stamp.
+        transform_topics: topics of transforms, of which those count that never change.
+        rows: turn rates [rad/s], or latitude, longitude [degrees] and standard deviation [m], by topic.
         imu_frame: frame of the gyroscope.
-        unread: number of messages that are damaged, by topic.
         unfixed: number of messages without a fix.
         unstated: number of messages that do not state whether they have a fix.
-        transform_topics: topics of transforms, of which those count that never change.
-        mounts: these transforms.
+        mounts: the transforms that never change.
         clock: reads the stamps of messages.
     """
 
@@ -62,12 +76,8 @@ class RosSensors:
     fix_topic: str | None
     others: tuple[str, ...]
     transform_topics: tuple[str, ...] = ()
-    imu_stamps: array[int] = field(default_factory=lambda: array("q"))
-    rates: array[float] = field(default_factory=lambda: array("d"))
+    rows: defaultdict[str, _Rows] = field(default_factory=lambda: defaultdict(_Rows))
     imu_frame: str = ""
-    fix_stamps: array[int] = field(default_factory=lambda: array("q"))
-    places: array[float] = field(default_factory=lambda: array("d"))
-    unread: dict[str, int] = field(default_factory=dict)
     unfixed: int = 0
     unstated: int = 0
     mounts: Mounts = field(default_factory=Mounts)
@@ -88,15 +98,14 @@ class RosSensors:
     def add(self, reader: AnyReader, connection: Connection, logged_ns: int, raw: bytes) -> None:
         """Takes in a message of one of the topics; a damaged one is counted."""
         try:
-            message = bags.deserialise(reader, connection, raw)
-            if connection.topic in self.transform_topics:
-                self.mounts.add(message, connection.topic)
-            elif connection.topic == self.imu_topic:
-                self._add_rates(message, self.clock.stamp(connection.topic, message, logged_ns))
-            else:
-                self._add_place(message, self.clock.stamp(connection.topic, message, logged_ns))
+            topic, message = connection.topic, bags.deserialise(reader, connection, raw)
+            if topic in self.transform_topics:
+                self.mounts.add(message, topic)
+                return
+            add_row = self._add_rates if topic == self.imu_topic else self._add_place
+            add_row(topic, message, self.clock.stamp(topic, message, logged_ns))
         except (ValueError, OverflowError, AttributeError):
-            self.unread[connection.topic] = self.unread.get(connection.topic, 0) + 1
+            self.rows[connection.topic].unread += 1
 
     def read_gyroscope(self, path: Path) -> Reading[Gyroscope] | None:
         """Returns the gyroscope, its rates turned to the vehicle's axes where transforms place it; None without a topic.
@@ -106,15 +115,15 @@ class RosSensors:
         """
         if self.imu_topic is None:
             return None
-        rates = np.array(self.rates, dtype=np.float64).reshape(-1, 3)
-        placed = self.mounts.place(self.imu_frame, "")
+        table = self.rows[self.imu_topic].to_table()
+        placed = self.mounts.place(self.imu_frame)
         if placed is None:
             note = f"the axes of the gyroscope on {self.imu_topic} are taken as x forward, y left, z up"
         else:
             note = f"the gyroscope on {self.imu_topic} is turned to the vehicle's axes by its frame, {self.imu_frame}"
             with np.errstate(invalid="ignore"):  # rates that are not finite are left out afterwards
-                rates = rates @ placed[:3, :3].T
-        return make_gyroscope(path, self.imu_topic, self._tabulate(self.imu_topic, self.imu_stamps, rates), note)
+                table = table.with_columns(table.columns @ placed[:3, :3].T)
+        return make_gyroscope(path, table, note, source=self.imu_topic)
 
     def read_fixes(self, path: Path) -> Reading[Fixes] | None:
         """Returns the fixes; None without a topic, or where the receiver never had one.
@@ -122,11 +131,10 @@ class RosSensors:
         Raises:
             DataError: no message can be used.
         """
-        if self.fix_topic is None or ((self.unfixed or self.unstated) and not self.fix_stamps):
+        if self.fix_topic is None or ((self.unfixed or self.unstated) and not self.rows[self.fix_topic].stamps):
             return None
-        places = np.array(self.places, dtype=np.float64).reshape(-1, 3)
-        table = self._tabulate(self.fix_topic, self.fix_stamps, places)
-        return make_fixes(path, self.fix_topic, table, made_truth=_is_truth(self.fix_topic))
+        table = self.rows[self.fix_topic].to_table()
+        return make_fixes(path, table, source=self.fix_topic, made_truth=_is_truth(self.fix_topic))
 
     def read_mount(self, path: Path, radar_frame: str) -> Mount | None:
         """Returns where the transforms place the radar on the vehicle; None where they do not.
@@ -135,14 +143,14 @@ class RosSensors:
             DataError: it holds damaged messages, or transforms that are not finite.
         """
         topic = self.mounts.topics.get(bags.name_frame(radar_frame))
-        mount = self.mounts.find(radar_frame, "") if topic else None
-        if mount is None:
-            if damaged := self.unread.get(STATIC_TOPIC):
+        pose = self.mounts.find(radar_frame) if topic else None
+        if pose is None:
+            if damaged := self.rows[STATIC_TOPIC].unread:
                 raise DataError(path, f"holds {count_of(damaged, 'damaged message')} on {STATIC_TOPIC}", "repair the bag")
             return None
-        if not np.isfinite(mount.pose).all():
+        if not np.isfinite(pose).all():
             raise DataError(path, f"places {radar_frame} by transforms that are not finite", f"repair {topic}")
-        return Mount(mount.pose, topic or STATIC_TOPIC)
+        return Mount(pose, topic or STATIC_TOPIC)
 
     @property
     def notes(self) -> list[str]:
@@ -157,15 +165,14 @@ class RosSensors:
             notes.append(f"{count_of(self.unstated, 'message')} on {self.fix_topic} {said}")
         return notes + self.clock.notes
 
-    def _add_rates(self, message: Any, stamp_us: int) -> None:
+    def _add_rates(self, topic: str, message: Any, stamp_us: int) -> None:
         if message.angular_velocity_covariance[0] == _NOT_GIVEN:
             raise ValueError("states no rates")
         rate = message.angular_velocity
-        self.rates.extend((float(rate.x), float(rate.y), float(rate.z)))
-        self.imu_stamps.append(stamp_us)
+        self.rows[topic].add(stamp_us, rate.x, rate.y, rate.z)
         self.imu_frame = message.header.frame_id
 
-    def _add_place(self, message: Any, stamp_us: int) -> None:
+    def _add_place(self, topic: str, message: Any, stamp_us: int) -> None:
         is_unknown = message.status.status == _UNKNOWN
         self.unstated += is_unknown
         if message.status.status <= _NO_FIX and not (is_unknown and _is_place(message.latitude, message.longitude)):
@@ -174,11 +181,7 @@ class RosSensors:
         known = message.position_covariance_type != 0
         variance = float(message.position_covariance[0] + message.position_covariance[4]) / 2.0 if known else np.nan
         sigma = float(np.sqrt(variance)) if variance > 0.0 else np.nan
-        self.places.extend((float(message.latitude), float(message.longitude), sigma))
-        self.fix_stamps.append(stamp_us)
-
-    def _tabulate(self, topic: str, stamps: array[int], columns: NDArray[np.float64]) -> SensorTable:
-        return SensorTable(np.array(stamps, dtype=np.int64), columns, self.unread.get(topic, 0))
+        self.rows[topic].add(stamp_us, message.latitude, message.longitude, sigma)
 
 
 def _is_place(latitude: float, longitude: float) -> bool:
@@ -213,10 +216,7 @@ def list_sensor_messages(bag: Bag, recording: Recording) -> list[Iterator[tuple[
 def _list_mount(bag: Bag, mount: Mount, stamp_us: int) -> Iterator[tuple[int, Connection, Any]]:
     """Lists the transform from the vehicle to the radar, stamped [us]."""
     connection = bag.topic(STATIC_TOPIC, TF_TYPE, latched=True)
-    x, y, yaw = mount.pose.tolist()
-    move = bag.make("geometry_msgs/msg/Transform", bag.vector(x, y, 0.0), bag.quaternion(yaw))
-    stamped = bag.make("geometry_msgs/msg/TransformStamped", bag.header(stamp_us, VEHICLE_FRAME), RADAR_FRAME, move)
-    yield stamp_us, connection, bag.make(TF_TYPE, [stamped])
+    yield stamp_us, connection, bag.transform(stamp_us, (VEHICLE_FRAME, RADAR_FRAME), mount.pose)
 
 
 def _list_rates(bag: Bag, gyroscope: Gyroscope) -> Iterator[tuple[int, Connection, Any]]:

@@ -19,7 +19,7 @@ from mqslam.evaluation import list_errors
 from mqslam.execution.files import write_json, write_text
 from mqslam.execution.guards.memory import find_peak_mb
 from mqslam.formats.covariances import StampedCovariances, write_covariances
-from mqslam.formats.maps.geojson import write_geojson
+from mqslam.formats.maps.georeferenced import write_geojson
 from mqslam.formats.tum import write_tum
 from mqslam.localisation.localised import Localised, PlaceStatus
 from mqslam.results.run_log import format_log, list_stages

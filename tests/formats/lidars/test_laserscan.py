@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from rosbags.typesys import get_types_from_msg
 from scipy.spatial.transform import Rotation
-from support.recordings import KINDS, START_US, Bag, bag_path, bag_writer
+from support.recordings import KINDS, START_US, TF, bag_path, bag_writer
 
 from mqslam.core import se2
 from mqslam.core.sensors.lidar import LidarRecording
@@ -18,24 +17,8 @@ from mqslam.formats.lidars.laserscan import holds_scans, read_lidar
 SCAN = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"
 POSE = "geometry_msgs/msg/PoseStamped"
-TF = "tf2_msgs/msg/TFMessage"
 COVARIANT = "geometry_msgs/msg/PoseWithCovarianceStamped"
 PERIOD_US = 100_000
-
-
-def scan(bag: Bag, stamp_us: int, ranges: Any, intensities: Any = (), time_increment: float = 1e-3, **changed: float) -> Any:
-    """Makes a scan that begins at -1 rad, in steps of 0.5 rad, in the frame called radar."""
-    limits = {"range_min": 0.1, "range_max": 30.0, "angle_min": -1.0, **changed}
-    return bag.store.types[SCAN](
-        bag.header(stamp_us),
-        angle_max=1.0,
-        angle_increment=0.5,
-        time_increment=time_increment,
-        scan_time=0.1,
-        ranges=np.asarray(ranges, np.float32),
-        intensities=np.asarray(intensities, np.float32),
-        **limits,
-    )
 
 
 def write(path: Path, kind: str, *scans: dict[str, Any], topics: tuple[str, ...] = ("/scan",)) -> Path:
@@ -44,7 +27,7 @@ def write(path: Path, kind: str, *scans: dict[str, Any], topics: tuple[str, ...]
         connections = [bag.topic(topic, SCAN) for topic in topics]
         for k, content in enumerate(scans):
             for connection in connections:
-                bag.write(connection, START_US + k * PERIOD_US, scan(bag, START_US + k * PERIOD_US, **content))
+                bag.write(connection, START_US + k * PERIOD_US, bag.scan(START_US + k * PERIOD_US, **content))
     return path
 
 
@@ -99,7 +82,7 @@ def test_scans_that_repeat_a_stamp_or_run_backward_are_left_out_with_a_note(tmp_
     with bag_writer(path, "ros1") as bag:
         topic = bag.topic("/scan", SCAN)
         for k, step in enumerate([0, 1, 1, 900, 2, 3]):
-            bag.write(topic, START_US + k * PERIOD_US, scan(bag, START_US + step * PERIOD_US, [k + 1.0]))
+            bag.write(topic, START_US + k * PERIOD_US, bag.scan(START_US + step * PERIOD_US, [k + 1.0]))
     recording = read_lidar(path)
     assert ((recording.scans.stamps_us - START_US) // PERIOD_US).tolist() == [0, 1, 2, 3]
     assert any(note.startswith("2 scans") for note in recording.notes)
@@ -116,24 +99,12 @@ def drive(path: Path, kind: str = "ros1", mount: Any = None) -> LidarRecording:
         scans, wheels, slam = bag.topic("/scan", SCAN), bag.topic("/odom", ODOMETRY), bag.topic("/amcl_pose", COVARIANT)
         goal = bag.topic("/move_base_simple/goal", POSE)
         if mount is not None:
-            if bag.is_ros1:
-                bag.store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", TF))
             static = bag.topic("/tf_static", TF)
-            x, y, z, w = mount.as_quat()
-            transform = types["geometry_msgs/msg/Transform"](
-                types["geometry_msgs/msg/Vector3"](0.2, 0.1, 0.4), types["geometry_msgs/msg/Quaternion"](x, y, z, w)
-            )
-            still = types["geometry_msgs/msg/Transform"](
-                types["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.1), types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-            )
-            stamped = types["geometry_msgs/msg/TransformStamped"]
-            header, plate = bag.header(START_US), bag.header(START_US)
-            header.frame_id, plate.frame_id = "plate", "base_link"
-            both = [stamped(header, "radar", transform), stamped(plate, "plate", still)]
-            bag.write(static, START_US, types[TF](both))
+            bag.write(static, START_US, bag.transform(START_US, ("plate", "radar"), (0.2, 0.1, 0.4), mount.as_quat()))
+            bag.write(static, START_US, bag.transform(START_US, ("base_link", "plate"), (0.0, 0.0, 0.1)))
         for k in range(4):
             stamp = START_US + k * PERIOD_US
-            bag.write(scans, stamp, scan(bag, stamp, [1, 2, 3, 4, 5]))
+            bag.write(scans, stamp, bag.scan(stamp))
             bag.write(wheels, stamp, bag.odometry(stamp, 1.1 * arc(float(k))))
             posed = bag.odometry(stamp, arc(float(k))).pose
             bag.write(slam, stamp, types[COVARIANT](bag.header(stamp), posed))

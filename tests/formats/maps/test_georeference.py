@@ -13,8 +13,7 @@ from mqslam.core.point_map import OccupancyGrid
 from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.sensors.tangent_plane import TangentPlane
 from mqslam.core.trajectory import Trajectory
-from mqslam.formats.maps.geojson import write_geojson
-from mqslam.formats.maps.geotiff import write_geotiff
+from mqslam.formats.maps.georeferenced import write_geojson, write_geotiff
 from mqslam.formats.maps.nav2_map import read_nav2_map, write_nav2_map
 
 PLACE = Georeference(TangentPlane(48.1, 11.5), np.array([120.0, -40.0, 0.7]))

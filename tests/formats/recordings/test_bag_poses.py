@@ -17,9 +17,9 @@ from mqslam.core import se2
 from mqslam.core.recording import Recording
 from mqslam.core.sensors.mount import Mount
 from mqslam.formats.conversion import find_target, write_recording
-from mqslam.formats.lidars.mounts import Mounts
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.recordings.bag_poses import Frames
+from mqslam.formats.recordings.rosbag import Frames
+from mqslam.formats.transforms import Mounts
 
 TRACK = circle(START_US + TURN_US * np.arange(9))
 RADAR = np.array([1.0, 0.2, np.pi / 2])

@@ -1,15 +1,12 @@
 from __future__ import annotations
 
-import pickle
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 from support.conversions import spinning
 from support.layouts import assert_alike, left_turn, write_radiate
-from support.recordings import assert_same
 from support.sensors import write_radiate_messages
 
 from mqslam.errors import DataError
@@ -33,20 +30,12 @@ def test_images_are_the_drive_spread_over_turns_that_end_at_their_arrival(radiat
     assert recording.range_resolution == pytest.approx(0.175)
     assert_alike(recording, left_turn())
     assert recording.odometry is None and recording.ground_truth is None
-    assert_same(recording, pickle.loads(pickle.dumps(recording)))
 
 
 def test_what_was_assumed_is_said(radiate: Path) -> None:
     notes = open_recording(radiate).notes
     assert any(note.startswith("azimuths carry no stamps of their own and are spread evenly") for note in notes)
     assert not any(note.startswith("GPS and IMU run on another clock") for note in notes)
-
-
-def test_the_folder_and_its_image_folder_open_the_same_recording(radiate: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = open_recording(radiate)
-    assert_same(whole, open_recording(radiate / "Navtech_Polar"))
-    monkeypatch.chdir(radiate / "Navtech_Polar")
-    assert_same(whole, open_recording(Path()))
 
 
 @pytest.mark.parametrize("place", ["", "Navtech_Polar"])
@@ -73,42 +62,29 @@ def test_frames_without_an_image_are_skipped_and_noted(radiate: Path) -> None:
     np.testing.assert_array_equal(recording[2].power, left_turn()[3].power)
 
 
-@pytest.mark.parametrize(
-    ("line", "problem"),
-    [
-        ("Frame: 000003", "line 3 is not 'Frame: 000001 Time: "),
-        ("Frame: 000003 Time: soon", "line 3 is not 'Frame: 000001 Time: "),
-    ],
-)
-def test_a_broken_list_of_stamps_is_named(radiate: Path, line: str, problem: str) -> None:
+@pytest.mark.parametrize("line", ["Frame: 000003", "Frame: 000003 Time: soon"])
+def test_a_broken_list_of_stamps_is_named(radiate: Path, line: str) -> None:
     edit(radiate / "Navtech_Polar.txt", 3, line)
-    with pytest.raises(DataError, match=rf"Navtech_Polar\.txt: {problem}"):
+    with pytest.raises(DataError, match=r"Navtech_Polar\.txt: line 3 is not 'Frame: 000001 Time: "):
         open_recording(radiate)
 
 
-def test_a_missing_list_of_stamps_is_named(radiate: Path) -> None:
-    (radiate / "Navtech_Polar.txt").unlink()
+def test_a_missing_or_empty_list_of_stamps_is_named(radiate: Path) -> None:
+    listing = radiate / "Navtech_Polar.txt"
+    listing.write_text("")
+    with pytest.raises(DataError, match=r"Navtech_Polar\.txt: is empty; it should hold a line"):
+        open_recording(radiate)
+    listing.unlink()
     with pytest.raises(DataError, match=r"Navtech_Polar\.txt: does not exist; it should hold a line"):
         open_recording(radiate)
 
 
-def test_an_empty_list_of_stamps_is_named(radiate: Path) -> None:
-    (radiate / "Navtech_Polar.txt").write_text("")
-    with pytest.raises(DataError, match=r"Navtech_Polar\.txt: is empty; it should hold a line"):
-        open_recording(radiate)
-
-
-@pytest.mark.parametrize(
-    ("line", "left", "fault"),
-    [
-        ("", 5, "Navtech_Polar.txt has no line for frame 000003: left out"),
-        ("Frame: 000002 Time: 1700000000.3", 5, "Navtech_Polar.txt has no line for frame 000003: left out"),
-    ],
-)
-def test_a_frame_without_a_stamp_in_order_is_left_out_and_said(radiate: Path, line: str, left: int, fault: str) -> None:
+@pytest.mark.parametrize("line", ["", "Frame: 000002 Time: 1700000000.3"])
+def test_a_frame_without_a_stamp_in_order_is_left_out_and_said(radiate: Path, line: str) -> None:
     edit(radiate / "Navtech_Polar.txt", 3, line)
     recording = open_recording(radiate)
-    assert len(list(recording.polar_scans())) == left and fault in recording.faults
+    assert len(list(recording.polar_scans())) == 5
+    assert "Navtech_Polar.txt has no line for frame 000003: left out" in recording.faults
 
 
 def test_nanoseconds_are_read_without_their_leading_zeros(tmp_path: Path) -> None:
@@ -146,24 +122,3 @@ def test_a_list_in_another_order_is_sorted_and_said(radiate: Path) -> None:
     assert recording.stamps_us.tolist() == expected.stamps_us.tolist()
     assert recording.images.names.tolist() == expected.images.names.tolist()
     assert recording.faults == ("Navtech_Polar.txt does not list its frames in order, first at 000005: sorted",)
-
-
-def test_a_folder_without_images_holds_no_polar_scans(radiate: Path) -> None:
-    for image in (radiate / "Navtech_Polar").iterdir():
-        image.unlink()
-    with pytest.raises(DataError, match="Navtech_Polar: holds no polar scans"):
-        open_recording(radiate)
-
-
-def test_a_truncated_image_in_the_middle_is_named(radiate: Path) -> None:
-    image = radiate / "Navtech_Polar" / "000004.png"
-    image.write_bytes(image.read_bytes()[:400])
-    with pytest.raises(DataError, match=r"000004\.png: is not a readable PNG"):
-        list(open_recording(radiate).polar_scans())
-
-
-@pytest.mark.parametrize("shape", [(199, 40), (40, 200), (200, 41)])
-def test_an_image_of_another_shape_is_named(radiate: Path, shape: tuple[int, int]) -> None:
-    Image.fromarray(np.zeros(shape, np.uint8)).save(radiate / "Navtech_Polar" / "000004.png")
-    with pytest.raises(DataError, match=rf"000004\.png: holds {shape[0]} ranges by {shape[1]} azimuths"):
-        list(open_recording(radiate).polar_scans())

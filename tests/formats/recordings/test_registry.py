@@ -28,7 +28,7 @@ def open_recording(path, sensing):
 """
 WRITER = """
 
-from mqslam.formats.shared.target import Target
+from mqslam.formats.recordings.layout import Target
 
 TARGETS = (Target("toy", native.write, ".toy", odometry=True),)
 """

@@ -3,6 +3,7 @@ from __future__ import annotations
 import pickle
 import sqlite3
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from support.recordings import (
     KINDS,
     START_US,
     TURN_US,
+    Bag,
     assert_same,
     assert_same_polar_scan,
     bag_path,
@@ -18,6 +20,7 @@ from support.recordings import (
     oxford_rows,
     raw_rows,
     write_bag,
+    write_turns,
 )
 
 from mqslam.core.trajectory import Trajectory
@@ -65,14 +68,14 @@ def test_single_polar_scans_are_found_again(oxford: Path, tmp_path: Path, kind: 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("columns", [False, True])
 def test_images_without_metadata_are_spread_over_the_turn(oxford: Path, tmp_path: Path, kind: str, columns: bool) -> None:
-    topic = "/radar/polar" if columns else "/Navtech/Polar"
-    path = bag_path(tmp_path, kind)
-    with bag_writer(path, kind) as bag:
-        radar = bag.topic(topic, IMAGE)
-        for stamp, rows in raw_rows(open_recording(oxford)):
-            stamp += TURN_US if columns else 0  # MulRan's player stamps the ends
-            bag.write(radar, stamp, bag.image(stamp, rows[:, 11:].T if columns else rows[:, 11:]))
-    recording = open_recording(path)
+    recording = write_turns(
+        oxford,
+        bag_path(tmp_path, kind),
+        kind,
+        lambda bag, stamp, rows: bag.image(stamp, rows[:, 11:].T if columns else rows[:, 11:]),
+        "/radar/polar" if columns else "/Navtech/Polar",
+        TURN_US if columns else 0,  # MulRan's player stamps the ends
+    )
     np.testing.assert_array_equal(recording.stamps_us, START_US + TURN_US * np.arange(6))
     assert recording.end_us == START_US + 6 * TURN_US
     polar_scan = recording[5]
@@ -98,11 +101,8 @@ def test_a_gap_does_not_stretch_the_turn_before_it(oxford: Path, tmp_path: Path)
 @pytest.mark.parametrize("topic", ["/Navtech/Polar", "/Navtech/Polar/compressed", "/radar/polar/compressed"])
 def test_images_compressed_without_loss_are_the_images(oxford: Path, tmp_path: Path, kind: str, topic: str) -> None:
     path = bag_path(tmp_path, kind)
-    with bag_writer(path, kind) as bag:
-        radar = bag.topic(topic, COMPRESSED)
-        for stamp, rows in raw_rows(open_recording(oxford)):
-            bag.write(radar, stamp, bag.compressed(stamp, rows, "png"))
-    assert_same(open_recording(oxford), open_recording(path))
+    bag = write_turns(oxford, path, kind, lambda bag, stamp, rows: bag.compressed(stamp, rows, "png"), topic)
+    assert_same(open_recording(oxford), bag)
 
 
 @pytest.mark.parametrize(("topic", "columns"), [("/Navtech/Polar", False), ("/radar/polar/compressed", True)])
@@ -139,13 +139,13 @@ def test_of_a_topic_and_its_compressed_twin_the_first_is_taken(oxford: Path, tmp
 def test_a_compressed_image_that_is_no_polar_scan_is_named(
     oxford: Path, tmp_path: Path, pixels: np.ndarray, keep: int, problem: str
 ) -> None:
-    with bag_writer(tmp_path / "drive.bag", "ros1") as bag:
-        radar = bag.topic("/Navtech/Polar", COMPRESSED)
-        for k, (stamp, rows) in enumerate(raw_rows(open_recording(oxford))):
-            message = bag.compressed(stamp, pixels if k == 3 else rows[:, 11:], "png")
-            message.data = message.data[:keep] if k == 3 else message.data
-            bag.write(radar, stamp, message)
-    recording = open_recording(tmp_path / "drive.bag")
+    def make(bag: Bag, stamp: int, rows: np.ndarray) -> Any:
+        broken = stamp == START_US + 3 * TURN_US
+        message = bag.compressed(stamp, pixels if broken else rows[:, 11:], "png")
+        message.data = message.data[:keep] if broken else message.data
+        return message
+
+    recording = write_turns(oxford, tmp_path / "drive.bag", "ros1", make)
     assert len(list(recording.polar_scans(0, 3))) == 3
     logged = f"the message on /Navtech/Polar recorded at {START_US + 3 * TURN_US}000 ns"
     with pytest.raises(DataError, match=rf"drive\.bag: {logged} {problem}"):
@@ -241,13 +241,14 @@ def test_a_ros2_folder_without_its_files_is_named(tmp_path: Path) -> None:
 
 
 def test_a_message_that_is_no_polar_scan_is_left_out_and_named_by_topic_and_time(oxford: Path, tmp_path: Path) -> None:
-    with bag_writer(tmp_path / "drive.bag", "ros1") as bag:
-        radar = bag.topic("/Navtech/Polar", IMAGE)
-        for stamp, rows in raw_rows(open_recording(oxford)):
-            broken = stamp == START_US + 3 * TURN_US
-            bag.write(radar, stamp, bag.image(stamp, rows, "16UC1" if broken else "mono8"))
-    logged = f"the message on /Navtech/Polar recorded at {START_US + 3 * TURN_US}000 ns"
-    recording = open_recording(tmp_path / "drive.bag")
+    at = START_US + 3 * TURN_US
+    logged = f"the message on /Navtech/Polar recorded at {at}000 ns"
+    recording = write_turns(
+        oxford,
+        tmp_path / "drive.bag",
+        "ros1",
+        lambda bag, stamp, rows: bag.image(stamp, rows, "16UC1" if stamp == at else "mono8"),
+    )
     assert len(list(recording.polar_scans())) == len(recording) == 5
     (fault,) = recording.faults
     assert "1 message on /Navtech/Polar could not be read and is left out: " in fault

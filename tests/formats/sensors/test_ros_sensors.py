@@ -11,8 +11,8 @@ from support.recordings import KINDS, START_US, TURN_US, Bag, bag_path, bag_writ
 from support.sensors import RATE, stamps
 
 from mqslam.core.recording import Recording
+from mqslam.formats.bags import TF_TYPE
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.shared.bag_writer import TF_TYPE
 
 IMU, FIX = "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
 ABSENT, KNOWN = np.array([-1.0, *[0.0] * 8]), np.zeros(9)
@@ -41,21 +41,12 @@ def fix(bag: Bag, stamp_us: int, status: int = 0, kind: int = 2, latitude: float
 
 
 def static(bag: Bag, parent: str, child: str, move: tuple[float, ...], turn: tuple[float, ...]) -> Any:
-    types = bag.store.types
-    motion = types["geometry_msgs/msg/Transform"](
-        types["geometry_msgs/msg/Vector3"](*move), types["geometry_msgs/msg/Quaternion"](*turn)
-    )
-    stamped = types["geometry_msgs/msg/TransformStamped"](header(bag, START_US, parent), child, motion)
-    return types[TF_TYPE]([stamped])
+    return bag.transform(START_US, (parent, child), move, turn)
 
 
 def write(path: Path, kind: str, *sensors: tuple[str, str, Any]) -> Recording:
     """Writes three polar scans and messages (topic, type, function of the bag that lists stamps and messages)."""
-    from rosbags.typesys import get_types_from_msg
-
     with bag_writer(path, kind) as bag:
-        if TF_TYPE not in bag.store.types:
-            bag.store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", TF_TYPE))
         radar = bag.topic("/Navtech/Polar", "sensor_msgs/msg/Image")
         messages = [(START_US + k * TURN_US, radar, bag.image(START_US + k * TURN_US, oxford_rows(k))) for k in range(3)]
         for topic, message_type, listed in sensors:

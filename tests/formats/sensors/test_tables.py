@@ -13,8 +13,7 @@ from support.sensors import LATITUDE, LONGITUDE, a_gyroscope, some_fixes, stamps
 from mqslam.errors import DataError
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.sensors import read_fixes, read_gyroscope
-from mqslam.formats.sensors.fixes_csv import write_fixes_csv
-from mqslam.formats.sensors.gyroscope_csv import write_gyroscope_csv
+from mqslam.formats.sensors.csv_files import write_fixes_csv, write_gyroscope_csv
 
 
 def test_a_gyroscope_is_read_in_radians_per_second_and_microseconds(tmp_path: Path) -> None:
@@ -144,13 +143,6 @@ def test_a_file_without_fixes_is_refused(tmp_path: Path, lines: list[str], said:
     with pytest.raises(DataError, match="gnss") as caught:
         read_fixes(write_lines(tmp_path / "gnss.csv", *lines), START_US)
     assert said in str(caught.value) and caught.value.remedy
-
-
-def test_a_missing_file_is_said_to_be_missing(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="does not exist"):
-        read_gyroscope(tmp_path / "imu.csv")
-    with pytest.raises(DataError, match="does not exist"):
-        read_fixes(tmp_path / "gnss.csv", START_US)
 
 
 def test_files_beside_the_images_are_the_recordings_sensors(oxford: Path) -> None:

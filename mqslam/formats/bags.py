@@ -1,0 +1,393 @@
+"""ROS bags: opening and writing them, naming the message at fault, stamps and planar poses."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of, is_or_are
+from mqslam.errors import DataError, MqslamError, OutputError, untrusted
+from mqslam.execution.files import write_aside
+from mqslam.execution.folders import write_folder_aside
+from mqslam.execution.guards.bag_bounds import bound_rosbags
+from mqslam.formats.images import CONVERT_IMAGES, NotGreyError
+from mqslam.formats.poses import mark_places, yaw_of_quaternion
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+    from rosbags.interfaces import Connection
+    from rosbags.typesys.store import Typestore
+
+IMAGE_TYPE = "sensor_msgs/msg/Image"
+COMPRESSED_TYPE = "sensor_msgs/msg/CompressedImage"
+B_SCAN_TYPE = "navtech_msgs/msg/RadarBScanMsg"
+B_SCAN_DEFINITION = "sensor_msgs/Image b_scan_img\nuint16[] encoder_values\nuint64[] timestamps\n"
+"""Message of Navtech's driver, and its definition, which ROS itself does not know."""
+FFT_NAMES = ("/RadarFftDataMessage", "/RadarFftDataMsg", "/FftDataMessage")
+"""Names of the messages of one azimuth that drivers of several ages publish; their packages differ, too."""
+_FFT_TYPES = ("messages/msg/RadarFftDataMessage", "nav_messages/msg/RadarFftDataMsg")
+_FFT_DEFINITION = "std_msgs/Header header\n" + "".join(
+    f"uint8[] {name}\n"
+    for name in ("angle", "azimuth", "sweep_counter", "ntp_seconds", "ntp_split_seconds", "data", "data_length")
+)
+ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
+POSE_TYPE = "geometry_msgs/msg/PoseStamped"
+POSE_WITH_COVARIANCE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+PATH_TYPE = "nav_msgs/msg/Path"
+TRUTH_NAME = re.compile(r"truth|(?<![a-z])gt(?![a-z])")
+_MOST_METADATA_BYTES = 800_000  # of a folder's metadata.yaml; that of a day in files of a minute has about 500,000
+PoseRow = tuple[int, float, float, float]
+_OTHER_SCHEMAS = {
+    "ros1msg": "of ROS 1 in an mcap",
+    "protobuf": "in protobuf",
+    "jsonschema": "in JSON",
+    "flatbuffer": "in FlatBuffers",
+}
+_GIVE_ROS = "give the .bag that it was made from, or convert that with rosbags-convert"
+_UNPACK = {
+    "zstd": "zstd -d FILE",
+    "zst": "zstd -d FILE",
+    "gz": "gunzip FILE",
+    "bz2": "bunzip2 FILE",
+    "xz": "unxz FILE",
+    "lz4": "unlz4 FILE",
+    "zip": "unzip FILE",
+    "7z": "7z x FILE",
+    "tar": "tar xf FILE",
+    "tgz": "tar xf FILE",
+}
+_PACKED = re.compile(rf".*?(?P<what>\.(?:db3|mcap|bag))?\.(?P<how>{'|'.join(_UNPACK)})")
+KINDS = {"rosbag1": ".bag", "mcap": ".mcap", "rosbag2": "", "rosbag2_mcap": ""}
+"""Bags that can be written, with their suffixes: a ROS 1 file, a bare mcap, and ROS 2 folders with sqlite3 or mcap."""
+RADAR_FRAME, VEHICLE_FRAME = "radar", "base_link"
+"""Frames of the radar and of the vehicle in every bag that is written."""
+TF_TYPE = "tf2_msgs/msg/TFMessage"
+_DEFINITIONS = {B_SCAN_TYPE: B_SCAN_DEFINITION, TF_TYPE: "geometry_msgs/TransformStamped[] transforms\n"}
+_LATEST_US = 2**31 * 1_000_000  # ROS 2 counts seconds in 31 bits [us]
+
+
+def explain_packed(path: Path) -> DataError | None:
+    """Returns the error of a file that is packed as a whole, such as one of a ROS 2 bag; None of any other."""
+    packed = _PACKED.fullmatch(path.name.lower())
+    if packed is None or not path.is_file():
+        return None
+    unpack = f"unpack it, as by '{_UNPACK[packed['how']]}'"
+    if packed["how"].startswith("zst") and packed["what"]:
+        return DataError(
+            path, "is a packed file of a ROS 2 bag", f"give the bag's folder, with its metadata.yaml, or {unpack}"
+        )
+    return DataError(path, "is packed", f"{unpack}, and give what was in it")
+
+
+def recognises(path: Path) -> bool:
+    """Returns whether the path is a `.bag`, `.mcap` or `.db3` file, or a folder with a `metadata.yaml`."""
+    return path.suffix in (".bag", ".mcap", ".db3") if path.is_file() else (path / "metadata.yaml").is_file()
+
+
+@contextlib.contextmanager
+def open_bag(path: Path) -> Iterator[AnyReader]:
+    """Opens a bag.
+
+    Args:
+        path: a ROS 1 `.bag`, a ROS 2 folder, `.db3` or `.mcap`.
+
+    Raises:
+        DataError: it is no readable bag.
+    """
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    for file in path.iterdir() if path.is_dir() else (path,):
+        if not file.is_dir():
+            untrusted.check_file(file)
+    if (described := path / "metadata.yaml").is_file():
+        untrusted.read_document(described, _MOST_METADATA_BYTES)
+    bound_rosbags()
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(B_SCAN_DEFINITION, B_SCAN_TYPE))
+    for name in _FFT_TYPES:
+        store.register(get_types_from_msg(_FFT_DEFINITION, name))
+    try:
+        with AnyReader([path], default_typestore=store) as reader:
+            yield reader
+    except MqslamError:
+        raise
+    except Exception as error:  # on damaged files rosbags lets through whatever struct, zlib, apsw, yaml... raise
+        if isinstance(error, KeyError) and error.args and (kind := _OTHER_SCHEMAS.get(error.args[0])):
+            raise DataError(path, f"holds messages {kind}, not of ROS 2", _GIVE_ROS) from error
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        remedy = "copy it anew, or repair it with 'rosbag reindex' or 'mcap recover'"
+        raise DataError(path, f"is not a readable bag ({reason})", remedy) from error
+
+
+@contextlib.contextmanager
+def name_message(path: Path, topic: str, logged_ns: int) -> Iterator[None]:
+    """Turns a ValueError about a message into an error of the bag that names the message."""
+    try:
+        yield
+    except ValueError as error:
+        remedy = CONVERT_IMAGES if isinstance(error, NotGreyError) else "cut it out of the bag, or name another bag"
+        raise DataError(path, f"the message on {topic} recorded at {logged_ns} ns {error}", remedy) from error
+
+
+def deserialise(reader: AnyReader, connection: Connection, raw: bytes) -> Any:
+    """Deserialises a message.
+
+    Raises:
+        ValueError: its bytes are not those of its type.
+    """
+    try:
+        return reader.deserialize(raw, connection.msgtype)
+    except Exception as error:  # what rosbags generates for a type may raise whatever struct and NumPy do
+        raise ValueError(f"is damaged ({str(error) or type(error).__name__})") from error
+
+
+def list_topics(reader: AnyReader) -> str:
+    """Lists the bag's topics with their types, twelve at most, for an error."""
+    return ", ".join(f"{c.topic} [{c.msgtype}]" for c in reader.connections[:12]) or "none"
+
+
+def require_topic(path: Path, topic: str, there: Iterable[Connection], what: str, kind: str) -> Connection:
+    """Returns the connection of a topic that the user names.
+
+    Args:
+        path: of the bag.
+        topic: its name.
+        there: the connections that could be meant.
+        what: is read from it, for the error.
+        kind: of messages that have it, for the error.
+
+    Raises:
+        DataError: none of the connections has that topic; the error lists theirs, twelve at most.
+    """
+    by_topic = {connection.topic: connection for connection in reversed(list(there))}
+    if topic not in by_topic:
+        listed = ", ".join(sorted(by_topic)[:12]) or "none"
+        raise DataError(path, f"has no {what} on {topic}", f"name one of its topics of {kind}: {listed}")
+    return by_topic[topic]
+
+
+def name_frame(name: str) -> str:
+    """Returns a frame's name as ROS 2 writes it: ROS 1 allowed a slash before."""
+    return name.lstrip("/")
+
+
+def stamp_of(message: Any) -> int:
+    """Returns the stamp [us] of a message's header."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * 1_000_000 + int(stamp.nanosec) // 1000
+
+
+@dataclass(slots=True)
+class Clock:
+    """The stamps of a bag's messages: those of their headers or, where a header has none, when they were recorded.
+
+    Args:
+        read: number of messages on each topic.
+        unstamped: number of those among them whose headers have no stamp.
+    """
+
+    read: dict[str, int] = field(default_factory=dict)
+    unstamped: dict[str, int] = field(default_factory=dict)
+
+    def stamp(self, topic: str, message: Any, logged_ns: int) -> int:
+        """Returns the stamp [us] of a message with a header that was recorded at a time [ns], and counts it."""
+        stamp = stamp_of(message)
+        self.read[topic] = self.read.get(topic, 0) + 1
+        if not stamp:
+            self.unstamped[topic] = self.unstamped.get(topic, 0) + 1
+        return stamp or logged_ns // 1000
+
+    @property
+    def notes(self) -> list[str]:
+        """What a user should know of messages without stamps: one line for each of their topics."""
+        return [
+            f"{'the' if count == self.read[topic] else f'{count} of {self.read[topic]}'} messages on {topic} "
+            "have no stamps in their headers: they are taken at the times at which they were recorded"
+            for topic, count in self.unstamped.items()
+        ]
+
+
+@dataclass(slots=True)
+class PoseLog:
+    """The planar poses on topics of a bag; `add` takes in one message after the other.
+
+    Args:
+        clock: reads the stamps of messages.
+        rows: stamp [us], x, y [m] and yaw [rad] by topic.
+        frames: whose poses they are, "" where messages do not name it.
+    """
+
+    clock: Clock = field(default_factory=Clock)
+    rows: dict[str, list[PoseRow]] = field(default_factory=dict)
+    frames: dict[str, str] = field(default_factory=dict)
+
+    def add(self, reader: AnyReader, connection: Connection, logged_ns: int, raw: bytes) -> None:
+        """Takes in an odometry or pose message, or a path, which takes the place of all poses before it."""
+        topic = connection.topic
+        message: Any = reader.deserialize(raw, connection.msgtype)
+        if connection.msgtype == PATH_TYPE:
+            self.rows[topic] = [_pose_of(pose.pose, stamp_of(pose)) for pose in message.poses]
+            return
+        pose = message.pose if connection.msgtype == POSE_TYPE else message.pose.pose
+        self.rows.setdefault(topic, []).append(_pose_of(pose, self.clock.stamp(topic, message, logged_ns)))
+        self.frames.setdefault(topic, getattr(message, "child_frame_id", ""))
+
+    def trajectory(self, topic: str | None) -> Trajectory | None:
+        """Returns the finite poses on a topic in the order of their stamps, or None where there are not two."""
+        rows = {row[0]: row for row in self.rows.get(topic or "", ()) if mark_places(np.array(row[1:]))}
+        if len(rows) < 2:
+            return None
+        kept = sorted(rows.values())
+        return Trajectory(np.array([row[0] for row in kept], dtype=np.int64), np.array([row[1:] for row in kept]))
+
+    def note_left_out(self, topic: str | None) -> list[str]:
+        """Says which poses on a topic `trajectory` leaves out: one line, or none."""
+        rows = self.rows.get(topic or "", [])
+        if rows and self.trajectory(topic) is None:
+            return [f"{topic} is left out: it holds no two poses at different times"]
+        left_out = sum(not mark_places(np.array(row[1:])) for row in rows)
+        return describe_left_out(left_out, f"{left_out} of {count_of(len(rows), 'pose')} on {topic}")
+
+
+def _pose_of(pose: Any, stamp_us: int) -> PoseRow:
+    """Returns the stamp [us] and planar pose of a `geometry_msgs/Pose`."""
+    q = pose.orientation
+    return stamp_us, pose.position.x, pose.position.y, yaw_of_quaternion(q.x, q.y, q.z, q.w)
+
+
+def describe_left_out(count: int, which: str) -> list[str]:
+    """Words that poses or transforms that are no motion are left out, by their number and in words: one line, or none."""
+    return [f"{which} {is_or_are(count)} left out: a quaternion of zeros, or no finite number"] if count else []
+
+
+@dataclass(frozen=True, slots=True)
+class Bag:
+    """A bag being written.
+
+    Args:
+        writer: of rosbags, for ROS 1 or 2.
+        store: the message types it knows.
+        is_ros1: which of the two it is.
+    """
+
+    writer: Any
+    store: Typestore
+    is_ros1: bool
+
+    def topic(self, name: str, message_type: str, *, latched: bool = False) -> Connection:
+        """Adds a topic; a latched one is played such that late subscribers still get its last message."""
+        kept: dict[str, Any] = {"latching": 1} if self.is_ros1 else {"offered_qos_profiles": [_make_latched_qos()]}
+        connection: Connection = self.writer.add_connection(
+            name, message_type, typestore=self.store, **(kept if latched else {})
+        )
+        return connection
+
+    def write(self, connection: Connection, stamp_us: int, message: Any) -> None:
+        """Writes a message as recorded at a stamp [us]."""
+        serialise = self.store.serialize_ros1 if self.is_ros1 else self.store.serialize_cdr
+        self.writer.write(connection, stamp_us * 1000, serialise(message, connection.msgtype))
+
+    def make(self, message_type: str, *fields: Any) -> Any:
+        """Makes a message of a type from its fields in their order."""
+        return self.store.types[message_type](*fields)
+
+    def header(self, stamp_us: int, frame: str) -> Any:
+        """Makes the header of a message in a frame.
+
+        Raises:
+            OutputError: the stamp lies before 1970 or after 2038, which ROS cannot hold.
+        """
+        if not 0 <= stamp_us < _LATEST_US:
+            raise OutputError(f"{self.writer.path}: stamp {stamp_us} us is outside ROS's clock; write .npz or a folder")
+        stamp = self.make("builtin_interfaces/msg/Time", stamp_us // 1_000_000, stamp_us % 1_000_000 * 1000)
+        return self.make("std_msgs/msg/Header", *((0, stamp, frame) if self.is_ros1 else (stamp, frame)))
+
+    def vector(self, x: float, y: float, z: float) -> Any:
+        """Makes a `geometry_msgs/Vector3`."""
+        return self.make("geometry_msgs/msg/Vector3", x, y, z)
+
+    def quaternion(self, yaw: float) -> Any:
+        """Makes a `geometry_msgs/Quaternion` of a yaw [rad]."""
+        return self.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2)))
+
+    def transform(self, stamp_us: int, frames: tuple[str, str], pose: se2.Array) -> Any:
+        """Makes a `tf2_msgs/TFMessage` of the pose x, y [m], yaw [rad] of the second of two frames in the first."""
+        x, y, yaw = pose.tolist()
+        move = self.make("geometry_msgs/msg/Transform", self.vector(x, y, 0.0), self.quaternion(yaw))
+        parent, child = frames
+        return self.make(
+            TF_TYPE, [self.make("geometry_msgs/msg/TransformStamped", self.header(stamp_us, parent), child, move)]
+        )
+
+    def pose(self, pose: se2.Array) -> Any:
+        """Makes a `geometry_msgs/Pose` of x, y [m], yaw [rad]."""
+        x, y, yaw = pose.tolist()
+        return self.make("geometry_msgs/msg/Pose", self.make("geometry_msgs/msg/Point", x, y, 0.0), self.quaternion(yaw))
+
+
+@contextlib.contextmanager
+def write_bag(out: Path, kind: str) -> Iterator[Bag]:
+    """Writes a bag of one of `KINDS` that takes the place of `out` when the block ends without an error.
+
+    Raises:
+        OutputError: the bag cannot be written.
+    """
+    if kind == "rosbag2" and set("?#%") & set(str(out)):
+        raise OutputError(f"{out}: sqlite takes ?, # and % in a path for something else; choose another output")
+    try:
+        if KINDS[kind]:
+            with write_aside(out) as aside, tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
+                path = Path(folder) / out.name
+                with _start_bag(path, kind) as bag:
+                    yield bag
+                (path if path.is_file() else next(path.glob("*.mcap"))).replace(aside)
+        else:
+            with write_folder_aside(out) as aside:
+                inside = aside / out.name  # ROS 2 names the files in a bag after its folder
+                with _start_bag(inside, kind) as bag:
+                    yield bag
+                for file in list(inside.iterdir()):
+                    shutil.move(file, aside)
+                inside.rmdir()
+    except sqlite3.Error as error:
+        raise OutputError(f"{out}: cannot be written ({error}); free space or choose another output") from error
+
+
+@contextlib.contextmanager
+def _start_bag(path: Path, kind: str) -> Iterator[Bag]:
+    """Starts a bag at a path where nothing is yet."""
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import Writer as Writer2
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    is_ros1 = kind == "rosbag1"
+    store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
+    for message_type, definition in _DEFINITIONS.items():
+        if message_type not in store.types:
+            store.register(get_types_from_msg(definition, message_type))
+    # some distributions that are still in use do not know version 9 of the metadata
+    plugin = StoragePlugin.SQLITE3 if kind == "rosbag2" else StoragePlugin.MCAP
+    with Writer1(path) if is_ros1 else Writer2(path, version=8, storage_plugin=plugin) as writer:
+        yield Bag(writer, store, is_ros1)
+
+
+def _make_latched_qos() -> Any:
+    """Makes the quality of service of a topic that keeps its last message for late subscribers."""
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
+    forever = QosTime(9_223_372_036, 854_775_807)
+    keep, reliable, durable = QosHistory.KEEP_LAST, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL
+    return Qos(keep, 1, reliable, durable, forever, forever, QosLiveliness.AUTOMATIC, forever, False)

@@ -1,0 +1,153 @@
+"""Power images on disk: 8-bit grey PNGs, and JPEGs in messages."""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import BinaryIO, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core.wording import is_or_are
+from mqslam.errors import DataError, untrusted
+
+_MOST_PIXELS, _LONGEST_SIDE = 16_000_000, 65_535  # largest polar scan: larger ones are damaged, or made to fill the memory
+_MOST_EXPANSION = 1032  # the most that deflate can do: an image with more pixels per byte of its file is cut short
+CONVERT_IMAGES = "convert the images to 8-bit grey (mono8)"
+_Read = TypeVar("_Read")
+_DAMAGE = (OSError, SyntaxError, ValueError, EOFError, zlib.error, struct.error)
+
+
+class NotGreyError(ValueError):
+    """An image that is not 8-bit grey."""
+
+
+class TooLargeError(ValueError):
+    """An image of more pixels than a polar scan has."""
+
+
+def read_grey(path: Path) -> NDArray[np.uint8]:
+    """Reads the pixels (rows, columns) of an 8-bit grey PNG.
+
+    Raises:
+        DataError: the file is missing, is no such PNG, is damaged or too large for a polar scan.
+    """
+    try:
+        return decode_grey(path, ("PNG",))
+    except NotGreyError as error:
+        raise DataError(path, str(error), CONVERT_IMAGES) from error
+    except ValueError as error:
+        raise DataError(path, str(error), "copy it anew, or leave it out of the recording") from error
+
+
+def decode_grey(source: Path | BinaryIO, formats: tuple[str, ...]) -> NDArray[np.uint8]:
+    """Decodes the pixels (rows, columns) of an 8-bit grey image in one of Pillow's formats.
+
+    Raises:
+        ValueError: the image is missing, in none of the formats, not 8-bit grey, damaged or too large for a polar scan.
+    """
+    from PIL import Image
+
+    if isinstance(source, Path):
+        untrusted.check_file(source)
+    try:
+        size = _count_bytes(source)
+        with Image.open(source, formats=formats) as image:
+            width, height = image.size
+            check_size(height, width)
+            if image.mode == "L":
+                if width * height > _MOST_EXPANSION * size:
+                    raise ValueError("image file is truncated")
+                return np.asarray(image)
+            problem = f"is not an 8-bit grey image (mode {image.mode})"
+    except TooLargeError:
+        raise
+    except (*_DAMAGE, Image.DecompressionBombError) as error:
+        raise ValueError(f"is not a readable {' or '.join(formats)} ({error})") from error
+    raise NotGreyError(problem)
+
+
+def check_size(height: int, width: int) -> None:
+    """Checks that an image (height, width) can be a polar scan.
+
+    Raises:
+        TooLargeError: it has over 16 million pixels, or a side over 65,535.
+    """
+    if height * width > _MOST_PIXELS or max(height, width) > _LONGEST_SIDE:
+        raise TooLargeError(f"is too large for one polar scan ({width} x {height} pixels)")
+
+
+def list_stamps(folder: Path) -> NDArray[np.int64]:
+    """Lists the names t of the images `<t>.png` of a folder, (N,) in order; images of other names do not count."""
+    names = (name for name in list_numbers(folder) if len(name) <= 19 and str(int(name)) == name)
+    return np.array(sorted(stamp for stamp in map(int, names) if stamp < 2**63), dtype=np.int64)
+
+
+def list_numbers(folder: Path) -> Iterator[str]:
+    """Lists the images of a folder whose names are decimal digits, without `.png`, in any order.
+
+    Raises:
+        DataError: an image is a link to somewhere else than beside the folder or below it. Images come from the recording
+            alone.
+    """
+    inside = folder.resolve().parent
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            stem = entry.name.removesuffix(".png")
+            if stem == entry.name or not (stem.isascii() and stem.isdecimal()):
+                continue
+            if entry.is_symlink():
+                untrusted.check_link(Path(entry.path), inside)
+            yield stem
+
+
+def read_first(names: Sequence[int], read: Callable[[int], _Read], place: str) -> tuple[_Read, int, list[str]]:
+    """Reads the first image that can be read.
+
+    Args:
+        names: of images, in the order in which they are tried.
+        read: reads the image of a name, or raises a DataError.
+        place: what the first of the names is in the recording: first or last.
+
+    Returns:
+        What was read, the number of images before it that cannot be read, and a fault for the user where there are any.
+
+    Raises:
+        DataError: half of the images cannot be read.
+    """
+    errors: list[DataError] = []
+    for name in names:
+        try:
+            content = read(name)
+            break
+        except DataError as error:
+            errors.append(error)
+        if 2 * len(errors) > len(names) - 1:
+            first = errors[0]
+            several = f", like at least {len(errors)} of the {len(names)} polar scans" if errors[1:] else ""
+            raise DataError(first.path, f"{first.problem}{several}", first.remedy)
+    if not errors:
+        return content, 0, []
+    several = f"{place} polar scan" if len(errors) == 1 else f"{place} {len(errors)} polar scans"
+    fault = f"the {several} could not be read and {is_or_are(len(errors))} left out: {errors[0].path}: {errors[0].problem}"
+    return content, len(errors), [fault]
+
+
+def write_png(path: Path, image: NDArray[np.uint8]) -> None:
+    """Writes an 8-bit grey PNG; the least compression makes radar images hardly larger and is many times as fast."""
+    from PIL import Image
+
+    Image.fromarray(image).save(path, compress_level=1)
+
+
+def _count_bytes(source: Path | BinaryIO) -> int:
+    """Counts the bytes of a file; one that is open is left at its beginning."""
+    if isinstance(source, Path):
+        return source.stat().st_size
+    size = source.seek(0, os.SEEK_END)
+    source.seek(0)
+    return size

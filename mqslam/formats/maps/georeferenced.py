@@ -1,0 +1,97 @@
+"""An occupancy grid as a GeoTIFF (OGC 19-008r4), which GIS programs lay on other maps.
+
+Its coordinates are those of a transverse Mercator projection about the map's own tangent plane: within some kilometres both
+are the same to less than a millimetre. The map's frame is turned against it, which the affine transformation states.
+"""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from PIL import Image, TiffImagePlugin
+
+from mqslam.core.point_map import OccupancyGrid
+from mqslam.core.sensors.georeference import Georeference
+from mqslam.core.trajectory import Trajectory
+from mqslam.execution.files import write_aside, write_json
+
+_OCCUPIED: Final = 255
+_TRANSFORMATION, _KEYS, _DOUBLES, _NAMES, _NOTHING = 34264, 34735, 34736, 34737, 42113  # tags
+_USER_DEFINED: Final = 32767
+_METRE, _DEGREE, _WGS_84 = 9001, 9102, 4326  # EPSG
+_PROJECTION_NAME: Final = "Transverse Mercator about the map's tangent plane|"
+_DIGITS = 8  # of a degree: a millimetre
+_BEGINNING = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+def write_geotiff(path: Path, grid: OccupancyGrid, place: Georeference) -> None:
+    """Writes a grid: pixels are 255 where a cell is occupied, and 0, which means no data, everywhere else.
+
+    Args:
+        path: the file.
+        grid: the map.
+        place: where it lies.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    image = Image.fromarray(np.where(grid.occupied[::-1], np.uint8(_OCCUPIED), np.uint8(0)))
+    with write_aside(path) as aside:
+        image.save(aside, format="TIFF", compression="tiff_deflate", tiffinfo=_make_tags(grid, place))
+
+
+def _make_tags(grid: OccupancyGrid, place: Georeference) -> TiffImagePlugin.ImageFileDirectory_v2:
+    """Returns the tags that say where the pixels lie: the first one's upper left corner is the map's upper left corner."""
+    c, s, step = np.cos(place.pose[2]), np.sin(place.pose[2]), grid.resolution
+    left, top = grid.origin[0], grid.origin[1] + step * grid.occupied.shape[0]
+    x, y = place.pose[0] + c * left - s * top, place.pose[1] + s * left + c * top
+    by_column_and_row = [c * step, s * step, 0.0, x, s * step, -c * step, 0.0, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+    doubles = (place.plane.latitude, place.plane.longitude, 0.0, 0.0, 1.0)
+    keys = [
+        (1024, 0, 1, 1),  # a projected system
+        (1025, 0, 1, 1),  # a pixel is an area
+        (2048, 0, 1, _WGS_84),
+        (2054, 0, 1, _DEGREE),
+        (3072, 0, 1, _USER_DEFINED),
+        (3073, _NAMES, len(_PROJECTION_NAME), 0),
+        (3074, 0, 1, _USER_DEFINED),
+        (3075, 0, 1, 1),  # transverse Mercator
+        (3076, 0, 1, _METRE),
+        (3080, _DOUBLES, 1, 1),  # natural origin: longitude
+        (3081, _DOUBLES, 1, 0),  # natural origin: latitude
+        (3082, _DOUBLES, 1, 2),  # false easting
+        (3083, _DOUBLES, 1, 3),  # false northing
+        (3092, _DOUBLES, 1, 4),  # scale at the natural origin
+    ]
+    tags = TiffImagePlugin.ImageFileDirectory_v2()
+    for tag, kind, value in (
+        (_TRANSFORMATION, 12, tuple(map(float, by_column_and_row))),
+        (_KEYS, 3, (1, 1, 0, len(keys), *(number for key in keys for number in key))),
+        (_DOUBLES, 12, doubles),
+        (_NAMES, 2, _PROJECTION_NAME),
+        (_NOTHING, 2, "0"),
+    ):
+        tags.tagtype[tag] = kind
+        tags[tag] = value
+    return tags
+
+
+def write_geojson(path: Path, trajectory: Trajectory, place: Georeference) -> None:
+    """Writes a trajectory as a line with the time of each of its points.
+
+    Args:
+        path: the file.
+        trajectory: poses in the map.
+        place: where the map lies.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    degrees = place.locate(trajectory.poses[:, :2]).round(_DIGITS).tolist()
+    times = [(_BEGINNING + timedelta(microseconds=stamp)).isoformat() for stamp in trajectory.stamps_us.tolist()]
+    line = {"type": "LineString", "coordinates": [[longitude, latitude] for latitude, longitude in degrees]}
+    feature = {"type": "Feature", "geometry": line, "properties": {"name": "trajectory", "coordTimes": times}}
+    write_json(path, {"type": "FeatureCollection", "features": [feature]})

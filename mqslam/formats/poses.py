@@ -1,0 +1,65 @@
+"""Planar poses as files state them: what can be one, and what can be a trajectory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import DataError
+
+_FARTHEST = 1e9  # no coordinate of any frame on the Earth is larger [m]
+
+
+def yaw_of_quaternion(qx: float, qy: float, qz: float, qw: float) -> float:
+    """Returns the yaw [rad] of a rotation given as a quaternion of any length; that of zeros is no rotation, and has NaN."""
+    if not any((qx, qy, qz, qw)):
+        return float("nan")
+    return float(np.arctan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz))
+
+
+def read_yaw(path: Path, place: str, quaternion: Sequence[float]) -> float:
+    """Returns the yaw [rad] of the quaternion x, y, z, w of any length that stands at a place in a file.
+
+    Raises:
+        DataError: it is one of zeros.
+    """
+    yaw = yaw_of_quaternion(*quaternion)
+    if np.isnan(yaw):
+        raise DataError(path, f"{place} has a quaternion of zeros", "give a rotation; 0 0 0 1 turns nothing")
+    return yaw
+
+
+def round_yaw(yaw: float) -> float:
+    """Returns the yaw [rad] to nine digits inside (-pi, pi), which a file's rotation of twelve digits gives back."""
+    return float(np.clip(round(float(se2.wrap(yaw)), 9), -3.141592653, 3.141592653))
+
+
+def mark_places(numbers: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
+    """Marks the rows (N,) of numbers (N, D) [m or rad] that can be places or poses: others would overflow in computing."""
+    return np.asarray((np.abs(numbers) <= _FARTHEST).all(axis=-1))  # false of NaN
+
+
+def make_trajectory(path: Path, stamps_us: NDArray[np.int64], poses: se2.Array) -> Trajectory:
+    """Makes a trajectory of a file's stamps (N,) [us] and poses (N, 3), x [m], y [m], yaw [rad].
+
+    Raises:
+        DataError: there are fewer than two poses, one is not finite, or stamps do not increase.
+    """
+    if len(stamps_us) < 2:
+        raise DataError(path, f"holds {len(stamps_us)} poses", "a trajectory needs two at least")
+    if np.any(np.diff(stamps_us) <= 0):
+        row = int(np.argmax(np.diff(stamps_us) <= 0)) + 2
+        raise DataError(path, f"stamps do not increase at pose {row}", "sort the file by time and drop duplicates")
+    for sound, problem in (
+        (np.isfinite(poses).all(axis=1), "is not made of finite numbers"),
+        (mark_places(poses), "lies farther away than any vehicle drives"),
+    ):
+        if not sound.all():
+            raise DataError(path, f"pose {int(np.argmin(sound)) + 1} {problem}", "repair or remove its line")
+    return Trajectory(stamps_us, poses)

@@ -1,0 +1,338 @@
+"""Stamps of arrival, one per polar scan, freed of their delays as far as a turning mass allows.
+
+Where a recording has one stamp per polar scan, it is that of a message or a file, which a computer sets when it finds the
+time: each comes late by another delay, and some so late that their stamps lie behind the next ones'. The order of polar
+scans is therefore that of their numbers or messages, never that of their stamps. The radar itself turns steadily, since its
+antenna has inertia: the duration of a turn changes little from one turn to the next. So the stamps a_k of the recording are
+understood as
+
+    a_k = s_k + jitter,        s_k - 2 s_k+1 + s_k+2 = change of the duration of a turn
+
+with white jitter of variance r and white changes of variance q. Both variances are estimated from the stamps themselves
+(restricted maximum likelihood), and the s_k that are most probable given them take the place of the a_k: this is the
+smoother of Whittaker and Henderson, equal to that of Rauch, Tung and Striebel for this model. Its covariance says how
+uncertain they are. Stamps out of order and those that come far too late tell nothing, and neither do polar scans that are
+missing by their numbers. Nothing ties turns to one another across a gap, or where the radar is told to turn at another rate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core.statistics.evenly import pick_evenly
+from mqslam.core.statistics.gross import SIGMAS_PER_DEVIATION
+from mqslam.core.wording import count_of
+from mqslam.formats.recordings.turns import ALIKE_TURNS, LONGEST_STEP, TURNS_AROUND, USUAL_TURN_S, find_usual_turns
+from mqslam.formats.stamps import mark_increasing
+
+_LEAST_JITTER_S = 1e-4  # less jitter [s] is left alone: at 30 m/s a vehicle drives 3 mm meanwhile
+# Ratios between the variance of jitter and that of changes of a turn's duration that are tried, each ten times the one
+# before. The largest averages stamps over about a hundred turns.
+_ROUGHEST_RATIO, _SMOOTHEST_RATIO = 1e-4, 1e8
+# Ratios whose costs (twice the negative log-likelihood) differ by less than this count as equally likely, and the smallest
+# is taken. Three polar scans cannot tell jitter from changes of the turn rate.
+_EQUAL_LIKELIHOOD = 0.01
+_MOST_TURN_CHANGE = 0.1  # share by which a turn can be faster or slower than the one before: a turning mass allows no more
+_STRAY_SPREADS = 5.0  # a stamp further than this many spreads of the jitter from its place tells nothing
+_MOST_LATE_S = 3.0  # a stamp that is later than those around it allow by more than this [s] is damaged, not late
+_MOST_EARLY = 0.5  # a stamp that is more turns than this before its turn's end is damaged, since nothing arrives early
+_SCANS_AROUND_BREAK = 8  # polar scans on each side of a step that show whether the step is a lasting break
+_BREAK_SPREADS = 7.0  # a step further than this many spreads of the jitter from the usual one may be a break
+_BREAK_LASTS = 0.6  # share of an unusual step that must last behind it for the step to be a break
+_NEAR = 3  # breaks fewer polar scans apart than this may be one
+_IGNORED = 1e-4  # weight of a stamp that tells nothing; above zero, so that a whole stretch of them can be solved
+_ROUNDS = 8  # most rounds of looking for such stamps; it takes two or three
+_PROBES = 64  # polar scans whose variances stand for those of all
+_LOW = 0.2  # quantile of some stamps below which hardly any is late
+_AVERAGED = 37  # turns over which their usual duration is averaged: the median of nine still shows the jitter of stamps
+_MOST_MISSING = 100  # turns in a hole of the numbers; where more are missing, nothing ties both sides
+
+
+@dataclass(frozen=True, slots=True)
+class Arrivals:
+    """When turns ended or began, as far as stamps of arrival tell.
+
+    Args:
+        stamps_us: (N,) int64 [us], strictly increasing; the stamps of arrival where they show no delays.
+        sigma_s: standard deviation of one of them [s]; 0 where they show no delays.
+        notes: what a user should know about the delays.
+        faults: which stamps cannot be those of their polar scans.
+    """
+
+    stamps_us: NDArray[np.int64]
+    sigma_s: float = 0.0
+    notes: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
+
+
+def estimate_arrivals(stamps_us: NDArray[np.int64], numbers: NDArray[np.int64] | None = None) -> Arrivals:
+    """Frees the arrival stamps of polar scans of their delays.
+
+    Args:
+        stamps_us: (N,) stamps of arrival [us] in the order of the polar scans; they may repeat and run backward.
+        numbers: (N,) increasing numbers of the polar scans, of which some may be missing; None numbers them one by one.
+    """
+    if len(stamps_us) < 2:
+        return Arrivals(stamps_us)
+    numbers = np.arange(1, len(stamps_us) + 1) if numbers is None else numbers
+    places = np.concatenate([[0], np.cumsum(np.minimum(np.diff(numbers), _MOST_MISSING))])
+    smooth, sigma_s = stamps_us, 0.0
+    for _ in range(1 + _ROUNDS):  # what comes of absurd stamps may be absurd itself, such as turns faster than any radar's
+        before = smooth
+        smooth, usual, sigma = _estimate_once(smooth, places)
+        sigma_s = max(sigma_s, sigma)
+        if np.array_equal(before, smooth):
+            break
+    delays = stamps_us - smooth
+    damaged = (delays > _MOST_LATE_S * 1e6) | (delays < -_MOST_EARLY * usual)
+    faults = (_describe_damaged(numbers, damaged),) if damaged.any() else ()
+    changes = delays[~damaged] * 1e-3
+    if not changes.any():
+        return Arrivals(smooth, sigma_s, (), faults)
+    note = (
+        f"the arrival stamps jitter more than a turning radar can: they are smoothed, which moves them by "
+        f"{np.sqrt(np.mean(changes**2)):.1f} ms (RMS) and at most by {np.abs(changes).max():.1f} ms, and leaves them "
+        f"uncertain by {sigma_s * 1e3:.1f} ms"
+    )
+    return Arrivals(smooth, sigma_s, (note,), faults)
+
+
+def _estimate_once(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> tuple[NDArray[np.int64], float, float]:
+    """Frees stamps of arrival (N,) [us] of turns at places (N,) of the delays that they show.
+
+    Returns:
+        the stamps (N,) [us], how long a turn usually takes [us], and the standard deviation of the stamps [s].
+    """
+    known = _mark_in_time(stamps_us, places)
+    smooth, usual = _fill_turns(stamps_us, places, known)
+    weights, sigma_s = np.full(len(smooth), _IGNORED), 0.0
+    weights[places[known]] = 1.0
+    for _ in range(_ROUNDS):
+        before = smooth
+        smooth, sigma = _smooth_once(smooth, weights)
+        sigma_s = max(sigma_s, sigma)
+        if np.array_equal(before, smooth):
+            break
+    return smooth[places], usual, sigma_s
+
+
+def _describe_damaged(numbers: NDArray[np.int64], damaged: NDArray[np.bool_]) -> str:
+    """Words the fault that some stamps (N,) are damaged."""
+    count = int(np.count_nonzero(damaged))
+    others = f" and of {count_of(count - 1, 'other')}" if count > 1 else ""
+    return (
+        f"the stamp of number {numbers[damaged][0]}{others} among {count_of(len(numbers), 'polar scan')} lies too far from "
+        "those around it: when its turn was is estimated from them"
+    )
+
+
+def _find_takes(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Finds how long a turn usually takes (N - 1,) [us] between increasing stamps (N,) [us] of turns at places (N,)."""
+    steps = np.maximum(1, np.diff(stamps_us) // np.diff(places))
+    return find_usual_turns(np.append(0, np.cumsum(steps)))
+
+
+def _mark_in_time(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Marks stamps (N,) [us] that increase, and that the radar can have reached the later ones from by whole turns."""
+    from scipy.ndimage import minimum_filter1d
+
+    rows = np.flatnonzero(mark_increasing(stamps_us.tolist()))
+    if len(rows) < 2:
+        return np.isin(np.arange(len(stamps_us)), rows)
+    takes = minimum_filter1d(_find_takes(stamps_us[rows], places[rows]), TURNS_AROUND)
+    early = stamps_us[rows] - np.append(0.0, np.cumsum(takes / ALIKE_TURNS * np.diff(places[rows])))
+    in_time = early <= np.minimum.accumulate(early[::-1])[::-1]
+    return np.isin(np.arange(len(stamps_us)), rows[in_time])
+
+
+def _fill_turns(
+    stamps_us: NDArray[np.int64], places: NDArray[np.int64], known: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], float]:
+    """Estimates the stamps (M,) [us] of all turns, steadily between known ones; returns how long one usually takes as well.
+
+    A turn between two known ones with a gap between them lies behind the gap if it arrived there, else before it.
+    """
+    stamps, counts = stamps_us[known], places[known]
+    apart, steps, takes = np.diff(counts), np.diff(stamps), _find_takes(stamps, counts)
+    usual = float(np.median(takes)) if len(takes) else USUAL_TURN_S * 1e6
+    every = np.arange(places[-1] + 1)
+    filled = np.interp(every, counts, stamps.astype(np.float64))
+    filled += usual * (np.minimum(every - counts[0], 0) + np.maximum(every - counts[-1], 0))
+    arrived = np.zeros(len(every))
+    arrived[places] = stamps_us
+    for k in np.flatnonzero((apart > 1) & (steps > (apart + LONGEST_STEP - 1.0) * takes)).tolist():
+        between = every[counts[k] + 1 : counts[k + 1]]
+        first = stamps[k] + takes[k] * (between - counts[k])
+        second = stamps[k + 1] - takes[k] * (counts[k + 1] - between)
+        filled[between] = np.where(np.maximum.accumulate(arrived[between] > second - 0.5 * takes[k]), second, first)
+    return np.round(filled).astype(np.int64), usual
+
+
+def _smooth_once(stamps_us: NDArray[np.int64], known: NDArray[np.float64]) -> tuple[NDArray[np.int64], float]:
+    """Subtracts from stamps the delays that they show; returns the standard deviation of what is left [s] as well.
+
+    Args:
+        stamps_us: (N,) increasing stamps of turns [us].
+        known: (N,) weights of the stamps; next to nothing where they are but estimated.
+    """
+    if len(stamps_us) < 3:
+        return stamps_us, 0.0
+    least_us = _LEAST_JITTER_S * 1e6
+    bends = np.diff(stamps_us, 2).astype(np.float64)
+    usual = find_usual_turns(stamps_us)
+    tied = _find_ties(stamps_us, usual)
+    if not np.any(np.abs(bends[tied]) > least_us):
+        return stamps_us, 0.0
+    fit = _estimate_delays(bends, tied, known, usual[1:])
+    if fit is None or np.sqrt(np.mean(fit.delays[_mark_members(tied)] ** 2)) < least_us:
+        return stamps_us, 0.0
+    numbers = np.arange(len(stamps_us))
+    smooth = np.maximum.accumulate(stamps_us - np.round(fit.delays).astype(np.int64) - numbers) + numbers
+    return np.asarray(smooth), fit.measure_sigma(_mark_members(tied)) * 1e-6
+
+
+def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Finds the polar scans, as a mask (N - 2,), that the next two follow without a break at the same turn rate.
+
+    A break is a step after which the stamps stay behind their schedule, or ahead of it: a gap, or a clock that jumps. A
+    single late polar scan makes none, since the next ones are in time again.
+
+    Args:
+        stamps_us: (N,) of the polar scans [us], three at least.
+        usual: (N - 1,) how long a turn usually takes at each step between them [us].
+    """
+    from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+    alike = np.abs(np.diff(np.log(usual))) < np.log(ALIKE_TURNS)
+    rates = np.split(usual, np.flatnonzero(~alike) + 1)
+    usual = np.concatenate([uniform_filter1d(rate, min(_AVERAGED, len(rate)), mode="nearest") for rate in rates])
+    count = _SCANS_AROUND_BREAK
+    steps = np.diff(stamps_us)
+    behind = (stamps_us - stamps_us[0]) - np.concatenate([[0.0], np.cumsum(usual)])
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(behind, count, mode="edge"), count)
+    before, after = around[1 : len(stamps_us)], around[count + 1 : count + len(stamps_us)]
+    gap = after.min(axis=1) - behind[:-1] > (LONGEST_STEP - 1.0) * usual
+    # a second difference of stamps holds six times the variance of their jitter
+    spread = SIGMAS_PER_DEVIATION * float(np.median(np.abs(np.diff(steps)))) / np.sqrt(6.0)
+    excess = steps - usual
+    # late stamps come in runs, so the low ones tell
+    lasting = np.diff(np.quantile([before, after], _LOW, axis=2), axis=0)[0] * np.sign(excess)
+    least_us = max(_BREAK_SPREADS * spread, _LEAST_JITTER_S * 1e6)
+    jump = (np.abs(excess) > least_us) & (lasting > _BREAK_LASTS * np.abs(excess))
+    jump[: count // 2], jump[-count // 2 :] = False, False  # too few scans on one side to tell a break from late scans
+    broken = gap | jump
+    # late polar scans beside a break make others, which are smaller and not of whole turns
+    sizes = np.where(broken, np.abs(excess), 0.0)
+    whole = np.abs(steps - np.round(steps / usual) * usual) < least_us
+    broken &= whole | (sizes == maximum_filter1d(sizes, 2 * _NEAR + 1))
+    return np.asarray(~broken[:-1] & ~broken[1:] & alike)
+
+
+def _mark_members(tied: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Marks the polar scans (N,) that are tied to others, from the mask (N - 2,) of the first ones of three."""
+    padded = np.pad(tied, 2)
+    return padded[2:] | padded[1:-1] | padded[:-2]
+
+
+def _estimate_delays(
+    bends: NDArray[np.float64],
+    tied: NDArray[np.bool_],
+    known: NDArray[np.float64],
+    usual: NDArray[np.float64],
+) -> _Fit | None:
+    """Estimates by how much each stamp (N,) comes later than its turn; None where no known stamps are tied.
+
+    Args:
+        bends: (N - 2,) second differences of the stamps [us].
+        tied: (N - 2,) which of them are of turns that follow one another steadily.
+        known: (N,) weights of the stamps; next to nothing where they are but estimated.
+        usual: (N - 2,) how long a turn usually takes at each of them [us]; where stamps claim that it differs from the
+            one before by more than a turning mass allows, they are untied.
+    """
+    for _ in range(_ROUNDS):
+        if not np.any(_mark_members(tied) & (known == 1.0)):
+            return None
+        fit = _choose_fit(bends, tied, known, float(np.median(usual)))
+        impossible = tied & (np.abs(bends - np.diff(fit.delays, 2)) > _MOST_TURN_CHANGE * usual)
+        if not impossible.any():
+            break
+        tied = tied & ~impossible
+    return fit
+
+
+def _choose_fit(bends: NDArray[np.float64], tied: NDArray[np.bool_], known: NDArray[np.float64], turn: float) -> _Fit:
+    """Chooses the ratio of variances and the stamps that stray by their likelihood; a stray may lie anywhere in a turn [us].
+
+    From one ratio to the next, turns may change more. So stamps that are late together, as long as a computer is busy, are
+    recognised against the steady turns around them before turns can bend to follow them.
+    """
+    members = _mark_members(tied) & (known == 1.0)
+    cost_stray = 2.0 * np.log(turn) - np.log(2.0 * np.pi) - 1.0
+    low, high = np.log10(_ROUGHEST_RATIO), np.log10(_SMOOTHEST_RATIO)
+    weights, fits, costs = known, list[_Fit](), list[float]()
+    for ratio in np.logspace(high, low, 1 + round(high - low)).tolist():
+        for _ in range(_ROUNDS):
+            fit, used = _fit_delays(bends, tied, weights, ratio), weights
+            early = -fit.delays[members & (fit.delays < 0.0)]  # late stamps say nothing of the jitter of the others
+            spread = SIGMAS_PER_DEVIATION * float(np.median(early)) if len(early) else 0.0
+            stray = np.abs(fit.delays) > max(_STRAY_SPREADS * spread, _LEAST_JITTER_S * 1e6)
+            weights = np.where(members & stray, _IGNORED, known)
+            if np.array_equal(used, weights):
+                break
+        fits.append(fit)
+        costs.append(fit.cost + cost_stray * np.count_nonzero(members & (used < 1.0)))
+    return fits[int(np.flatnonzero(np.array(costs) < min(costs) + _EQUAL_LIKELIHOOD)[-1])]
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """How stamps are best split at a ratio of variances.
+
+    Args:
+        delays: (N,) of the stamps [us].
+        cost: twice the negative logarithm of the restricted likelihood of the ratio, up to a constant.
+        factor: (3, N) Cholesky factor of the normal equations.
+        variance: of the jitter [us^2].
+    """
+
+    delays: NDArray[np.float64]
+    cost: float
+    factor: NDArray[np.float64]
+    variance: float
+
+    def measure_sigma(self, members: NDArray[np.bool_]) -> float:
+        """Returns the usual standard deviation [us] of the turns (N,) that are members."""
+        from scipy.linalg import cho_solve_banded
+
+        chosen = np.flatnonzero(members)[pick_evenly(int(np.count_nonzero(members)), _PROBES)]
+        probes = np.zeros((len(members), len(chosen)))
+        probes[chosen, np.arange(len(chosen))] = 1.0
+        inverse = cho_solve_banded((self.factor, False), probes)
+        return float(np.sqrt(self.variance * np.median(inverse[chosen, np.arange(len(chosen))])))
+
+
+def _fit_delays(bends: NDArray[np.float64], tied: NDArray[np.bool_], weights: NDArray[np.float64], ratio: float) -> _Fit:
+    """Splits stamps into delays and turns: least squares of the delays and, `ratio` times, of the turns' second differences.
+
+    The normal equations (W + ratio D'TD) delays = ratio D'T bends have five diagonals. W are the weights, T picks the
+    bends that are tied, D takes second differences.
+    """
+    from scipy.linalg import cho_solve_banded, cholesky_banded
+
+    ties = np.pad(ratio * tied, 2)
+    pulls = ties * np.pad(np.where(tied, bends, 0.0), 2)
+    bands = np.zeros((3, len(weights)))
+    bands[0, 2:] = ties[2:-2]
+    bands[1, 1:] = -2.0 * (ties[2:-1] + ties[1:-2])
+    bands[2] = weights + ties[2:] + 4.0 * ties[1:-1] + ties[:-2]
+    factor = cholesky_banded(bands)
+    delays = cho_solve_banded((factor, False), pulls[2:] - 2.0 * pulls[1:-1] + pulls[:-2])
+    squares = float(weights @ delays**2 + ratio * np.sum((bends - np.diff(delays, 2))[tied] ** 2))
+    count = int(np.count_nonzero(tied))
+    free = max(1, count - int(np.count_nonzero(_mark_members(tied) & (weights < 1.0))))
+    variance = squares / free + 1.0 / 12.0  # stamps are rounded to whole microseconds
+    cost = free * np.log(variance) + 2.0 * float(np.log(factor[-1]).sum()) - count * np.log(ratio)
+    return _Fit(delays, float(cost), factor, variance)

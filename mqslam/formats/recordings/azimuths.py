@@ -1,0 +1,282 @@
+"""Azimuths of a turn: read from and written as Oxford rows, which begin with time, angle and validity, or spread evenly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US, PolarScan, Recording
+from mqslam.errors import DataError
+from mqslam.formats.recordings.layout import Stamp
+from mqslam.formats.recordings.turns import measure_turn
+from mqslam.formats.stamps import mark_increasing
+
+# A turn ends where its azimuths end if that differs by less than this share of a turn from what their rate says. Otherwise
+# the rate decides, since the azimuths are not those of exactly one turn.
+_SAME_TURN = 0.02
+METADATA_BYTES = 11
+FLAG_BYTE = 10
+TURN_TICKS = 5600
+"""Bytes before the power in an Oxford row, the one among them that flags, and encoder ticks of a turn."""
+FIRST_NS = 1e17
+"""Larger than any stamp since 1970 in us, and smaller than that of any radar's recording in ns."""
+STATE_ENCODER = "state the encoder's ticks per turn by sensor.encoder_size if it has others"
+_NEAR_STEPS = 5  # steps between polar scans at either end whose median tells how long a turn takes there
+_OVERLAP = 1.05  # no turn of a radar takes so many times as long as until the next one begins: it keeps its rate better
+_MADE = (500, 512, 1000, 1024, 1250, 1800, 2000, 2048, 2500, 3000, 3600, 4000, 4096, 5000, 7200, 8000, 8192, 10000, 16000)
+_SAME_SIZE = 0.02  # how well the steps between polar scans show the ticks of a turn
+_LONGEST_TURN_US = 30e6  # a stamp further than this from the others of its turn is damaged
+
+
+@dataclass(frozen=True, slots=True)
+class Azimuths:
+    """Times and angles at which the azimuths of one turn were measured.
+
+    Args:
+        stamps_us: (A,) int64 [us], not decreasing.
+        angles: (A,) [rad] counter-clockwise from straight ahead, unwrapped along the turn.
+        valid: (A,) bool, False where the recording says so or the time or angle had to be interpolated.
+    """
+
+    stamps_us: NDArray[np.int64]
+    angles: NDArray[np.float64]
+    valid: NDArray[np.bool_]
+
+    @property
+    def end_us(self) -> int:
+        """The stamp one mean azimuth step after the last azimuth [us]."""
+        first, last = int(self.stamps_us[0]), int(self.stamps_us[-1])
+        return last + max(1, round((last - first) / (len(self.stamps_us) - 1)))
+
+    def measure_turn(self) -> float | None:
+        """Measures how long a whole turn takes [us] at the rate of these azimuths; None where they do not tell."""
+        return measure_turn((self.stamps_us - self.stamps_us[0]).astype(np.float64), self.angles)
+
+    def find_duration(self) -> int | None:
+        """Finds how long the turn takes [us]; None where these azimuths do not tell.
+
+        It takes until its end, unless the rate of the azimuths shows that they are not those of exactly one turn.
+        """
+        until_end, measured = self.end_us - int(self.stamps_us[0]), self.measure_turn()
+        if measured is None:
+            return until_end if FASTEST_TURN_US <= until_end <= SLOWEST_TURN_US else None
+        return until_end if abs(until_end - measured) < _SAME_TURN * measured else round(measured)
+
+    def take(self, chosen: NDArray[np.bool_]) -> Azimuths:
+        """Returns the azimuths that a mask (A,) chooses."""
+        return Azimuths(self.stamps_us[chosen], self.angles[chosen], self.valid[chosen])
+
+    def to_polar_scan(self, power: NDArray[np.uint8], start_us: int) -> PolarScan:
+        """Makes a polar scan of these azimuths and their power (A, B), its times counted from a start [us]."""
+        times = ((self.stamps_us - start_us) * 1e-6).astype(np.float64)
+        return PolarScan(times, self.angles, power, self.valid)
+
+
+def repair_azimuths(
+    stamps_us: NDArray[np.int64], ticks: NDArray[np.uint16], measured: NDArray[np.bool_], turn: int = TURN_TICKS
+) -> Azimuths:
+    """Makes azimuths of raw times and encoder ticks.
+
+    A time that breaks the order of the others, or a tick outside the turn or against the sense of rotation, is
+    replaced by interpolation over the row number, and the row is marked invalid.
+
+    Args:
+        stamps_us: (A,) raw times [us].
+        ticks: (A,) clockwise encoder values from straight ahead.
+        measured: (A,) which azimuths the recording says were measured.
+        turn: encoder ticks of a turn.
+
+    Raises:
+        ValueError: there are under two rows, or under half of the times or ticks are usable, or half of the ticks are alike.
+    """
+    if len(stamps_us) < 2:
+        raise ValueError(f"has {len(stamps_us)} azimuths")
+    near = np.abs(stamps_us.astype(np.float64) - np.median(stamps_us.astype(np.float64))) < _LONGEST_TURN_US
+    timed = _mark_ordered(stamps_us.astype(np.float64), near)
+    inside = ticks <= turn
+    unwrapped = np.zeros(len(ticks))
+    unwrapped[inside] = np.unwrap(ticks[inside].astype(np.float64), period=turn)
+    rotating = _mark_ordered(unwrapped, inside)
+    for usable, what in ((timed, "times that increase"), (rotating, f"encoder values of one turn (0..{turn})")):
+        if 2 * np.count_nonzero(usable) < len(usable):
+            hint = f"; {STATE_ENCODER}" if np.max(ticks) > turn else ""
+            raise ValueError(f"has no {what} in its rows{hint}")
+    values, counts = np.unique(ticks, return_counts=True)
+    if 2 * counts.max() > len(ticks) > 2 and np.ptp(stamps_us) > 0:
+        value, many = values[counts.argmax()], f"{counts.max()} of its {len(ticks)} rows"
+        raise ValueError(f"has the encoder value {value} in {many}: the radar's encoder told nothing")
+    rows = np.arange(len(ticks))
+    if not timed.all():
+        stamps_us = np.round(np.interp(rows, rows[timed], stamps_us[timed])).astype(np.int64)
+    if not rotating.all():
+        unwrapped = np.interp(rows, rows[rotating], unwrapped[rotating])
+    return Azimuths(stamps_us, -2.0 * np.pi * unwrapped / turn, measured & timed & rotating)
+
+
+def stamps_in_us(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Converts stamps (N,) since 1970 that are all in us or all in ns to us; a few may be damaged."""
+    return stamps // 1000 if stamps.size and np.median(stamps) > FIRST_NS else stamps
+
+
+def spread_azimuths(count: int, stamp_us: int, duration_us: int, *, clockwise: bool = True) -> Azimuths:
+    """Spreads azimuths (count,) evenly over a turn that begins straight ahead at a stamp [us]."""
+    fractions = np.arange(count) / count
+    stamps_us = stamp_us + np.round(fractions * duration_us).astype(np.int64)
+    return Azimuths(stamps_us, (-2.0 if clockwise else 2.0) * np.pi * fractions, np.ones(count, dtype=np.bool_))
+
+
+def note_spread(whose: str, stamp: Stamp, clockwise: bool) -> str:
+    """Words the note on what was assumed of azimuths without stamps and angles, timed by the stamps of files or headers."""
+    return (
+        "azimuths carry no stamps of their own and are spread evenly over the turn; "
+        f"{whose} stamps are taken as the {stamp} of the turn (sensor.stamp), "
+        f"azimuths as {'clockwise' if clockwise else 'counter-clockwise'} from straight ahead (sensor.clockwise)"
+    )
+
+
+def check_encoder(
+    path: Path, stamps_us: NDArray[np.int64], ends: Sequence[float | None], turn: int = TURN_TICKS
+) -> list[str]:
+    """Checks that turns do not overlap by far, which they seem to where the encoder has fewer ticks than is taken.
+
+    They also seem to where the radar sweeps a part of the turn only, slowly. Such a recording is told from one of another
+    encoder by the number of ticks, since encoders are made with a few of them.
+
+    Args:
+        path: of the recording.
+        stamps_us: (N,) of its polar scans [us].
+        ends: how long the first and the last turn take at the rate of their azimuths [us]; None where these do not tell.
+        turn: encoder ticks that were taken as a turn.
+
+    Returns:
+        A fault for the user where they do, but no encoder that is made has as many ticks as the turns show.
+
+    Raises:
+        DataError: they do, as with an encoder of another size.
+    """
+    steps = np.diff(stamps_us)
+    if len(steps) < _NEAR_STEPS:
+        return []
+    until_next = [float(np.median(near)) for near in (steps[:_NEAR_STEPS], steps[-_NEAR_STEPS:])]
+    too_long = [end / until for end, until in zip(ends, until_next, strict=True) if end is not None]
+    if len(too_long) < 2 or min(too_long) < _OVERLAP or max(too_long) > _OVERLAP * min(too_long):
+        return []
+    ticks = turn / float(np.mean(too_long))
+    problem = f"its encoder values sweep {ticks:.0f} of {turn} ticks while the radar turns once"
+    if not any(abs(ticks - size) < _SAME_SIZE * size for size in _MADE):
+        return [f"{problem}: it sweeps a part of the turn only, or sensor.encoder_size is to be set to the ticks of a turn"]
+    raise DataError(path, problem, f"set sensor.encoder_size to the ticks of a turn, about {ticks:.0f}")
+
+
+def read_metadata(image: NDArray[np.uint8], *, flags_validity: bool = True, turn: int = TURN_TICKS) -> Azimuths:
+    """Reads the azimuths of an image (A, 11 + B) of Oxford rows.
+
+    A row begins with int64 time [us or ns], uint16 encoder (5600 a turn, clockwise from straight ahead), both
+    little-endian, and a byte that is 255 where the azimuth was measured, unless it flags something else.
+
+    Args:
+        image: the rows.
+        flags_validity: whether the byte says which azimuths were measured.
+        turn: encoder ticks of a turn.
+
+    Raises:
+        ValueError: the rows are no Oxford rows.
+    """
+    if image.shape[1] <= METADATA_BYTES:
+        raise ValueError(f"has rows of {image.shape[1]} bytes, Oxford rows have {METADATA_BYTES + 1} at least")
+    head = np.ascontiguousarray(image[:, :METADATA_BYTES])
+    stamps = np.ascontiguousarray(head[:, :8]).view("<i8")[:, 0].astype(np.int64)
+    measured = head[:, FLAG_BYTE] == 255 if flags_validity else np.ones(len(head), dtype=np.bool_)
+    ticks = np.ascontiguousarray(head[:, 8:10]).view("<u2")[:, 0].astype(np.uint16)
+    return repair_azimuths(stamps_in_us(stamps), ticks, measured, turn)
+
+
+def has_times(image: NDArray[np.uint8]) -> bool:
+    """Returns whether the rows of an image (A, W) begin with the times of a turn, whatever their angles."""
+    if len(image) < 2 or image.shape[1] <= METADATA_BYTES:
+        return False
+    stamps = np.ascontiguousarray(image[:, :8]).view("<i8")[:, 0].astype(np.int64)
+    first, last = stamps_in_us(stamps[[0, -1]]).tolist()
+    return bool(np.all(np.diff(stamps) >= 0) and first > 0 and 0 < last - first <= SLOWEST_TURN_US)
+
+
+def has_metadata(image: NDArray[np.uint8], turn: int = TURN_TICKS) -> bool:
+    """Returns whether the rows of an image (A, W) begin with times and angles that sweep half a turn at least."""
+    try:
+        azimuths = read_metadata(image, turn=turn)
+    except ValueError:
+        return False
+    sweep = azimuths.angles[0] - azimuths.angles[-1]
+    return bool(azimuths.stamps_us[-1] > azimuths.stamps_us[0] and sweep > np.pi)
+
+
+def azimuth_stamps(recording: Recording, polar_scan: PolarScan) -> NDArray[np.int64]:
+    """Returns the stamps (A,) int64 [us] of a polar scan's azimuths."""
+    return recording.start_us + np.round(polar_scan.times * 1e6).astype(np.int64)
+
+
+def make_rows(recording: Recording, k: int, polar_scan: PolarScan, per_us: int = 1) -> NDArray[np.uint8]:
+    """Makes the image (A, 11 + B) of Oxford rows of polar scan k, as `read_metadata` describes it.
+
+    Args:
+        recording: the recording.
+        k: number of the polar scan, for an error to name.
+        polar_scan: its content.
+        per_us: ticks of the time in a microsecond: 1 for us, 1000 for ns.
+
+    Raises:
+        DataError: the polar scan turns counter-clockwise.
+    """
+    stamps, ticks = azimuth_stamps(recording, polar_scan) * per_us, encode_azimuths(recording, k, polar_scan, TURN_TICKS)
+    head = [stamps.astype("<i8").view(np.uint8).reshape(-1, 8), ticks.astype("<u2").view(np.uint8).reshape(-1, 2)]
+    valid = np.where(polar_scan.valid, 255, 0).astype(np.uint8)[:, None]
+    return np.hstack([*head, valid, polar_scan.power])
+
+
+def make_rows_of_chirps(recording: Recording, k: int, polar_scan: PolarScan) -> NDArray[np.uint8]:
+    """Makes the image (A, 11 + B) of Oxford rows of polar scan k with both directions of its chirps, if it has both.
+
+    Byte 10 is then 255 where the chirp goes up and 0 where it goes down, as Boreas-RT has it. It cannot mark azimuths that
+    were not measured, so these are left out.
+
+    Args:
+        recording: the recording.
+        k: number of the polar scan, for an error to name.
+        polar_scan: its content.
+
+    Raises:
+        DataError: the polar scan turns counter-clockwise.
+    """
+    if polar_scan.down is None:
+        return make_rows(recording, k, polar_scan)
+    up, down = (make_rows(recording, k, part)[part.valid] for part in (polar_scan, polar_scan.down))
+    down[:, FLAG_BYTE] = 0
+    times = np.append(polar_scan.times[polar_scan.valid], polar_scan.down.times[polar_scan.down.valid])
+    return np.vstack([up, down])[np.argsort(times, kind="stable")]
+
+
+def encode_azimuths(recording: Recording, k: int, polar_scan: PolarScan, turn: int) -> NDArray[np.int64]:
+    """Encodes the azimuths of polar scan k as clockwise encoder values (A,) 0..turn, `turn` to a turn.
+
+    Raises:
+        DataError: the polar scan turns counter-clockwise, or has one azimuth.
+    """
+    if len(polar_scan.azimuths) < 2:
+        raise DataError(recording.path, f"polar scan {k} has one azimuth, rows need two", "convert it to .npz")
+    if polar_scan.azimuths[-1] > polar_scan.azimuths[0]:
+        problem = f"polar scan {k} turns counter-clockwise, encoder values count clockwise"
+        raise DataError(recording.path, problem, "convert it to .npz, mulran or radiate")
+    ticks = np.round(-polar_scan.azimuths * turn / (2.0 * np.pi)).astype(np.int64)
+    return np.where((ticks >= 0) & (ticks <= turn), ticks, ticks % turn)
+
+
+def _mark_ordered(values: NDArray[np.float64], candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Marks the longest subsequence of some candidates (A,) whose values (A,) do not decrease."""
+    mask = candidates.copy()
+    if np.any(np.diff(values[candidates]) < 0):
+        mask[candidates] = mark_increasing(values[candidates].tolist(), strictly=False)
+    return mask

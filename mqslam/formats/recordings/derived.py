@@ -1,0 +1,136 @@
+"""Recordings made of another recording: a stretch of it by time, what it sees mirrored, or its reading watched."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from mqslam.core.recording import PolarScan, Recording
+from mqslam.errors import ConfigError, DataError
+
+
+@dataclass(frozen=True, kw_only=True)
+class DerivedRecording(Recording):
+    """The polar scans of another recording, from one on, changed.
+
+    Args:
+        inner: the recording.
+        first: number of the polar scan of the inner one that is the first one here.
+        earlier_s: start of this recording since the start of the inner one [s].
+        is_mirrored: whether the radar turns the other way than the inner one says.
+    """
+
+    inner: Recording
+    first: int = 0
+    earlier_s: float = 0.0
+    is_mirrored: bool = False
+
+    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
+        """Reads the polar scans start <= k < stop, whose times count from the first one."""
+        stop = len(self) if stop is None else min(stop, len(self))
+        return map(self._change, self.inner.polar_scans(self.first + start, self.first + stop))
+
+    def _change(self, polar_scan: PolarScan) -> PolarScan:
+        """Returns a polar scan, with that of its other chirps, as it is in this recording."""
+        return replace(
+            polar_scan,
+            times=polar_scan.times - self.earlier_s if self.earlier_s else polar_scan.times,
+            azimuths=-polar_scan.azimuths if self.is_mirrored else polar_scan.azimuths,
+            down=None if polar_scan.down is None else self._change(polar_scan.down),
+        )
+
+
+def copy_fields(recording: Recording) -> dict[str, Any]:
+    """Returns all that any recording states of itself, by the names of its fields."""
+    return {entry.name: getattr(recording, entry.name) for entry in fields(Recording)}
+
+
+def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Recording:
+    """Returns the polar scans of a recording that begin in a span of time; all else that it carries stays whole.
+
+    Args:
+        recording: the recording.
+        start_s: beginning of the span [s] since the recording's start; None takes the recording's.
+        end_s: end of the span [s] since the recording's start; None takes the recording's.
+
+    Raises:
+        ConfigError: the span is none, or no polar scan begins in it.
+    """
+    if start_s is None and end_s is None:
+        return recording
+    start = 0.0 if start_s is None else start_s
+    end = np.inf if end_s is None else end_s
+    span = f"{start:g} s to {'the end' if end_s is None else f'{end:g} s'}"
+    if not start < end:  # also where one of them is not a number
+        raise ConfigError(f"the stretch from {span}: ends before it begins; give two times in seconds since the start")
+    first, after = np.searchsorted(recording.start_times, [start, end]).tolist()
+    if first >= after:
+        problem = f"no scan begins in it, since the recording takes {recording.duration_s:.1f} s"
+        raise ConfigError(f"the stretch from {span} of {recording.path}: {problem}; give times within it")
+    stamps_us = recording.stamps_us[first:after]
+    same = copy_fields(recording) | {"stamps_us": stamps_us, "turns_us": recording.turns_us[first:after]}
+    note = f"only the {after - first} of {len(recording)} scans from {span} are used; times count from the first of them"
+    same["notes"] = (*recording.notes, note)
+    earlier_s = (int(stamps_us[0]) - recording.start_us) * 1e-6
+    return DerivedRecording(inner=recording, first=first, earlier_s=earlier_s, **same)
+
+
+def mirror(recording: Recording, note: str) -> Recording:
+    """Returns a recording whose radar sees everything on the other side, with a note on why."""
+    same = copy_fields(recording) | {"notes": (*recording.notes, note)}
+    return DerivedRecording(inner=recording, is_mirrored=True, **same)
+
+
+def turn_as_told(recording: Recording, clockwise: bool | None) -> Recording:
+    """Returns a recording whose radar turns the way that the user says, mirrored where its azimuths say otherwise.
+
+    Args:
+        recording: the recording.
+        clockwise: whether the radar turns clockwise, seen from above; None takes what the recording says.
+    """
+    if clockwise is None or _is_clockwise(recording) is clockwise:
+        return recording
+    way = "clockwise" if clockwise else "counter-clockwise"
+    note = f"the radar turns {way} (sensor.clockwise), the other way than its azimuths say: what it sees is mirrored"
+    return mirror(recording, note)
+
+
+def _is_clockwise(recording: Recording) -> bool:
+    """Returns whether the azimuths of a recording decrease, by its first polar scan that can be read."""
+    for k in range(len(recording)):
+        try:
+            azimuths = recording[k].azimuths
+        except DataError:
+            continue
+        return bool(azimuths[-1] <= azimuths[0])
+    return True
+
+
+@dataclass(frozen=True, kw_only=True)
+class WatchedRecording(Recording):
+    """Another recording that reports how far it has been read; `watch` makes one.
+
+    Args:
+        inner: the recording.
+        progress: called with (polar scans read, polar scans in all).
+        unmeasured: one number, that of the azimuths read so far that are marked as not measured.
+    """
+
+    inner: Recording
+    progress: Callable[[int, int], object]
+    unmeasured: list[int]
+
+    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
+        """Reads the polar scans start <= k < stop, one after the other."""
+        for k, polar_scan in enumerate(self.inner.polar_scans(start, stop), start + 1):
+            self.unmeasured[0] += int(np.count_nonzero(~polar_scan.valid))
+            self.progress(k, len(self))
+            yield polar_scan
+
+
+def watch(recording: Recording, progress: Callable[[int, int], object]) -> WatchedRecording:
+    """Makes a recording that reports what is read of it."""
+    return WatchedRecording(inner=recording, progress=progress, unmeasured=[0], **copy_fields(recording))

@@ -1,0 +1,507 @@
+"""Radar messages of ROS: polar images, compressed or not, with or without the time and angle of every azimuth.
+
+Messages are read in every layout, and written as Oxford rows or as the b-scans of Navtech's driver. Drivers of several ages
+publish one azimuth per message (`RadarFftDataMessage` and its later names), in numbers or in their bytes, the high one
+first: the azimuths of a turn are gathered into one b-scan. Beside them they publish a RadarConfigurationMessage, whose
+`bin_size` is a number or the bytes of one, in metres or in tenths of a millimetre. No radar of this kind has bins shorter
+than 5 mm or longer than 0.5 m, which tells these units from each other.
+"""
+
+from __future__ import annotations
+
+import io
+import itertools
+import struct
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core.recording import PolarScan, Recording
+from mqslam.errors import DataError, Remedy
+from mqslam.formats import bags
+from mqslam.formats.bags import B_SCAN_TYPE, COMPRESSED_TYPE, FFT_NAMES, IMAGE_TYPE, RADAR_FRAME, Bag
+from mqslam.formats.images import CONVERT_IMAGES, NotGreyError, TooLargeError, check_size, decode_grey
+from mqslam.formats.recordings.azimuths import (
+    METADATA_BYTES,
+    TURN_TICKS,
+    Azimuths,
+    azimuth_stamps,
+    encode_azimuths,
+    has_metadata,
+    has_times,
+    make_rows,
+    read_metadata,
+    repair_azimuths,
+)
+from mqslam.formats.recordings.layout import Stamp
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+    from rosbags.interfaces import Connection
+
+_GREY = ("mono8", "8UC1")
+_DEEP = ("mono16", "16UC1", "16SC1", "32FC1")
+_COMPRESSIONS = ("PNG", "JPEG")
+_FIRST_TRIED = 10  # at least one of this many first messages of a topic must be a polar scan
+_ENCODER_TURNS = (5600, 16000)  # ticks per turn of the encoders that Navtech's radars have
+_FEWEST_PIXELS = 100  # a polar image has at least this many pixels on its short side
+_LONG_SIDE = 3  # on an unknown topic, a polar image is at least this many times as long as wide
+_MULRAN_PLAYER = "/radar/polar"
+_NAVTECH = "/navtech/polar"
+_DRIVER = ("/radar_data/b_scan_image", "/radar_data/b_scan_image_data")  # images by Navtech's ROS 2 driver, of two ages
+_GIVE_RADAR = (
+    f"give a bag with {IMAGE_TYPE} or CompressedImage on /Navtech/Polar, /radar/polar or {_DRIVER[0]}, "
+    f"or with {B_SCAN_TYPE} or RadarFftDataMessage"
+)
+_B_SCAN_RANK = 4  # behind the images that users of these names mean
+_SUFFIXES = ("", "/compressed")
+_USUAL = [name + suffix for suffix in _SUFFIXES for name in (_NAVTECH, _MULRAN_PLAYER)]
+_RANKS = {name: rank for rank, name in enumerate(_USUAL)} | {
+    name + suffix: _B_SCAN_RANK + 2 + rank for rank, (suffix, name) in enumerate(itertools.product(_SUFFIXES, _DRIVER))
+}
+"""How usual the names of topics of images are for a radar, the usual ones first.
+
+Messages that carry the times and angles of their azimuths come before the driver's images, which do not.
+"""
+_FIRST_S = 1_000_000_000  # a clock that says less has never been set: it counts from the start of the radar
+_NANOSECONDS = 1_000_000_000
+_SPLITS = 2**32  # parts of a second, where they are none of nanoseconds
+_CONFIGURATIONS: Final = ("/RadarConfigurationMessage", "/RadarConfigurationMsg")
+_BIN_M: Final = (0.005, 0.5)  # by the hardware: bins are about 4 to 18 cm long
+_PER_M: Final = (1.0, 1e4)  # units in which drivers state it
+_ENCODER_TICKS: Final = (400, 65536)  # by the hardware: encoders have a tick for every azimuth at least, in 16 bits
+
+_Azimuth = tuple[int, int, int, NDArray[np.uint8], str]  # recorded [ns], tick, stamp [ns], power (B,), frame
+
+
+class AzimuthLayout(Enum):
+    """Ways in which a message holds its azimuths."""
+
+    OXFORD_ROWS = "rows that begin with their time and angle"
+    ROWS = "rows"
+    COLUMNS = "columns"
+    B_SCAN = "rows, with times and encoder values beside the image"
+
+
+@dataclass(frozen=True, slots=True)
+class RadarTopic:
+    """The topic of a bag on which a radar's messages are.
+
+    Args:
+        name: its name.
+        layout: how messages hold their azimuths.
+        encoder: encoder ticks of a turn, where the bag or the user states them.
+    """
+
+    name: str
+    layout: AzimuthLayout
+    encoder: int | None = None
+
+    @property
+    def stamps_azimuths(self) -> bool:
+        """Whether a message says when every azimuth was measured."""
+        return self.layout in (AzimuthLayout.OXFORD_ROWS, AzimuthLayout.B_SCAN)
+
+    @property
+    def usual_stamp(self) -> Stamp:
+        """Which instant of a turn the only stamp of a message usually is.
+
+        MulRan's player and Navtech's driver send a turn when it is complete.
+        """
+        name = self.name.lower().removesuffix("/compressed")
+        is_late = name.endswith(_DRIVER) or (name.endswith(_MULRAN_PLAYER) and self.layout is AzimuthLayout.COLUMNS)
+        return "end" if is_late else "start"
+
+    def read_stamp(self, message: Any, logged_ns: int, clock: bags.Clock) -> int:
+        """Returns the stamp [us] of a message: its first azimuth's, else the header's, else when it was recorded.
+
+        Raises:
+            ValueError: its image cannot be used, or times and angles make no turn.
+        """
+        if self.stamps_azimuths:
+            return int(self.read_azimuths(message).stamps_us[0])
+        if message.__msgtype__ != COMPRESSED_TYPE:  # decoding every image of a bag only to index it takes minutes
+            _read_pixels(message)
+        return clock.stamp(self.name, message, logged_ns)
+
+    def read_power(self, message: Any) -> NDArray[np.uint8]:
+        """Reads the power (A, B) of a message, one row per azimuth.
+
+        Raises:
+            ValueError: its image cannot be used.
+        """
+        if self.layout is AzimuthLayout.B_SCAN:
+            image = _read_pixels(message.b_scan_img)
+            return image if len(image) == len(message.encoder_values) else image.T
+        image = _read_pixels(message)
+        if self.layout is AzimuthLayout.OXFORD_ROWS:
+            return image[:, METADATA_BYTES:]
+        return image.T if self.layout is AzimuthLayout.COLUMNS else image
+
+    def read_azimuths(self, message: Any) -> Azimuths:
+        """Reads the azimuths of a message that carries their times and angles.
+
+        Raises:
+            ValueError: its image cannot be used, or times and angles make no turn.
+        """
+        turn = self.encoder or self.find_turn(message)
+        if self.layout is AzimuthLayout.OXFORD_ROWS:
+            return read_metadata(_read_pixels(message), turn=turn)
+        ticks = np.asarray(message.encoder_values, dtype=np.uint16)
+        stamps_us = (np.asarray(message.timestamps, dtype=np.uint64) // np.uint64(1000)).astype(np.int64)
+        if not len(ticks) == len(stamps_us) == len(self.read_power(message)):
+            raise ValueError(f"holds {len(ticks)} encoder values and {len(stamps_us)} times for another number of azimuths")
+        return repair_azimuths(stamps_us, ticks, np.ones(len(ticks), dtype=np.bool_), turn)
+
+    def find_turn(self, message: Any) -> int:
+        """Finds the encoder ticks that are taken as a turn where nobody states them: the fewest that hold a message's."""
+        if self.layout is not AzimuthLayout.B_SCAN:
+            return TURN_TICKS
+        largest = np.asarray(message.encoder_values, dtype=np.uint16).max(initial=0)
+        return next((turn for turn in _ENCODER_TURNS if largest <= turn), _ENCODER_TURNS[-1])
+
+
+def choose_topic(
+    path: Path, reader: AnyReader, named: str | None = None, encoder: int | None = None
+) -> tuple[RadarTopic, list[str]]:
+    """Chooses the radar's topic; returns it with notes on the choice.
+
+    Args:
+        path: of the bag.
+        reader: of the bag.
+        named: the topic that the user names, if any.
+        encoder: encoder ticks of a turn, if they are known.
+
+    Raises:
+        DataError: no topic holds polar scans, or several could, or the named one has no images.
+    """
+    filled = [connection for connection in reader.connections if connection.msgcount]
+    images = [connection for connection in filled if connection.msgtype in (IMAGE_TYPE, COMPRESSED_TYPE)]
+    b_scans = [connection for connection in filled if connection.msgtype == B_SCAN_TYPE]
+    b_scans += [connection for connection in filled if connection.msgtype.endswith(FFT_NAMES)]
+    if named is not None:
+        meant = bags.require_topic(path, named, (*images, *b_scans), "polar scans", "images")
+        return _find_layout(path, reader, meant, encoder), [f"radar from {named}, as asked"]
+    ranked = [(rank, c) for c in images if (rank := _rank_topic(c.topic)) is not None]
+    ranked += [(_B_SCAN_RANK + c.msgtype.endswith(FFT_NAMES), c) for c in b_scans]
+    if ranked:
+        first, chosen = min(ranked, key=lambda entry: entry[0])
+        alike = sorted({c.topic for rank, c in ranked if rank == first})
+        if len(alike) > 1:
+            raise DataError(path, f"has several topics that could be radar ({', '.join(alike[:12])})", Remedy.NAME_TOPIC)
+        notes = [f"radar from {chosen.topic}"]
+        if others := sorted({c.topic for _, c in ranked if not _is_twin(c.topic, chosen.topic)}):
+            notes.append(f"{', '.join(others[:12])} could be the radar, too: {Remedy.NAME_TOPIC} if it is")
+    else:
+        chosen = _choose_by_shape(path, reader, images)
+        notes = [f"radar from {chosen.topic}, the only topic with images shaped like a radar's"]
+    return _find_layout(path, reader, chosen, encoder), notes
+
+
+def _choose_by_shape(path: Path, reader: AnyReader, images: list[Connection]) -> Connection:
+    """Chooses the only topic of images whose first message looks like a radar's."""
+    first_messages: dict[str, tuple[Connection, Any]] = {}
+    for connection in images:
+        _, _, raw = next(reader.messages([connection]))
+        first_messages[connection.topic] = connection, reader.deserialize(raw, connection.msgtype)
+    alike = {topic: connection for topic, (connection, message) in first_messages.items() if _looks_like_radar(message)}
+    if len(alike) > 1:
+        raise DataError(path, f"has several topics that could be radar (topics: {', '.join(alike)})", Remedy.NAME_TOPIC)
+    if not alike:
+        deep = [f"; the first on {topic} {why}" for topic, (_, m) in first_messages.items() if (why := _find_other_depth(m))]
+        problem = f"has no radar (topics: {bags.list_topics(reader)})" + "".join(deep[:4])
+        raise DataError(path, problem, CONVERT_IMAGES if deep else _GIVE_RADAR)
+    return next(iter(alike.values()))
+
+
+def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder: int | None) -> RadarTopic:
+    """Finds the layout of a radar's messages from the first that is a polar scan."""
+    first: DataError | None = None
+    for _, logged, raw in itertools.islice(reader.messages([connection]), _FIRST_TRIED):
+        try:
+            with bags.name_message(path, connection.topic, logged):
+                message = bags.deserialise(reader, connection, raw)
+                layout = _interpret_layout(connection.topic, connection.msgtype, message, encoder or TURN_TICKS)
+                return RadarTopic(connection.topic, layout, encoder)
+        except DataError as error:
+            first = first or error
+    raise first or DataError(path, f"holds no message on {connection.topic}", "name another bag")
+
+
+def _interpret_layout(topic: str, message_type: str, message: Any, turn: int) -> AzimuthLayout:
+    """Finds the layout of a topic's messages from one of them; ValueError where its image cannot be used."""
+    if message_type == B_SCAN_TYPE or message_type.endswith(FFT_NAMES):
+        return AzimuthLayout.B_SCAN
+    image = _read_pixels(message)
+    if has_times(image):
+        read_metadata(image, turn=turn)  # says what is wrong with its angles
+        return AzimuthLayout.OXFORD_ROWS
+    if has_metadata(image, turn):
+        return AzimuthLayout.OXFORD_ROWS
+    name = topic.lower().removesuffix("/compressed")
+    if name.endswith(_MULRAN_PLAYER):
+        return AzimuthLayout.COLUMNS
+    if name.endswith((_NAVTECH, *_DRIVER)):
+        return AzimuthLayout.ROWS
+    return AzimuthLayout.ROWS if image.shape[1] >= image.shape[0] else AzimuthLayout.COLUMNS
+
+
+def _rank_topic(topic: str) -> int | None:
+    """Ranks a topic of images by its name as `_RANKS` does; None where only its images could show that it is a radar's."""
+    return next((rank for name, rank in _RANKS.items() if topic.lower().endswith(name)), None)
+
+
+def _is_twin(topic: str, other: str) -> bool:
+    """Returns whether two topics hold the same images, one of them compressed, or are the same."""
+    return topic.removesuffix("/compressed") == other.removesuffix("/compressed")
+
+
+def _find_other_depth(message: Any) -> str:
+    """Returns what is wrong with a grey image that is not of 8 bits; "" of any other, such as one in colour."""
+    try:
+        _read_pixels(message)
+    except NotGreyError as error:
+        return str(error) if getattr(message, "encoding", "") in _DEEP or "(mode I" in str(error) else ""
+    except ValueError:
+        pass
+    return ""
+
+
+def _looks_like_radar(message: Any) -> bool:
+    """Returns whether an image of an unknown topic is polar: Oxford rows, or one side three times the other."""
+    try:
+        image = _read_pixels(message)
+    except ValueError:
+        return False
+    return has_times(image) or (min(image.shape) >= _FEWEST_PIXELS and max(image.shape) >= _LONG_SIDE * min(image.shape))
+
+
+def _read_pixels(image: Any) -> NDArray[np.uint8]:
+    """Reads the pixels (height, width) of a `sensor_msgs/Image` or `CompressedImage`.
+
+    Raises:
+        ValueError: the image is not 8-bit grey, is empty, too large or damaged, or has fewer bytes than its size says.
+    """
+    if image.__msgtype__ == COMPRESSED_TYPE:
+        return decode_grey(io.BytesIO(np.asarray(image.data, dtype=np.uint8).tobytes()), _COMPRESSIONS)
+    if image.encoding not in _GREY:
+        raise NotGreyError(f"is an image in {image.encoding!r}, not mono8")
+    height, width, step = int(image.height), int(image.width), int(image.step)
+    data = np.asarray(image.data, dtype=np.uint8)
+    check_size(height, width)
+    if height < 1 or width < 1 or step < width or data.size != height * step:
+        raise ValueError(f"holds {data.size} bytes for {height} rows of {width} pixels")
+    return data.reshape(height, step)[:, :width]
+
+
+def read_frame(message: Any) -> str:
+    """Returns the name of the frame that a radar's message is in."""
+    image = message.b_scan_img if message.__msgtype__ == B_SCAN_TYPE else message
+    return str(image.header.frame_id)
+
+
+def read_turns(
+    reader: AnyReader, messages: Iterable[tuple[Connection, int, Any]], topic: str
+) -> Iterator[tuple[Connection, int, Any]]:
+    """Yields a bag's messages, with one b-scan for each turn of azimuths on the radar's topic.
+
+    A turn that has only begun, or whose beginning is not in the bag, is left out, unless there is no other.
+
+    Args:
+        reader: of the open bag.
+        messages: connections, times of recording [ns] and bytes, as the reader yields them.
+        topic: the radar's.
+
+    Yields:
+        The connection, the time of recording [ns] of the message or of a turn's first azimuth, and the bytes or the b-scan.
+    """
+    gathered: list[_Azimuth] = []
+    radar: Connection | None = None
+    largest, count = 0, 0
+    for connection, logged, raw in messages:
+        if connection.topic != topic or not connection.msgtype.endswith(FFT_NAMES):
+            yield connection, logged, raw
+            continue
+        try:
+            azimuth = _read_azimuth(bags.deserialise(reader, connection, raw), logged)
+        except (ValueError, AttributeError):
+            yield connection, logged, raw  # whoever reads it next says what is wrong with it
+            continue
+        radar, end = connection, _find_end(gathered, azimuth)
+        if end is not None:
+            largest = max(largest, *(tick for _, tick, *_ in gathered))
+            if _sweeps(gathered[:end], largest):
+                yield radar, gathered[0][0], _make_turn(gathered[:end])
+                count += 1
+            gathered = gathered[end:]
+        gathered.append(azimuth)
+    if radar is not None and gathered and (count == 0 or _sweeps(gathered, largest)):
+        yield radar, gathered[0][0], _make_turn(gathered)
+
+
+def open_message(reader: AnyReader, connection: Connection, raw: Any) -> Any:
+    """Deserialises what `read_turns` yields: a b-scan of a turn is one already.
+
+    Raises:
+        ValueError: its bytes are not those of its type.
+    """
+    return raw if isinstance(raw, SimpleNamespace) else bags.deserialise(reader, connection, raw)
+
+
+def _find_end(gathered: list[_Azimuth], following: _Azimuth) -> int | None:
+    """Finds where a turn ends among azimuths gathered, of which the last may be damaged; None where it goes on."""
+    if len(gathered) < 2:
+        return None
+    before, last = gathered[-2][1], gathered[-1][1]
+    if last < before and last <= following[1] < before:
+        return len(gathered) - 1
+    try:
+        check_size(len(gathered) + 1, max(len(gathered[0][3]), len(following[3])))
+    except TooLargeError:
+        return len(gathered)
+    return None
+
+
+def _sweeps(azimuths: list[_Azimuth], largest: int) -> bool:
+    """Returns whether azimuths sweep over half of a turn with so many ticks."""
+    ticks = [tick for _, tick, *_ in azimuths]
+    return 2 * (max(ticks) - min(ticks)) > largest
+
+
+def _read_azimuth(message: Any, logged: int) -> _Azimuth:
+    """Reads a message of one azimuth; AttributeError where it lacks a field, ValueError where power or a number is none."""
+    power = np.asarray(message.data, dtype=np.uint8)
+    if power.ndim != 1 or not power.size:
+        raise ValueError("holds no power")
+    header = getattr(message, "header", None)
+    stamp = _read_number(message.ntp_seconds) * _NANOSECONDS
+    if stamp >= _FIRST_S * _NANOSECONDS:
+        split = _read_number(message.ntp_split_seconds)
+        stamp += split if split < _NANOSECONDS else split * _NANOSECONDS // _SPLITS
+    else:
+        stamp = 1000 * bags.stamp_of(message) if header is not None else 0
+    return logged, _read_number(message.azimuth), stamp or logged, power, str(getattr(header, "frame_id", ""))
+
+
+def _read_number(stated: Any) -> int:
+    """Reads an unsigned number, or its bytes; ValueError where there are none."""
+    if np.ndim(stated) == 0:
+        return int(stated)
+    content = np.asarray(stated, dtype=np.uint8).tobytes()
+    if not content:
+        raise ValueError("lacks a number")
+    return int.from_bytes(content, "big")
+
+
+def _make_turn(azimuths: list[_Azimuth]) -> Any:
+    """Makes a message like the b-scans of Navtech's driver of the azimuths that have as many range bins as most have."""
+    widths, counts = np.unique([len(power) for *_, power, _ in azimuths], return_counts=True)
+    width = int(widths[counts.argmax()])
+    alike = [azimuth[1:] for azimuth in azimuths if len(azimuth[3]) == width]
+    ticks, stamps, power, frames = zip(*alike, strict=True)
+    seconds, nanoseconds = divmod(int(stamps[0]), _NANOSECONDS)
+    image = SimpleNamespace(
+        __msgtype__=IMAGE_TYPE,
+        header=SimpleNamespace(stamp=SimpleNamespace(sec=seconds, nanosec=nanoseconds), frame_id=frames[0]),
+        height=len(power),
+        width=width,
+        step=width,
+        encoding="mono8",
+        data=np.concatenate(power),
+    )
+    return SimpleNamespace(
+        __msgtype__=B_SCAN_TYPE,
+        b_scan_img=image,
+        encoder_values=np.clip(ticks, 0, 65535).astype(np.uint16),
+        timestamps=np.array(stamps, dtype=np.uint64),
+    )
+
+
+def read_bin_size(reader: AnyReader) -> tuple[float, str] | None:
+    """Reads the length of a range bin [m], and the topic that states it; None where no message of an open bag does."""
+    for topic, message in _read_configurations(reader):
+        for number in _list_numbers(getattr(message, "bin_size", 0)):
+            for per_m in _PER_M:
+                if _BIN_M[0] <= number / per_m <= _BIN_M[1]:
+                    return number / per_m, topic
+    return None
+
+
+def read_encoder_size(reader: AnyReader) -> int | None:
+    """Reads the ticks of the encoder in a turn; None where no message of an open bag states them."""
+    for _, message in _read_configurations(reader):
+        numbers = [number for number in _list_numbers(getattr(message, "encoder_size", 0)) if number.is_integer()]
+        sizes = [int(number) for number in numbers if _ENCODER_TICKS[0] <= number <= _ENCODER_TICKS[1]]
+        if sizes:  # the radar sends its bytes the high one first
+            return next((size for size in sizes if size in _ENCODER_TURNS), sizes[-1])
+    return None
+
+
+def _read_configurations(reader: AnyReader) -> Iterator[tuple[str, Any]]:
+    """Yields the configuration messages of a bag that can be read, with their topics."""
+    for connection in reader.connections:
+        if connection.msgtype.endswith(_CONFIGURATIONS) and connection.msgcount:
+            for _, _, raw in reader.messages([connection]):
+                try:
+                    yield connection.topic, bags.deserialise(reader, connection, raw)
+                except ValueError:
+                    break
+
+
+def _list_numbers(stated: Any) -> Iterator[float]:
+    """Yields the numbers that a field may stand for: itself, or its bytes as a number of either order."""
+    if np.ndim(stated) == 0:
+        yield float(stated)
+        return
+    content = np.asarray(stated).astype(np.uint8).tobytes()
+    for kind in {2: "H", 4: "fI", 8: "dQ"}.get(len(content), ""):
+        for order in ("<", ">"):
+            (number,) = struct.unpack(order + kind, content)
+            yield float(number)
+
+
+def make_image(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -> Any:
+    """Makes a mono8 image of Oxford rows of polar scan k.
+
+    Raises:
+        DataError: the polar scan turns counter-clockwise, or readers would not recognise the rows.
+    """
+    rows = make_rows(recording, k, polar_scan)
+    if k == 0 and not has_metadata(rows):
+        problem = "its first polar scan is under half a turn, so that readers would not find times and angles in its rows"
+        raise DataError(recording.path, problem, "write b_scan messages, or convert it to oxford or .npz")
+    return _make_mono8(bag, int(azimuth_stamps(recording, polar_scan)[0]), rows)
+
+
+def make_b_scan(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -> Any:
+    """Makes a message of Navtech's driver of polar scan k, by the encoder its azimuths fit best.
+
+    Raises:
+        DataError: the polar scan turns counter-clockwise.
+    """
+    stamps = azimuth_stamps(recording, polar_scan)
+    ticks = encode_azimuths(recording, k, polar_scan, _choose_encoder(polar_scan))
+    image = _make_mono8(bag, int(stamps[0]), np.ascontiguousarray(polar_scan.power))
+    return bag.make(B_SCAN_TYPE, image, ticks.astype(np.uint16), (stamps * 1000).astype(np.uint64))
+
+
+def _choose_encoder(polar_scan: PolarScan) -> int:
+    """Chooses the ticks per turn of the encoder: the finer one if only its ticks fit and its values show it."""
+    usual, fine = _ENCODER_TURNS
+    turns = -polar_scan.azimuths / (2.0 * np.pi)
+    on_usual, on_fine = (np.allclose(turns * t, np.round(turns * t), rtol=0.0, atol=1e-6) for t in (usual, fine))
+    shows = bool(np.max(np.round(turns * fine) % fine) > usual)
+    return fine if on_fine and shows and not on_usual else usual
+
+
+def _make_mono8(bag: Bag, stamp_us: int, pixels: NDArray[np.uint8]) -> Any:
+    """Makes a mono8 image of pixels (H, W)."""
+    height, width = pixels.shape
+    header = bag.header(stamp_us, RADAR_FRAME)
+    return bag.make(IMAGE_TYPE, header, height, width, "mono8", 0, width, pixels.reshape(-1))

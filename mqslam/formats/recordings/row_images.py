@@ -1,0 +1,210 @@
+"""A folder of images of Oxford rows, one per polar scan: Oxford, Boreas, and one form of MulRan."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from enum import Enum
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core.recording import PolarScan, Recording
+from mqslam.errors import DataError, untrusted
+from mqslam.formats.images import read_first, read_grey
+from mqslam.formats.recordings.azimuths import (
+    FLAG_BYTE,
+    METADATA_BYTES,
+    TURN_TICKS,
+    Azimuths,
+    check_encoder,
+    read_metadata,
+    stamps_in_us,
+)
+from mqslam.formats.recordings.layout import Sensing
+from mqslam.formats.recordings.turns import find_usual_turns, place_turns
+
+# An image with fewer azimuths than this share of the first image's is damaged, and is left out.
+_FEWEST_ROWS = 0.1
+# Byte 10 of Oxford rows says whether an azimuth was measured if it is 255 in more than this share of the first image's
+# rows, because few azimuths of a recording are not measured.
+_VALIDITY_SHARE = 0.75
+# Otherwise byte 10 is the direction of the chirp, which alternates in Boreas-RT, if it is 255 in more than this share of
+# the rows; in fewer it says nothing about single azimuths.
+_CHIRP_SHARE = 0.25
+_MOST_STAMP_ERROR_US = 1_000_000  # a name that is a stamp further than this outside its turn is damaged
+_REMEDY = "copy it anew, or leave it out of the recording"
+
+_Rows = tuple[Azimuths, NDArray[np.uint8]]  # azimuths (A,) and their power (A, B)
+
+
+class Flag(Enum):
+    """Meaning of byte 10 of the rows of a recording."""
+
+    VALIDITY = "255 where the azimuth was measured"
+    CHIRP = "255 where the chirp went up"
+    NOTHING = "nothing about single azimuths"
+
+
+@dataclass(frozen=True, slots=True)
+class RowFolder:
+    """A folder of images of Oxford rows, and how its images are read.
+
+    Args:
+        path: the folder.
+        flag: meaning of byte 10 of the rows.
+        encoder: encoder ticks of a turn.
+        usual: number of azimuths of the first image; 0 where it is not known yet.
+    """
+
+    path: Path
+    flag: Flag
+    encoder: int
+    usual: int = 0
+
+    def read(self, name: int) -> tuple[_Rows, _Rows | None]:
+        """Reads the azimuths of an image and their power; of both directions of a chirp those that go up, then the others.
+
+        Args:
+            name: of the image: a stamp [us or ns] within its turn.
+
+        Raises:
+            DataError: the image cannot be used, or does not belong to its name.
+        """
+        image = self.path / f"{name}.png"
+        pixels = read_grey(image)
+        try:
+            azimuths = read_metadata(pixels, flags_validity=self.flag is Flag.VALIDITY, turn=self.encoder)
+            down: _Rows | None = None
+            if self.flag is Flag.CHIRP:
+                up = pixels[:, FLAG_BYTE] == 255
+                down = azimuths.take(~up), pixels[~up, METADATA_BYTES:]
+                azimuths, pixels = azimuths.take(up), pixels[up]
+                if len(pixels) < 2:
+                    raise ValueError(f"has {len(pixels)} up-chirps")
+            if len(pixels) < _FEWEST_ROWS * self.usual:
+                raise ValueError(f"has {len(pixels)} azimuths, the first image {self.usual}")
+        except ValueError as error:
+            raise DataError(image, str(error), _REMEDY) from error
+        apart = int(azimuths.stamps_us[0]) - int(stamps_in_us(np.asarray(name)))
+        span = int(azimuths.stamps_us[-1]) - int(azimuths.stamps_us[0])
+        if not -span - _MOST_STAMP_ERROR_US <= apart <= _MOST_STAMP_ERROR_US:
+            raise DataError(image, f"its first row is stamped {apart * 1e-6:.1f} s after its name", _REMEDY)
+        return (azimuths, pixels[:, METADATA_BYTES:]), down
+
+
+@dataclass(frozen=True, kw_only=True)
+class RowImageRecording(Recording):
+    """A recording in images of Oxford rows.
+
+    Args:
+        folder: holds the images.
+        names: (N,) int64, what they are called: increasing stamps [us or ns].
+    """
+
+    folder: RowFolder
+    names: NDArray[np.int64]
+
+    @untrusted.reads_recording
+    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
+        """Reads the polar scans start <= k < stop, one after the other."""
+        for name in self.names[start:stop].tolist():
+            (azimuths, power), down = self.folder.read(name)
+            falling = None if down is None else down[0].to_polar_scan(down[1], self.start_us)
+            yield replace(azimuths.to_polar_scan(power, self.start_us), down=falling)
+
+
+def open_rows(
+    path: Path,
+    format: str,
+    folder: Path,
+    names: NDArray[np.int64],
+    choose_resolution: Callable[[int], tuple[float, list[str]]],
+    sensing: Sensing,
+) -> RowImageRecording:
+    """Indexes images by their names: the first and the last that can be read are read, however many there are.
+
+    An image is named after an instant of its turn: in Oxford the first azimuth, in Boreas the middle, in MulRan the end.
+    The first image shows which; the others begin the same part of their turns before their names.
+
+    Args:
+        path: the recording.
+        format: name of its layout.
+        folder: holds the images.
+        names: (N,) of the images, increasing.
+        choose_resolution: returns the length of a range bin [m] of a recording that begins at a stamp [us], with a note
+            where it is assumed.
+        sensing: what the user says about the radar.
+
+    Raises:
+        DataError: there are no images, or half of them cannot be used, or their encoder has other ticks.
+    """
+    if not len(names):
+        raise DataError(folder, "holds no polar scans", "it should hold images named <t>.png, t in microseconds")
+
+    def read_with_flag(name: int) -> tuple[RowFolder, tuple[str, ...], Azimuths]:
+        flag, notes = _interpret_flag(read_grey(folder / f"{name}.png"))
+        images = RowFolder(folder, flag, sensing.encoder_size or TURN_TICKS)
+        return images, notes, images.read(name)[0][0]
+
+    (images, notes, first), skipped, faults = read_first(names.tolist(), read_with_flag, "first")
+    whole = replace(images, usual=len(first.stamps_us))
+    names = names[skipped:]
+    (((last, _), _), skipped, missing) = read_first(names[::-1].tolist(), whole.read, "last")
+    names = names[: len(names) - skipped]
+    named_us = stamps_in_us(names)
+    known = {0: first, len(names) - 1: last}
+    if sensing.encoder_size is None:
+        faults = [*faults, *check_encoder(folder, named_us, [azimuths.measure_turn() for azimuths in (first, last)])]
+
+    def measure(k: int) -> float | None:
+        try:
+            azimuths = known[k] if k in known else images.read(int(names[k]))[0][0]
+        except DataError:
+            return None
+        return azimuths.measure_turn()
+
+    usual = find_usual_turns(named_us, measure)
+    before = place_turns(named_us, "end", usual)[1]
+    before[0] = first.find_duration() or before[0]
+    lead = int(named_us[0]) - int(first.stamps_us[0])
+    within = 0 <= lead <= before[0]
+    starts = named_us - (np.round(lead * before / before[0]).astype(np.int64) if within else lead)
+    turns = place_turns(starts, "start", usual)[1]
+    duration = last.find_duration()
+    if duration is not None:
+        turns[-1] = max(1, int(last.stamps_us[0]) + duration - int(starts[-1]))
+    resolution, assumed = choose_resolution(int(starts[0]))
+    return RowImageRecording(
+        path=path,
+        format=format,
+        stamps_us=starts,
+        turns_us=turns,
+        range_resolution=resolution,
+        is_resolution_assumed=bool(assumed),
+        notes=(*assumed, *sensing.note_unused(), *notes),
+        faults=(*faults, *missing),
+        folder=whole,
+        names=names,
+    )
+
+
+def _interpret_flag(pixels: NDArray[np.uint8]) -> tuple[Flag, tuple[str, ...]]:
+    """Interprets byte 10 of a recording by its first image (A, 11 + B), with a note where it is not validity.
+
+    Few rows of a recording are marked as not measured. Boreas leaves the byte unused, Boreas-RT puts the direction of the
+    chirp there, which alternates from row to row.
+    """
+    share = float(np.mean(pixels[:, FLAG_BYTE] == 255)) if pixels.shape[1] > METADATA_BYTES else 1.0
+    if share > _VALIDITY_SHARE:
+        return Flag.VALIDITY, ()
+    if share > _CHIRP_SHARE:
+        return Flag.CHIRP, (
+            f"byte 10 is 255 in {share:.0%} of the rows and is taken as the direction of the chirp "
+            "(Boreas-RT), whose Doppler shifts have opposite signs, so only the up-chirps (255) give returns",
+        )
+    return Flag.NOTHING, (
+        f"byte 10 is 255 in {share:.0%} of the rows and is taken as unused or as down-chirps "
+        "(Boreas-RT, where doppler_beta is below zero), not as azimuths that were not measured",
+    )

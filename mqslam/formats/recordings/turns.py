@@ -1,0 +1,203 @@
+"""Durations of a radar's turns, from the stamps of polar scans and from those of azimuths where there are any."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US
+from mqslam.core.statistics.evenly import pick_evenly
+from mqslam.formats.recordings.layout import Stamp
+
+USUAL_TURN_S = 0.25  # duration of a turn that is assumed where a recording shows none
+# Number of successive steps between polar scans whose median is the usual duration of a turn. Where a recording has fewer
+# steps, each is judged by itself.
+TURNS_AROUND = 9
+LONGEST_STEP = 1.5  # a step of more usual turns than this to the next polar scan holds a gap: half a turn is missing
+ALIKE_TURNS = 1.25  # turns whose durations differ by less than this factor count as turns at the same rate
+_FEWEST_AZIMUTHS = 8  # a polar scan of fewer azimuths does not tell how fast they were swept
+# Quantile of the steps between polar scans that counts as the duration of a turn in a recording of few polar scans. It is
+# low, because polar scans may be missing but never come early.
+_SHORT_SHARE = 0.25
+_RATE_CELL = 1.1  # steps are counted together to find turn rates if their durations differ by less than this factor
+_MOST_RATES = 8  # largest number of turn rates that a recording is assumed to have
+_WHOLE_TURN = 0.2  # a step counts as whole turns if it differs from them by at most this much [turns]
+# Costs of assuming that a polar scan is missing, which is their unit, that it came late, that it came early, and that the
+# radar was told to turn at another rate.
+_COST_MISSING, _COST_LATE, _COST_EARLY, _COST_RATE_CHANGE = 1.0, 1.5, 2.0, 4.0
+_COMPARED_AZIMUTHS = 128  # largest number of azimuths of a polar scan that are compared to find how fast they were swept
+# Two azimuths are compared if they lie at least this share of their polar scan apart. Nearer ones would show the bursts in
+# which a driver hands azimuths over.
+_COMPARED_APART = 0.25
+Measure = Callable[[int], float | None]
+
+
+def measure_turn(stamps_us: NDArray[np.float64], angles: NDArray[np.float64]) -> float | None:
+    """Measures how long a whole turn takes [us], at the rate at which azimuths were swept.
+
+    The rate is the median over pairs of azimuths that lie well apart. Neither bursts of stamps, nor missing azimuths, nor a
+    few late stamps change it much.
+
+    Args:
+        stamps_us: (A,) [us], not decreasing, counted from any instant.
+        angles: (A,) [rad], unwrapped.
+
+    Returns:
+        The duration, or None where there are too few azimuths, or where no radar sweeps like these.
+    """
+    if len(angles) < _FEWEST_AZIMUTHS:
+        return None
+    rows = pick_evenly(len(angles), _COMPARED_AZIMUTHS)
+    stamps, turns = stamps_us[rows], angles[rows] / (2.0 * np.pi)
+    first, second = np.triu_indices(len(rows), int(_COMPARED_APART * len(rows)))
+    sweeps = np.abs(turns[second] - turns[first])
+    moved = sweeps > 0.0
+    if not moved.any():
+        return None
+    turn = float(np.median((stamps[second] - stamps[first])[moved] / sweeps[moved]))
+    return turn if FASTEST_TURN_US <= turn <= SLOWEST_TURN_US else None
+
+
+def find_usual_turns(stamps_us: NDArray[np.int64], measure: Measure | None = None) -> NDArray[np.float64]:
+    """Finds how long a turn usually takes (N - 1,) [us] at each step from one polar scan to the next: the measure for gaps.
+
+    It is found from the steps around, since a radar may be told to turn at another rate. Where there are few steps, or
+    where polar scans are missing regularly, steps do not tell turns from gaps; there the azimuths' own stamps do.
+
+    Args:
+        stamps_us: (N,) increasing stamps of the polar scans [us].
+        measure: tells of a polar scan's number how long its turn took by its azimuths' own stamps [us], None where they do
+            not say. It may read the polar scan, so it is asked for all of a few, and of many for one or two per turn rate.
+    """
+    usual = _find_usual_steps(np.diff(stamps_us).astype(np.float64))
+    if measure is None or not len(usual):
+        return usual
+    if len(usual) < TURNS_AROUND:
+        return np.array([measure(k) or step for k, step in enumerate(usual.tolist())])
+    rates = np.round(np.log(usual / np.median(usual)) / np.log(ALIKE_TURNS))
+    for rate in np.unique(rates):
+        steps = np.flatnonzero(rates == rate)
+        measured = [turn for k in _choose_examples(steps, len(usual)) if (turn := measure(k)) is not None]
+        if measured and np.median(usual[steps]) > ALIKE_TURNS * np.median(measured):
+            usual[steps] = np.median(measured)
+    return usual
+
+
+def place_turns(
+    stamps_us: NDArray[np.int64], stamp: Stamp, usual_us: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Finds starts (N,) and durations (N,) [us] of turns of which only their increasing stamps (N,) [us] are known.
+
+    A turn lasts until the next one's stamp; where stamps are ends, it has lasted since the one before's. Beside a gap and
+    at the open end it takes as long as its neighbour, since the turn rate drifts slowly.
+
+    Args:
+        stamps_us: one per turn.
+        stamp: which instant of the turns they are.
+        usual_us: (N - 1,) how long a turn usually takes at each step between them [us].
+    """
+    between = np.diff(stamps_us)
+    if not len(between):
+        durations = np.full(len(stamps_us), _to_us(USUAL_TURN_S))
+    else:
+        whole = np.flatnonzero(between <= LONGEST_STEP * usual_us)
+        own = np.arange(len(stamps_us)) - (stamp == "end")
+        usual = usual_us[np.clip(own, 0, len(between) - 1)]
+        durations = usual
+        if len(whole):
+            durations = between[whole[np.minimum(np.searchsorted(whole, own), len(whole) - 1)]]
+            alone = ~np.isin(own, whole) & (np.abs(np.log(durations / usual)) > np.log(ALIKE_TURNS))
+            durations = np.where(alone, usual, durations)
+        durations = np.round(durations).astype(np.int64)
+    return (stamps_us if stamp == "start" else stamps_us - durations), durations
+
+
+def _to_us(seconds: float) -> int:
+    """Converts a duration [s] to whole microseconds."""
+    return round(seconds * 1e6)
+
+
+def _find_usual_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Finds the usual duration (M,) of a turn [us] at each of some steps (M,) [us].
+
+    Of few steps it is one of the shortest: no radar delivers a polar scan sooner than it turns, while any may be missing.
+    """
+    unknown = _to_us(USUAL_TURN_S)
+    if len(steps) >= TURNS_AROUND:
+        usual = _explain_steps(steps)
+    else:
+        turns = np.sort(steps[(steps >= FASTEST_TURN_US) & (steps <= SLOWEST_TURN_US)])
+        usual = np.full(len(steps), turns[int(_SHORT_SHARE * (len(turns) - 1))] if len(turns) else unknown)
+    return np.where((usual >= FASTEST_TURN_US) & (usual <= SLOWEST_TURN_US), usual, unknown)
+
+
+def _explain_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Finds the usual duration (M,) of a turn [us] at each of many steps (M,) [us].
+
+    The steps are explained by the sequence of turn rates that takes the cheapest assumptions: that polar scans are missing,
+    that one is late or early, or that the radar is told to turn at another rate.
+    """
+    rates = _collect_rates(steps)
+    turns = steps[:, None] / rates
+    whole = np.maximum(1.0, np.round(turns))
+    odd = np.abs(turns - whole) > _WHOLE_TURN
+    cases = [turns < 1.0 - _WHOLE_TURN, odd, whole > 1.0]
+    costs = np.select(cases, [_COST_EARLY, _COST_LATE, _COST_MISSING], 0.0)
+    path = _find_cheapest_path(costs, _COST_RATE_CHANGE)
+    rows = np.arange(len(steps))
+    usual = np.where(odd[rows, path], rates[path], steps / whole[rows, path])
+    count = TURNS_AROUND
+    around = np.lib.stride_tricks.sliding_window_view(
+        np.pad(usual, (count // 2, count - 1 - count // 2), mode="symmetric"), count
+    )
+    return np.asarray(np.median(around, axis=1))
+
+
+def _collect_rates(steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Collects the durations of a turn (R,) [us] that may explain steps: those that occur most, unlike one another."""
+    cells = np.round(np.log(steps) / np.log(_RATE_CELL)).astype(np.int64)
+    names, counts = np.unique(cells, return_counts=True)
+    rates: list[float] = []
+    for name in names[np.argsort(-counts, kind="stable")].tolist():
+        rate = float(np.median(steps[np.abs(cells - name) <= 1]))
+        unlike = all(not 1.0 / ALIKE_TURNS < rate / other < ALIKE_TURNS for other in rates)
+        if FASTEST_TURN_US <= rate <= SLOWEST_TURN_US and unlike:
+            rates.append(rate)
+        if len(rates) == _MOST_RATES:
+            break
+    return np.array(rates or [_to_us(USUAL_TURN_S)], dtype=np.float64)
+
+
+def _find_cheapest_path(costs: NDArray[np.float64], change: float) -> NDArray[np.int64]:
+    """Finds the sequence (M,) of states that costs least, changes between states included.
+
+    Args:
+        costs: (M, R) of each of R states at each step.
+        change: cost of a change of state.
+    """
+    begins = np.flatnonzero(np.append(True, np.any(costs[1:] != costs[:-1], axis=1)))
+    total, states = np.zeros(costs.shape[1]), np.arange(costs.shape[1])
+    before = []
+    for row in np.add.reduceat(costs, begins):
+        best = int(np.argmin(total))
+        changed = total > total[best] + change
+        before.append(np.where(changed, best, states))
+        total = np.where(changed, total[best] + change, total) + row
+    state, path = int(np.argmin(total)), []
+    for origins in reversed(before):
+        path.append(state)
+        state = int(origins[state])
+    return np.repeat(np.array(path[::-1]), np.diff(begins, append=len(costs)))
+
+
+def _choose_examples(steps: NDArray[np.int64], count: int) -> list[int]:
+    """Chooses polar scans that stand for some of the steps 0..count - 1.
+
+    They are the first or last of all, or else one in the middle of the longest run of steps.
+    """
+    ends = [k for k, step in ((0, 0), (count, count - 1)) if step in (steps[0], steps[-1])]
+    runs = np.split(steps, np.flatnonzero(np.diff(steps) > 1) + 1)
+    longest = max(runs, key=len)
+    return ends or [int(longest[len(longest) // 2])]

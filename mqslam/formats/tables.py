@@ -1,0 +1,338 @@
+"""Tables of numbers as CSV: columns by their names, which may state a unit, and rows of which single ones may be damaged."""
+
+from __future__ import annotations
+
+import re
+from array import array
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.errors import DataError, untrusted
+from mqslam.formats.stamps import LATEST_US, UNITS, guess_unit, parse_stamps, time_unit
+from mqslam.formats.text import open_lines, read_lines
+
+METRES: Final = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "dm": 0.1, "km": 1e3, "ft": 0.3048, "meters": 1.0, "metres": 1.0}
+DEGREES: Final = {"deg": 1.0, "degrees": 1.0, "degree": 1.0, "°": 1.0, "rad": 180.0 / np.pi, "radians": 180.0 / np.pi}
+RADIANS: Final = {unit: float(np.radians(scale)) for unit, scale in DEGREES.items()} | {"mrad": 1e-3}
+SPEEDS: Final = {f"{unit}/s": scale for unit, scale in METRES.items()} | {
+    "mps": 1.0,
+    "km/h": 1.0 / 3.6,
+    "kmh": 1.0 / 3.6,
+    "kph": 1.0 / 3.6,
+    "mph": 0.44704,
+    "knots": 1852.0 / 3600.0,
+}
+RATES: Final = {f"{unit}/s": scale for unit, scale in RADIANS.items()} | {
+    "rads": 1.0,
+    "dps": float(np.radians(1.0)),
+    "degs": float(np.radians(1.0)),
+    "rpm": 2.0 * np.pi / 60.0,
+}
+"""Units of lengths, angles, speeds and rates of turn, in small letters, and what they are in m, deg, rad, m/s and rad/s."""
+_BRACKETED: Final = re.compile(r"[\s_]*(?:\s\w+)*\s*[\[({](.*)[\])}]\s*")
+_LONGEST_LINE = 10_000  # characters of a table's first line: in a longer one the file is no table
+_LISTED = 20  # columns that an error names
+_REPAIR = "repair or remove its line"
+_GIVE_STAMPS = "give stamps in s, us or ns"
+Parse = Callable[[str], float]
+Wanted = Sequence[tuple[str, dict[str, float]]]
+"""Names of columns, each with the units that it may have and their factors."""
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """The line of a table that names its columns.
+
+    Args:
+        path: the file.
+        names: words of the line, in small letters.
+        line: number of lines up to and including it.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    line: int = 1
+
+    @property
+    def holds_numbers(self) -> bool:
+        """Whether the line is a row of numbers already, and the table has no header."""
+        try:
+            return bool(np.isfinite(float(self.names[0])))
+        except ValueError:
+            return False
+
+    def find(self, names: Sequence[str], remedy: str) -> list[int]:
+        """Finds columns by their full names.
+
+        Raises:
+            DataError: one is missing.
+        """
+        missing = [name for name in names if name not in self.names]
+        if missing:
+            raise self.refuse(missing, remedy)
+        return [self.names.index(name) for name in names]
+
+    def find_unit(self, name: str, units: dict[str, float]) -> tuple[int, float] | None:
+        """Finds a column by its name; returns its number and the factor that brings it to the first of the units.
+
+        Args:
+            name: of the column, behind which a unit may follow: `yaw [deg]`, `yaw(deg)`, `yaw_deg`.
+            units: that such a column may have, and their factors.
+
+        Returns:
+            None where no column has the name.
+
+        Raises:
+            DataError: the column states a unit that is none of these.
+        """
+        if name in self.names:
+            return self.names.index(name), 1.0
+        for column, full in enumerate(self.names):
+            rest = full[len(name) :]
+            if not full.startswith(name) or not rest:
+                continue
+            bracketed = _BRACKETED.fullmatch(rest)
+            words = [word for word in re.split(r"[\s_]+", bracketed[1] if bracketed else rest) if word and word != "per"]
+            unit = "/".join(words).replace("//", "/").replace("///", "/")
+            if unit in units and (bracketed or rest[0] in " _"):
+                return column, units[unit]
+            if bracketed:
+                problem = f"column {full} states a unit that {name} cannot be converted from"
+                raise DataError(self.path, problem, f"give it in {next(iter(units))}, or one of {', '.join(units)}")
+            if rest[0] == " ":  # more words, and no unit
+                return column, 1.0
+        return None
+
+    def find_all(self, wanted: Wanted, remedy: str) -> tuple[list[tuple[int, str]], list[int], NDArray[np.float64]]:
+        """Finds the columns of stamps, as `find_stamps` does, and others with the factors of their units.
+
+        Raises:
+            DataError: one is missing, or states a unit that cannot be converted.
+        """
+        stamps = find_stamps(self.names)
+        found = [self.find_unit(name, units) for name, units in wanted]
+        missing = [] if stamps else ["t"]
+        missing += [name for (name, _), column in zip(wanted, found, strict=True) if column is None]
+        if missing:
+            raise self.refuse(missing, remedy)
+        columns, factors = zip(*(column for column in found if column is not None), strict=True)
+        return stamps, list(columns), np.array(factors)
+
+    def refuse(self, missing: Sequence[str], remedy: str) -> DataError:
+        """Returns the error that columns are missing, which lists those that are there."""
+        return DataError(
+            self.path, f"has no column {', '.join(missing)} (columns: {', '.join(self.names[:_LISTED])})", remedy
+        )
+
+
+def split_header(line: str) -> tuple[str, ...]:
+    """Splits the line that names the columns of a table, which may be a comment or quoted, into names in small letters."""
+    return tuple(word.strip(" \"'\ufeff\r\n").lower() for word in line.lstrip("# ").split(","))
+
+
+def find_stamps(names: Sequence[str]) -> list[tuple[int, str]]:
+    """Finds the columns of stamps and their units: one, or two where one holds seconds and another their nanoseconds."""
+    units = [(column, unit) for column, name in enumerate(names) if (unit := time_unit(name)) is not None]
+    seconds, nanoseconds = ([pair for pair in units if pair[1] == unit] for unit in ("s", "ns"))
+    return [seconds[0], nanoseconds[0]] if seconds and nanoseconds else units[:1]
+
+
+def read_rows(path: Path, remedy: str) -> list[list[str]]:
+    """Reads the rows of a CSV as words; blank lines and comments are left out.
+
+    Raises:
+        DataError: the file does not exist or is no text.
+    """
+    lines = (line.partition("#")[0] for line in read_lines(path, remedy))
+    return [line.split(",") for line in lines if line.strip()]
+
+
+def parse_numbers(
+    path: Path, rows: Sequence[Sequence[str]], columns: Sequence[int], what: str = "row"
+) -> NDArray[np.float64]:
+    """Parses columns (N, len(columns)) of rows of words, which an error calls what they are.
+
+    Raises:
+        DataError: one of them is not a finite number.
+    """
+    table = np.empty((len(rows), len(columns)))
+    for row, words in enumerate(rows):
+        try:
+            table[row] = [float(words[column]) for column in columns]
+        except (ValueError, IndexError):
+            table[row] = np.nan
+    if not np.isfinite(table).all():
+        row = int(np.argmin(np.isfinite(table).all(axis=1)))
+        raise DataError(path, f"{what} {row + 1} is not made of finite numbers", _REPAIR)
+    return table
+
+
+def parse_times(path: Path, words: Sequence[str], unit: str = "") -> NDArray[np.int64]:
+    """Parses words as stamps (N,) [us] in a unit; "" guesses it from their size.
+
+    Raises:
+        DataError: one of them is no stamp.
+    """
+    try:
+        return parse_stamps(words, unit)
+    except ValueError as error:
+        raise DataError(path, str(error), _GIVE_STAMPS) from error
+
+
+def read_stamped(path: Path, columns: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Reads stamps (N,) [us] and columns (N, len(columns)) of a CSV with or without a header.
+
+    The first column holds whole stamps in us or ns, too long for a float. Rows are returned in the order of their stamps,
+    and only one of those that share a stamp.
+
+    Raises:
+        DataError: a row is too short or holds something other than finite numbers.
+    """
+    rows = read_rows(path, _REPAIR)
+    rows = rows[1:] if rows and not rows[0][0].lstrip()[:1].isdigit() else rows
+    stamps, order = np.unique(parse_times(path, [row[0].strip() for row in rows]), return_index=True)
+    return stamps, parse_numbers(path, rows, columns)[order]
+
+
+def read_converted(
+    header: Header, rows: Sequence[Sequence[str]], wanted: Wanted, remedy: str, unit: str = "", what: str = "row"
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Reads the stamps (N,) [us] of rows of words and the columns (N, len(wanted)), converted to the first of their units.
+
+    Args:
+        header: the names of the columns.
+        rows: (N,) the rows.
+        wanted: the columns beside that of the stamps.
+        remedy: what to give in place of the file.
+        unit: of stamps whose column states none; "" guesses it from their size.
+        what: a row is, for errors.
+
+    Raises:
+        DataError: a column is missing or states a unit that cannot be converted, or a cell is no finite number or stamp.
+    """
+    stamps_at, columns, factors = header.find_all(wanted, remedy)
+    times = [column for column, _ in stamps_at]
+    table = parse_numbers(header.path, rows, [*times, *columns], what)[:, len(times) :] * factors
+    try:
+        words = [[row[column].strip() for row in rows] for column in times]
+        return _join_stamps(words, [stated or unit for _, stated in stamps_at]), table
+    except ValueError as error:
+        raise DataError(header.path, str(error), _GIVE_STAMPS) from error
+
+
+def _join_stamps(words: Sequence[Sequence[str]], units: Sequence[str]) -> NDArray[np.int64]:
+    """Joins words (N,) of one column, or of seconds and of nanoseconds, to stamps (N,) [us]."""
+    if len(words) == 1:
+        return parse_stamps(words[0], units[0])
+    whole, parts = words
+    if not all(word.isascii() and word.isdigit() for word in parts):
+        raise ValueError("holds nanoseconds that are no whole numbers")
+    if any(len(word) > 9 and int(word) >= 10**9 for word in parts):  # stamps of their own
+        return parse_stamps(parts, "ns")
+    if not all(word.lstrip("-").isascii() and word.lstrip("-").isdigit() for word in whole):
+        return parse_stamps(whole, "s")
+    return parse_stamps([f"{second}.{int(part):09d}" for second, part in zip(whole, parts, strict=True)], "s")
+
+
+@dataclass(frozen=True, slots=True)
+class SensorTable:
+    """Rows of a sensor's readings.
+
+    Args:
+        stamps_us: (N,) int64 [us], in the order of the file.
+        columns: (N, C); NaN where a row holds no number.
+        unread: number of rows beside these, whose stamps are no numbers.
+    """
+
+    stamps_us: NDArray[np.int64]
+    columns: NDArray[np.float64]
+    unread: int = 0
+
+    def with_columns(self, *columns: NDArray[np.float64]) -> SensorTable:
+        """Returns the same rows with other columns, side by side."""
+        return replace(self, columns=np.column_stack(columns))
+
+
+def read_header(path: Path, remedy: str) -> Header:
+    """Reads the first line of a text file that is neither empty nor a comment.
+
+    Raises:
+        DataError: there is none, or the file does not exist or is no text.
+    """
+    with open_lines(path, remedy) as file:
+        number = 0
+        while line := file.readline(_LONGEST_LINE):
+            number += 1
+            if line.strip() and not line.startswith("#"):
+                return Header(path, split_header(line), number)
+    raise DataError(path, "is empty", remedy)
+
+
+def read_sensor_table(
+    header: Header, columns: Sequence[int], unit: str = "", parse: Mapping[int, Parse] | None = None
+) -> SensorTable:
+    """Reads columns of a table; a cell that is no number costs its row and no other.
+
+    Stamps go through a float, which holds those since 1970 to a quarter of a microsecond.
+
+    Args:
+        header: its first line.
+        columns: of the stamp, and of the readings.
+        unit: of the stamps, one of `UNITS`; "" guesses it from their size.
+        parse: turns the words of some of the columns into numbers.
+
+    Raises:
+        DataError: the file cannot be read.
+    """
+    parsers = [(column, (parse or {}).get(column, float)) for column in columns]
+    numbers, skipped = array("d"), 0 if header.holds_numbers else header.line
+    with untrusted.open_text(header.path, "utf-8-sig", "replace") as file:
+        for number, line in enumerate(file):
+            words = line.partition("#")[0].split(",")
+            if number < skipped or not (len(words) > 1 or words[0].strip()):
+                continue
+            try:
+                numbers.extend([parse_word(words[column]) for column, parse_word in parsers])
+            except (ValueError, IndexError):
+                numbers.extend(_parse_word(words, column, parse_word) for column, parse_word in parsers)
+    table = np.array(numbers, dtype=np.float64).reshape(-1, len(columns))
+    stamps = table[:, 0]
+    timed = np.isfinite(stamps)
+    scale = float(UNITS[unit or guess_unit(float(np.median(np.abs(stamps[timed]))) if timed.any() else 0.0)])
+    timed &= np.abs(np.where(timed, stamps, 0.0)) * scale < LATEST_US
+    stamps_us = np.round(stamps[timed] * scale).astype(np.int64)
+    return SensorTable(stamps_us, table[timed, 1:], int(np.count_nonzero(~timed)))
+
+
+def _parse_word(words: Sequence[str], column: int, parse: Parse) -> float:
+    """Parses a word of a row as a number; NaN where there is none."""
+    try:
+        return parse(words[column])
+    except (ValueError, IndexError):
+        return float("nan")
+
+
+def read_converted_sensor(header: Header, wanted: Wanted, remedy: str) -> SensorTable:
+    """Reads columns whose names may state their units; stamps that state none are in microseconds.
+
+    Args:
+        header: the first line of the table.
+        wanted: the columns beside that of the stamps.
+        remedy: what to give in place of the file.
+
+    Raises:
+        DataError: the file cannot be read, or a column is missing or states a unit that cannot be converted.
+    """
+    stamps, columns, factors = header.find_all(wanted, remedy)
+    table = read_sensor_table(header, [*(column for column, _ in stamps), *columns], stamps[0][1] or "us")
+    readings, stamps_us = table.columns[:, len(stamps) - 1 :] * factors, table.stamps_us
+    if len(stamps) > 1:
+        parts_us = np.round(np.nan_to_num(table.columns[:, 0]) / 1000.0).astype(np.int64)
+        own = np.abs(parts_us).max(initial=0) > 10**6  # stamps of their own, in nanoseconds
+        stamps_us = parts_us if own else stamps_us + parts_us
+    return SensorTable(stamps_us, readings, table.unread)

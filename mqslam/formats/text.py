@@ -1,0 +1,57 @@
+"""Text files: their lines, with every error about them made in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TextIO
+
+from mqslam.errors import DataError, find_near, untrusted
+
+
+@contextmanager
+def open_lines(
+    path: Path, remedy: str, encoding: str = "utf-8-sig", errors: str | None = None, missing: str = ""
+) -> Iterator[TextIO]:
+    """Opens a text file; whatever fails before the block ends is an error about the file.
+
+    Args:
+        path: the file.
+        remedy: what to give in place of a file that is no text.
+        encoding: of a file without a byte order mark.
+        errors: how bytes that are not in the encoding are decoded; None refuses them.
+        missing: what to do where there is no such file; "" names one of a similar name.
+
+    Raises:
+        DataError: the file does not exist, cannot be read, or is no text.
+    """
+    try:
+        with untrusted.open_text(path, encoding, errors) as file:
+            yield file
+    except FileNotFoundError as error:
+        near = find_near(path.name, [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else [])
+        named = f"did you mean {near}?" if near else "check the path"
+        raise DataError(path, "does not exist", missing or named) from error
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
+        raise DataError(path, f"is not a readable text file ({reason})", remedy) from error
+
+
+def read_text(path: Path, remedy: str, missing: str = "") -> str:
+    """Reads a text file.
+
+    Raises:
+        DataError: the file does not exist, cannot be read, or is no text.
+    """
+    with open_lines(path, remedy, missing=missing) as file:
+        return file.read()
+
+
+def read_lines(path: Path, remedy: str, missing: str = "") -> list[str]:
+    """Reads the lines of a text file, blank ones included, without the white space around them.
+
+    Raises:
+        DataError: the file does not exist, cannot be read, or is no text.
+    """
+    return [line.strip() for line in read_text(path, remedy, missing).splitlines()]

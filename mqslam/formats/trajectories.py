@@ -1,0 +1,382 @@
+"""Trajectories and odometry that other software wrote: files of poses or twists, bags, and the folders that SLAMs leave."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import DataError, untrusted
+from mqslam.execution.files import write_text
+from mqslam.formats import bags
+from mqslam.formats.poses import make_trajectory, read_yaw, round_yaw
+from mqslam.formats.tables import (
+    METRES,
+    RADIANS,
+    RATES,
+    SPEEDS,
+    Header,
+    parse_numbers,
+    parse_times,
+    read_converted,
+    split_header,
+)
+from mqslam.formats.text import read_lines
+from mqslam.formats.transforms import Transforms, holds_transforms, is_static
+from mqslam.formats.tum import read_tum
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+    from rosbags.interfaces import Connection
+
+_KNOWN = "give TUM, KITTI with a file of times, a CSV whose header names t, x, y and yaw or qx, qy, qz, qw, or a bag"
+_ODOMETRY = "give speeds as CSV with the header t,v,omega or t,v,omega,vy, or poses as TUM or t,x,y,yaw"
+_MATRICES = "give an array of pose matrices (N, 4, 4) or (N, 3, 4)"
+_NUMBERS = 12  # of the upper three rows of a 4x4 matrix
+_YAWS = ("yaw", "theta", "heading")
+_QUATERNION = ("qx", "qy", "qz", "qw")
+_TWIST = (("v", SPEEDS), ("omega", RATES), ("vy", SPEEDS))
+_LEAST_SLIDE = 1e-9  # sideways speeds below this [m/s] are rounding errors
+_KISS_POSES, _KISS_STAMPS = "_poses_kitti.txt", "_poses_tum.txt"
+_CFEAR_STAMPS = "tum_"
+_POSE_TYPES = (bags.ODOMETRY_TYPE, bags.POSE_TYPE, bags.POSE_WITH_COVARIANCE_TYPE, bags.PATH_TYPE)
+_AT_ONCE_US = 10_000  # nothing drives in so short a time: whoever wrote the bag did so afterwards
+
+
+def read_trajectory(path: Path, times: Path | None = None, topic: str | None = None, frame: str | None = None) -> Trajectory:
+    """Reads a trajectory; its format shows in its content, the unit of its stamps in their name or size.
+
+    - TUM: `t[s] x y z qx qy qz qw` per line.
+    - KITTI: the 12 numbers of a 3x4 pose matrix per line, stamps in `times`. Where y varies least and the motion runs along
+      the poses' own z, they are poses of a camera (x right, y down, z forward): its z and -x become x and y. Everything
+      else lies in the x-y plane.
+    - The same with the pose's stamp as the last of 13 numbers, as TBV SLAM writes it (`graph.txt`).
+    - NPY: an array of pose matrices (N, 4, 4) or (N, 3, 4), stamps in `times`.
+    - CSV: a header with t (or time, timestamp, stamp; a unit may follow: t_us, time [ns]), x, y, and yaw, theta or heading
+      [rad], counter-clockwise from x, or qx, qy, qz, qw.
+    - A ROS bag: the only topic of odometry, poses or paths, or the named one; of paths the last message. Where there is
+      none, or a topic of transforms or a frame is named, the pose of a frame in the root of its transforms.
+    - The folder of a result of mqslam, KISS-ICP, KISS-SLAM, CFEAR or TBV SLAM; `times` replaces the stamps that lie in it.
+
+    Args:
+        path: file, or folder of a ROS 2 bag or of a result.
+        times: a stamp per line, for poses without stamps.
+        topic: a topic, for bags alone.
+        frame: a frame whose pose the transforms of a bag give; None takes base_link, or the only one that moves.
+
+    Raises:
+        DataError: the file is none of these, holds a value that is not a number, or its stamps do not increase.
+    """
+    return read_with_notes(path, times, topic, frame)[0]
+
+
+@untrusted.reads_file
+def read_with_notes(
+    path: Path, times: Path | None = None, topic: str | None = None, frame: str | None = None
+) -> tuple[Trajectory, list[str]]:
+    """Reads a trajectory as `read_trajectory` does, and what a user should know about how it was understood."""
+    if bags.recognises(path):
+        _refuse_times(path, times)
+        return _read_bag(path, topic, frame)
+    if topic is not None or frame is not None:
+        raise DataError(path, "is no bag, and holds neither topics nor frames", "leave the topic and the frame out")
+    return _read_file(path, times), []
+
+
+@untrusted.reads_file
+def read_odometry(path: Path) -> Trajectory:
+    """Reads an odometry file: TUM, CSV with the header `t,v,omega` and optionally `vy`, or a CSV of poses.
+
+    In the CSV t is in us, v and vy in m/s, omega in rad/s (REP 103). The twist of a row holds until the next row's
+    stamp, so the poses lie on exact constant-twist arcs; the first pose is the origin.
+
+    Raises:
+        DataError: the file cannot be read, is in neither layout or holds a non-number, or its stamps do not increase.
+    """
+    rows = [line for line in read_lines(path, _ODOMETRY) if line and not line.startswith("#")]
+    if not rows or "," not in rows[0]:
+        return read_tum(path)
+    header = Header(path, split_header(rows[0]))
+    found = {name: header.find_unit(name, units) for name, units in _TWIST}
+    if found["v"] is None and all(header.find_unit(name, METRES) for name in ("x", "y")):
+        return _read_table(path, rows)
+    wanted = [(name, units) for name, units in _TWIST if name != "vy" or found[name] is not None]
+    stamps, table = read_converted(header, [row.split(",") for row in rows[1:]], wanted, _ODOMETRY, "us")
+    twists = np.column_stack([table[:, 0], table[:, 2] if len(wanted) > 2 else np.zeros(len(table)), table[:, 1]])
+    steps = se2.exp(twists[:-1], np.diff(stamps) * 1e-6) if len(stamps) > 1 else np.empty((0, 3))
+    return make_trajectory(path, stamps, se2.integrate_steps(steps)[: len(stamps)])
+
+
+def write_twists(path: Path, stamps_us: Iterable[int], twists: se2.Array) -> None:
+    """Writes odometry as `t,v,omega` [us, m/s, rad/s], with `vy` where it slides; a row's twist holds until the next.
+
+    Args:
+        path: the file.
+        stamps_us: (N,) [us].
+        twists: (N, 3) [m/s, m/s, rad/s], of the body.
+    """
+    sliding = bool(np.any(np.abs(twists[:, 1]) > _LEAST_SLIDE))
+    lines = ["t,v,omega,vy" if sliding else "t,v,omega"]
+    for stamp, (v, vy, omega) in zip(stamps_us, twists.tolist(), strict=True):
+        lines.append(f"{stamp},{v:.12g},{omega:.12g}" + (f",{vy:.12g}" if sliding else ""))
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def write_kitti(path: Path, trajectory: Trajectory) -> None:
+    """Writes the first three rows of every pose's 4x4 matrix, 12 numbers a line, as evo reads it: x-y plane, no stamps."""
+    lines = []
+    for x, y, yaw in trajectory.poses.tolist():
+        c, s = np.cos(round_yaw(yaw)), np.sin(round_yaw(yaw))
+        lines.append(f"{c:.12f} {-s:.12f} 0 {x:.6f} {s:.12f} {c:.12f} 0 {y:.6f} 0 0 1 0\n")
+    write_text(path, "".join(lines))
+
+
+def write_boreas_odometry(path: Path, trajectory: Trajectory, stamps_us: NDArray[np.int64]) -> None:
+    """Writes odometry as the leaderboard of Boreas takes it: an image's stamp and the pose of the world in the radar a line.
+
+    The radar's frame is x forward, y right, z down. Source: github.com/utiasASRL/pyboreas, `pyboreas/utils/odometry.py`.
+
+    Args:
+        path: the file, which the leaderboard wants to be named after the sequence.
+        trajectory: of the radar.
+        stamps_us: (N,) of the sequence's images [us], which lie in the middles of the turns.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    lines = []
+    for stamp, (x, y, yaw) in zip(stamps_us.tolist(), trajectory.at(stamps_us).tolist(), strict=True):
+        c, s = np.cos(yaw), np.sin(yaw)
+        turn = np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])  # columns: forward, right and down in the world
+        matrix = np.column_stack([turn.T, -turn.T @ [x, y, 0.0]])
+        lines.append(" ".join([str(stamp), *(f"{number:.12g}" for number in matrix.reshape(-1))]))
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def _read_bag(path: Path, topic: str | None, frame: str | None) -> tuple[Trajectory, list[str]]:
+    """Reads the trajectory in a bag, and what a user should know about how it was understood.
+
+    Args:
+        path: the bag.
+        topic: a topic of poses or of transforms; None takes the only one of poses, or all transforms where there is none.
+        frame: a frame whose pose the transforms give; None takes a vehicle's usual one, or the only one that moves.
+    """
+    with bags.open_bag(path) as reader:
+        filled = [c for c in reader.connections if c.msgcount]
+        poses = sorted({c.topic for c in filled if c.msgtype in _POSE_TYPES})
+        transforms = [c for c in filled if holds_transforms(c)]
+        moving = sorted({c.topic for c in transforms if not is_static(c.topic)})
+        if topic in moving or (topic is None and moving and (frame is not None or not poses)):
+            read = [c for c in transforms if topic in (None, c.topic) or is_static(c.topic)]
+            return _read_transforms(path, reader, read, frame)
+        if frame is not None:
+            problem = f"has no transforms on {topic}" if topic else "has no transforms"
+            raise DataError(path, f"{problem} (topics: {bags.list_topics(reader)})", "leave the frame out")
+        chosen = [name for name in poses if topic in (None, name)]
+        if len(chosen) != 1:
+            problem = f"has no poses on {topic}" if topic else f"has {len(chosen)} topics of poses"
+            there = [*poses, *moving]
+            listed = f"topics of poses: {', '.join(there[:12])}" if there else f"topics: {bags.list_topics(reader)}"
+            raise DataError(path, f"{problem} ({listed})", "name the topic of the trajectory")
+        return _read_poses(path, reader, chosen[0])
+
+
+def _read_poses(path: Path, reader: AnyReader, topic: str) -> tuple[Trajectory, list[str]]:
+    """Reads the poses on a topic, and says how many of them are left out."""
+    log = bags.PoseLog()
+    for connection, logged, raw in reader.messages([c for c in reader.connections if c.topic == topic]):
+        log.add(reader, connection, logged, raw)
+    trajectory, rows = log.trajectory(topic), log.rows[topic]
+    if trajectory is None and len(rows) > 1 and not any(row[0] for row in rows):
+        raise DataError(path, f"holds a path without stamps on {topic}", "name a topic whose poses have stamps")
+    stamps = np.zeros(2) if trajectory is None else trajectory.stamps_us
+    at_once = trajectory is not None and bool(log.clock.unstamped) and stamps[-1] - stamps[0] < _AT_ONCE_US
+    if trajectory is None or at_once:
+        why = ": their headers have no stamps, and all were recorded at once" if at_once else ""
+        raise DataError(path, f"holds no two poses at different times on {topic}{why}", "name another topic")
+    return trajectory, log.clock.notes + log.note_left_out(topic)
+
+
+def _read_transforms(
+    path: Path, reader: AnyReader, connections: list[Connection], frame: str | None
+) -> tuple[Trajectory, list[str]]:
+    """Reads the pose of a frame from the transforms on some topics, and says how many of them are left out."""
+    transforms = Transforms()
+    for connection, logged, raw in reader.messages(connections):
+        transforms.add(reader.deserialize(raw, connection.msgtype), connection.topic, logged)
+    try:
+        return transforms.trace(transforms.choose(frame)), transforms.notes
+    except ValueError as error:
+        raise DataError(path, str(error), "name another frame, or a topic of poses") from error
+
+
+def _read_file(path: Path, times: Path | None) -> Trajectory:
+    """Reads a trajectory that is in no bag."""
+    if path.is_dir():
+        path, times = _find_result(path, times)
+    if path.suffix == ".npy":
+        return _read_array(path, times)
+    if packed := bags.explain_packed(path):
+        raise packed
+    rows = [line for line in read_lines(path, _KNOWN) if line]
+    lines = [row for row in rows if not row.startswith("#")]
+    if not lines:
+        holds = "the file holds nothing but comments" if rows else "the file is empty"
+        raise DataError(path, f"is no trajectory in a known format: {holds}", _KNOWN)
+    is_table, columns = "," in lines[0], len(lines[0].split())
+    if not is_table and columns == _NUMBERS:
+        words = _split(path, lines, _NUMBERS)
+        stamps = _read_times(path, times, len(words))
+        return _project(path, stamps, parse_numbers(path, words, range(_NUMBERS), "pose"))
+    _refuse_times(path, times)
+    if is_table:
+        return _read_table(path, rows)
+    if columns == _NUMBERS + 1:
+        return _read_stamped_matrices(path, lines)
+    if columns == 8:
+        return read_tum(path)
+    raise DataError(path, f"is no trajectory in a known format ({columns} words in its first line)", _KNOWN)
+
+
+def _refuse_times(path: Path, times: Path | None) -> None:
+    """Refuses a file of times beside a trajectory that carries its own."""
+    if times is not None:
+        raise DataError(times, f"is not needed: {path.name} is no KITTI file and carries its own stamps", "leave it out")
+
+
+def _read_table(path: Path, rows: list[str]) -> Trajectory:
+    """Reads a CSV of poses, whose header may be a comment, of its lines that are not blank."""
+    at = 0 if "," in rows[0] else next(row for row, text in enumerate(rows) if not text.startswith("#"))
+    header = Header(path, split_header(rows[at]))
+    yaw = next((name for name in _YAWS if header.find_unit(name, RADIANS) is not None), None)
+    wanted = [("x", METRES), ("y", METRES), *([(yaw, RADIANS)] if yaw else [(name, {}) for name in _QUATERNION])]
+    words = [row.split(",") for row in rows[at + 1 :] if not row.startswith("#")]
+    stamps, table = read_converted(header, words, wanted, _KNOWN, what="pose")
+    yaws = [row[2] if yaw else read_yaw(path, f"pose {k}", row[2:]) for k, row in enumerate(table.tolist(), 1)]
+    return make_trajectory(path, stamps, np.column_stack([table[:, :2], np.array(yaws, dtype=np.float64)]))
+
+
+def _read_stamped_matrices(path: Path, lines: list[str]) -> Trajectory:
+    """Reads matrices of poses of which each is followed by its stamp, as TBV SLAM writes the nodes of its graph."""
+    words = _split(path, lines, _NUMBERS + 1)
+    table = parse_numbers(path, words, range(_NUMBERS + 1), "pose")
+    if np.all(table[:, 0] > table[:, -1]):
+        problem = "begins its lines with a stamp, as the odometry of Boreas does, whose poses are inverse"
+        raise DataError(path, problem, "give the trajectory as TUM, or as KITTI with the file of its times")
+    return _project(path, parse_times(path, [row[-1] for row in words]), table[:, :_NUMBERS])
+
+
+def _read_array(path: Path, times: Path | None) -> Trajectory:
+    """Reads an `.npy` of pose matrices (N, 4, 4) or (N, 3, 4), with their stamps from a file of their own."""
+    if times is None:
+        _read_times(path, times, 0)
+    try:
+        matrices = np.load(untrusted.check_file(path), mmap_mode="r", allow_pickle=False)  # maps no more than the file has
+    except FileNotFoundError as error:
+        raise DataError(path, "does not exist", "check the path") from error
+    except Exception as error:  # the header is parsed as a Python literal
+        raise DataError(path, "is not a readable .npy of numbers", _MATRICES) from error
+    if matrices.ndim != 3 or matrices.shape[1:] not in ((4, 4), (3, 4)) or matrices.dtype.kind not in "fiu":
+        raise DataError(path, f"holds {matrices.dtype} of shape {matrices.shape}", _MATRICES)
+    return _project(path, _read_times(path, times, len(matrices)), np.array(matrices[:, :3], dtype=np.float64))
+
+
+def _split(path: Path, lines: list[str], count: int) -> list[list[str]]:
+    """Splits lines into words, of which each has a given count."""
+    words = [line.split() for line in lines]
+    if wrong := next((number for number, row in enumerate(words, 1) if len(row) != count), 0):
+        raise DataError(path, f"pose {wrong} is not {count} numbers", "repair or remove its line")
+    return words
+
+
+def _read_times(path: Path, times: Path | None, count: int) -> NDArray[np.int64]:
+    """Reads the stamps [us] of the poses of a file, which has a count of them, from the file of its times."""
+    if times is None:
+        what = "an array of poses" if path.suffix == ".npy" else "a KITTI trajectory"
+        raise DataError(path, f"is {what}, which holds no stamps", "give the file of its times, one per line")
+    stamps = _read_first_words(times)
+    if len(stamps) != count:
+        raise DataError(times, f"holds {len(stamps)} stamps for the {count} poses of {path.name}", "give one per pose")
+    return stamps
+
+
+def _read_first_words(times: Path) -> NDArray[np.int64]:
+    """Reads the first words of the lines of a file as stamps (N,) [us]."""
+    return parse_times(times, [row.split()[0] for row in read_lines(times, _KNOWN) if row and not row.startswith("#")])
+
+
+def _project(path: Path, stamps: NDArray[np.int64], numbers: NDArray[np.float64]) -> Trajectory:
+    """Makes a trajectory of stamps (N,) [us] and the matrices (N, 3, 4) of poses, of a camera or in the x-y plane."""
+    matrices = numbers.reshape(-1, 3, 4)
+    if not np.isfinite(matrices).all():
+        row = int(np.argmin(np.isfinite(matrices).all(axis=(1, 2)))) + 1
+        raise DataError(path, f"pose {row} is not made of finite numbers", "leave it out")
+    turns, places = matrices[:, :, :3], matrices[:, :, 3]
+    if _is_camera(turns, places):  # forward becomes x, left y
+        poses = np.column_stack([places[:, 2], -places[:, 0], np.arctan2(-turns[:, 0, 2], turns[:, 2, 2])])
+    else:
+        poses = np.column_stack([places[:, :2], np.arctan2(turns[:, 1, 0], turns[:, 0, 0])])
+    return make_trajectory(path, stamps, poses)
+
+
+def _is_camera(turns: NDArray[np.float64], places: NDArray[np.float64]) -> bool:
+    """Returns whether poses are a camera's: y, its height, varies less than z, and it moves along its own z."""
+    if not len(places):
+        return False
+    moved = np.einsum("nij,ni->nj", turns[:-1], np.diff(places, axis=0))
+    ahead_x, _, ahead_z = np.abs(moved).sum(axis=0)
+    return bool(np.ptp(places[:, 1]) < np.ptp(places[:, 2]) and ahead_z > ahead_x)
+
+
+def _find_result(folder: Path, times: Path | None) -> tuple[Path, Path | None]:
+    """Finds the trajectory in the folder of a result, or in the one that holds it as `latest` or `est`.
+
+    - KISS-ICP and KISS-SLAM write each pose with all its digits into `NAME_poses_kitti.txt`, and its stamp with rounded
+      numbers into `NAME_poses_tum.txt`. Their newest result is in the folder `latest`.
+    - CFEAR writes `est/NN.txt` as KITTI, and the stamps into `est/tum_NN.txt`.
+    - TBV SLAM writes poses with their stamps into `graph.txt`; its `est/00.txt` holds a part of them, without stamps.
+    - A run of mqslam writes `trajectory.tum`.
+
+    Returns:
+        the file of the poses, and that of their stamps where it is another one: `times` if it is given.
+    """
+    for place in (folder, folder / "latest", folder / "est"):
+        results = _list_results(place)
+        if len(results) > 1:
+            named = ", ".join(sorted(poses.name for poses, _ in results)[:12])
+            raise DataError(place, f"holds {len(results)} trajectories ({named})", "name the file of one of them")
+        if results:
+            poses, stamps = results[0]
+            if times is None and stamps is not None:
+                _refuse_counts(stamps)
+            return poses, times or stamps
+    known = "mqslam, KISS-ICP, KISS-SLAM, CFEAR or TBV SLAM"
+    raise DataError(folder, f"is a folder, but neither a ROS 2 bag nor a result of {known}", "name the trajectory's file")
+
+
+def _list_results(place: Path) -> list[tuple[Path, Path | None]]:
+    """Lists the files of poses in a folder, each with that of its stamps."""
+    for whole in ("trajectory.tum", "graph.txt"):
+        if (place / whole).is_file():
+            return [(place / whole, None)]
+    found: list[tuple[Path, Path | None]] = []
+    for poses in sorted(place.glob(f"*{_KISS_POSES}")):
+        stamps = poses.with_name(poses.name.removesuffix(_KISS_POSES) + _KISS_STAMPS)
+        found.append((poses, stamps if stamps.is_file() else None))
+    for stamps in sorted(place.glob(f"{_CFEAR_STAMPS}*.txt")):
+        poses = stamps.with_name(stamps.name.removeprefix(_CFEAR_STAMPS))
+        found.append((poses, stamps) if poses.is_file() else (stamps, None))
+    return found
+
+
+def _refuse_counts(stamps: Path) -> None:
+    """Refuses stamps that count scans from 0, as KISS-ICP writes them where it reads single files without times."""
+    times_us = _read_first_words(stamps)
+    if np.array_equal(times_us, 1_000_000 * np.arange(len(times_us))):
+        problem = "numbers its poses 0, 1, 2... instead of stamping them, since their SLAM knew no times"
+        raise DataError(stamps, problem, "give the file of their times, one per line")

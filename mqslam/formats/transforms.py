@@ -1,0 +1,259 @@
+"""The transforms between the frames of a ROS recording: those that never change, and those that move."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of
+from mqslam.formats.bags import TF_TYPE, Clock, describe_left_out, name_frame
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
+
+_BODIES = ("base_link", "base_footprint")
+_TYPES = (TF_TYPE, "tf/msg/tfMessage")
+_STATIC, _MOVING = "tf_static", "tf"
+_LISTED = 12
+_SAME = 1e-6  # m, and parts of a quaternion: what rounding changes in a transform that is published anew
+_Numbers = tuple[float, ...]  # x, y, z [m] and the quaternion x, y, z, w
+
+
+def holds_transforms(connection: Connection) -> bool:
+    """Returns whether the messages on a topic are transforms."""
+    return connection.msgtype in _TYPES
+
+
+def is_static(topic: str) -> bool:
+    """Returns whether a topic of transforms, in any namespace, holds those that never change."""
+    return topic.rsplit("/", 1)[-1] == _STATIC
+
+
+def _list_links(message: Any) -> Iterator[tuple[Any, str, str, _Numbers]]:
+    """Lists the transforms of a `tf2_msgs/TFMessage`: the stamped message, its frame, that frame's parent, and numbers."""
+    for stamped in message.transforms:
+        move, turn = stamped.transform.translation, stamped.transform.rotation
+        numbers = (move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w)
+        yield stamped, name_frame(stamped.child_frame_id), name_frame(stamped.header.frame_id), numbers
+
+
+def _is_motion(numbers: _Numbers) -> bool:
+    """Returns whether numbers are finite and hold a rotation."""
+    return bool(np.isfinite(numbers).all() and any(numbers[3:]))
+
+
+@dataclass(slots=True)
+class Mounts:
+    """Transforms (4, 4) from a frame to its parent that never change, by frame.
+
+    Args:
+        parents: the parent of each frame, with the transform.
+        topics: the topic that states the transform of each frame.
+        stated: what /tf first stated of each frame: its parent, and numbers.
+        moving: the frames that move by /tf.
+    """
+
+    parents: dict[str, tuple[str, NDArray[np.float64]]] = field(default_factory=dict)
+    topics: dict[str, str] = field(default_factory=dict)
+    stated: dict[str, tuple[str, _Numbers]] = field(default_factory=dict)
+    moving: set[str] = field(default_factory=set)
+
+    @staticmethod
+    def reads(connection: Connection) -> bool:
+        """Returns whether the messages of a topic are to be added: transforms on /tf_static or /tf, in any namespace."""
+        return holds_transforms(connection) and connection.topic.rsplit("/", 1)[-1] in (_STATIC, _MOVING)
+
+    def add(self, message: Any, topic: str = "/tf_static") -> None:
+        """Adds the transforms of a `tf2_msgs/TFMessage` on a topic; those on /tf count as long as they never change.
+
+        Raises:
+            ValueError: a quaternion on /tf_static is zero.
+        """
+        from scipy.spatial.transform import Rotation
+
+        for _, frame, parent, numbers in _list_links(message):
+            if not is_static(topic) and (
+                frame in self.moving or not self._stays(frame, parent, numbers) or frame in self.parents
+            ):
+                continue
+            matrix = np.eye(4)
+            matrix[:3, :3] = Rotation.from_quat(numbers[3:]).as_matrix()
+            matrix[:3, 3] = numbers[:3]
+            self.parents[frame], self.topics[frame] = (parent, matrix), topic
+
+    def _stays(self, frame: str, parent: str, numbers: _Numbers) -> bool:
+        """Returns whether /tf has stated nothing else of a frame; one that moves loses its place."""
+        if not _is_motion(numbers):
+            return False
+        before = self.stated.setdefault(frame, (parent, numbers))
+        apart = max(abs(one - other) for one, other in zip(numbers, before[1], strict=True))
+        if before[0] == parent and apart <= _SAME:
+            return True
+        self.moving.add(frame)
+        if self.topics.get(frame, "").rsplit("/", 1)[-1] == _MOVING:
+            del self.parents[frame], self.topics[frame]
+        return False
+
+    def place(self, sensor: str, body: str = "") -> NDArray[np.float64] | None:
+        """Returns the transform (4, 4) of points of a sensor's frame into the vehicle's, "" for the usual ones.
+
+        Returns:
+            None where no transforms connect the frames.
+        """
+        bodies = (name_frame(body),) if body else _BODIES
+        frame, matrix = self._climb(sensor, bodies)
+        return matrix if frame in bodies else None
+
+    def find(self, sensor: str, body: str = "") -> se2.Array | None:
+        """Returns the pose (3,) x, y [m], yaw [rad] of a sensor on the vehicle, or None as `place` does."""
+        matrix = self.place(sensor, body)
+        if matrix is None:
+            return None
+        return np.array([matrix[0, 3], matrix[1, 3], np.arctan2(matrix[1, 0], matrix[0, 0])])
+
+    def is_upside_down(self, sensor: str, body: str = "") -> bool:
+        """Returns whether a sensor's z axis points down, seen from a body as in `place`, else from the top frame."""
+        return bool(self._climb(sensor, (name_frame(body),) if body else _BODIES)[1][2, 2] < 0.0)
+
+    def _climb(self, sensor: str, bodies: Collection[str]) -> tuple[str, NDArray[np.float64]]:
+        """Returns the first of some frames that a sensor is placed in, else the top one, and the transform into it."""
+        frame, matrix, passed = name_frame(sensor), np.eye(4), set[str]()
+        while frame not in bodies and frame in self.parents and frame not in passed:
+            passed.add(frame)
+            frame, step = self.parents[frame]
+            with np.errstate(invalid="ignore"):  # a transform that is not finite shows in the result
+                matrix = step @ matrix
+        return frame, matrix
+
+
+@dataclass(slots=True)
+class _Link:
+    """The transforms of a frame: the parents that it was stated in, of which two are a contradiction, and rows by stamp."""
+
+    parents: list[str]
+    rows: dict[int, _Numbers] = field(default_factory=dict)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it ever changes."""
+        return len(set(self.rows.values())) > 1
+
+
+@dataclass(slots=True)
+class Transforms:
+    """Transforms between frames over time, by the frame that they place.
+
+    Args:
+        links: them.
+        left_out: number of those that hold a quaternion of zeros, or a number that is not finite.
+        clock: reads their stamps.
+    """
+
+    links: dict[str, _Link] = field(default_factory=dict)
+    left_out: int = 0
+    clock: Clock = field(default_factory=Clock)
+
+    def add(self, message: Any, topic: str, logged_ns: int) -> None:
+        """Adds the transforms of a `tf2_msgs/TFMessage`; those that are no motion are left out, and counted.
+
+        Args:
+            message: with the transforms.
+            topic: that it is on.
+            logged_ns: when it was recorded [ns], which is the time of transforms without stamps.
+        """
+        for stamped, frame, parent, numbers in _list_links(message):
+            if not _is_motion(numbers):
+                self.left_out += 1
+                continue
+            link = self.links.setdefault(frame, _Link([parent]))
+            if parent not in link.parents:
+                link.parents.append(parent)
+            link.rows[self.clock.stamp(topic, stamped, logged_ns)] = numbers
+
+    @property
+    def notes(self) -> list[str]:
+        """Notes on transforms without stamps, and on those that were left out: a line for each, or none."""
+        unstamped = {name: n for name, n in self.clock.unstamped.items() if not name.endswith("static")}
+        left_out = describe_left_out(self.left_out, count_of(self.left_out, "transform"))
+        return Clock(self.clock.read, unstamped).notes + left_out
+
+    def choose(self, frame: str | None) -> str:
+        """Chooses the frame whose path is wanted.
+
+        Args:
+            frame: its name; None takes a vehicle's usual frame, or the only one that moves and carries no other that does.
+
+        Raises:
+            ValueError: no such frame moves, or several do.
+        """
+        own = {name for name, link in self.links.items() if link.moves}
+        moving = sorted(name for name in self.links if not own.isdisjoint(self._climb(name)))
+        listed = f"frames that move: {', '.join(moving[:_LISTED]) or 'none'}"
+        if frame is not None:
+            if name_frame(frame) not in moving:
+                raise ValueError(f"has no transforms by which the frame {frame} moves ({listed})")
+            return name_frame(frame)
+        for body in _BODIES:
+            if bodies := [name for name in moving if name.rsplit("/", 1)[-1] == body]:
+                break
+        else:
+            bodies = sorted(own - {link for name in own for link in self._climb(name)[1:]})
+        if len(bodies) != 1:
+            raise ValueError(f"has transforms of {len(bodies)} frames that may be the vehicle's ({listed})")
+        return bodies[0]
+
+    def trace(self, frame: str) -> Trajectory:
+        """Returns the poses of a frame in the root of its tree, at the stamps of the most frequent transform between them.
+
+        The others are interpolated in between, as tf2 does; where one of them is missing, there are no poses.
+
+        Raises:
+            ValueError: a frame between them has two parents, there is no root, or the transforms share no two stamps.
+        """
+        from scipy.spatial.transform import Rotation
+
+        chain = self._climb(frame)
+        for name in chain:
+            if len(self.links[name].parents) > 1:
+                raise ValueError(f"places the frame {name} in several others ({', '.join(self.links[name].parents)})")
+        if self.links[chain[-1]].parents[0] in chain:
+            raise ValueError(f"places the frames {', '.join(chain)} in a ring")
+        moving = [sorted(self.links[name].rows) for name in chain if self.links[name].moves]
+        first, last = max(stamps[0] for stamps in moving), min(stamps[-1] for stamps in moving)
+        stamps = np.array([s for s in max(moving, key=len) if first <= s <= last], dtype=np.int64)
+        if len(stamps) < 2:
+            raise ValueError(f"has no two transforms of all of {', '.join(chain)} at the same time")
+        places, turn = np.zeros((len(stamps), 3)), Rotation.identity(len(stamps))
+        for name in chain:
+            move, step = self._interpolate(name, stamps)
+            places, turn = step.apply(places) + move, step * turn
+        ahead = turn.as_matrix()[:, :, 0]
+        return Trajectory(stamps, np.column_stack([places[:, :2], np.arctan2(ahead[:, 1], ahead[:, 0])]))
+
+    def _climb(self, frame: str) -> list[str]:
+        """Returns a frame and those that it is placed in, up to the last below the root, or once around a ring."""
+        chain: list[str] = []
+        while frame in self.links and frame not in chain:
+            chain.append(frame)
+            frame = self.links[frame].parents[0]
+        return chain
+
+    def _interpolate(self, frame: str, stamps: NDArray[np.int64]) -> tuple[NDArray[np.float64], Any]:
+        """Interpolates the moves (N, 3) [m] and the rotations (N) of a transform at stamps (N,) [us] within its own."""
+        from scipy.spatial.transform import Rotation, Slerp
+
+        link = self.links[frame]
+        if not link.moves:
+            row = np.array(next(iter(link.rows.values())))
+            return row[:3], Rotation.from_quat(np.tile(row[3:], (len(stamps), 1)))
+        known = sorted(link.rows)
+        rows = np.array([link.rows[stamp] for stamp in known])
+        since, wanted = (np.asarray(t, dtype=np.int64) - known[0] for t in (known, stamps))
+        moves = np.column_stack([np.interp(wanted, since, rows[:, axis]) for axis in range(3)])
+        return moves, Slerp(since.astype(np.float64), Rotation.from_quat(rows[:, 3:]))(wanted.astype(np.float64))
