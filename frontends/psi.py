@@ -18,7 +18,7 @@ from mqslam.config import TrackerConfig
 from mqslam.core.frontend import Context, ignore_motion
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
-from mqslam.core.statistics.gross import MEDIAN_OF_CHI2
+from mqslam.core.statistics import MEDIAN_OF_CHI2
 from mqslam.execution.local_engine import HERE
 from mqslam.frontends.bidirectional import DirectedMotion, MatchTable, join, turn_back
 from mqslam.frontends.psi_track import track_backward, track_forward

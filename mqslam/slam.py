@@ -24,7 +24,7 @@ from mqslam.core.frontend import Context
 from mqslam.core.measurement import LoopSearch, Refined
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Scans
-from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
+from mqslam.core.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError, FewReturnsError

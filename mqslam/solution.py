@@ -23,8 +23,7 @@ from mqslam.core.measurement import Loop, Measurement, Refined
 from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Scans
-from mqslam.core.sensors.georeference import Georeference
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors import Georeference, Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.mapping.keyframing import make_keyframes

@@ -12,8 +12,8 @@ from mqslam.backend.sensors.gyroscope.gyroscope_start import Turns, find_start
 from mqslam.backend.sensors.gyroscope.gyroscope_use import DELAY_TOLERANCE_S, FEWEST_MOTIONS, SCALE_TOLERANCE, TOLD_SIGMAS
 from mqslam.backend.sensors.gyroscope.rotation import LONGEST_DELAY_S, Rotation, calibrate
 from mqslam.core.scans import Scans
-from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.statistics.gross import SIGMAS_PER_DEVIATION
+from mqslam.core.sensors import Gyroscope
+from mqslam.core.statistics import SIGMAS_PER_DEVIATION
 from mqslam.core.trajectory import Trajectory
 
 # Error of the scale that data sheets of cheap gyroscopes allow: an audit blames nothing on a smaller one.

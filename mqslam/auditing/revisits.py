@@ -25,7 +25,7 @@ from mqslam.backend.relative_covariances import RelativeCovariances
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
-from mqslam.core.statistics.chances import MEDIAN_EFFICIENCY, compute_p_values, correct_for_places, find_usual_scale
+from mqslam.core.statistics import MEDIAN_EFFICIENCY, compute_p_values, correct_for_places, find_usual_scale
 from mqslam.execution.progress import Progress
 from mqslam.psi.correlate import compute_same_m
 

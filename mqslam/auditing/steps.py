@@ -20,7 +20,7 @@ from mqslam.backend.loops.align import TOLERANCES, score_at_pose
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
-from mqslam.core.statistics.chances import correct_for_places, find_usual_scale
+from mqslam.core.statistics import correct_for_places, find_usual_scale
 from mqslam.execution.progress import Progress
 from mqslam.psi.scoring.references import make_references
 

@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 from mqslam.backend.submaps import Submaps
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
-from mqslam.core.statistics.gross import cut_gross
+from mqslam.core.statistics import cut_gross
 
 # Standard deviation [m] over 100 m of path of what the maps of both directions of time drift together, which their
 # difference does not show. It grows with the root of the path. It is unknown; 0 to 0.09 was found in simulated cities.

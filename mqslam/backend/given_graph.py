@@ -11,8 +11,7 @@ from mqslam.backend.pose_graph import Optimum, PoseGraph
 from mqslam.backend.problem import GraphProblem
 from mqslam.core.measurement import Loop
 from mqslam.errors import EstimationError
-from mqslam.factors.loop_between import loop_between
-from mqslam.factors.psi_between import psi_between
+from mqslam.factors.between import loop_between, psi_between
 
 
 @dataclass(frozen=True)

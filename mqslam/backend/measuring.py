@@ -14,7 +14,7 @@ from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context, measure_motions
 from mqslam.core.measurement import Measured, Measurement, MotionTable, Status
 from mqslam.core.scans import Scans
-from mqslam.core.sensors.turning import KnownTurning
+from mqslam.core.sensors import KnownTurning
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.kept import MEASURED
 from mqslam.execution.runner import Runner

@@ -21,9 +21,7 @@ from mqslam.backend.sensors.gyroscope.turn_edges import TurnEdges
 from mqslam.backend.submaps import Submaps, split_into_submaps
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Measurement
-from mqslam.factors.loop_between import loop_between
-from mqslam.factors.odometry_between import odometry_between
-from mqslam.factors.psi_between import psi_between
+from mqslam.factors.between import loop_between, psi_between
 
 
 class GraphProblem(ABC):
@@ -86,7 +84,7 @@ class Problem(GraphProblem):
         factors += [loop_between(X(loop.earlier), X(loop.later), loop) for loop in loops]
         factors += [psi_between(X(tie.earlier), X(tie.later), tie.pose, tie.covariance) for tie in ties]
         chain = se2.chain(m.pose for m in self.measurements)
-        factors += [odometry_between(X(k), X(k + 1), travel) for k, travel in (self.travels or {}).items()]
+        factors += [psi_between(X(k), X(k + 1), m.pose, m.covariance) for k, m in (self.travels or {}).items()]
         if self.turns is not None:
             factors += self.turns.list_factors(chain)
         if self.fixes is not None:
@@ -109,7 +107,7 @@ class Problem(GraphProblem):
         factors = [psi_between(submap(p.submap), scan(p.number), p.pose, p.covariance) for p in submaps.placements]
         factors += [psi_between(submap(t.submap), submap(t.number), t.pose, t.covariance) for t in submaps.ties]
         factors += [psi_between(scan(k), scan(k + 1), m.pose, m.covariance) for k, m in self._list_apart()]
-        factors += [odometry_between(scan(k), scan(k + 1), m) for k, m in enumerate(self.odometry)]
+        factors += [psi_between(scan(k), scan(k + 1), m.pose, m.covariance) for k, m in enumerate(self.odometry)]
         return factors
 
     def list_statements(self) -> list[Measurement]:

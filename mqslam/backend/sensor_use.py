@@ -19,8 +19,8 @@ from mqslam.backend.sensors.odometry.odometry_fault import OdometryFault
 from mqslam.config import OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Refined
-from mqslam.core.sensors.sensors import Sensors
-from mqslam.core.sensors.velocity import Velocities
+from mqslam.core.sensors import Sensors
+from mqslam.core.velocity import Velocities
 
 _SUBJECTS: Final = {"gyroscope": "the gyroscope", "gnss": "GNSS", "chirps": "the radar's velocity by its chirps"}
 

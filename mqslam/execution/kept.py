@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from mqslam.core.measurement import MOTION, Loop, LoopSearch, Measured, Measurement, MotionTable, Refined, row_to_motion
 from mqslam.core.scans import PeakCounts, Returns
-from mqslam.core.sensors.detected import Detected
-from mqslam.core.sensors.velocity import Velocities
+from mqslam.core.velocity import Detected, Velocities
 from mqslam.errors import DataError
 
 R = TypeVar("R")

@@ -29,7 +29,7 @@ from mqslam.core.engine import Engine
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scans
-from mqslam.core.statistics.chances import find_usual_scale
+from mqslam.core.statistics import find_usual_scale
 from mqslam.core.wording import count_of
 from mqslam.errors import NotInMapError
 from mqslam.execution.runner import Runner

@@ -33,7 +33,7 @@ from mqslam.core.stored import make_stored, release
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.execution.runner import Runner
-from mqslam.factors.prior import prior
+from mqslam.factors.between import prior
 from mqslam.merging.changes import Change, find_changes, measure_relative_uncertainty
 from mqslam.merging.part import Session, build_alone, list_factors
 from mqslam.merging.recognition import Recognition, introduce, lay_out

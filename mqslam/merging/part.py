@@ -15,9 +15,7 @@ from mqslam.backend.pose_graph import PoseGraph, pose_of
 from mqslam.core import se2
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.errors import DataError
-from mqslam.factors.loop_between import CAUCHY
-from mqslam.factors.noise import HUBER
-from mqslam.factors.prior import prior
+from mqslam.factors.between import CAUCHY, HUBER, prior
 from mqslam.formats.graphs.g2o import list_edges
 from mqslam.formats.graphs.stored_graph import StoredGraph
 

@@ -18,9 +18,9 @@ from mqslam.config import dump_yaml, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.mount import RADAR, VEHICLE
-from mqslam.core.sensors.sensor_notes import list_sensor_notes
+from mqslam.core.sensors import RADAR, VEHICLE
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import list_sensor_notes
 from mqslam.errors import tolerate
 from mqslam.evaluation import list_errors
 from mqslam.execution.files import write_json, write_text

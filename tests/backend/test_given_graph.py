@@ -13,10 +13,8 @@ from mqslam.backend.linear.marginals import Uncertainty
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
 from mqslam.errors import EstimationError
-from mqslam.factors import loop_between
-from mqslam.factors.lifted_between import lifted_between
-from mqslam.factors.prior import PRIOR_M, PRIOR_RAD, prior
-from mqslam.factors.psi_between import psi_between
+from mqslam.factors import between
+from mqslam.factors.between import PRIOR_M, PRIOR_RAD, lifted_between, prior, psi_between
 
 CHAIN = se2.chain(TURNS)
 PAIRS = [(0, 12), (3, 4), (20, 5)]
@@ -61,7 +59,7 @@ def test_relative_covariances_and_poses_are_those_of_a_planar_graph(pose: type) 
 def test_loops_and_ties_join_the_graph_and_leave_the_given_one_as_it_was(
     pose: type, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(loop_between, "BEND_SIGMAS", (1e-9, 1e-9, 1e-9))
+    monkeypatch.setattr(between, "BEND_SIGMAS", (1e-9, 1e-9, 1e-9))
     given = given_graph(pose)
     size = given.factors.size()
     (before,) = Uncertainty(*_solved(given, [])).relate([(2, 25)])

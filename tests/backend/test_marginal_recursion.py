@@ -12,7 +12,7 @@ from mqslam.backend.linear.marginal_recursion import project_all
 from mqslam.backend.linear.marginals import compute_all_marginals
 from mqslam.backend.pose_graph import PoseGraph, build_pose_graph, optimise
 from mqslam.core import se2
-from mqslam.factors.prior import PRIOR_M, PRIOR_RAD
+from mqslam.factors.between import PRIOR_M, PRIOR_RAD
 
 NOISE = gtsam.noiseModel.Diagonal.Sigmas(np.array([0.05, 0.02, 0.002]))
 

@@ -16,7 +16,7 @@ from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges
 from mqslam.config import OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors import Mount
 from mqslam.simulator import ConstantDrive, Drive, make_loop_drive
 from mqslam.simulator.wheels import OdometryModel, simulate_wheel_odometry
 

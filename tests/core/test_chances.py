@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from mqslam.core.statistics.chances import correct_for_places, find_smallest, find_usual_scale
+from mqslam.core.statistics import correct_for_places, find_smallest, find_usual_scale
 
 
 def test_a_good_map_shows_a_small_p_value_as_rarely_as_it_says() -> None:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from mqslam.core.sensors.sensor_notes import list_sensor_notes
+from mqslam.core.wording import list_sensor_notes
 
 USED = {"used": True, "statements": ["the sensor is used"]}
 LEFT_OUT = {"used": False, "statements": ["it contradicts the radar"]}

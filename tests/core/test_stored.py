@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mqslam.core.measurement import Measurement, MotionTable, Status
 from mqslam.core.scans import Returns, ScanStore
-from mqslam.core.statistics.median import find_median
+from mqslam.core.statistics import find_median
 from mqslam.core.stored import StoredRows, make_stored, release
 from mqslam.errors import OutputError
 from mqslam.frontends.bidirectional import DirectedMotion, MatchTable

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mqslam.core import se2
-from mqslam.core.sensors.velocity import Outcome, Velocities, make_twists
+from mqslam.core.velocity import Outcome, Velocities, make_twists
 
 NAN = np.nan
 

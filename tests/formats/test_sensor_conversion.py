@@ -12,7 +12,7 @@ from support.recordings import START_US
 from support.sensors import a_gyroscope, some_fixes
 
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors import Mount
 from mqslam.formats.recordings import open_recording
 
 CARRYING = ("oxford", "native", *BAGS, "b_scan")

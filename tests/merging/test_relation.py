@@ -10,7 +10,7 @@ from mqslam.backend.loops.submap import TrackedRun
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.backend.recognition.recognise import PlaceMatch
 from mqslam.core import se2
-from mqslam.factors.prior import prior
+from mqslam.factors.between import prior
 from mqslam.merging.recognition import Relation, find_heaviest, find_relation
 
 COUNT = 60

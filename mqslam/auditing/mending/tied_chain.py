@@ -17,8 +17,7 @@ from mqslam.backend.loops.submap import TrackedRun
 from mqslam.backend.pose_graph import build_pose_graph, optimise, poses_of
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
-from mqslam.factors.loop_between import loop_between
-from mqslam.factors.psi_between import psi_between
+from mqslam.factors.between import loop_between, psi_between
 
 _ROUNDS: Final = 5  # numerical: rounds in which the scale of the errors is learnt from the loops; it settles in fewer
 _SETTLED: Final = 1.1  # numerical: a scale that grows by less than this factor has settled

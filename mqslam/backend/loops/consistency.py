@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from mqslam.backend.loops.chain import Chain, Relative
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
-from mqslam.factors.loop_between import add_bend
+from mqslam.factors.between import add_bend
 
 PROBABILITY: Final = 0.999
 """Probability of the chi-square quantile that a loop must not exceed, against the trajectory between its ends and against

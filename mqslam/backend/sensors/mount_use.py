@@ -34,7 +34,7 @@ from mqslam.backend.sensors.odometry.odometry_noise import measure_disagreement,
 from mqslam.config import OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors import Mount
 from mqslam.core.wording import left_or_right
 from mqslam.errors import Remedy
 

@@ -20,7 +20,7 @@ from mqslam.core.measurement import Loop, MotionTable
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import ConfigError
-from mqslam.factors.loop_between import loop_between
+from mqslam.factors.between import loop_between
 
 
 class LoopFactors(list[tuple[Between, Loop]]):

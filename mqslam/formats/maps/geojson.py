@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from mqslam.core.sensors.georeference import Georeference
+from mqslam.core.sensors import Georeference
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.files import write_json
 

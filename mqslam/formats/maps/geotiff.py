@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image, TiffImagePlugin
 
 from mqslam.core.point_map import OccupancyGrid
-from mqslam.core.sensors.georeference import Georeference
+from mqslam.core.sensors import Georeference
 from mqslam.execution.files import write_aside
 
 _OCCUPIED: Final = 255

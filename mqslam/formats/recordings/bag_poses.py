@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mqslam.core import se2
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors import Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.lidars.mounts import Mounts
 from mqslam.formats.shared.bags import name_frame

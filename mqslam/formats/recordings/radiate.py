@@ -17,9 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.sensors.sensors import NO_SENSORS
+from mqslam.core.sensors import NO_SENSORS, Fixes, Gyroscope
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors import Fixes, Gyroscope
 from mqslam.errors import DataError, untrusted
 from mqslam.formats.sensors import fixes_csv, gyroscope_csv
 from mqslam.formats.sensors.boreas_fixes import TIME, read_boreas_fixes

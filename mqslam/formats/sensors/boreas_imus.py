@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors import Gyroscope
 from mqslam.formats.sensors.boreas_mount import TO_FORWARD, read_transform
 from mqslam.formats.sensors.reading import Reading, make_gyroscope
 from mqslam.formats.sensors.sensor_table import read_header, read_sensor_table

@@ -7,10 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.sensors.mount import Mount
-from mqslam.core.sensors.sensors import Sensors
+from mqslam.core.sensors import Fixes, Gyroscope, Mount, Sensors
 from mqslam.formats.odometry_files import read_beside
 from mqslam.formats.sensors.reading import Reading
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mqslam.core.sensors.fixes import Fixes
+from mqslam.core.sensors import Fixes
 from mqslam.execution.files import write_text
 from mqslam.formats.sensors.reading import Reading, make_fixes
 from mqslam.formats.sensors.sensor_table import Header, read_converted

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors import Gyroscope
 from mqslam.execution.files import write_text
 from mqslam.formats.sensors.reading import Reading, make_gyroscope
 from mqslam.formats.sensors.sensor_table import Header, read_converted

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors import Fixes, Gyroscope
 from mqslam.errors import DataError
 from mqslam.formats.sensors import fixes_csv, gyroscope_csv
 from mqslam.formats.sensors.reading import Reading, make_fixes, make_gyroscope

@@ -11,8 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mqslam.core import se2
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors import Fixes, Gyroscope
 from mqslam.core.wording import count_of
 from mqslam.formats.sensors.reading import Reading, make_fixes, make_gyroscope
 from mqslam.formats.sensors.sensor_table import Header, SensorTable, read_sensor_table

@@ -9,8 +9,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors import Fixes, Gyroscope
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError
 from mqslam.formats.sensors.sensor_table import SensorTable

@@ -15,9 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors import Fixes, Gyroscope, Mount
 from mqslam.core.wording import count_of
 from mqslam.errors import DataError
 from mqslam.formats.lidars.mounts import Mounts

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US
-from mqslam.core.statistics.evenly import pick_evenly
+from mqslam.core.statistics import pick_evenly
 from mqslam.formats.shared.sensing import Stamp
 
 # Duration of a turn [s] that is assumed where a recording shows none.

@@ -12,7 +12,7 @@ from mqslam.config import Config, dump_yaml
 from mqslam.core import se2
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.georeference import Georeference
+from mqslam.core.sensors import Georeference
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.evaluation import list_errors

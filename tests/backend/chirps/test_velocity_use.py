@@ -12,7 +12,7 @@ import pytest
 from mqslam.backend.sensors.chirps.velocity_use import SIGMA_SCALE, VelocityUse, join_velocities
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
-from mqslam.core.sensors.velocity import Outcome, Velocities
+from mqslam.core.velocity import Outcome, Velocities
 
 TURN_S, SCANS = 0.25, 400
 SIGMA_MPS, SIGMAS = 0.05, np.array([0.02, 0.01, 1e-3])

@@ -10,8 +10,7 @@ from mqslam.backend.sensors.gnss.fix_noise import FixNoise
 from mqslam.backend.sensors.gnss.fix_use import FixUse, join_fixes
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.tangent_plane import TangentPlane
+from mqslam.core.sensors import Fixes, TangentPlane
 
 TURN_S, SCANS = 0.25, 1200
 PLANE = TangentPlane(48.1, 11.5)

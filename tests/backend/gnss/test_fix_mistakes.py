@@ -11,9 +11,7 @@ import pytest
 from mqslam.backend.sensors.gnss.fix_use import SWAPPED, FixUse, join_fixes
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
-from mqslam.core.sensors.clock_offsets import find_offset
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.tangent_plane import TangentPlane
+from mqslam.core.sensors import Fixes, TangentPlane, find_offset
 
 START_US, TURN_S, SCANS = 1_560_000_000_000_000, 0.25, 800
 PLANE, LIES = TangentPlane(48.1, 11.5), np.array([30.0, -20.0, 1.2])

@@ -20,8 +20,7 @@ from mqslam.backend.sensors.gnss.fix_noise import measure_fix_noise
 from mqslam.backend.sensors.gnss.fix_use import FixUse, join_fixes
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.tangent_plane import TangentPlane
+from mqslam.core.sensors import Fixes, TangentPlane
 from mqslam.factors.gnss_position import gnss_position
 
 START_US = 1_560_000_000_000_000

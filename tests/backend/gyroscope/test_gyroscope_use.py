@@ -11,7 +11,7 @@ from support.bends import DRIFT, START_US, TURN_S, Unit, measured, read, yaw_at
 
 from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse, join_gyroscope
 from mqslam.core.measurement import Status
-from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors import Gyroscope
 
 
 def joined(unit: Unit, scans: int = 800) -> GyroscopeUse:

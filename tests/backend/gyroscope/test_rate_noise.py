@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mqslam.backend.sensors.gyroscope.rotation import compute_allan_variances, measure_rate_noise
-from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors import Gyroscope
 
 STEP_S = 0.25
 

@@ -7,7 +7,7 @@ import pytest
 
 from mqslam.auditing.revisits import Offsets, compare_neighbours, find_agreeing
 from mqslam.core import se2
-from mqslam.core.statistics.chances import find_usual_scale
+from mqslam.core.statistics import find_usual_scale
 
 SIGMAS = np.array([0.03, 0.02, 0.001])
 NO_RIVALS = np.empty((0, 3))

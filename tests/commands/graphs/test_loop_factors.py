@@ -24,10 +24,7 @@ from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, EstimationError
 from mqslam.execution.runner import Runner
-from mqslam.factors.lifted_between import lifted_between
-from mqslam.factors.loop_between import loop_between
-from mqslam.factors.prior import prior
-from mqslam.factors.psi_between import psi_between
+from mqslam.factors.between import lifted_between, loop_between, prior, psi_between
 
 # the clock of the drive stops for a minute between its passes, over which odometry is not sure of its yaw
 CONFIG = Config(

@@ -22,9 +22,7 @@ from mqslam.core.measurement import Loop, Refined
 from mqslam.core.scans import Scans
 from mqslam.errors import EstimationError
 from mqslam.execution.runner import Runner
-from mqslam.factors.loop_between import loop_between
-from mqslam.factors.prior import prior
-from mqslam.factors.psi_between import psi_between
+from mqslam.factors.between import loop_between, prior, psi_between
 
 CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
 LAST = 19  # the last scan of the first pass

@@ -10,8 +10,7 @@ import pytest
 import yaml
 
 from mqslam.core.point_map import OccupancyGrid
-from mqslam.core.sensors.georeference import Georeference
-from mqslam.core.sensors.tangent_plane import TangentPlane
+from mqslam.core.sensors import Georeference, TangentPlane
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.maps.geojson import write_geojson
 from mqslam.formats.maps.geotiff import write_geotiff

@@ -19,8 +19,8 @@ from mqslam.backend.sensors.odometry.odometry_calibration import Calibration, De
 from mqslam.backend.sensors.odometry.odometry_edges import spread_common
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
-from mqslam.core.sensors.velocity import Velocities, make_twists
-from mqslam.core.statistics.gross import MEDIAN_OF_CHI2
+from mqslam.core.statistics import MEDIAN_OF_CHI2
+from mqslam.core.velocity import Velocities, make_twists
 
 # Shortest stretch over which errors of the calibration are taken to be alike [s].
 _SPAN_S = 10.0

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.core.statistics.gross import SIGMAS_PER_DEVIATION
+from mqslam.core.statistics import SIGMAS_PER_DEVIATION
 
 _ROUNDS: Final = 50  # of fit and weights, which settle in fewer
 _SETTLED: Final = 1e-9  # numerical: a motion that changes by less has settled [m, rad]

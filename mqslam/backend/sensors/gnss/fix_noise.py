@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.optimize import nnls
 
-from mqslam.core.statistics.gross import MEDIAN_OF_CHI2, MEDIAN_SPREAD
+from mqslam.core.statistics import MEDIAN_OF_CHI2, MEDIAN_SPREAD
 
 _FEWEST: Final = 9  # differences per fix in a mean below which their median says nothing
 _OUTAGE: Final = 2.0  # two means that take more than so many times the usual time lie on both sides of an outage

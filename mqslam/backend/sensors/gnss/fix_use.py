@@ -17,10 +17,7 @@ from mqslam.backend.sensors.gnss.fix_clock import find_fix_delay
 from mqslam.backend.sensors.gnss.fix_noise import FixNoise, measure_fix_noise
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
-from mqslam.core.sensors.clock_offsets import KNOWN_S, describe_offset
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.georeference import Georeference
-from mqslam.core.sensors.tangent_plane import TangentPlane
+from mqslam.core.sensors import KNOWN_S, Fixes, Georeference, TangentPlane, describe_offset
 from mqslam.core.wording import describe_delay, left_or_right
 from mqslam.errors import Remedy
 from mqslam.factors.gnss_position import REACH, gnss_position, plane_walk

@@ -7,8 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.sensors.turning import Turning
+from mqslam.core.sensors import Gyroscope, Turning
 
 # A gyroscope whose turns correlate less with those of psi is not used. On a straight drive noise correlates with some axis
 # at some delay, by far less than that.

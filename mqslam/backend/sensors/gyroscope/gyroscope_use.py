@@ -20,8 +20,7 @@ from mqslam.backend.sensors.gyroscope.rotation import (
 )
 from mqslam.backend.sensors.gyroscope.turn_edges import TurnEdges
 from mqslam.core.measurement import Measurement, Status
-from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.sensors.turning import KnownTurning, Turning
+from mqslam.core.sensors import Gyroscope, KnownTurning, Turning
 from mqslam.core.wording import describe_delay
 
 # With fewer motions than this that psi found itself, a gyroscope is not calibrated, and not used.

@@ -21,8 +21,8 @@ from scipy.optimize import nnls
 
 from mqslam.backend.sensors.gyroscope.gyroscope_start import Start, Turns
 from mqslam.backend.sensors.odometry.odometry_calibration import Calibration, Design, fit
-from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.statistics.gross import MEDIAN_OF_CHI2, MEDIAN_SPREAD
+from mqslam.core.sensors import Gyroscope
+from mqslam.core.statistics import MEDIAN_OF_CHI2, MEDIAN_SPREAD
 
 _FEWEST: Final = 9  # second differences over a time below which their median says nothing
 _SECOND_DIFFERENCE: Final = 6.0  # variance of the second difference of white noise over that of the noise

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.statistics.gross import MEDIAN_OF_CHI2, MEDIAN_SPREAD
+from mqslam.core.statistics import MEDIAN_OF_CHI2, MEDIAN_SPREAD
 
 _FEWEST: Final = 5  # a median of fewer independent spans may be small by chance
 _BEYOND: Final = 3.0  # a span that misses by more standard deviations than these is not noise

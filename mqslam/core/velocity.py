@@ -1,15 +1,17 @@
-"""Velocities of the sensor over time, each measured by one scan without a map."""
+"""Velocities of the sensor over time, each measured by one scan without a map, and what else is detected in polar scans."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
+from mqslam.core.scans import PeakCounts, Returns
+from mqslam.errors import DataError
 
 Array = NDArray[np.float64]
 
@@ -146,3 +148,23 @@ def make_twists(
     covariances[:, :2, :2] = spread
     covariances[:, 2, 2] = yaw_variances
     return np.column_stack([middle, yaw_rates]), covariances
+
+
+@dataclass(frozen=True, slots=True)
+class Detected:
+    """The returns of a stretch of polar scans, the sensor's velocities, and what it cost to detect them.
+
+    Args:
+        returns: of each polar scan, none of one that could not be read; nothing at all where scans hold them.
+        unread: why a polar scan could not be read, by its number in the recording.
+        read_s, detect_s: seconds spent.
+        counts: what the detector kept and dropped.
+        velocities: of the sensor, one per polar scan; None where they were not asked for, or chirps do not alternate.
+    """
+
+    returns: list[Returns]
+    unread: dict[int, DataError] = field(default_factory=dict)
+    read_s: float = 0.0
+    detect_s: float = 0.0
+    counts: PeakCounts = field(default_factory=PeakCounts)
+    velocities: Velocities | None = None
