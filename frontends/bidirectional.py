@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from mqslam.core import se2
-from mqslam.core.measurement import MOTION, Measurement, MotionTable, Status, TableRows, motion_to_row, row_to_motion
+from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Returns, Scan
 from mqslam.frontends.calibration import Twice, learn_scale
 
@@ -27,8 +27,6 @@ from mqslam.frontends.calibration import Twice, learn_scale
 SHARED = 0.2
 _TRUST = (Status.LOST, Status.DEGENERATE, Status.AMBIGUOUS, Status.CONVERGED)  # from the least to the most
 _CHANCE = float(chi2.ppf(0.999, 3))  # measurements that are farther apart, in their own covariance, contradict each other
-_MATCH = np.dtype([("known", "?"), ("motion", MOTION), ("unseen", "f8", (3, 3))])
-_NO_MATCH = (False, np.zeros((), MOTION).item(), np.zeros((3, 3)))
 _PAUSE = 0.5  # time between two scans, in turns, beyond which the end of one is not the start of the next
 
 
@@ -45,38 +43,14 @@ class DirectedMotion(NamedTuple):
     unseen: NDArray[np.float64]
 
 
-class MatchTable(Sequence[DirectedMotion | None]):
-    """Matches of successive motions as rows of a table, or None where there is none.
-
-    Args:
-        matches: the matches.
-    """
-
-    def __init__(self, matches: Iterable[DirectedMotion | None] = ()) -> None:
-        self._rows = TableRows(_MATCH)
-        self.extend(matches)
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    @overload
-    def __getitem__(self, k: int) -> DirectedMotion | None: ...
-
-    @overload
-    def __getitem__(self, k: slice) -> list[DirectedMotion | None]: ...
-
-    def __getitem__(self, k: int | slice) -> DirectedMotion | list[DirectedMotion | None] | None:
-        if isinstance(k, slice):
-            return [self[n] for n in range(*k.indices(len(self)))]
-        row = self._rows[k]
-        return DirectedMotion(row_to_motion(row["motion"]), row["unseen"].copy()) if row["known"] else None
+class MatchTable(list[DirectedMotion | None]):
+    """Matches of successive motions, or None where there is none."""
 
     def extend(self, matches: Iterable[DirectedMotion | None], begin: int | None = None) -> None:
         """Appends matches, in the place of those from number `begin` on if it is given."""
         if begin is not None:
-            self._rows.truncate(begin)
-        for match in matches:
-            self._rows.append(_NO_MATCH if match is None else (True, motion_to_row(match.motion), match.unseen))
+            del self[begin:]
+        super().extend(matches)
 
 
 def reverse_time(scans: Sequence[Scan]) -> Sequence[Scan]:
@@ -152,9 +126,9 @@ def join(
             yield _scale(f, scale), None if b is None else _scale(b, scale)
 
     regaining = _find_regaining(scaled(), shared)
-    return MotionTable(
+    return [
         f if b is None else _join_motions(f, b, regains, shared) for (f, b), regains in zip(scaled(), regaining, strict=True)
-    )
+    ]
 
 
 def _pair(

@@ -8,9 +8,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.backend.sensors.gyroscope.gyroscope_start import Turns, find_start
-from mqslam.backend.sensors.gyroscope.gyroscope_use import DELAY_TOLERANCE_S, FEWEST_MOTIONS, SCALE_TOLERANCE, TOLD_SIGMAS
-from mqslam.backend.sensors.gyroscope.rotation import LONGEST_DELAY_S, Rotation, calibrate
+from mqslam.backend.sensors.gyroscope import (
+    DELAY_TOLERANCE_S,
+    FEWEST_MOTIONS,
+    LONGEST_DELAY_S,
+    SCALE_TOLERANCE,
+    TOLD_SIGMAS,
+    Rotation,
+    Turns,
+    calibrate,
+    find_start,
+)
 from mqslam.core.scans import Scans
 from mqslam.core.sensors import Gyroscope
 from mqslam.core.statistics import SIGMAS_PER_DEVIATION

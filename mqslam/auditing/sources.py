@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.tracks import Track
-from mqslam.backend.relative_covariances import RelativeCovariances, SingleCovariances
+from mqslam.backend.marginals import RelativeCovariances, SingleCovariances
 from mqslam.core import se2
 from mqslam.core.point_map import TimedCloud
 from mqslam.core.recording import LidarRecording

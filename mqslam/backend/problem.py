@@ -13,14 +13,14 @@ import numpy as np
 from gtsam.symbol_shorthand import M, X
 from numpy.typing import NDArray
 
-from mqslam.backend.drift import widen_ties
-from mqslam.backend.linear.marginals import Uncertainty
+from mqslam.backend.marginals import Uncertainty
 from mqslam.backend.pose_graph import Optimum, PoseGraph, build_pose_graph, optimise
-from mqslam.backend.sensors.gnss.fix_use import FixEdges
-from mqslam.backend.sensors.gyroscope.turn_edges import TurnEdges
-from mqslam.backend.submaps import Submaps, split_into_submaps
+from mqslam.backend.sensors.gnss import FixEdges
+from mqslam.backend.sensors.gyroscope import TurnEdges
+from mqslam.backend.submaps import Submaps, split_into_submaps, widen_ties
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Measurement
+from mqslam.errors import EstimationError
 from mqslam.factors.between import loop_between, psi_between
 
 
@@ -149,3 +149,51 @@ class Problem(GraphProblem):
     def _list_apart(self) -> list[tuple[int, Measurement]]:
         """Returns the motions that belong to no submap, each with the number of the scan that it starts at."""
         return [(k, motion) for k, motion in enumerate(self.measurements) if not motion.on_map]
+
+
+@dataclass(frozen=True)
+class GivenGraph(GraphProblem):
+    """A trajectory that is to be optimised, by a graph of any factors.
+
+    Args:
+        factors: all factors but those of loops; they determine all variables.
+        values: of all variables.
+        keys: (N,) key of the pose of each scan.
+        lift: makes a factor between planar poses one between poses of the graph.
+    """
+
+    factors: gtsam.NonlinearFactorGraph
+    values: gtsam.Values
+    keys: Sequence[int]
+    lift: Callable[[gtsam.BetweenFactorPose2], gtsam.NonlinearFactor]
+
+    def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
+        """Returns the graph with the given loops and ties of the refinement; it starts from the given values."""
+        factors = gtsam.NonlinearFactorGraph()
+        given = [self.factors.at(k) for k in range(self.factors.size()) if self.factors.exists(k)]  # removed ones leave gaps
+        for factor in (*given, *self.make_loop_factors(loops), *self.make_tie_factors(ties)):
+            factors.push_back(factor)
+        return PoseGraph(factors, self.values, len(self.keys), self.keys.__getitem__)
+
+    def make_loop_factors(self, loops: Sequence[Loop]) -> list[gtsam.NonlinearFactor]:
+        """Returns the factors of loops."""
+        return [self.lift(loop_between(self.keys[loop.earlier], self.keys[loop.later], loop)) for loop in loops]
+
+    def make_tie_factors(self, ties: Sequence[Loop]) -> list[gtsam.NonlinearFactor]:
+        """Returns the factors of ties of the refinement."""
+        keys = self.keys
+        return [self.lift(psi_between(keys[tie.earlier], keys[tie.later], tie.pose, tie.covariance)) for tie in ties]
+
+    def optimise(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> tuple[PoseGraph, Optimum]:
+        """Returns the graph with the given loops and ties, and its optimum.
+
+        Raises:
+            EstimationError: the graph cannot be optimised.
+        """
+        graph, optimum = super().optimise(loops, ties)
+        if optimum.failure is not None:
+            raise EstimationError(
+                f"the graph could not be optimised ({optimum.failure})",
+                "give values for all its variables, and factors that determine them, such as a prior on the first pose",
+            )
+        return graph, optimum

@@ -10,12 +10,12 @@ from typing import Final
 import numpy as np
 
 from mqslam.backend.problem import Problem
-from mqslam.backend.sensors.chirps.velocity_use import VelocityUse, join_velocities
-from mqslam.backend.sensors.gnss.alignment import align
-from mqslam.backend.sensors.gnss.fix_use import FixUse, join_fixes
-from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse, join_gyroscope
-from mqslam.backend.sensors.mount_use import MountUse, find_mount
-from mqslam.backend.sensors.odometry.odometry_fault import OdometryFault
+from mqslam.backend.sensors.chirps import VelocityUse, join_velocities
+from mqslam.backend.sensors.gnss import FixUse, join_fixes
+from mqslam.backend.sensors.gnss_errors import align
+from mqslam.backend.sensors.gyroscope import GyroscopeUse, join_gyroscope
+from mqslam.backend.sensors.mount import MountUse, find_mount
+from mqslam.backend.sensors.odometry import OdometryFault
 from mqslam.config import OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Refined

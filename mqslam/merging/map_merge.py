@@ -13,19 +13,15 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.backend.given_graph import GivenGraph
-from mqslam.backend.linear.marginals import PoseCovariances, compute_all_marginals
-from mqslam.backend.loops.align import score_at_pose
-from mqslam.backend.loops.chain import Chain, Relative
-from mqslam.backend.loops.closing import LoopCloser
-from mqslam.backend.loops.consistency import as_relative, compute_chi_square
-from mqslam.backend.loops.search import render_passes
-from mqslam.backend.loops.submap import MappedDrive, Passes
+from mqslam.backend.loops.chain import Chain, Relative, as_relative, compute_chi_square
+from mqslam.backend.loops.closing import LoopCloser, score_loop
+from mqslam.backend.loops.passes import MappedDrive, Passes
+from mqslam.backend.loops.recognition import describe_map
+from mqslam.backend.marginals import PoseCovariances, compute_all_marginals
 from mqslam.backend.pose_graph import PoseGraph, optimise, pose_of
-from mqslam.backend.recognition.places import describe_map
+from mqslam.backend.problem import GivenGraph
 from mqslam.config import Config, EstimatorConfig
 from mqslam.core import se2
-from mqslam.core.engine import Engine
 from mqslam.core.keyframes import KEYFRAME_POINT, KeyframeMap, Keyframes, PlaceTable
 from mqslam.core.measurement import Loop, LoopSearch
 from mqslam.core.point_map import PointMap
@@ -39,7 +35,6 @@ from mqslam.merging.part import Session, build_alone, list_factors
 from mqslam.merging.recognition import Recognition, introduce, lay_out
 from mqslam.merging.rendering import render_keyframes
 from mqslam.psi.place import Beam, beam_of
-from mqslam.psi.scoring.references import make_references
 
 
 def number_vertices(parts: Sequence[Session]) -> list[NDArray[np.int64]]:
@@ -199,7 +194,8 @@ def merge_parts(parts: Sequence[Session], config: Config, runner: Runner) -> Mer
         poses = graph.poses_at(optimum.values)
         keyframes = replace(keyframes, poses=poses, covariances=_list_covariances(sure, len(keyframes)))
         residuals = _measure_residuals(links.loops, poses)
-        psi = _score_links(keyframes, links.loops, [start, poses], config.estimator, beam, runner.engine)
+        shared = MappedDrive.of(keyframes), [start, poses], config.estimator, beam
+        psi = np.array(runner.engine.map(_score, shared, links.loops)).reshape(-1, 2)
     with runner.time_stage("render"):
         rendered = render_keyframes(keyframes, config.estimator, beam, runner.engine)
     changes, sigmas = list[Change](), np.full((len(keyframes.recordings), len(keyframes)), np.inf)
@@ -279,41 +275,9 @@ def _check_joined(parts: Sequence[Session], links: Sequence[Loop], groups: NDArr
         )
 
 
-def _score_links(
-    keyframes: Keyframes,
-    links: Sequence[Loop],
-    poses: Sequence[se2.Array],
-    estimator: EstimatorConfig,
-    beam: Beam,
-    engine: Engine,
-) -> NDArray[np.float64]:
-    """Scores the two passes of each link on each other.
-
-    Args:
-        keyframes: of all parts.
-        links: the links.
-        poses: (K, 3) of the keyframes, several times.
-        estimator: settings of the score.
-        beam: the sensor's errors.
-        engine: where they are scored.
-
-    Returns:
-        psi per point (L, T) of each link at each of the T sets of poses.
-    """
-    drives: list[Passes] = [MappedDrive.of(keyframes, some) for some in poses]
-    scores = engine.map(_score, (drives, estimator, beam), list(links))
-    return np.array(scores).reshape(len(links), len(drives))
-
-
-def _score(shared: tuple[list[Passes], EstimatorConfig, Beam], link: Loop) -> list[float]:
-    drives, estimator, beam = shared
-    last = drives[-1]  # submaps are rendered once, so that only the pose between them differs
-    reference, query = render_passes((last, link.earlier), (last, link.later), beam)
-    references = make_references(reference)
-    return [
-        score_at_pose(references, query, se2.between(drive.poses[link.earlier], drive.poses[link.later]), estimator)
-        for drive in drives
-    ]
+def _score(shared: tuple[Passes, Sequence[se2.Array], EstimatorConfig, Beam], link: Loop) -> list[float]:
+    drive, tracks, estimator, beam = shared
+    return score_loop(drive, link, tracks, estimator, beam)
 
 
 def _list_covariances(sure: PoseCovariances, count: int) -> NDArray[np.float64]:

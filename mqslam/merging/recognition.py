@@ -8,17 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.backend.loops.chain import Chain, Relative
-from mqslam.backend.loops.consistency import (
+from mqslam.backend.loops.chain import (
     LARGEST_CHI_SQUARE,
+    Chain,
     as_relative,
     compose_relatives,
     compute_chi_square,
     invert_relative,
 )
-from mqslam.backend.recognition.place_index import PlaceIndex
-from mqslam.backend.recognition.places import PLACE_SPACING_M
-from mqslam.backend.recognition.recognise import Ground, PlaceMatch, recognise
+from mqslam.backend.loops.recognition import PLACE_SPACING_M, PlaceDatabase, recognise
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
@@ -34,7 +32,7 @@ _FEWEST = 5
 # several places fit, and nothing is linked.
 _RIVAL = 2.0
 
-Row = Sequence[PlaceMatch]
+Row = Sequence[Loop]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +45,7 @@ class Relation:
         rivals: number of matches that agree on the likeliest other one.
     """
 
-    matches: list[PlaceMatch]
+    matches: list[Loop]
     agreeing: int
     rivals: int
 
@@ -101,19 +99,14 @@ def _compare_rows(rows: Sequence[Row], earlier: Chain, later: Chain) -> NDArray[
     """Returns which rows (N, N) agree: whether the way over one and along both paths leads where the other does."""
     middles = [row[len(row) // 2] for row in rows]
     pairs = [(i, k) for i in range(len(rows)) for k in range(i + 1, len(rows))]
-    before = earlier.relate([(middles[i].place, middles[k].place) for i, k in pairs])
-    after = later.relate([(middles[i].query, middles[k].query) for i, k in pairs])
-    said = [_as_relative(match) for match in middles]
+    before = earlier.relate([(middles[i].earlier, middles[k].earlier) for i, k in pairs])
+    after = later.relate([(middles[i].later, middles[k].later) for i, k in pairs])
+    said = [as_relative(match) for match in middles]
     agree = np.eye(len(rows), dtype=bool)
     for (i, k), one, other in zip(pairs, before, after, strict=True):
         expected = compose_relatives(compose_relatives(invert_relative(one), said[i]), other)
         agree[i, k] = agree[k, i] = compute_chi_square(expected, said[k]) <= LARGEST_CHI_SQUARE
     return agree
-
-
-def _as_relative(match: PlaceMatch) -> Relative:
-    """Returns what a match says about the pose of the later keyframe in the frame of the earlier one."""
-    return as_relative(Loop(match.place, match.query, match.pose, match.covariance, match.matched, match.psi))
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,10 +139,9 @@ def introduce(
     pairs = [(a, b) for b in range(len(parts)) for a in range(b)]
     for a, b in runner.follow("recognise", pairs, len(pairs)):
         places, drive = parts[a].map.places, chains[b].drive
-        ground = Ground(chains[a].drive, places.keyframes, PlaceIndex(places.descriptors))
+        database = PlaceDatabase.of(chains[a].drive, places)
         queries = pick_spaced(drive.travelled, PLACE_SPACING_M)
-        allowed = np.ones((len(queries), len(places.keyframes)), dtype=bool)
-        found = recognise(drive, queries, ground, allowed, estimator, beam, runner.engine)
+        found = recognise(drive, queries, database, None, estimator, beam, runner.engine)
         relation = find_relation(found.rows, chains[a], chains[b])
         matches = sum(map(len, found.rows))
         recognitions.append(Recognition(a, b, len(found.rows), matches, len(found.ambiguous), found.compared, relation))
@@ -178,22 +170,22 @@ def lay_out(
         a, b = best.earlier, best.later
         poses = chains[a].drive.poses, chains[b].drive.poses
         found = best.relation.matches
-        at = np.array([se2.compose(poses[0][m.place], m.pose) for m in found])
-        lies = se2.compose(at, se2.inverse(poses[1][[m.query for m in found]]))
+        at = np.array([se2.compose(poses[0][m.earlier], m.pose) for m in found])
+        lies = se2.compose(at, se2.inverse(poses[1][[m.later for m in found]]))
         frame = lies[_find_middle(best, lies, poses[1])]
         if a in frames:
             frames[b] = se2.compose(frames[a], frame)
         else:
             frames[a] = se2.compose(frames[b], se2.inverse(frame))
         links += [
-            Loop(int(firsts[a]) + m.place, int(firsts[b]) + m.query, m.pose, m.covariance, m.matched, m.psi) for m in found
+            Loop(int(firsts[a]) + m.earlier, int(firsts[b]) + m.later, m.pose, m.covariance, m.matched, m.psi) for m in found
         ]
     return [frames[n] for n in range(len(parts))], links
 
 
 def _find_middle(recognition: Recognition, lies: se2.Array, poses: se2.Array) -> int:
     """Returns which of N relations (N, 3) leaves the matched keyframes nearest to where all matches have them."""
-    at = poses[[match.query for match in recognition.relation.matches]]
+    at = poses[[match.later for match in recognition.relation.matches]]
     where = np.array([se2.compose(lie, pose) for lie, pose in zip(lies, at, strict=True)])[:, :2]
     off = [np.median(np.hypot(*(se2.compose(lie, at)[:, :2] - where).T)) for lie in lies]
     return int(np.argmin(off))

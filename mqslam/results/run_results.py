@@ -12,7 +12,7 @@ import numpy as np
 
 from mqslam.auditing.verdict import CONFIDENCE
 from mqslam.auditing.windows.windows import share_torn
-from mqslam.backend.linear.marginals import PoseCovariances
+from mqslam.backend.marginals import PoseCovariances
 from mqslam.backend.pose_graph import count_submaps
 from mqslam.config import dump_yaml, set_doppler_beta
 from mqslam.core import se2

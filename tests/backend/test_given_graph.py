@@ -8,8 +8,8 @@ import pytest
 from gtsam.symbol_shorthand import A, V
 from support.graphs import COVARIANCE, TURNS, graph_of
 
-from mqslam.backend.given_graph import GivenGraph
-from mqslam.backend.linear.marginals import Uncertainty
+from mqslam.backend.marginals import Uncertainty
+from mqslam.backend.problem import GivenGraph
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
 from mqslam.errors import EstimationError

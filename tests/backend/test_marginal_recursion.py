@@ -7,9 +7,8 @@ from gtsam.symbol_shorthand import M, X
 from support.exact_marginals import find_largest_error
 from support.graphs import COVARIANCE, TURNS, graph_of, unequal
 
-from mqslam.backend.linear.elimination_kernel import Blocks, eliminate, triangulate
-from mqslam.backend.linear.marginal_recursion import project_all
-from mqslam.backend.linear.marginals import compute_all_marginals
+from mqslam.backend.elimination import Blocks, eliminate, project_all, triangulate
+from mqslam.backend.marginals import compute_all_marginals
 from mqslam.backend.pose_graph import PoseGraph, build_pose_graph, optimise
 from mqslam.core import se2
 from mqslam.factors.between import PRIOR_M, PRIOR_RAD

@@ -8,7 +8,7 @@ import pytest
 from gtsam.symbol_shorthand import M, X
 from support.graphs import COVARIANCE, TURNS, graph_of, unequal
 
-from mqslam.backend.linear.marginals import Uncertainty
+from mqslam.backend.marginals import Uncertainty
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.core import se2
 from mqslam.errors import EstimationError

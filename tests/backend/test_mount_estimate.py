@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from support.mounted import MountedDrive
 
-from mqslam.backend.sensors import mount_use
-from mqslam.backend.sensors.mount_use import MountEstimate, _tell_estimate, estimate_mount, find_mount
-from mqslam.backend.sensors.odometry.odometry_calibration import FEWEST, make_design
-from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges
+from mqslam.backend.sensors.calibration import FEWEST, make_design
+from mqslam.backend.sensors.mount import MountEstimate, _tell_estimate, estimate_mount, find_mount
+from mqslam.backend.sensors.odometry import make_odometry_edges
 from mqslam.config import OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
@@ -56,7 +55,7 @@ def estimate(mount: se2.Array, seed: int = 1, vehicle: Drive | None = None) -> M
     vehicle = vehicle or rounds()
     with pytest.MonkeyPatch.context() as scatter_alone:
         for name in ("_COMMON_M", "_COMMON_RAD"):
-            scatter_alone.setattr(mount_use, name, 0.0)
+            scatter_alone.setattr(module, name, 0.0)
         found = estimate_mount(wheels(vehicle, np.zeros(3), seed), psi(vehicle, mount, seed), STATED)
     assert found is not None
     return found

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mqslam.backend.sensors.odometry import odometry_edges
-from mqslam.backend.sensors.odometry.odometry_calibration import fit, make_design, make_prior_information
-from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges
+from mqslam.backend.sensors import odometry as module
+from mqslam.backend.sensors.calibration import fit, make_design, make_prior_information
+from mqslam.backend.sensors.odometry import make_odometry_edges
 from mqslam.config import OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
@@ -223,7 +223,7 @@ def test_odometry_that_agrees_exactly_is_no_surer_than_psi_can_tell() -> None:
 def test_the_span_may_be_shorter_than_an_edge_or_longer_than_the_run(span_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
     twists = drive(60)
     truth = motions_of(twists, scans=60)
-    monkeypatch.setattr(odometry_edges, "SPAN_S", span_s)
+    monkeypatch.setattr(module, "SPAN_S", span_s)
     edges = make_odometry_edges(stated(motions_of(wheels(twists), scans=60)), measured(truth), STATED)
     assert np.isfinite(poses_of(edges)).all()
     np.testing.assert_array_less(0.0, sigmas_of(edges))

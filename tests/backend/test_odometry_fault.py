@@ -9,8 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from support.bends import START_US, TURN_S, measured, yaw_at
 
-from mqslam.backend.sensors.odometry.odometry_edges import hold_odometry
-from mqslam.backend.sensors.odometry.odometry_fault import OdometryFault, find_odometry_fault
+from mqslam.backend.sensors.odometry import OdometryFault, find_odometry_fault, hold_odometry
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.frontend import Context

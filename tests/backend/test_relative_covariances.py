@@ -8,8 +8,7 @@ from gtsam.symbol_shorthand import X
 from support.chains import chain_of
 from support.passes import path
 
-from mqslam.backend.linear.marginals import compute_all_marginals
-from mqslam.backend.relative_covariances import GraphCovariances, SingleCovariances
+from mqslam.backend.marginals import GraphCovariances, SingleCovariances, compute_all_marginals
 from mqslam.core import se2
 
 SIGMAS = (0.05, 0.02, 0.004)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mqslam.backend import drift, submaps
-from mqslam.backend.linear.marginals import compute_all_marginals
+from mqslam.backend import submaps
+from mqslam.backend.marginals import compute_all_marginals
 from mqslam.backend.problem import Problem
 from mqslam.backend.submaps import split_into_submaps
 from mqslam.core import se2
@@ -23,7 +23,7 @@ def short_submaps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Begins a submap with every second scan, and leaves out the prior for common drift."""
     monkeypatch.setattr(submaps, "_SUBMAP_M", 3.5)
     for name in ("COMMON_DRIFT_M", "COMMON_DRIFT_RAD"):
-        monkeypatch.setattr(drift, name, 0.0)
+        monkeypatch.setattr(submaps, name, 0.0)
 
 
 def drive(count: int, step: np.ndarray = STEP) -> list[Measurement]:

@@ -9,10 +9,10 @@ from support.reported import judged_window, swept_walls
 from mqslam.auditing.findings import judge_windows
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.backend.sensor_use import SensorUse
-from mqslam.backend.sensors.chirps.velocity_use import VelocityUse
-from mqslam.backend.sensors.gnss.fix_use import FixUse
-from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse
-from mqslam.backend.sensors.odometry.odometry_fault import OdometryFault
+from mqslam.backend.sensors.chirps import VelocityUse
+from mqslam.backend.sensors.gnss import FixUse
+from mqslam.backend.sensors.gyroscope import GyroscopeUse
+from mqslam.backend.sensors.odometry import OdometryFault
 from mqslam.config import Config
 from mqslam.core.measurement import Measurement, Refined, Status
 from mqslam.core.point_map import PointMap

@@ -11,9 +11,8 @@ from gtsam.symbol_shorthand import X
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from mqslam.backend.loops.chain import Chain
-from mqslam.backend.loops.consistency import as_relative, compute_chi_square, keep_consistent
-from mqslam.backend.loops.submap import TrackedRun
+from mqslam.backend.loops.chain import Chain, as_relative, compute_chi_square, keep_consistent
+from mqslam.backend.loops.passes import TrackedRun
 from mqslam.backend.pose_graph import build_pose_graph, optimise, poses_of
 from mqslam.core import se2
 from mqslam.core.measurement import Loop

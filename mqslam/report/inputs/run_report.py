@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.windows.windows import WindowAudit
-from mqslam.backend.linear.marginals import PoseCovariances
+from mqslam.backend.marginals import PoseCovariances
 from mqslam.config import AuditConfig, dump_yaml, set_doppler_beta
 from mqslam.core.measurement import Measurement
 from mqslam.core.point_map import PointMap

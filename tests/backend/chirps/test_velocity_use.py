@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from mqslam.backend.sensors.chirps.velocity_use import SIGMA_SCALE, VelocityUse, join_velocities
+from mqslam.backend.sensors.chirps import SIGMA_SCALE, VelocityUse, join_velocities
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.velocity import Outcome, Velocities

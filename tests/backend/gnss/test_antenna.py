@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mqslam.backend.sensors.gnss.antenna import Antenna, estimate_antenna
-from mqslam.backend.sensors.gnss.fix_noise import FixNoise
-from mqslam.backend.sensors.gnss.fix_use import FixUse, join_fixes
+from mqslam.backend.sensors.gnss import FixUse, join_fixes
+from mqslam.backend.sensors.gnss_errors import Antenna, FixNoise, estimate_antenna
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.sensors import Fixes, TangentPlane

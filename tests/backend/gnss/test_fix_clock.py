@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mqslam.backend.sensors.gnss.fix_clock import find_fix_delay
+from mqslam.backend.sensors.gnss_errors import find_fix_delay
 from mqslam.core import se2
 
 TURN_S, SCANS = 0.25, 600

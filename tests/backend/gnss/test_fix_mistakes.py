@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mqslam.backend.sensors.gnss.fix_use import SWAPPED, FixUse, join_fixes
+from mqslam.backend.sensors.gnss import SWAPPED, FixUse, join_fixes
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.sensors import Fixes, TangentPlane, find_offset

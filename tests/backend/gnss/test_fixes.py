@@ -15,9 +15,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from mqslam.backend.problem import Problem
-from mqslam.backend.sensors.gnss.alignment import align
-from mqslam.backend.sensors.gnss.fix_noise import measure_fix_noise
-from mqslam.backend.sensors.gnss.fix_use import FixUse, join_fixes
+from mqslam.backend.sensors.gnss import FixUse, join_fixes
+from mqslam.backend.sensors.gnss_errors import align, measure_fix_noise
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.sensors import Fixes, TangentPlane

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.bends import DRIFT, START_US, Unit, measured, read, yaw_at
 
-from mqslam.backend.sensors.gyroscope.gyroscope_use import find_turning
+from mqslam.backend.sensors.gyroscope import find_turning
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.bends import DRIFT, START_US, TURN_S, Unit, measured, read, yaw_at
 
-from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse, join_gyroscope
+from mqslam.backend.sensors.gyroscope import GyroscopeUse, join_gyroscope
 from mqslam.core.measurement import Status
 from mqslam.core.sensors import Gyroscope
 

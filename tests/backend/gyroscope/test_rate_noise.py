@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mqslam.backend.sensors.gyroscope.rotation import compute_allan_variances, measure_rate_noise
+from mqslam.backend.sensors.gyroscope import compute_allan_variances, measure_rate_noise
 from mqslam.core.sensors import Gyroscope
 
 STEP_S = 0.25

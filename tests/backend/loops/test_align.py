@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from support.passes import BEAM, CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, corridor_pass, street_pass
 
-from mqslam.backend.loops.align import RIVAL, Alignment, align, score_at_pose
-from mqslam.backend.loops.passes import MATCHED
-from mqslam.backend.loops.submap import SUBMAP_M, TrackedRun, render_submap
+from mqslam.backend.loops.passes import MATCHED, SUBMAP_M, TrackedRun, render_submap
+from mqslam.backend.loops.registration import RIVAL, Alignment, align, score_at_pose
 from mqslam.core import se2
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.references import References, make_references

@@ -10,8 +10,8 @@ from support.chains import fenced_street
 from support.passes import BEAM, CONFIG, joined
 
 from mqslam.backend.loops import passes
+from mqslam.backend.loops.closing import find_loops
 from mqslam.backend.problem import Problem
-from mqslam.backend.recognition.within_run import find_loops
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, LoopSearch, Measurement
 from mqslam.core.scans import Scans

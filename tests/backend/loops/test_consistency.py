@@ -7,10 +7,8 @@ import pytest
 from support.chains import SURE, chain_of
 from support.passes import path
 
-from mqslam.backend.loops.chain import Chain
-from mqslam.backend.loops.consistency import keep_consistent
-from mqslam.backend.loops.passes import LEAST_PATH_M
-from mqslam.backend.loops.submap import TrackedRun
+from mqslam.backend.loops.chain import Chain, keep_consistent
+from mqslam.backend.loops.passes import LEAST_PATH_M, TrackedRun
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
 

@@ -7,7 +7,7 @@ import pytest
 from support.chains import chain_of
 
 from mqslam.backend.loops.chain import compute_layouts
-from mqslam.backend.loops.submap import SPACING_M, SUBMAP_M, TrackedRun, pick_around
+from mqslam.backend.loops.passes import SPACING_M, SUBMAP_M, TrackedRun, pick_around
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
 

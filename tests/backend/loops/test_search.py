@@ -10,10 +10,9 @@ from support.chains import candidate_of, chain_of, fenced_street
 from support.passes import BEAM, CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, joined, street_pass
 
 from mqslam.backend.loops import passes
-from mqslam.backend.loops.align import align, score_at_pose
-from mqslam.backend.loops.candidates import Candidate, find_candidates
-from mqslam.backend.loops.search import CandidateScore, compare_passes, confirm_by_map
-from mqslam.backend.loops.submap import SUBMAP_M, TrackedRun, render_submap
+from mqslam.backend.loops.closing import Candidate, CandidateScore, compare_passes, confirm_by_map, find_candidates
+from mqslam.backend.loops.passes import SUBMAP_M, TrackedRun, render_submap
+from mqslam.backend.loops.registration import align, score_at_pose
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
 from mqslam.execution.local_engine import HERE, LocalEngine

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.passes import path
 
-from mqslam.backend.loops.submap import TrackedRun, render_submap
+from mqslam.backend.loops.passes import TrackedRun, render_submap
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
@@ -44,7 +44,7 @@ def chosen_by(drive: TrackedRun, centre: int, reach_m: float) -> np.ndarray:
 def test_scans_reach_as_far_and_lie_as_far_apart_as_asked(
     drive: TrackedRun, reach_m: float, spacing_m: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mqslam.backend.loops.submap.SPACING_M", spacing_m)
+    monkeypatch.setattr("mqslam.backend.loops.passes.SPACING_M", spacing_m)
     centre, step = 40, float(np.diff(drive.travelled).max())
     chosen = chosen_by(drive, centre, reach_m)
     path_m = drive.travelled[chosen] - drive.travelled[centre]

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mqslam.backend.recognition.place_index import PlaceIndex
-from mqslam.backend.recognition.places import RANGE_M, RINGS, SECTORS, describe
+from mqslam.backend.loops.recognition import RANGE_M, RINGS, SECTORS, PlaceIndex, describe
 from mqslam.core import se2
 
 PLACES = 8
@@ -74,7 +73,7 @@ def test_without_sideways_shifts_a_place_seen_from_the_side_looks_less_like_itse
     places = [place(k) for k in range(PLACES)]
     query, everywhere = places[5] - [0.0, 9.0], np.ones((1, PLACES), dtype=bool)
     (shifted,) = index(places).look_up([query], everywhere, apart(PLACES))
-    monkeypatch.setattr("mqslam.backend.recognition.place_index.ASIDE_M", 0.0)
+    monkeypatch.setattr("mqslam.backend.loops.recognition.ASIDE_M", 0.0)
     (ahead,) = index(places).look_up([query], everywhere, apart(PLACES))
     assert ahead[0].likeness < 0.7 * shifted[0].likeness
 
@@ -98,7 +97,7 @@ def test_many_queries_get_what_each_alone_gets(monkeypatch: pytest.MonkeyPatch) 
     places = [place(k) for k in range(PLACES)]
     queries, everywhere = [points - [1.0, 2.0] for points in places], np.ones((PLACES, PLACES), dtype=bool)
     together = index(places).look_up(queries, everywhere, apart(PLACES))
-    monkeypatch.setattr("mqslam.backend.recognition.place_index._COMPARED", 1)
+    monkeypatch.setattr("mqslam.backend.loops.recognition._COMPARED", 1)
     blocks = index(places).look_up(queries, everywhere, apart(PLACES))
     for one, other in zip(together, blocks, strict=True):
         assert [(guess.place, *guess.pose) for guess in one] == [(guess.place, *guess.pose) for guess in other]

@@ -10,11 +10,16 @@ import pytest
 from numpy.typing import NDArray
 from support.keyframe_maps import BEAM, lap
 
-from mqslam.backend.loops.submap import MappedDrive, Passes, TrackedRun
-from mqslam.backend.recognition import recognise as module
-from mqslam.backend.recognition.place_index import PlaceIndex
-from mqslam.backend.recognition.places import PLACE_SPACING_M, describe_places
-from mqslam.backend.recognition.recognise import ROW, Ground, Recognition, recognise
+from mqslam.backend.loops import recognition as module
+from mqslam.backend.loops.passes import MappedDrive, Passes, TrackedRun
+from mqslam.backend.loops.recognition import (
+    PLACE_SPACING_M,
+    ROW,
+    PlaceDatabase,
+    Recognition,
+    describe_places,
+    recognise,
+)
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.execution.local_engine import LocalEngine
@@ -24,13 +29,13 @@ CONFIG = Config()
 
 
 @lru_cache(maxsize=1)
-def first_round() -> Ground:
+def first_round() -> PlaceDatabase:
     """Returns the places of the first round of a block."""
     _, _, keyframes = lap()
     drive = MappedDrive.of(keyframes)
     with LocalEngine(1) as engine:
         table = describe_places(drive, BEAM, engine)
-    return Ground(drive, table.keyframes, PlaceIndex(table.descriptors))
+    return PlaceDatabase.of(drive, table)
 
 
 def elsewhere() -> TrackedRun:
@@ -55,11 +60,11 @@ def test_the_second_round_is_recognised_where_it_is_without_a_guess() -> None:
     matches = [match for row in found.rows for match in row]
     assert len(matches) >= 5 and found.compared >= len(matches)
     for match in matches:
-        off = match.pose - se2.between(keyframes.poses[match.place], poses[match.query])
+        off = match.pose - se2.between(keyframes.poses[match.earlier], poses[match.later])
         assert np.hypot(*off[:2]) < 0.3 and abs(se2.wrap(off[2])) < 0.01
     assert all(len(row) >= ROW for row in found.rows)
     # the first round has no earlier places, so that nothing is recognised of it
-    assert min(drive.travelled[match.query] for match in matches) > 300.0
+    assert min(drive.travelled[match.later] for match in matches) > 300.0
 
 
 def test_fewer_matches_than_a_row_are_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -76,7 +81,7 @@ def test_the_number_of_jobs_changes_nothing() -> None:
     one, two = look_up(drive, queries), look_up(drive, queries, jobs=2)
     assert (one.ambiguous, one.compared) == (two.ambiguous, two.compared)
     rows = [
-        [[(m.query, m.place, *m.pose, *m.covariance.ravel()) for m in row] for row in found.rows] for found in (one, two)
+        [[(m.later, m.earlier, *m.pose, *m.covariance.ravel()) for m in row] for row in found.rows] for found in (one, two)
     ]
     assert rows[0] == rows[1] != []
 
@@ -106,7 +111,7 @@ def test_a_place_that_fits_twice_is_ambiguous() -> None:
     twice = MappedDrive.of(doubled)
     with LocalEngine(1) as engine:
         table = describe_places(twice, BEAM, engine)
-        ground = Ground(twice, table.keyframes, PlaceIndex(table.descriptors))
+        ground = PlaceDatabase.of(twice, table)
         last = drive.travelled[-1]
         queries = pick_spaced(drive.travelled, PLACE_SPACING_M)
         queries = queries[drive.travelled[queries] > last - 90.0]

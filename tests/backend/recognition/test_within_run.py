@@ -10,10 +10,9 @@ from support.chains import chain_of
 from support.keyframe_maps import BEAM, lap
 from support.passes import path
 
-from mqslam.backend.loops.candidates import GATE_M
+from mqslam.backend.loops.closing import GATE_M, find_loops, find_out_of_reach
 from mqslam.backend.loops.passes import LEAST_PATH_M
 from mqslam.backend.problem import Problem
-from mqslam.backend.recognition.within_run import find_loops, find_out_of_reach
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.measurement import LoopSearch, Measurement

@@ -12,9 +12,9 @@ from support.chains import fenced_street
 from support.passes import BEAM, joined
 
 from mqslam.backend.loops import passes
-from mqslam.backend.loops.submap import TrackedRun
+from mqslam.backend.loops.closing import find_loops
+from mqslam.backend.loops.passes import TrackedRun
 from mqslam.backend.problem import Problem
-from mqslam.backend.recognition.within_run import find_loops
 from mqslam.commands.graphs.loop_factors import loop_factors
 from mqslam.commands.work import Work
 from mqslam.config import Config, OdometryConfig, SensorConfig

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.backend.loops.passes import MATCHED
 from mqslam.backend.loops.rigid import ANY_TIME, minimise_rigidly, move_rigidly, place_rigidly
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
@@ -23,7 +24,7 @@ from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.estimator import PsiEvaluation, Scale
 from mqslam.psi.scoring.neighbours import mark_near
-from mqslam.psi.scoring.references import References, evaluate_against
+from mqslam.psi.scoring.references import References, evaluate_against, make_references
 
 # The next best pose must score worse than the best one by at least this factor.
 RIVAL: Final = 1.1
@@ -31,6 +32,10 @@ RIVAL: Final = 1.1
 _BEYOND_M = 1.0
 # An alignment may end this far in yaw [rad] outside the searched region and still counts.
 _BEYOND_RAD = 0.05
+# A submap with fewer returns than this is not compared.
+_FEWEST = 300
+# Largest standard deviation of a loop's position [m].
+_SURE_M = 0.3
 
 TOLERANCES: Final = np.array([1e-3, 1e-3, 2e-5])
 """A step [m, m, rad] smaller than this ends the minimiser: a numerical tolerance."""
@@ -38,7 +43,7 @@ TOLERANCES: Final = np.array([1e-3, 1e-3, 2e-5])
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """Where one submap lies in the other.
+    """The registration of one submap, the query, on another one, the reference.
 
     Args:
         pose: (3,) of the query's frame in the reference's.
@@ -143,17 +148,50 @@ def score_at_pose(references: References, query: PointSet, pose: se2.Array, conf
     return score_among(references, move_rigidly(query, pose), config).psi / len(query)
 
 
-def score_among(references: References, points: PointSet, config: EstimatorConfig) -> PsiEvaluation:
-    """Returns the score of points among references whatever their times, at the annealing's last widths."""
-    return _score(references, points, final_scale(config), config)
+def score_among(
+    references: References, points: PointSet, config: EstimatorConfig, scale: Scale | None = None
+) -> PsiEvaluation:
+    """Returns the score of points among references whatever their times, at the annealing's last widths or those given."""
+    return evaluate_against(points, references, scale or final_scale(config), kernel_of(config, ANY_TIME))
 
 
 def observes_all(references: References, points: PointSet, config: EstimatorConfig) -> bool:
     """Returns whether references hold every direction in which points can move, at the annealing's first widths."""
-    wide = _score(references, points, annealed_scale(config, 0), config)
-    return len(find_weak_directions(wide, 3)) == 0
+    return len(find_weak_directions(score_among(references, points, config, annealed_scale(config, 0)), 3)) == 0
 
 
-def _score(references: References, points: PointSet, scale: Scale, config: EstimatorConfig) -> PsiEvaluation:
-    """Returns the score of points among references whatever their times."""
-    return evaluate_against(points, references, scale, kernel_of(config, ANY_TIME))
+def does_match(alignment: Alignment, matched: float) -> bool:
+    """Returns whether two passes hold every direction and lie on each other well enough.
+
+    Args:
+        alignment: of the two passes.
+        matched: least share of the later pass's returns that must lie on the earlier pass.
+    """
+    return alignment.observed and alignment.matched >= matched
+
+
+def is_unrivalled(alignment: Alignment, matched: float) -> bool:
+    """Returns whether two passes match, and fit nowhere else as well; the arguments are those of `does_match`."""
+    return does_match(alignment, matched) and alignment.psi * RIVAL <= alignment.rival
+
+
+def align_passes(
+    earlier: PointSet, later: PointSet, guess: se2.Array, reach: tuple[float, float], estimator: EstimatorConfig
+) -> Alignment | None:
+    """Registers the submap of a later pass on that of an earlier one by psi.
+
+    Args:
+        earlier: submap in its own frame.
+        later: submap in its own frame.
+        guess: (3,) pose of the later frame in the earlier one [m, m, rad].
+        reach: how far the guess may be off in position [m] and in yaw [rad].
+        estimator: settings of the score.
+
+    Returns:
+        None where a submap holds too few returns, the two do not match, or the pose is too uncertain.
+    """
+    if len(earlier) < _FEWEST or len(later) < _FEWEST:
+        return None
+    alignment = align(make_references(earlier), later, guess, reach, estimator)
+    sigmas = np.sqrt(np.diag(alignment.covariance))
+    return alignment if does_match(alignment, MATCHED) and max(sigmas[0], sigmas[1]) <= _SURE_M else None

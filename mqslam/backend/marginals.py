@@ -1,17 +1,17 @@
-"""Covariances of an optimised graph: what is known of those of its poses, and that of one pose in the frame of another."""
+"""Covariances of an optimised graph: of its poses, and of one pose in the frame of another."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
+from typing import Final, Protocol
 
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.backend.linear.marginal_recursion import UNDETERMINED, Derivative, Elimination
+from mqslam.backend.elimination import UNDETERMINED, Derivative, Elimination
 from mqslam.backend.pose_graph import PoseGraph, pose_of
 from mqslam.core import se2
 from mqslam.errors import EstimationError, describe_error, raise_interrupt
@@ -153,3 +153,69 @@ def _differentiate_motion(a: int, b: int, motion: se2.Array, widths: Mapping[int
     x, y, yaw = motion
     by_both = (a, -se2.adjoint([-x, -y, 0.0])), (b, se2.adjoint([0.0, 0.0, yaw]))
     return tuple((key, block if widths[key] == 3 else block @ _PLANAR) for key, block in by_both)
+
+
+class RelativeCovariances(Protocol):
+    """The covariances of pairs of poses of a trajectory."""
+
+    def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64] | None:
+        """Computes the covariance of the second pose of each pair relative to the first.
+
+        Args:
+            pairs: numbers of K pairs of poses.
+
+        Returns:
+            (K, 3, 3) covariances in the frame of the second pose [m, m, rad]; None where they cannot be computed.
+        """
+
+
+@dataclass(frozen=True)
+class GraphCovariances:
+    """The relative covariances of a trajectory whose graph is known: exact.
+
+    Args:
+        graph: the graph that the trajectory optimises.
+        values: the optimum.
+        numbers: (S,) number of each pose in the graph.
+        poses: (S, 3).
+    """
+
+    graph: PoseGraph
+    values: gtsam.Values
+    numbers: Sequence[int]
+    poses: se2.Array
+
+    def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64] | None:
+        """Computes the covariances of pairs of poses by the graph, as `RelativeCovariances` says."""
+        inside = [(self.numbers[a], self.numbers[b]) for a, b in pairs]
+        try:
+            covariances = Uncertainty(self.graph, self.values).relate(inside)
+        except EstimationError:
+            return None
+        yaws = [float(self.poses[a, 2] - self.poses[b, 2]) for a, b in pairs]
+        turned = [se2.rotate_covariance(c, yaw) for c, yaw in zip(covariances, yaws, strict=True)]
+        return np.array(turned).reshape(-1, 3, 3)
+
+
+@dataclass(frozen=True)
+class SingleCovariances:
+    """The relative covariances of a trajectory of which only the covariance of every single pose is known: too large.
+
+    What two poses have in common is not known then, and their errors are taken as independent. In truth both have grown
+    from the same first pose, and their difference is smaller: a trajectory is never held to know more than it says.
+
+    Args:
+        covariances: (S, 3, 3) in the poses' own frames [m, m, rad].
+        poses: (S, 3).
+    """
+
+    covariances: NDArray[np.float64]
+    poses: se2.Array
+
+    def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
+        """Computes the largest covariances that the single poses leave, as `RelativeCovariances` says."""
+        related = []
+        for a, b in pairs:
+            lever = se2.adjoint(se2.between(self.poses[b], self.poses[a]))
+            related.append(self.covariances[b] + lever @ self.covariances[a] @ lever.T)
+        return np.array(related).reshape(-1, 3, 3)

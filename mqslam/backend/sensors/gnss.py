@@ -11,10 +11,17 @@ import numpy as np
 from gtsam.symbol_shorthand import E, X
 from numpy.typing import NDArray
 
-from mqslam.backend.sensors.gnss.alignment import align, is_mirrored, measure_residual, measure_stretch
-from mqslam.backend.sensors.gnss.antenna import Antenna, estimate_antenna
-from mqslam.backend.sensors.gnss.fix_clock import find_fix_delay
-from mqslam.backend.sensors.gnss.fix_noise import FixNoise, measure_fix_noise
+from mqslam.backend.sensors.gnss_errors import (
+    Antenna,
+    FixNoise,
+    align,
+    estimate_antenna,
+    find_fix_delay,
+    is_mirrored,
+    measure_fix_noise,
+    measure_residual,
+    measure_stretch,
+)
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.sensors import KNOWN_S, Fixes, Georeference, TangentPlane, describe_offset

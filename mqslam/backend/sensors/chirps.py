@@ -15,8 +15,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.backend.sensors.odometry.odometry_calibration import Calibration, Design, fit
-from mqslam.backend.sensors.odometry.odometry_edges import spread_common
+from mqslam.backend.sensors.calibration import Calibration, Design, fit
+from mqslam.backend.sensors.odometry import spread_common
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.statistics import MEDIAN_OF_CHI2

@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.backend.sensors.odometry.odometry_calibration import (
+from mqslam.backend.sensors.calibration import (
     AT_ORIGIN,
     DELAY_S,
     FEWEST,
@@ -29,8 +29,9 @@ from mqslam.backend.sensors.odometry.odometry_calibration import (
     Design,
     differentiate_motions,
     fit,
+    measure_disagreement,
+    measure_noise,
 )
-from mqslam.backend.sensors.odometry.odometry_noise import measure_disagreement, measure_noise
 from mqslam.config import OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
