@@ -8,12 +8,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.backend.sensors.calibration import FEWEST_MOTIONS, SCALE_TOLERANCE, TOLD_SIGMAS
 from mqslam.backend.sensors.gyroscope import (
     DELAY_TOLERANCE_S,
-    FEWEST_MOTIONS,
     LONGEST_DELAY_S,
-    SCALE_TOLERANCE,
-    TOLD_SIGMAS,
     Rotation,
     Turns,
     calibrate,

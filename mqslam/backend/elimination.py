@@ -16,7 +16,7 @@ where every pose takes the solution of a linear system of its own.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Final, NamedTuple
 
@@ -32,234 +32,6 @@ Derivative = tuple[tuple[int, _Array], ...]  # of three numbers by variables: th
 UNDETERMINED: Final = "the graph leaves a direction undetermined"  # why covariances are not known
 # numerical tolerance, which changes no result that is exact
 _LAST_DIGITS: Final = 8.0 * float(np.finfo(np.float64).eps)  # relative change of numbers that shows their rounding errors
-
-
-class _Conditional(NamedTuple):
-    """A variable x given others x_s: own x + others x_s is noise of unit variance, but for a constant.
-
-    Args:
-        given: numbers of the other variables, increasing; all are eliminated later.
-        own: (d, d) upper triangular.
-        others: (d, w).
-    """
-
-    given: tuple[int, ...]
-    own: _Array
-    others: _Array
-
-
-class _Root(NamedTuple):
-    """A square root of the joint covariance of some variables.
-
-    Args:
-        variables: their numbers.
-        factor: (k, k) L, where L L^T is the covariance.
-    """
-
-    variables: tuple[int, ...]
-    factor: _Array
-
-
-class Elimination:
-    """A linearised graph of any variables, which are eliminated one after the other.
-
-    Args:
-        linear: the linearised graph.
-        values: where it was linearised.
-        last: key of the variable that is eliminated last.
-        noise: changes the last digits of all numbers; None leaves them as they are.
-
-    Raises:
-        EstimationError: the graph does not determine all its variables.
-    """
-
-    def __init__(
-        self,
-        linear: gtsam.GaussianFactorGraph,
-        values: gtsam.Values,
-        last: int,
-        noise: np.random.Generator | None = None,
-    ) -> None:
-        order = gtsam.Ordering.ColamdConstrainedLastGaussianFactorGraph(linear, [last])
-        keys = [order.at(k) for k in range(order.size())]
-        zeros = values.zeroVectors()
-        self._numbers = {key: number for number, key in enumerate(keys)}
-        self._widths = [len(zeros.at(key)) for key in keys]
-        self._noise = noise
-        digits = 0.0 if noise is None else _LAST_DIGITS
-        system = _list_blocks(linear, self._numbers)
-        determined, done = eliminate(np.array(self._widths), system, noise or np.random.default_rng(0), digits)
-        if determined < len(keys):
-            raise EstimationError(UNDETERMINED)
-        self._conditionals = list(_list_conditionals(done))
-
-    def compute_marginals(self, poses: Sequence[int]) -> _Array:
-        """Returns the covariances (K, 3, 3) of poses, given their keys."""
-        covariances = _Substitution(self._widths, self._noise).substitute(self._conditionals)
-        return np.array([covariances[self._numbers[pose]] for pose in poses])
-
-    def project(self, derivatives: Sequence[Derivative]) -> _Array:
-        """Returns the covariances (K, 3, 3) of K functions of the variables, given their derivatives.
-
-        The eliminated system says R x = noise of unit variance, so that the covariance of D x is that of D R^-1 noise. Only
-        the variables on the ways from those of D to the last one take part.
-        """
-        begins = np.concatenate([[0], np.cumsum(self._widths)])
-        blocks = [(begins[self._numbers[key]], block) for derivative in derivatives for key, block in derivative]
-        columns = np.concatenate([np.arange(begin, begin + block.shape[1]) for begin, block in blocks])
-        sizes = [sum(block.shape[1] for _, block in derivative) for derivative in derivatives]
-        ends = np.concatenate([[0], np.cumsum(sizes)])
-        covariances: _Array = project_all(*self._triangle, ends, columns, np.concatenate([block.T for _, block in blocks]))
-        return covariances
-
-    @cached_property
-    def _triangle(self) -> tuple[NDArray[np.int64], NDArray[np.int64], _Array]:
-        """R row by row: where each row begins, and the columns and entries of all, the diagonal one first."""
-        begins = np.concatenate([[0], np.cumsum(self._widths)])
-        columns, entries, counts = [], [], [0]
-        for variable, conditional in enumerate(self._conditionals):
-            tied = (variable, *conditional.given)
-            places = np.concatenate([np.arange(begins[one], begins[one + 1]) for one in tied])
-            rows = np.hstack([conditional.own, conditional.others])
-            for i, row in enumerate(rows):
-                columns.append(places[i:])
-                entries.append(row[i:])
-                counts.append(len(row) - i)
-        return np.cumsum(counts), np.concatenate(columns), np.concatenate(entries)
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def project_all(
-    begins: NDArray[np.int64],
-    columns: NDArray[np.int64],
-    entries: NDArray[np.float64],
-    ends: NDArray[np.int64],
-    places: NDArray[np.int64],
-    blocks: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Returns the covariances (K, 3, 3) of K functions D x of the solution of R x = noise of unit variance.
-
-    That of each is Y^T Y, where R^T Y = D^T. A row of Y is complete once those above it are, and zero rows cost nothing.
-
-    Args:
-        begins: (n + 1,) where each row of the upper triangular R begins, and where the last one ends.
-        columns: (m,) columns of the entries of R.
-        entries: (m,) entries row by row, that of the diagonal first.
-        ends: (K + 1,) where the rows of each function's D^T begin among the blocks, and where the last ones end.
-        places: (r,) rows of D^T that are not zero.
-        blocks: (r, 3) their entries.
-    """
-    covariances = np.zeros((len(ends) - 1, 3, 3))
-    right = np.zeros((len(begins) - 1, 3))
-    for k in range(len(ends) - 1):
-        first = len(right)
-        for j in range(ends[k], ends[k + 1]):
-            right[places[j]] += blocks[j]
-            first = min(first, places[j])
-        for i in range(first, len(right)):
-            if right[i, 0] == 0.0 and right[i, 1] == 0.0 and right[i, 2] == 0.0:
-                continue
-            own = entries[begins[i]]
-            y = right[i, 0] / own, right[i, 1] / own, right[i, 2] / own
-            for e in range(begins[i] + 1, begins[i + 1]):
-                for p in range(3):
-                    right[columns[e], p] -= entries[e] * y[p]
-            for p in range(3):
-                right[i, p] = 0.0
-                for q in range(3):
-                    covariances[k, p, q] += y[p] * y[q]
-    return covariances
-
-
-def _list_blocks(linear: gtsam.GaussianFactorGraph, numbers: dict[int, int]) -> Blocks:
-    """Returns the rows of all factors."""
-    variables, rows, entries = list[list[int]](), list[int](), list[_Array]()
-    for k in range(linear.size()):
-        factor = linear.at(k)
-        jacobian, _ = factor.jacobian()
-        variables.append([numbers[key] for key in factor.keys()])
-        rows.append(len(jacobian))
-        entries.append(jacobian.ravel())
-    return Blocks(
-        np.concatenate([np.array(some) for some in variables]),
-        np.cumsum([0, *map(len, variables)]),
-        np.array(rows),
-        np.concatenate(entries),
-        np.cumsum([0, *map(len, entries)]),
-    )
-
-
-def _list_conditionals(done: Blocks) -> Iterable[_Conditional]:
-    """Yields every variable given some that are eliminated later."""
-    for k, width in enumerate(done.rows.tolist()):
-        tied = done.variables[done.variable_begins[k] : done.variable_begins[k + 1]].tolist()
-        rows = done.entries[done.entry_begins[k] : done.entry_begins[k + 1]].reshape(width, -1)
-        yield _Conditional(tuple(tied[1:]), rows[:, :width], rows[:, width:])
-
-
-class _Substitution:
-    """The way back from the last variable to the first.
-
-    Args:
-        widths: number of components of every variable.
-        noise: changes the last digits of all numbers; None leaves them as they are.
-    """
-
-    def __init__(self, widths: Sequence[int], noise: np.random.Generator | None) -> None:
-        self._widths = widths
-        self._noise = noise
-
-    def substitute(self, conditionals: Sequence[_Conditional]) -> list[_Array]:
-        """Returns the covariance (d, d) of every variable.
-
-        The joint covariance of a variable and those it is given is held only while variables that need it are left.
-
-        Args:
-            conditionals: every variable given some later ones.
-        """
-        following: list[list[int]] = [[] for _ in conditionals]
-        waiting = []
-        for variable, conditional in enumerate(conditionals):
-            if conditional.given:
-                following[conditional.given[0]].append(variable)
-            else:
-                waiting.append((variable, _Root((), np.empty((0, 0)))))
-        covariances = [np.empty((0, 0))] * len(conditionals)
-        while waiting:
-            variable, known = waiting.pop()
-            joint = self._extend(known, variable, conditionals[variable])
-            own = joint.factor[: self._widths[variable]]
-            covariance = own @ own.T
-            covariances[variable] = 0.5 * (covariance + covariance.T)
-            waiting += [(one, joint) for one in following[variable]]
-        return covariances
-
-    def _extend(self, known: _Root, variable: int, conditional: _Conditional) -> _Root:
-        """Returns a square root of the joint covariance of a variable and those it is given, which are among the known."""
-        width, places = self._widths[variable], self._find_places(known.variables)
-        rows = [row for given in conditional.given for row in places[given]]
-        given = self._triangulate(known.factor[rows].T).T
-        inverse = np.linalg.inv(conditional.own)
-        factor = np.zeros((width + len(rows), width + given.shape[1]))
-        factor[:width, :width] = inverse
-        factor[:width, width:] = -(inverse @ conditional.others) @ given
-        factor[width:, width:] = given
-        return _Root((variable, *conditional.given), factor)
-
-    def _find_places(self, variables: Sequence[int]) -> dict[int, range]:
-        """Returns the places of every variable's components where they follow each other."""
-        places, end = {}, 0
-        for variable in variables:
-            begin, end = end, end + self._widths[variable]
-            places[variable] = range(begin, end)
-        return places
-
-    def _triangulate(self, entries: _Array) -> _Array:
-        """Returns an upper triangular matrix with the same square R^T R; small rows lose no digits to large ones."""
-        if self._noise is not None:
-            entries = entries * (1.0 + _LAST_DIGITS * self._noise.standard_normal(entries.shape))
-        triangle: _Array = triangulate(np.ascontiguousarray(entries))
-        return triangle
 
 
 class Blocks(NamedTuple):
@@ -461,3 +233,179 @@ def _append(flat: NDArray[np.float64], used: int, more: NDArray[np.float64]) -> 
         flat = larger
     flat[used : used + len(more)] = more
     return flat
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def project_all(
+    begins: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    entries: NDArray[np.float64],
+    ends: NDArray[np.int64],
+    places: NDArray[np.int64],
+    blocks: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Returns the covariances (K, 3, 3) of K functions D x of the solution of R x = noise of unit variance.
+
+    That of each is Y^T Y, where R^T Y = D^T. A row of Y is complete once those above it are, and zero rows cost nothing.
+
+    Args:
+        begins: (n + 1,) where each row of the upper triangular R begins, and where the last one ends.
+        columns: (m,) columns of the entries of R.
+        entries: (m,) entries row by row, that of the diagonal first.
+        ends: (K + 1,) where the rows of each function's D^T begin among the blocks, and where the last ones end.
+        places: (r,) rows of D^T that are not zero.
+        blocks: (r, 3) their entries.
+    """
+    covariances = np.zeros((len(ends) - 1, 3, 3))
+    right = np.zeros((len(begins) - 1, 3))
+    for k in range(len(ends) - 1):
+        first = len(right)
+        for j in range(ends[k], ends[k + 1]):
+            right[places[j]] += blocks[j]
+            first = min(first, places[j])
+        for i in range(first, len(right)):
+            if right[i, 0] == 0.0 and right[i, 1] == 0.0 and right[i, 2] == 0.0:
+                continue
+            own = entries[begins[i]]
+            y = right[i, 0] / own, right[i, 1] / own, right[i, 2] / own
+            for e in range(begins[i] + 1, begins[i + 1]):
+                for p in range(3):
+                    right[columns[e], p] -= entries[e] * y[p]
+            for p in range(3):
+                right[i, p] = 0.0
+                for q in range(3):
+                    covariances[k, p, q] += y[p] * y[q]
+    return covariances
+
+
+class _Conditional(NamedTuple):
+    """A variable x given others x_s: own x + others x_s is noise of unit variance, but for a constant.
+
+    Args:
+        given: numbers of the other variables, increasing; all are eliminated later.
+        own: (d, d) upper triangular.
+        others: (d, w).
+    """
+
+    given: tuple[int, ...]
+    own: _Array
+    others: _Array
+
+
+class Elimination:
+    """A linearised graph of any variables, which are eliminated one after the other.
+
+    Args:
+        linear: the linearised graph.
+        values: where it was linearised.
+        last: key of the variable that is eliminated last.
+        noise: changes the last digits of all numbers; None leaves them as they are.
+
+    Raises:
+        EstimationError: the graph does not determine all its variables.
+    """
+
+    def __init__(
+        self,
+        linear: gtsam.GaussianFactorGraph,
+        values: gtsam.Values,
+        last: int,
+        noise: np.random.Generator | None = None,
+    ) -> None:
+        order = gtsam.Ordering.ColamdConstrainedLastGaussianFactorGraph(linear, [last])
+        keys = [order.at(k) for k in range(order.size())]
+        zeros = values.zeroVectors()
+        self._numbers = {key: number for number, key in enumerate(keys)}
+        self._widths = [len(zeros.at(key)) for key in keys]
+        self._noise = noise
+        digits = 0.0 if noise is None else _LAST_DIGITS
+        system = _list_blocks(linear, self._numbers)
+        determined, done = eliminate(np.array(self._widths), system, noise or np.random.default_rng(0), digits)
+        if determined < len(keys):
+            raise EstimationError(UNDETERMINED)
+        self._conditionals = list[_Conditional]()
+        for k, width in enumerate(done.rows.tolist()):
+            tied = done.variables[done.variable_begins[k] : done.variable_begins[k + 1]].tolist()
+            rows = done.entries[done.entry_begins[k] : done.entry_begins[k + 1]].reshape(width, -1)
+            self._conditionals.append(_Conditional(tuple(tied[1:]), rows[:, :width], rows[:, width:]))
+
+    def compute_marginals(self, poses: Sequence[int]) -> _Array:
+        """Returns the covariances (K, 3, 3) of poses, given their keys.
+
+        They are computed from the last variable back to the first. A square root of the joint covariance of a variable and
+        those it is given is held only while variables that need it are left.
+        """
+        following: list[list[int]] = [[] for _ in self._conditionals]
+        waiting = list[tuple[int, tuple[int, ...], _Array]]()  # a variable, and those whose joint square root is known
+        for variable, conditional in enumerate(self._conditionals):
+            if conditional.given:
+                following[conditional.given[0]].append(variable)
+            else:
+                waiting.append((variable, (), np.empty((0, 0))))
+        covariances = dict[int, _Array]()
+        while waiting:
+            variable, known, root = waiting.pop()
+            joint = self._extend(known, root, variable)
+            own = joint[: self._widths[variable]]
+            covariance = own @ own.T
+            covariances[variable] = 0.5 * (covariance + covariance.T)
+            waiting += [(one, (variable, *self._conditionals[variable].given), joint) for one in following[variable]]
+        return np.array([covariances[self._numbers[pose]] for pose in poses])
+
+    def _extend(self, known: tuple[int, ...], root: _Array, variable: int) -> _Array:
+        """Returns a square root of the joint covariance of a variable and those it is given, which are among the known."""
+        conditional, width = self._conditionals[variable], self._widths[variable]
+        ends = np.cumsum([0, *(self._widths[one] for one in known)])
+        places = {one: range(begin, end) for one, begin, end in zip(known, ends[:-1], ends[1:], strict=True)}
+        rows = root[[row for one in conditional.given for row in places[one]]].T
+        if self._noise is not None:
+            rows = rows * (1.0 + _LAST_DIGITS * self._noise.standard_normal(rows.shape))
+        given = triangulate(np.ascontiguousarray(rows)).T
+        inverse = np.linalg.inv(conditional.own)
+        joint = np.zeros((width + given.shape[0], width + given.shape[1]))
+        joint[:width, :width] = inverse
+        joint[:width, width:] = -(inverse @ conditional.others) @ given
+        joint[width:, width:] = given
+        return joint
+
+    def project(self, derivatives: Sequence[Derivative]) -> _Array:
+        """Returns the covariances (K, 3, 3) of K functions of the variables, given their derivatives.
+
+        The eliminated system says R x = noise of unit variance, so that the covariance of D x is that of D R^-1 noise. Only
+        the variables on the ways from those of D to the last one take part.
+        """
+        begins = np.concatenate([[0], np.cumsum(self._widths)])
+        blocks = [(begins[self._numbers[key]], block) for derivative in derivatives for key, block in derivative]
+        columns = np.concatenate([np.arange(begin, begin + block.shape[1]) for begin, block in blocks])
+        sizes = [sum(block.shape[1] for _, block in derivative) for derivative in derivatives]
+        ends = np.concatenate([[0], np.cumsum(sizes)])
+        covariances: _Array = project_all(*self._triangle, ends, columns, np.concatenate([block.T for _, block in blocks]))
+        return covariances
+
+    @cached_property
+    def _triangle(self) -> tuple[NDArray[np.int64], NDArray[np.int64], _Array]:
+        """R row by row: where each row begins, and the columns and entries of all, the diagonal one first."""
+        begins = np.concatenate([[0], np.cumsum(self._widths)])
+        columns, entries, counts = [], [], [0]
+        for variable, conditional in enumerate(self._conditionals):
+            tied = (variable, *conditional.given)
+            places = np.concatenate([np.arange(begins[one], begins[one + 1]) for one in tied])
+            for i, row in enumerate(np.hstack([conditional.own, conditional.others])):
+                columns.append(places[i:])
+                entries.append(row[i:])
+                counts.append(len(row) - i)
+        return np.cumsum(counts), np.concatenate(columns), np.concatenate(entries)
+
+
+def _list_blocks(linear: gtsam.GaussianFactorGraph, numbers: dict[int, int]) -> Blocks:
+    """Returns the rows of all factors."""
+    factors = [linear.at(k) for k in range(linear.size())]
+    variables = [[numbers[key] for key in factor.keys()] for factor in factors]
+    jacobians = [factor.jacobian()[0] for factor in factors]
+    return Blocks(
+        np.concatenate([np.array(some) for some in variables]),
+        np.cumsum([0, *map(len, variables)]),
+        np.array([len(jacobian) for jacobian in jacobians]),
+        np.concatenate([jacobian.ravel() for jacobian in jacobians]),
+        np.cumsum([0, *(jacobian.size for jacobian in jacobians)]),
+    )

@@ -72,7 +72,7 @@ def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runne
 
 
 def _drop_contrary(name: str, context: Context, measurements: Sequence[Measurement]) -> Trajectory | None:
-    """Returns the odometry that a front end was told; None where it contradicts what the front end found itself."""
+    """Returns the odometry that a front end was given; None where it contradicts what the front end found itself."""
     odometry = context.odometry
     if odometry is None or name == ODOMETRY:
         return odometry

@@ -1,6 +1,6 @@
-"""The refinement: once the loops are closed, every scan of a later pass is laid into the earlier passes around it by psi.
+"""The refinement: once the loops are closed, psi registers every scan of a later pass on earlier ones.
 
-A loop lays one short submap on another, both of them bent as the chain has left them. Here every scan is rendered anew
+A loop registers one short submap on another, both of them bent as the chain has left them. Here every scan is rendered anew
 where the loops have put it, and its pose among the returns of all earlier passes, which are held, becomes a factor to the
 nearest of their scans. The graph is solved again, and the scans are measured once more where they have come to lie.
 
@@ -45,7 +45,7 @@ SAMPLE_M = 20.0
 """Path [m] between the scans at which psi across passes is measured for the summary."""
 # Distance [m] between the scans of two passes that are compared.
 _REACH_M = 25.0
-# Path [m] between the scans of the pass that others are laid into.
+# Path [m] between the scans of the pass that others are registered on.
 _SPACING_M = 2.0
 
 
@@ -242,7 +242,7 @@ def drop_replaced(loops: Sequence[Loop], ties: Sequence[Loop], travelled: NDArra
 
 
 def measure_crossing(setting: _Setting, crossing: Crossing) -> list[Loop]:
-    """Returns the factors of those scans of a crossing's later pass that psi lays into the earlier passes for sure."""
+    """Returns the factors of those scans of a crossing's later pass that psi registers on the earlier passes well enough."""
     drive, beam = setting.drive, setting.beam
     references = render_earlier(drive, crossing, beam)
     tree = cKDTree(drive.poses[crossing.earlier, :2])

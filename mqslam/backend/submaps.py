@@ -21,30 +21,13 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from mqslam.core import se2
-from mqslam.core.measurement import Measurement
+from mqslam.core.measurement import Measurement, Tie
 from mqslam.core.statistics import cut_gross
 
 # Path [m] along which scans are taken to be matched to the same map. After it the map has taken a keyframe more, and is off
 # by as much as a scan may be.
 _SUBMAP_M = 4.0
 _LEAST = np.diag([1e-8, 1e-8, 1e-12])  # numerical: keeps the covariance of an error of zero from being singular
-
-
-@dataclass(frozen=True, slots=True)
-class Placement:
-    """The pose of a scan, or of the next submap, in a submap.
-
-    Args:
-        submap: number of the submap.
-        number: of the scan or of the next submap.
-        pose: (3,) in the submap's frame [m, m, rad].
-        covariance: (3, 3) of it, in the submap's frame.
-    """
-
-    submap: int
-    number: int
-    pose: se2.Array
-    covariance: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +41,8 @@ class Submaps:
     """
 
     first_scans: NDArray[np.int64]
-    placements: Sequence[Placement]
-    ties: Sequence[Placement]
+    placements: Sequence[Tie]
+    ties: Sequence[Tie]
 
 
 def split_into_submaps(measurements: Sequence[Measurement]) -> Submaps:
@@ -72,8 +55,8 @@ def split_into_submaps(measurements: Sequence[Measurement]) -> Submaps:
     """
     errors = _estimate_errors(measurements)
     first_scans: list[int] = []
-    placements: list[Placement] = []
-    ties: list[Placement] = []
+    placements: list[Tie] = []
+    ties: list[Tie] = []
     within = np.zeros(3)  # pose of the scan in the last submap
     for k, covariance in enumerate(errors):
         if covariance is None:
@@ -84,11 +67,11 @@ def split_into_submaps(measurements: Sequence[Measurement]) -> Submaps:
         if motion is None or np.hypot(within[0], within[1]) >= _SUBMAP_M:
             if motion is not None:
                 placed = se2.rotate_covariance(covariance, within[2])
-                ties.append(Placement(len(first_scans) - 1, len(first_scans), within, placed))
+                ties.append(Tie(len(first_scans) - 1, len(first_scans), within, placed))
             first_scans.append(k)
             within = np.zeros(3)
         placed = se2.rotate_covariance(covariance, within[2])
-        placements.append(Placement(len(first_scans) - 1, k, within, placed))
+        placements.append(Tie(len(first_scans) - 1, k, within, placed))
     return Submaps(np.array(first_scans, dtype=np.int64), placements, ties)
 
 
@@ -176,8 +159,8 @@ def _sum_spans(
     forward = se2.chain(m.pose - off for m, off in zip(measurements, half, strict=True))
     backward = se2.chain(m.pose + off for m, off in zip(measurements, half, strict=True))
     alone = np.concatenate([[0], np.cumsum([not np.isfinite(m.apart[0]) for m in measurements])])
-    ties = {tie.submap: tie.covariance for tie in submaps.ties}
-    scans = {placed.number: placed.covariance for placed in submaps.placements}
+    ties = {tie.earlier: tie.covariance for tie in submaps.ties}
+    scans = {placed.later: placed.covariance for placed in submaps.placements}
     by_ties, by_ends, seen = [], [], []
     for begin in range(len(submaps.first_scans) - length):
         first, last = submaps.first_scans[begin], submaps.first_scans[begin + length]

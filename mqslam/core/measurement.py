@@ -56,21 +56,30 @@ class Measurement:
 
 
 @dataclass(frozen=True, slots=True)
-class Loop:
-    """A place passed twice.
+class Tie:
+    """A measured pose of one scan or submap in the frame of an earlier one.
 
     Args:
-        earlier, later: indices of the two scans.
+        earlier, later: numbers of the two.
         pose: (3,) of the later one in the frame of the earlier.
-        covariance: (3, 3) of the pose [m, m, rad].
-        matched: share of the later pass's returns that lie on the earlier one's.
-        psi: score per point of the two passes laid on each other.
+        covariance: (3, 3) of the pose, in the frame of the earlier [m, m, rad].
     """
 
     earlier: int
     later: int
     pose: se2.Array
     covariance: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Loop(Tie):
+    """A place passed twice.
+
+    Args:
+        matched: share of the later pass's returns that lie on the earlier one's.
+        psi: score per point of the two passes registered on each other.
+    """
+
     matched: float
     psi: float
 
@@ -128,7 +137,7 @@ class Refined:
 
     Args:
         loops: the loops that stay in the graph: those whose passes no tie measures.
-        ties: single scans laid into earlier passes, whose factors stand in the place of the other loops.
+        ties: single scans registered on earlier passes, whose factors stand in the place of the other loops.
         psi_before: psi per point across passes before optimisation; None where no place is passed twice.
         psi_loops: the same with the loops, before the refinement.
         psi_across: the same under the final trajectory.

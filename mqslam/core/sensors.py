@@ -12,8 +12,23 @@ from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 
 
+class _Stamped:
+    """Readings over time."""
+
+    __slots__ = ()
+    stamps_us: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.stamps_us)
+
+    @property
+    def rate_hz(self) -> float:
+        """Readings per second: the median over the recording; NaN with fewer than two."""
+        return float(1e6 / np.median(np.diff(self.stamps_us))) if len(self) > 1 else float("nan")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Gyroscope:
+class Gyroscope(_Stamped):
     """Angular rates over time, in the clock and about the axes of the sensor that measured them.
 
     Args:
@@ -27,14 +42,6 @@ class Gyroscope:
     rates: NDArray[np.float64]
     source: str
     own_clock: bool = False
-
-    def __len__(self) -> int:
-        return len(self.stamps_us)
-
-    @property
-    def rate_hz(self) -> float:
-        """Readings per second: the median over the recording; NaN with fewer than two."""
-        return float(1e6 / np.median(np.diff(self.stamps_us))) if len(self) > 1 else float("nan")
 
 
 _LONGEST: Final = 5.0  # a longer time between two readings, in usual ones, is a gap: by definition of a gap
@@ -105,7 +112,7 @@ class KnownTurning:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fixes:
+class Fixes(_Stamped):
     """GNSS fixes over time (WGS 84).
 
     Args:
@@ -127,14 +134,6 @@ class Fixes:
     source: str
     made_truth: bool = False
     own_clock: bool = False
-
-    def __len__(self) -> int:
-        return len(self.stamps_us)
-
-    @property
-    def rate_hz(self) -> float:
-        """Fixes per second: the median over the recording; NaN with fewer than two."""
-        return float(1e6 / np.median(np.diff(self.stamps_us))) if len(self) > 1 else float("nan")
 
 
 _DAY_S: Final = 86_400.0

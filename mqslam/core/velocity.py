@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
@@ -89,12 +89,6 @@ class Velocities:
         """How many scans measured no velocity, by the reason."""
         counts = {outcome: int(np.count_nonzero(self.outcomes == outcome)) for outcome in Outcome}
         return {outcome.reason: count for outcome, count in counts.items() if count and outcome != Outcome.MEASURED}
-
-    def with_doppler_beta(self, doppler_beta: float) -> Velocities:
-        """Returns the velocities that the same shifts of range mean with another shift per closing speed [s]."""
-        gain = self.doppler_beta / doppler_beta
-        velocities, covariances = gain * self.velocities, gain**2 * self.covariances
-        return replace(self, velocities=velocities, covariances=covariances, doppler_beta=doppler_beta)
 
     def at(self, times: Array) -> tuple[Array, Array]:
         """Returns velocities (M, 2) and covariances (M, 2, 2) at times (M,) [s], between the two measured scans around each.

@@ -72,5 +72,5 @@ def _doubt_sensors(summary: Mapping[str, Any], used: Sequence[str]) -> list[str]
     passed = (summary.get("verdict") or {}).get("status") == "pass"
     if not used or passed or before is None or after is None or after <= before:
         return []
-    told = f"psi per point is {before:.4f} by psi's motions alone and {after:.4f} with the sensors"
-    return [f"{told}: they may bend the map; hold it against a run without {' and '.join(used)}"]
+    psi_of_both = f"psi per point is {before:.4f} by psi's motions alone and {after:.4f} with the sensors"
+    return [f"{psi_of_both}: they may bend the map; hold it against a run without {' and '.join(used)}"]

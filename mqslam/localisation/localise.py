@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,20 +179,6 @@ class _LocalisedScans:
         self.tried[part] = self.on_map[part] = False
 
 
-class _Found(NamedTuple):
-    """What looking up some submaps has led to.
-
-    Args:
-        rows: rows of places that agree.
-        looked_up: number of submaps.
-        ambiguous: number of these that fit several places about as well.
-    """
-
-    rows: list[list[Loop]]
-    looked_up: int
-    ambiguous: int
-
-
 def localise(
     scans: Scans, motions: Sequence[Measurement], made: KeyframeMap, estimator: EstimatorConfig, beam: Beam, runner: Runner
 ) -> Localised:
@@ -217,8 +203,9 @@ def localise(
         parts = _look_up(setting, made, runner.engine, wanted)
         found = next(parts, None)
     while found is not None:
-        looked_up, ambiguous = looked_up + found.looked_up, ambiguous + found.ambiguous
-        for row in found.rows:
+        found_rows, *counts = found
+        looked_up, ambiguous = looked_up + counts[0], ambiguous + counts[1]
+        for row in found_rows:
             with runner.time_stage("follow"):
                 if _seed(setting, table, row):
                     rows += 1
@@ -248,8 +235,12 @@ def localise(
     )
 
 
-def _look_up(setting: _Setting, made: KeyframeMap, engine: Engine, wanted: NDArray[np.bool_]) -> Iterator[_Found]:
-    """Yields what looking up some submaps after the other leads to, as long as there are wanted ones.
+def _look_up(
+    setting: _Setting, made: KeyframeMap, engine: Engine, wanted: NDArray[np.bool_]
+) -> Iterator[tuple[list[list[Loop]], int, int]]:
+    """Yields the rows of places that some submaps after the other show, as long as there are wanted ones.
+
+    Beside the rows it yields how many submaps were looked up, and how many of these fit several places about as well.
 
     The last submaps of each part are looked up again in the next one, so that a row that reaches into it is found.
 
@@ -267,7 +258,7 @@ def _look_up(setting: _Setting, made: KeyframeMap, engine: Engine, wanted: NDArr
         fresh = part if begin == 0 else part[ROW - 1 :]
         if wanted[fresh].any():
             found = recognise(setting.drive, part, database, None, setting.estimator, setting.beam, engine)
-            yield _Found(found.rows, len(fresh), len(set(found.ambiguous) & set(fresh.tolist())))
+            yield found.rows, len(fresh), len(set(found.ambiguous) & set(fresh.tolist()))
 
 
 def _seed(setting: _Setting, table: _LocalisedScans, row: Sequence[Loop]) -> bool:

@@ -11,7 +11,7 @@ from mqslam.backend.pose_graph import PoseGraph
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
 from mqslam.factors.between import prior
-from mqslam.merging.recognition import Relation, find_heaviest, find_relation
+from mqslam.merging.sessions import Relation, find_heaviest, find_relation
 
 COUNT = 60
 HERE, THERE = np.array([30.0, -4.0, 0.7]), np.array([42.0, -4.0, 0.7])  # two poses of the later drive's frame

@@ -61,8 +61,8 @@ _PASSES = 1
 # Once a pair of passes is compared, no pair is compared whose earlier scan lies within LEAST_PATH_M of this pair's, and
 # whose later scan lies within that path divided by this.
 _TRIED_FACTOR = 20.0
-# A loop stays if psi of its two passes in the optimised map is at most this many times as large as with the passes laid on
-# each other.
+# A loop stays if psi of its two passes in the optimised map is at most this many times as large as with the passes
+# registered on each other.
 _KEPT = 1.1
 ROUNDS = 2
 """Number of searches; each starts from the trajectory that the loops found before have corrected."""

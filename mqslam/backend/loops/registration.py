@@ -144,7 +144,7 @@ def _pick_rivals(
 
 
 def score_at_pose(references: References, query: PointSet, pose: se2.Array, config: EstimatorConfig) -> float:
-    """Returns psi per point of the query laid into another submap at a pose (3,)."""
+    """Returns psi per point of the query at a pose (3,) in another submap."""
     return score_among(references, move_rigidly(query, pose), config).psi / len(query)
 
 

@@ -16,10 +16,11 @@ long spans, a clock that is wrong over short ones.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Generic, NamedTuple, Protocol, TypeVar
 
+import gtsam
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
@@ -27,11 +28,23 @@ from scipy.sparse import csr_array
 
 from mqslam.config import OdometryConfig
 from mqslam.core import se2
-from mqslam.core.measurement import Measurement
+from mqslam.core.measurement import Measurement, Status
 from mqslam.core.statistics import MEDIAN_OF_CHI2, MEDIAN_SPREAD
 
 # With fewer motions than this that psi found itself, odometry is not calibrated, and as good as it states itself.
 FEWEST = 20
+# With fewer motions than this that psi found itself, a gyroscope is not used, and velocities are as good as they state.
+FEWEST_MOTIONS = 40
+# A sensor whose scale is off by more than this factor is of another unit, another Doppler shift or broken, and is not used.
+# Smaller errors of the scale are put right.
+LARGEST_SCALE = 1.25
+# Share of motions in which a calibrated sensor may contradict psi, which is itself wrong in a few, by more than WILD
+# standard deviations.
+MOST_WILD, WILD = 0.1, 3.0
+# A delay, a scale or that both turn the same way is significant from this many standard deviations.
+TOLD_SIGMAS = 5.0
+# A smaller error of the scale is put right without a word.
+SCALE_TOLERANCE = 0.01
 # Longest span [s] over which odometry is compared with psi to find its noise, and the time between two values of its yaw
 # rate's bias.
 SPAN_S = 10.0
@@ -55,6 +68,60 @@ _MOST_KNOTS: Final = 1000  # numerical: the fit's matrices stay small, however l
 _UNKNOWN: Final = 1e6  # numerical: variance of a motion that psi did not find, which then shows nothing
 _AT_ONCE: Final = 64  # numerical: parameters that are solved for at once, which bounds the memory of a long run
 _LEAST_SIGMA: Final = 1e-6  # numerical: settings may state errors of zero
+
+
+class SensorEdges(Protocol):
+    """What a sensor adds to the pose graph."""
+
+    def list_factors(self, chain: se2.Array) -> Iterable[gtsam.NonlinearFactor]:
+        """Returns the factors; `chain` are poses (N, 3) of the scans, whose yaws are right to within half a turn."""
+
+    def insert_into(self, values: gtsam.Values) -> None:
+        """Inserts the sensor's own variables, from which the optimisation begins."""
+
+
+E_co = TypeVar("E_co", bound=SensorEdges, covariant=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Use(Generic[E_co]):
+    """What became of a sensor that was held against the front end's motions.
+
+    Args:
+        source: where its readings come from.
+        statements: what a user should know, in whole sentences; the first one says whether it is used.
+        edges: what it adds to the graph; None where it is not used.
+    """
+
+    source: str
+    statements: tuple[str, ...]
+    edges: E_co | None = None
+
+
+class Motions(NamedTuple):
+    """Motions between scans as arrays.
+
+    Args:
+        poses: (N, 3) [m, m, rad].
+        lasts: (N,) how long each takes [s].
+        variances: (N, 3) of x, y and yaw.
+        converged: (N,) which ones psi found itself.
+    """
+
+    poses: se2.Array
+    lasts: NDArray[np.float64]
+    variances: NDArray[np.float64]
+    converged: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, motions: Sequence[Measurement]) -> Motions:
+        """Returns motions as arrays."""
+        return cls(
+            np.array([motion.pose for motion in motions]).reshape(-1, 3),
+            np.array([motion.t1 - motion.t0 for motion in motions]),
+            np.array([np.diag(motion.covariance) for motion in motions]).reshape(-1, 3),
+            np.array([motion.status is Status.CONVERGED for motion in motions], dtype=np.bool_),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,20 +170,53 @@ def make_design(motions: Sequence[Measurement], span: int, mount: se2.Array = AT
         span: number of motions from a knot of the bias to the next one.
         mount: (3,) pose of the radar on the vehicle, by which the vehicle's motions were carried to it.
     """
-    poses = np.array([motion.pose for motion in motions])
-    lasts = np.array([motion.t1 - motion.t0 for motion in motions])
-    jacobians = np.zeros((len(motions), 3, _COMMON + 2))
-    jacobians[:, :, :_COMMON] = differentiate_motions(poses, lasts, mount)
-    by_bias = _turn_vehicle(poses, lasts, mount)
+    known = Motions.of(motions)
+    # the vehicle turns about its own origin: its travel bends, and the radar swings about the place where it ends
+    arm = known.poses[:, :2] - 0.5 * _find_travel(known.poses, mount) - se2.inverse(mount)[:2]
+    by_bias = np.column_stack([-arm[:, 1] * known.lasts, arm[:, 0] * known.lasts, known.lasts])
     span = max(span, -(-len(motions) // _MOST_KNOTS))
-    at = (np.arange(len(motions)) + 0.5) / span
+    knots_s = np.add.reduceat(known.lasts, np.arange(0, len(motions), span))
+    knots_s = np.maximum(knots_s, span * np.median(known.lasts))  # the last knot is past the end
+    return spread_bias(differentiate_motions(known.poses, known.lasts, mount), by_bias, span, knots_s)
+
+
+def spread_bias(
+    by_common: NDArray[np.float64], by_bias: NDArray[np.float64], span: int, knots_s: NDArray[np.float64]
+) -> Design:
+    """Returns the design of parameters that are common to all motions and of a bias that is interpolated between knots.
+
+    Args:
+        by_common: (N, 3, C) derivatives of the motions by the common parameters.
+        by_bias: (N, 3) derivatives by the bias.
+        span: number of motions from a knot to the next one.
+        knots_s: (K - 1,) time from each knot to the next one [s].
+    """
+    count, common = len(by_common), by_common.shape[2]
+    at = (np.arange(count) + 0.5) / span
     left = at.astype(np.int64)
-    jacobians[:, :, _COMMON] = by_bias * (left + 1 - at)[:, None]
-    jacobians[:, :, _COMMON + 1] = by_bias * (at - left)[:, None]
-    common = np.tile(np.arange(_COMMON), (len(motions), 1))
-    columns = np.column_stack([common, _COMMON + left, _COMMON + left + 1])
-    knots_s = np.add.reduceat(lasts, np.arange(0, len(motions), span))
-    return Design(jacobians, columns, np.maximum(knots_s, span * np.median(lasts)))  # the last knot is past the end
+    sides = np.stack([by_bias * (left + 1 - at)[:, None], by_bias * (at - left)[:, None]], axis=2)
+    columns = np.column_stack([np.tile(np.arange(common), (count, 1)), common + left, common + left + 1])
+    return Design(np.concatenate([by_common, sides], axis=2), columns, knots_s)
+
+
+def make_walking_prior(
+    sigmas: Sequence[float], knots_s: NDArray[np.float64], walk: float, least: float = 0.0
+) -> NDArray[np.float64]:
+    """Returns the information (P, P) about common parameters and a bias that walks from knot to knot.
+
+    Args:
+        sigmas: standard deviations of the C common parameters and of the first bias.
+        knots_s: (K - 1,) time from each knot to the next one [s].
+        walk: standard deviation by which the bias walks in a second.
+        least: variance that is added to that of each step.
+    """
+    common = len(sigmas) - 1
+    information = np.zeros((common + len(knots_s) + 1,) * 2)
+    first = np.arange(common + 1)
+    information[first, first] = 1.0 / np.square(np.maximum(sigmas, _LEAST_SIGMA))
+    for knot, step_s in enumerate(knots_s, start=common):
+        information[knot : knot + 2, knot : knot + 2] += np.array([[1.0, -1.0], [-1.0, 1.0]]) / (walk**2 * step_s + least)
+    return information
 
 
 def differentiate_motions(poses: se2.Array, lasts: NDArray[np.float64], mount: se2.Array) -> NDArray[np.float64]:
@@ -144,15 +244,6 @@ def _find_travel(poses: se2.Array, mount: se2.Array) -> NDArray[np.float64]:
     return se2.transform([0.0, 0.0, -mount[2]], vehicle[:, :2])
 
 
-def _turn_vehicle(poses: se2.Array, lasts: NDArray[np.float64], mount: se2.Array) -> NDArray[np.float64]:
-    """Returns the derivatives (N, 3) of motions of the radar by a bias of the vehicle's yaw rate.
-
-    The vehicle turns about its own origin: its travel bends, and the radar swings about the place where it ends.
-    """
-    arm = poses[:, :2] - 0.5 * _find_travel(poses, mount) - se2.inverse(mount)[:2]
-    return np.column_stack([-arm[:, 1] * lasts, arm[:, 0] * lasts, lasts])
-
-
 def make_prior_information(design: Design, stated: OdometryConfig, *, mounted: bool = False) -> NDArray[np.float64]:
     """Returns the information (P, P) that is stated about the parameters, which are zero as far as is known.
 
@@ -164,13 +255,7 @@ def make_prior_information(design: Design, stated: OdometryConfig, *, mounted: b
     place_m = SIGMA_MOUNT_M if mounted else MOUNT_M
     turned = SIGMA_MOUNT_RAD if mounted else stated.sigma_travel
     sigmas = [stated.sigma_travel, DELAY_S, place_m, place_m, turned, stated.sigma_yaw_rate]
-    information = np.zeros((_COMMON + len(design.knots_s) + 1,) * 2)
-    first = np.arange(_COMMON + 1)
-    information[first, first] = 1.0 / np.square(np.maximum(sigmas, _LEAST_SIGMA))
-    for knot, step_s in enumerate(design.knots_s, start=_COMMON):
-        step = np.array([[1.0, -1.0], [-1.0, 1.0]]) / (_ODOMETRY_BIAS_WALK**2 * step_s)
-        information[knot : knot + 2, knot : knot + 2] += step
-    return information
+    return make_walking_prior(sigmas, design.knots_s, _ODOMETRY_BIAS_WALK)
 
 
 def fit(
@@ -196,7 +281,9 @@ def fit(
     rows = np.repeat(np.arange(len(misses)), design.columns.shape[1])
     for axis in range(3):
         known = np.isfinite(misses[:, axis])
-        band = _correlate(measured[:, axis], np.where(known, noise[:, axis], _UNKNOWN))
+        half = 0.5 * measured[:, axis]
+        shared = np.minimum(half[:-1], half[1:])  # successive misses share a scan
+        band = np.array([measured[:, axis] + np.where(known, noise[:, axis], _UNKNOWN), np.append(-shared, 0.0)])
         entries = design.jacobians[:, axis].ravel(), (rows, design.columns.ravel())
         jacobian = csr_array(entries, shape=(len(misses), len(prior)))
         right += jacobian.T @ solveh_banded(band, np.nan_to_num(misses[:, axis]), lower=True)
@@ -205,13 +292,6 @@ def fit(
             information[:, some] += jacobian.T @ solveh_banded(band, jacobian[:, some].toarray(), lower=True)
     covariance = np.linalg.inv(0.5 * (information + information.T))
     return Calibration(covariance @ right, 0.5 * (covariance + covariance.T))
-
-
-def _correlate(measured: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the covariance of misses as bands (2, N), its diagonal and the one below: successive ones share a scan."""
-    half = 0.5 * measured
-    shared = np.minimum(half[:-1], half[1:])
-    return np.array([measured + noise, np.append(-shared, 0.0)])
 
 
 _FEWEST: Final = 5  # a median of fewer independent spans may be small by chance

@@ -11,6 +11,8 @@ import numpy as np
 from gtsam.symbol_shorthand import E, X
 from numpy.typing import NDArray
 
+from mqslam.backend.pose_graph import pose_of, poses_of
+from mqslam.backend.sensors.calibration import Use
 from mqslam.backend.sensors.gnss_errors import (
     Antenna,
     FixNoise,
@@ -127,7 +129,7 @@ class FixEdges:
     plane: TangentPlane
     origin: se2.Array
 
-    def list_factors(self) -> Iterator[gtsam.NonlinearFactor]:
+    def list_factors(self, chain: se2.Array) -> Iterator[gtsam.NonlinearFactor]:
         """Yields the factor of every fix, from the tangent plane e0 .. at its time to its scan, and of the plane's walk."""
         for j, k, pose in zip(self.knots.tolist(), self.scans.tolist(), self.poses, strict=True):
             yield gnss_position(E(j), X(k), pose, self.noise.white_m)
@@ -141,37 +143,29 @@ class FixEdges:
 
     def find_place(self, values: gtsam.Values) -> Georeference:
         """Returns where an optimised map lies on the Earth: by the mean pose of the tangent plane, which hardly turns."""
-        poses = _take_poses(values, [E(j) for j in range(len(self.walks_m) + 1)])
-        poses[:, 2] = np.unwrap(poses[:, 2])
+        poses = poses_of(values, len(self.walks_m) + 1, E)
         return Georeference(self.plane, se2.inverse(poses.mean(axis=0)))
 
     def count_rejected(self, values: gtsam.Values) -> int:
         """Returns how many fixes lie farther from an optimised trajectory than jumps begin."""
-        planes, scans = (
-            [values.atPose2(key(int(k))) for k in numbers] for key, numbers in ((E, self.knots), (X, self.scans))
+        origins, placed = (
+            np.array([pose_of(values, key(int(k))) for k in numbers]) for key, numbers in ((E, self.knots), (X, self.scans))
         )
-        origins, placed = (np.array([(p.x(), p.y(), p.theta()) for p in poses]) for poses in (planes, scans))
         off = np.hypot(*(se2.between(origins, placed)[:, :2] - self.poses[:, :2]).T)
         return int(np.count_nonzero(off > REACH * self.noise.white_m))
 
 
 @dataclass(frozen=True, slots=True)
-class FixUse:
-    """What became of a GNSS receiver's fixes.
+class FixUse(Use[FixEdges]):
+    """What became of a GNSS receiver's fixes; the first statement says whether they are used once jumps are judged.
 
     Args:
-        source: where they come from.
-        statements: what a user should know, in whole sentences; once jumps are judged, the first says whether they are used.
-        edges: the fixes; None where they are not used.
         antenna: where the antenna sits in the radar's frame, as the fixes say; None where it is known, or they are not used.
         stretch: how many times as far apart the fixes lie as the trajectory has them; None where its scale fits them.
         is_mirrored: whether they fit the mirror image of the trajectory far better, so that they turn the other way.
         mistake: the usual mistake with which they would fit far better, in words; "" where there is none.
     """
 
-    source: str
-    statements: tuple[str, ...]
-    edges: FixEdges | None = None
     antenna: Antenna | None = None
     stretch: float | None = None
     is_mirrored: bool = False
@@ -280,16 +274,16 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
     from_scan = _turn(-chain[scans, :2] + on_map, lies[2])
     poses = np.column_stack([positions - from_scan, se2.wrap(chain[scans, 2] + lies[2])])
     edges = FixEdges(scans, poses, knots, noise, walks_m, plane, se2.inverse(lies))
-    told = []
+    corrections = []
     if delay_s:
-        told.append(f"the clock of the GNSS fixes is {describe_delay(delay_s)}, which is put right")
+        corrections.append(f"the clock of the GNSS fixes is {describe_delay(delay_s)}, which is put right")
     if found is not None and found.significance > _ANTENNA_APART:
         x, y = found.place
-        told.append(
+        corrections.append(
             f"they show that the antenna sits {abs(x):.2f} m {'ahead of' if x >= 0.0 else 'behind'} the radar and "
             f"{abs(y):.2f} m to its {left_or_right(y)} (± {found.sigmas[0]:.2g} m and ± {found.sigmas[1]:.2g} m)"
         )
-    return FixUse(fixes.source, tuple(told), edges, found, stretch, mirrored, mistake)
+    return FixUse(fixes.source, tuple(corrections), edges, found, stretch, mirrored, mistake)
 
 
 def _lay(
@@ -299,12 +293,6 @@ def _lay(
     on_map = sensor[:, :2] + _turn(antenna, sensor[:, 2])
     lies = align(on_map, positions)
     return on_map, lies, positions - se2.transform(lies, on_map)
-
-
-def _take_poses(values: gtsam.Values, keys: Sequence[int]) -> se2.Array:
-    """Returns the poses (N, 3) of keys."""
-    poses = (values.atPose2(key) for key in keys)
-    return np.array([(pose.x(), pose.y(), pose.theta()) for pose in poses])
 
 
 def _turn(points: NDArray[np.float64], yaws: NDArray[np.float64] | float) -> NDArray[np.float64]:

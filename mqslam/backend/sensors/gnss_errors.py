@@ -66,7 +66,7 @@ def align(points: _Array, fixes: _Array) -> se2.Array:
 
 
 def measure_residual(points: _Array, fixes: _Array) -> float:
-    """Measures the median distance [m] between fixes (N, 2) and a trajectory's points (N, 2) that are laid on them."""
+    """Measures the median distance [m] between fixes (N, 2) and a trajectory's points (N, 2) that are aligned with them."""
     return float(np.median(np.hypot(*(fixes - se2.transform(align(points, fixes), points)).T)))
 
 
@@ -163,7 +163,7 @@ def measure_fix_noise(times: _Array, residuals: _Array, stated_m: _Array, longes
 
     Args:
         times: (F,) of the fixes [s], increasing.
-        residuals: (F, 2) from the trajectory that is laid on them [m].
+        residuals: (F, 2) from the trajectory that is aligned with them [m].
         stated_m: (F,) standard deviations that the receiver states, or NaN.
         longest_s: longest time over which means are taken [s].
     """

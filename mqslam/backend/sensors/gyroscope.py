@@ -23,9 +23,21 @@ from gtsam.symbol_shorthand import C, X
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from mqslam.backend.sensors.calibration import Calibration, Design, fit
+from mqslam.backend.sensors.calibration import (
+    FEWEST_MOTIONS,
+    LARGEST_SCALE,
+    MOST_WILD,
+    SCALE_TOLERANCE,
+    TOLD_SIGMAS,
+    WILD,
+    Motions,
+    Use,
+    fit,
+    make_walking_prior,
+    spread_bias,
+)
 from mqslam.core import se2
-from mqslam.core.measurement import Measurement, Status
+from mqslam.core.measurement import Measurement
 from mqslam.core.sensors import Gyroscope, KnownTurning, Turning
 from mqslam.core.statistics import MEDIAN_OF_CHI2, MEDIAN_SPREAD
 from mqslam.core.wording import describe_delay
@@ -40,7 +52,6 @@ _USUAL_DELAY_S = 0.3
 # delays some fit by chance.
 _FAR_CORRELATION = 0.8
 
-_AXES: Final = "xyz"
 _STEP_S: Final = 0.05  # between the delays that are tried [s]; the calibration refines the best one
 
 
@@ -102,7 +113,7 @@ def find_start(gyroscope: Gyroscope, start_us: int, turns: Turns, longest_s: flo
         return None
     steps = int(np.ceil(longest_s / _STEP_S))
     best: Start | None = None
-    for axis, name in enumerate(_AXES):
+    for axis, name in enumerate("xyz"):
         turning = Turning.integrate(gyroscope, start_us, axis)
         for delay_s in _STEP_S * np.arange(-steps, steps + 1):
             found = _correlate(turning.between(turns.begins + delay_s, turns.ends + delay_s), turns)
@@ -281,8 +292,17 @@ def calibrate(gyroscope: Gyroscope, start: Start, turns: Turns, some: slice = sl
         raw = read(delay_s)
         by_delay = (read(delay_s + _NUDGE_S) - read(delay_s - _NUDGE_S)) / (2.0 * _NUDGE_S)
         misses = np.where(turns.known & np.isfinite(by_delay), turns.yaws - raw, np.nan)
-        design = _make_design(raw, by_delay, lasts, KNOT_S)
-        found = _fit(design, misses, turns, noise)
+        span, step_s = max(1, round(KNOT_S / float(np.median(lasts)))), float(np.median(lasts))
+        by_common, by_bias = np.zeros((len(raw), 3, _COMMON)), np.zeros((len(raw), 3))
+        by_common[:, 2], by_bias[:, 2] = np.nan_to_num(np.column_stack([raw, by_delay])), -lasts
+        knots_s = np.full((2 * len(raw) - 1) // (2 * span) + 1, span * step_s)
+        design = spread_bias(by_common, by_bias, span, knots_s)
+        prior = make_walking_prior([SIGMA_SCALE, LONGEST_DELAY_S, SIGMA_BIAS], knots_s, noise.walk, _LEAST)
+        nothing = np.full((len(raw), 2), np.nan)
+        measured, white = np.full((len(raw), 3), _LEAST), np.zeros((len(raw), 3))
+        measured[:, 2] += turns.variances
+        white[:, 2] = noise.white**2 * lasts
+        found = fit(design, np.column_stack([nothing, misses]), measured, white, prior)
         delay_s += float(np.clip(found.parameters[1], -_NUDGE_S, _NUDGE_S))
         by_common = np.sum(design.jacobians[:, 2, :_COMMON] * found.parameters[:_COMMON], axis=1)
         walking = misses - by_common  # the walk of the bias is still in these
@@ -293,39 +313,6 @@ def calibrate(gyroscope: Gyroscope, start: Start, turns: Turns, some: slice = sl
         start.axis, sign, 1.0 + float(found.parameters[0]), float(sigmas[0]), delay_s, float(sigmas[1]), bias, noise
     )
     return Calibrated(rotation, raw, residuals)
-
-
-def _make_design(
-    raw: NDArray[np.float64], by_delay: NDArray[np.float64], lasts: NDArray[np.float64], knot_s: float
-) -> Design:
-    """Returns how scale error, delay and the biases at the knots move the turns (N,) of the gyroscope."""
-    span = max(1, round(knot_s / float(np.median(lasts))))
-    at = (np.arange(len(raw)) + 0.5) / span
-    left = at.astype(np.int64)
-    jacobians = np.zeros((len(raw), 3, _COMMON + 2))
-    jacobians[:, 2] = np.column_stack(
-        [np.nan_to_num(raw), np.nan_to_num(by_delay), -lasts * (left + 1 - at), -lasts * (at - left)]
-    )
-    common = np.tile(np.arange(_COMMON), (len(raw), 1))
-    columns = np.column_stack([common, _COMMON + left, _COMMON + left + 1])
-    return Design(jacobians, columns, np.full(int(left[-1]) + 1, span * float(np.median(lasts))))
-
-
-def _fit(design: Design, misses: NDArray[np.float64], turns: Turns, noise: RateNoise) -> Calibration:
-    """Returns the parameters and what is known of them."""
-    lasts = turns.ends - turns.begins
-    prior = np.zeros((_COMMON + len(design.knots_s) + 1,) * 2)
-    first = np.arange(_COMMON + 1)
-    prior[first, first] = 1.0 / np.square([SIGMA_SCALE, LONGEST_DELAY_S, SIGMA_BIAS])
-    for knot, step_s in enumerate(design.knots_s, start=_COMMON):
-        step = np.array([[1.0, -1.0], [-1.0, 1.0]]) / (noise.walk**2 * step_s + _LEAST)
-        prior[knot : knot + 2, knot : knot + 2] += step
-    unknown = np.full_like(misses, np.nan)
-    measured = np.zeros((len(misses), 3)) + _LEAST
-    measured[:, 2] += turns.variances
-    white = np.zeros((len(misses), 3))
-    white[:, 2] = noise.white**2 * lasts
-    return fit(design, np.column_stack([unknown, unknown, misses]), measured, white, prior)
 
 
 _LEAST_WALK: Final = 1e-8  # numerical: a bias that does not walk at all would tie its variables without error [rad/s]
@@ -381,55 +368,24 @@ class TurnEdges:
             values.insert(C(j), np.array([self.bias, self.scale_error]))
 
 
-# With fewer motions than this that psi found itself, a gyroscope is not calibrated, and not used.
-FEWEST_MOTIONS = 40
-# A gyroscope that turns more than this many times as far as the radar, or as little, is of another unit or broken, and is
-# not used. The scale of smaller errors is put right.
-_LARGEST_SCALE = 1.25
-# Share of motions in which a calibrated gyroscope may contradict psi by more than three standard deviations. Psi itself is
-# wrong in a few.
-_MOST_WILD = 0.1
-# A delay, a scale or that both turn the same way is told by this many standard deviations.
-TOLD_SIGMAS = 5.0
 # A smaller error of the clock is put right without a word [s].
 DELAY_TOLERANCE_S = 0.01
-# A smaller error of the scale is put right and not worth a word.
-SCALE_TOLERANCE = 0.01
 # A gyroscope whose scale the radar does not tell to within this standard deviation is not used: a turn by a right angle
 # would be off by half a degree.
 _LARGEST_SCALE_SIGMA = 0.005
 
-_WILD: Final = 3.0  # standard deviations beyond which a turn disagrees with psi's
 _LEAST_VARIANCE: Final = 1e-14  # numerical: keeps a turn that psi states to be without error from counting as one
 
 
 @dataclass(frozen=True, slots=True)
-class GyroscopeUse:
-    """What became of a gyroscope.
+class GyroscopeUse(Use[TurnEdges]):
+    """What became of a gyroscope; its edges are its turns.
 
     Args:
-        source: where its readings come from.
-        statements: what a user should know, in whole sentences; the first one says whether it is used.
         rotation: how its readings become turns of the radar; None where that could not be found.
-        edges: its turns; None where it is not used.
     """
 
-    source: str
-    statements: tuple[str, ...]
     rotation: Rotation | None = None
-    edges: TurnEdges | None = None
-
-
-def list_turns(motions: Sequence[Measurement], drift: float) -> Turns:
-    """Returns the turns of motions, of which those count that were matched.
-
-    Args:
-        motions: between successive scans.
-        drift: by how much psi's own map turns away in the root of a second [rad].
-    """
-    rows = [(m.t0, m.t1, m.pose[2], m.covariance[2, 2], m.status is Status.CONVERGED) for m in motions]
-    begins, ends, yaws, variances, known = np.array(rows, dtype=np.float64).reshape(-1, 5).T
-    return Turns(begins, ends, yaws, variances + _LEAST_VARIANCE, known.astype(np.bool_), drift)
 
 
 def join_gyroscope(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float) -> GyroscopeUse:
@@ -441,11 +397,13 @@ def join_gyroscope(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measur
         motions: between successive scans, as the front end measured them.
         drift: by how much the front end's map turns away in the root of a second, as the graph states it [rad].
     """
-    turns = list_turns(motions, drift)
+    known = Motions.of(motions)
+    begins, ends = np.array([(m.t0, m.t1) for m in motions], dtype=np.float64).reshape(-1, 2).T
+    turns = Turns(begins, ends, known.poses[:, 2], known.variances[:, 2] + _LEAST_VARIANCE, known.converged, drift)
     start = find_start(gyroscope, start_us, turns, LONGEST_DELAY_S) if len(motions) else None
 
     def refuse(why: str, rotation: Rotation | None = None) -> GyroscopeUse:
-        return GyroscopeUse(gyroscope.source, (f"the gyroscope ({gyroscope.source}) is not used: {why}",), rotation)
+        return GyroscopeUse(gyroscope.source, (f"the gyroscope ({gyroscope.source}) is not used: {why}",), None, rotation)
 
     if len(gyroscope) and not np.ptp(gyroscope.rates, axis=0).any():
         return refuse("its readings never change")
@@ -459,7 +417,7 @@ def join_gyroscope(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measur
     if why is not None:
         return refuse(why, found.rotation)
     statements = (f"the gyroscope ({gyroscope.source}) is used", *_describe_corrections(found.rotation))
-    return GyroscopeUse(gyroscope.source, statements, found.rotation, _make_edges(found, turns))
+    return GyroscopeUse(gyroscope.source, statements, _make_edges(found, turns), found.rotation)
 
 
 def find_turning(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float) -> KnownTurning | None:
@@ -481,7 +439,7 @@ def _find_fault(gyroscope: Gyroscope, start: Start, turns: Turns, found: Calibra
     is_told = rotation.scale > TOLD_SIGMAS * rotation.scale_sigma
     if not is_told or not start.is_convincing():
         return "the radar turned too little, or the gyroscope too differently, to tell that both turn together"
-    if not 1.0 / _LARGEST_SCALE <= rotation.scale <= _LARGEST_SCALE:
+    if not 1.0 / LARGEST_SCALE <= rotation.scale <= LARGEST_SCALE:
         is_degrees = abs(np.rad2deg(rotation.scale) - 1.0) < 0.25
         unit = ", as if it were in degrees per second; convert its rates to rad/s" if is_degrees else ""
         return f"the radar turns {rotation.scale:.3g} times as far as it says{unit}"
@@ -494,8 +452,8 @@ def _find_fault(gyroscope: Gyroscope, start: Start, turns: Turns, found: Calibra
         return f"its clock is {describe_delay(rotation.delay_s)} or more; correct its stamps"
     variances = turns.variances + rotation.noise.white**2 * (turns.ends - turns.begins)
     known = np.isfinite(found.residuals)
-    wild = float(np.mean(found.residuals[known] ** 2 > _WILD**2 * variances[known]))
-    if wild > _MOST_WILD:
+    wild = float(np.mean(found.residuals[known] ** 2 > WILD**2 * variances[known]))
+    if wild > MOST_WILD:
         return f"it contradicts the radar in {wild:.0%} of the motions"
     half = len(turns.yaws) // 2
     first, second = (calibrate(gyroscope, start, turns, part).rotation for part in (slice(half), slice(half, None)))
@@ -530,7 +488,7 @@ def _make_edges(found: Calibrated, turns: Turns) -> TurnEdges:
     rotation, lasts = found.rotation, turns.ends - turns.begins
     white = rotation.noise.white**2 * lasts + _LEAST_VARIANCE
     squares = np.nan_to_num(found.residuals) ** 2
-    wild = squares > _WILD**2 * (turns.variances + white)
+    wild = squares > WILD**2 * (turns.variances + white)
     knots = np.floor((turns.begins - turns.begins[0]) / KNOT_S).astype(np.int64)
     knots = np.unique(knots, return_inverse=True)[1]  # none for times that no motion begins in
     middles = np.bincount(knots, turns.begins + turns.ends) / (2.0 * np.bincount(knots))

@@ -27,6 +27,7 @@ from mqslam.backend.sensors.calibration import (
     SIGMA_MOUNT_RAD,
     SPAN_S,
     Design,
+    Motions,
     differentiate_motions,
     fit,
     measure_disagreement,
@@ -34,7 +35,7 @@ from mqslam.backend.sensors.calibration import (
 )
 from mqslam.config import OdometryConfig
 from mqslam.core import se2
-from mqslam.core.measurement import Measurement, Status
+from mqslam.core.measurement import Measurement
 from mqslam.core.sensors import Mount
 from mqslam.core.wording import left_or_right
 from mqslam.errors import Remedy
@@ -78,17 +79,17 @@ def estimate_mount(
         stated: the errors that odometry states.
         mount: (3,) pose of the radar on the vehicle, by which the motions of odometry were carried to the radar.
     """
-    converged = np.array([motion.status is Status.CONVERGED for motion in measured], dtype=bool)
+    (seen, _, variances, converged), (given, lasts, noise, _) = Motions.of(measured), Motions.of(odometry)
     if not odometry or converged.sum() < FEWEST:
         return None
-    seen, told = (np.array([motion.pose for motion in motions]) for motions in (measured, odometry))
-    lasts = np.array([motion.t1 - motion.t0 for motion in odometry])
-    vehicle = _turn_alike(se2.compose(se2.compose(mount, told), se2.inverse(mount)), seen)
+    variances = variances + _LEAST_VARIANCE
+    twists = se2.log(se2.compose(se2.compose(mount, given), se2.inverse(mount)))
+    twists[:, 2] = seen[:, 2]
+    vehicle = se2.exp(twists)  # turns as the radar does, and its travel bends alike
     span = max(1, min(len(odometry), round(len(odometry) * SPAN_S / max(float(lasts.sum()), 1e-9))))
-    variances = np.array([np.diag(motion.covariance) for motion in measured]) + _LEAST_VARIANCE
-    noise = np.array([np.diag(motion.covariance) for motion in odometry])
     prior = np.diag(1.0 / np.square([max(stated.sigma_travel, _LEAST_VARIANCE), DELAY_S, MOUNT_M, MOUNT_M, np.pi]))
-    pose = np.array([0.0, 0.0, _find_yaw(vehicle[converged], seen[converged])])
+    aside = np.sum((seen[:, 0] * vehicle[:, 1] - seen[:, 1] * vehicle[:, 0])[converged])
+    pose = np.array([0.0, 0.0, np.arctan2(aside, np.sum((vehicle[:, :2] * seen[:, :2])[converged]))])
     for _ in range(_ROUNDS):  # the place and the yaw are not linear in the motions, and those that fit none lose weight
         carried = se2.compose(se2.compose(se2.inverse(pose), vehicle), pose)
         design = Design(differentiate_motions(carried, lasts, pose), np.tile(np.arange(5), (len(vehicle), 1)), np.empty(0))
@@ -106,19 +107,6 @@ def estimate_mount(
     alike = np.array([_COMMON_M, _COMMON_M, _COMMON_RAD])
     pose[2] = se2.wrap(pose[2])
     return MountEstimate(pose, np.hypot(np.sqrt(np.diag(turned)), alike))
-
-
-def _turn_alike(vehicle: se2.Array, seen: se2.Array) -> se2.Array:
-    """Returns motions (N, 3) of the vehicle with the yaws of the radar's (N, 3), and bends their travel alike."""
-    twists = se2.log(vehicle)
-    twists[:, 2] = seen[:, 2]
-    return se2.exp(twists)
-
-
-def _find_yaw(vehicle: se2.Array, seen: se2.Array) -> float:
-    """Returns the yaw [rad] of the radar on the vehicle that turns the travel of one (N, 3) into that of the other best."""
-    turned = np.sum(seen[:, 0] * vehicle[:, 1] - seen[:, 1] * vehicle[:, 0])
-    return float(np.arctan2(turned, np.sum(vehicle[:, :2] * seen[:, :2])))
 
 
 # The radar's place on the vehicle is stated as an estimate if its standard deviation along each axis is smaller than this
@@ -166,10 +154,12 @@ def find_mount(
     estimate = estimate_mount(odometry, measured, stated, AT_ORIGIN if mount is None else mount.pose)
     limits = np.array([_MOUNT_KNOWN_M, _MOUNT_KNOWN_M, _MOUNT_KNOWN_RAD])
     if mount is not None:
-        told = f"the radar sits {_describe_pose(mount.pose)} ({mount.source})"
+        statement = f"the radar sits {_describe_pose(mount.pose)} ({mount.source})"
         contrary = None if estimate is None else _find_contrary(mount, estimate, limits)
         source, unknown = "given" if mount.given else "recording", np.full(3, np.nan)
-        return MountUse(mount.pose, unknown, source, (told,), None if contrary is None else f"{told}, but {contrary}")
+        return MountUse(
+            mount.pose, unknown, source, (statement,), None if contrary is None else f"{statement}, but {contrary}"
+        )
     if estimate is None:
         return None
     known = estimate.sigmas < limits
@@ -196,13 +186,13 @@ def _tell_estimate(pose: se2.Array, sigmas: NDArray[np.float64]) -> str:
         turned = _describe_pose(pose, sigmas)
         return f"odometry says that the radar is {turned}; where it sits cannot be told, since the drive turns too little"
     is_off = bool(np.any(np.abs(pose) > _BEYOND * sigmas))
-    told = f"odometry says that the radar sits {_describe_pose(pose, sigmas) if is_off else _describe_origin(sigmas)}"
+    statement = f"odometry says that the radar sits {_describe_pose(pose, sigmas) if is_off else _describe_origin(sigmas)}"
     if np.isnan(pose[2]):
-        return f"{told}; its yaw cannot be told"
+        return f"{statement}; its yaw cannot be told"
     if not is_off:
-        return told
+        return statement
     x, y, yaw = pose[0], pose[1], np.degrees(pose[2])
-    return f"{told}; {Remedy.GIVE_EXTRINSICS} {x:z.2f},{y:z.2f},{yaw:z.1f} to use it"
+    return f"{statement}; {Remedy.GIVE_EXTRINSICS} {x:z.2f},{y:z.2f},{yaw:z.1f} to use it"
 
 
 def _describe_origin(sigmas: NDArray[np.float64]) -> str:

@@ -16,6 +16,7 @@ from mqslam.backend.sensors.calibration import (
     SPAN_S,
     Calibration,
     Design,
+    Motions,
     fit,
     make_design,
     make_prior_information,
@@ -72,15 +73,15 @@ def find_odometry_fault(
     said = np.subtract(*(np.interp(times, odometry.seconds(start_us), headings) for times in (ends, begins)))
     count = max(1, round(_SPAN_S / float(np.median(ends - begins)))) if len(rows) else 1
     spans = len(rows) // count
-    turned, told = (values[: spans * count].reshape(spans, count).sum(axis=1) for values in (yaws, said))
+    turned, stated_turns = (values[: spans * count].reshape(spans, count).sum(axis=1) for values in (yaws, said))
     least = _BEYOND * stated.sigma_yaw_rate * _SPAN_S
-    contrary, turns = _count_contrary(turned, told, least)
+    contrary, turns = _count_contrary(turned, stated_turns, least)
     if turns < _FEWEST or 2 * contrary <= turns:
         return None
     meant = "they have little in common, as if it were of another drive, another clock or quaternions in another order"
     opposite = False
     for factor, meaning in _MEANINGS.items():
-        off, seen = _count_contrary(turned, factor * told, least)
+        off, seen = _count_contrary(turned, factor * stated_turns, least)
         if seen >= _FEWEST and 2 * off <= seen:
             meant, opposite = meaning, factor < 0.0
             break
@@ -88,10 +89,10 @@ def find_odometry_fault(
     return OdometryFault(f"the odometry is not used: it contradicts the radar {where}; {meant}", opposite)
 
 
-def _count_contrary(turned: NDArray[np.float64], told: NDArray[np.float64], least: float) -> tuple[int, int]:
+def _count_contrary(turned: NDArray[np.float64], stated_turns: NDArray[np.float64], least: float) -> tuple[int, int]:
     """Returns how many turns of the radar (N,) [rad] and of odometry contradict each other, of how many that are turns."""
-    larger = np.maximum(np.abs(turned), np.abs(told))
-    contrary = np.abs(turned - told) > _CONTRARY * larger
+    larger = np.maximum(np.abs(turned), np.abs(stated_turns))
+    contrary = np.abs(turned - stated_turns) > _CONTRARY * larger
     return int(np.count_nonzero(contrary & (larger > least))), int(np.count_nonzero(larger > least))
 
 
@@ -146,13 +147,13 @@ def make_odometry_edges(
         stated: the errors that odometry states.
         mount: by which the motions were carried; None where they were not.
     """
-    converged = np.array([motion.status is Status.CONVERGED for motion in measured], dtype=bool)
     if not odometry:
         return []
+    converged = Motions.of(measured).converged
     lasts = odometry[-1].t1 - odometry[0].t0
     span = max(1, min(len(odometry), round(len(odometry) * SPAN_S / max(lasts, 1e-9))))
     if converged.sum() < FEWEST:
-        own = np.sqrt([np.diag(motion.covariance) for motion in odometry])
+        own = np.sqrt(Motions.of(odometry).variances)
         return _state(odometry, np.zeros_like(own), spread_common(own, converged, span))
     design = make_design(odometry, span, AT_ORIGIN if mount is None else mount.pose)
     prior = make_prior_information(design, stated, mounted=mount is not None)
@@ -170,11 +171,11 @@ def _calibrate(
     span: int,
 ) -> tuple[Calibration, NDArray[np.float64]]:
     """Returns the calibration, and the variances (N, 3) of the noise that it leaves."""
-    misses = np.array([b.pose - a.pose for a, b in zip(odometry, measured, strict=True)])
+    given, seen = Motions.of(odometry), Motions.of(measured)
+    misses = seen.poses - given.poses
     misses[:, 2] = se2.wrap(misses[:, 2])
     misses[~converged] = np.nan
-    variances = np.array([np.diag(motion.covariance) for motion in measured]) + _LEAST_VARIANCE
-    noise = np.array([np.diag(motion.covariance) for motion in odometry])
+    variances, noise = seen.variances + _LEAST_VARIANCE, given.variances
     for _ in range(_ROUNDS):  # motions that fit no calibration lose their weight
         calibration = fit(design, misses, variances, noise, prior)
         residuals = misses - calibration.correct(design)

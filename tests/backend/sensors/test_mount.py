@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.mounted import MountedDrive
 
+from mqslam.backend.sensors import mount as module
 from mqslam.backend.sensors.calibration import FEWEST, make_design
 from mqslam.backend.sensors.mount import MountEstimate, _tell_estimate, estimate_mount, find_mount
 from mqslam.backend.sensors.odometry import make_odometry_edges

@@ -1,10 +1,13 @@
-"""Recognition between sessions: the places of each are searched in each other, which gives their relative pose."""
+"""The sessions of a merge, and how they lie to each other: the places of each are searched in each other."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
 
+import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,14 +20,109 @@ from mqslam.backend.loops.chain import (
     invert_relative,
 )
 from mqslam.backend.loops.recognition import PLACE_SPACING_M, PlaceDatabase, recognise
+from mqslam.backend.pose_graph import pose_of
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
+from mqslam.core.keyframes import KeyframeMap
 from mqslam.core.measurement import Loop
-from mqslam.errors import EstimationError
+from mqslam.errors import DataError, EstimationError
 from mqslam.execution.runner import Runner
+from mqslam.factors.between import CAUCHY, HUBER
+from mqslam.formats.graphs.g2o import list_edges
+from mqslam.formats.graphs.stored_graph import StoredGraph
 from mqslam.mapping.keyframing import pick_spaced
-from mqslam.merging.part import Session
 from mqslam.psi.place import Beam
+
+_OFF_M: Final = 0.01  # by which poses of keyframes and graph may differ [m], which are the same numbers rounded
+_REMEDY: Final = "give the folder of a result as `mqslam run` or `mqslam merge` has written it"
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """One of the results that become one map: its keyframes and its graph, as its files hold them.
+
+    Args:
+        folder: where it is.
+        map: its keyframes and places.
+        stamps_us: of all scans of each of its recordings (N,) [us].
+        graph: its graph; the scans of its recordings are the first vertices, in order.
+        frame: (3,) pose of the graph's frame in that of the keyframes.
+    """
+
+    folder: Path
+    map: KeyframeMap
+    stamps_us: tuple[NDArray[np.int64], ...]
+    graph: StoredGraph
+    frame: se2.Array
+
+    @property
+    def scans(self) -> int:
+        """Number of scans of all its recordings."""
+        return sum(len(stamps) for stamps in self.stamps_us)
+
+    @property
+    def poses(self) -> se2.Array:
+        """Poses (V, 3) of all vertices, in the frame of the keyframes."""
+        poses = np.array([pose_of(self.graph.values, key) for key in self.graph.keys])
+        return se2.compose(self.frame, poses)
+
+
+def make_session(folder: Path, kept: KeyframeMap, stamps_us: Sequence[NDArray[np.int64]], graph: StoredGraph) -> Session:
+    """Makes a session of what the files of a result hold.
+
+    Args:
+        folder: the result, for messages.
+        kept: its keyframes and places.
+        stamps_us: of all scans of each of its recordings (N,) [us].
+        graph: its graph.
+
+    Raises:
+        DataError: the files do not fit together.
+    """
+    keyframes, count = kept.keyframes, sum(len(stamps) for stamps in stamps_us)
+    if not len(keyframes):
+        raise DataError(folder, "holds a map without keyframes", "give a result of a recording that shows something")
+    if len(stamps_us) != len(keyframes.recordings):
+        problem = f"has {len(keyframes.recordings)} recordings in its keyframes and {len(stamps_us)} trajectories"
+        raise DataError(folder, problem, _REMEDY)
+    if graph.keys != tuple(range(len(graph.keys))) or len(graph.keys) < count:
+        problem = f"holds {len(graph.keys)} poses, and its trajectories have {count} scans"
+        raise DataError(folder / "graph.g2o", problem, _REMEDY)
+    if not (keyframes.scans < count).all():
+        raise DataError(folder / "keyframes", "names scans that graph.g2o does not have", _REMEDY)
+    try:
+        vertices = np.array([pose_of(graph.values, int(key)) for key in keyframes.scans])
+    except RuntimeError as error:
+        raise DataError(folder / "graph.g2o", "is no graph in the plane", _REMEDY) from error
+    frame = se2.compose(keyframes.poses[0], se2.inverse(vertices[0]))
+    off = se2.compose(frame, vertices) - keyframes.poses
+    if np.hypot(off[:, 0], off[:, 1]).max() > _OFF_M:
+        raise DataError(folder, "has keyframes that do not lie where its graph.g2o has them", _REMEDY)
+    return Session(folder, kept, tuple(stamps_us), graph, frame)
+
+
+def list_factors(session: Session, keys: Sequence[int]) -> list[gtsam.BetweenFactorPose2]:
+    """Returns the edges of a session under other keys, with the losses that a run gives them, which its file lacks.
+
+    Edges between scans that do not follow each other are loops; all others are motions.
+
+    Args:
+        session: the session.
+        keys: (V,) key of each of its vertices.
+    """
+    ends = np.cumsum([len(stamps) for stamps in session.stamps_us])
+    huber = gtsam.noiseModel.mEstimator.Huber.Create(HUBER)
+    cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(CAUCHY)
+    factors = []
+    for edge in list_edges(session.graph.factors):
+        a, b = edge.keys()
+        motion = edge.measured()
+        assert isinstance(motion, gtsam.Pose2)  # `make_session` has looked
+        is_loop = max(a, b) < session.scans and (abs(a - b) > 1 or max(a, b) in ends)
+        noise = gtsam.noiseModel.Robust.Create(cauchy if is_loop else huber, edge.noiseModel())
+        factors.append(gtsam.BetweenFactorPose2(keys[a], keys[b], motion, noise))
+    return factors
+
 
 # Least number of matches of places that must agree on how two recordings lie to each other.
 _FEWEST = 5
@@ -111,10 +209,10 @@ def _compare_rows(rows: Sequence[Row], earlier: Chain, later: Chain) -> NDArray[
 
 @dataclass(frozen=True, slots=True)
 class Recognition:
-    """What recognition says about two parts.
+    """What recognition says about two sessions.
 
     Args:
-        earlier, later: numbers of the parts.
+        earlier, later: numbers of the sessions.
         rows: number of rows of matches.
         matches: number of matches in them.
         ambiguous: number of submaps that match several places.
@@ -132,13 +230,13 @@ class Recognition:
 
 
 def introduce(
-    parts: Sequence[Session], chains: Sequence[Chain], estimator: EstimatorConfig, beam: Beam, runner: Runner
+    sessions: Sequence[Session], chains: Sequence[Chain], estimator: EstimatorConfig, beam: Beam, runner: Runner
 ) -> list[Recognition]:
-    """Looks each part up in every part before it."""
+    """Looks each session up in every session before it."""
     recognitions = []
-    pairs = [(a, b) for b in range(len(parts)) for a in range(b)]
+    pairs = [(a, b) for b in range(len(sessions)) for a in range(b)]
     for a, b in runner.follow("recognise", pairs, len(pairs)):
-        places, drive = parts[a].map.places, chains[b].drive
+        places, drive = sessions[a].map.places, chains[b].drive
         database = PlaceDatabase.of(chains[a].drive, places)
         queries = pick_spaced(drive.travelled, PLACE_SPACING_M)
         found = recognise(drive, queries, database, None, estimator, beam, runner.engine)
@@ -149,23 +247,23 @@ def introduce(
 
 
 def lay_out(
-    parts: Sequence[Session], chains: Sequence[Chain], recognitions: Sequence[Recognition]
+    sessions: Sequence[Session], chains: Sequence[Chain], recognitions: Sequence[Recognition]
 ) -> tuple[list[se2.Array], list[Loop]]:
-    """Lays the parts on each other, at each step the one of which the most matches agree.
+    """Lays the sessions on each other, at each step the one of which the most matches agree.
 
     Returns:
-        the pose (3,) of the frame of each part in that of the first one, and links between keyframes of all parts.
+        the pose (3,) of the frame of each session in that of the first one, and links between keyframes of all sessions.
 
     Raises:
-        EstimationError: a part shares no place with the others.
+        EstimationError: a session shares no place with the others.
     """
-    firsts = np.cumsum([0, *(len(part.map.keyframes) for part in parts)])
+    firsts = np.cumsum([0, *(len(session.map.keyframes) for session in sessions)])
     frames: dict[int, se2.Array] = {0: np.zeros(3)}
     links = list[Loop]()
-    while len(frames) < len(parts):
+    while len(frames) < len(sessions):
         usable = [m for m in recognitions if m.relation.matches and (m.earlier in frames) != (m.later in frames)]
         if not usable:
-            raise _explain(parts, set(frames), recognitions)
+            raise _explain(sessions, set(frames), recognitions)
         best = max(usable, key=lambda m: m.relation.agreeing)
         a, b = best.earlier, best.later
         poses = chains[a].drive.poses, chains[b].drive.poses
@@ -180,7 +278,7 @@ def lay_out(
         links += [
             Loop(int(firsts[a]) + m.earlier, int(firsts[b]) + m.later, m.pose, m.covariance, m.matched, m.psi) for m in found
         ]
-    return [frames[n] for n in range(len(parts))], links
+    return [frames[n] for n in range(len(sessions))], links
 
 
 def _find_middle(recognition: Recognition, lies: se2.Array, poses: se2.Array) -> int:
@@ -191,11 +289,11 @@ def _find_middle(recognition: Recognition, lies: se2.Array, poses: se2.Array) ->
     return int(np.argmin(off))
 
 
-def _explain(parts: Sequence[Session], joined: set[int], recognitions: Sequence[Recognition]) -> EstimationError:
-    """Returns the error that says why a part could not be joined."""
-    apart = [n for n in range(len(parts)) if n not in joined]
+def _explain(sessions: Sequence[Session], joined: set[int], recognitions: Sequence[Recognition]) -> EstimationError:
+    """Returns the error that says why a session could not be joined."""
+    apart = [n for n in range(len(sessions)) if n not in joined]
     own = [m for m in recognitions if (m.earlier in joined) != (m.later in joined)]
-    names = ", ".join(str(parts[n].folder) for n in apart)
+    names = ", ".join(str(sessions[n].folder) for n in apart)
     ambiguous, matches = sum(m.ambiguous for m in own), sum(m.matches for m in own)
     rivals = max((m.relation.rivals for m in own), default=0)
     why = "no place of it is recognised in the others" if not matches else f"only {matches} matches of places were found"

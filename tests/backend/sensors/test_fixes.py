@@ -74,14 +74,17 @@ def joined(receiver: Receiver, scans: int = 800, turned: float = 0.0) -> FixUse:
 
 def judged(use: FixUse, scans: int = 800, turned: float = 0.0) -> FixUse:
     """Returns the use after its jumps were judged in the graph."""
-    problem = Problem(measured(scans, turned), [], fixes=use.edges)
-    return use.judge_jumps(problem.optimise([])[1].values)
+    return use.judge_jumps(problem_with(use, scans, turned).optimise([])[1].values)
+
+
+def problem_with(use: FixUse | None, scans: int, turned: float) -> Problem:
+    """Returns the drive's motions with the fixes, if they are used."""
+    return Problem(measured(scans, turned), [], {"gnss": use.edges} if use is not None and use.edges is not None else {})
 
 
 def off_m(use: FixUse | None, scans: int, turned: float) -> float:
     """Returns how far the optimised poses are from the true ones, root mean square, once they are laid on each other [m]."""
-    edges = None if use is None else use.edges
-    poses = Problem(measured(scans, turned), [], fixes=edges).solve_poses([])
+    poses = problem_with(use, scans, turned).solve_poses([])
     true = true_poses(scans)
     return float(
         np.sqrt(np.mean(np.sum((true[:, :2] - se2.transform(align(poses[:, :2], true[:, :2]), poses[:, :2])) ** 2, 1)))
@@ -104,7 +107,7 @@ def test_the_trajectory_hardly_depends_on_where_the_values_of_the_wandering_erro
     assert edges is not None
     half = int(np.count_nonzero(edges.knots == 1)) // 2
     later = replace(edges, knots=np.concatenate([edges.knots[half:], edges.knots[-half:]]))
-    track, moved = (Problem(motions, [], fixes=use).solve_poses([])[:, :2] for use in (edges, later))
+    track, moved = (Problem(motions, [], sensors={"gnss": use}).solve_poses([])[:, :2] for use in (edges, later))
     turn, _ = Rotation.align_vectors(*(np.pad(xy - xy.mean(axis=0), ((0, 0), (0, 1))) for xy in (track, moved)))
     laid = turn.apply(np.pad(moved - moved.mean(axis=0), ((0, 0), (0, 1))))[:, :2] + track.mean(axis=0)
     assert np.sqrt(np.mean(np.sum((laid - track) ** 2, axis=1))) < 0.05
@@ -128,7 +131,7 @@ def test_a_trajectory_that_drifts_is_of_no_wrong_scale(turned: float) -> None:
 def test_jumps_are_rejected_and_counted() -> None:
     use = joined(Receiver(jump_m=25.0))
     assert use.edges is not None
-    _, optimum = Problem(measured(800), [], fixes=use.edges).optimise([])
+    _, optimum = Problem(measured(800), [], sensors={"gnss": use.edges}).optimise([])
     jumps = use.edges.count_rejected(optimum.values)
     assert jumps == pytest.approx(30, abs=4)  # five jumps of six fixes each
     assert f"of which {jumps} are jumps and hardly count" in judged(use).statements[0]

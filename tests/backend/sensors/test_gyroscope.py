@@ -1,4 +1,4 @@
-"""A gyroscope that agrees with psi joins the graph, a wrong one is put right and said, or refused and said."""
+"""A gyroscope that agrees with psi joins the graph; a wrong one is put right and said, or refused and said."""
 
 from __future__ import annotations
 
@@ -7,11 +7,39 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from support.bends import DRIFT, START_US, TURN_S, Unit, measured, read, yaw_at
 
-from mqslam.backend.sensors.gyroscope import GyroscopeUse, join_gyroscope
+from mqslam.backend.sensors.gyroscope import (
+    GyroscopeUse,
+    compute_allan_variances,
+    find_turning,
+    join_gyroscope,
+    measure_rate_noise,
+)
 from mqslam.core.measurement import Status
 from mqslam.core.sensors import Gyroscope
+
+
+@pytest.mark.parametrize(
+    "unit", [Unit(), Unit(late_s=0.2), Unit(scale=1.05), Unit(scale=-1.0), Unit(axes=(2, 0, 1)), Unit(bias=-0.03)]
+)
+def test_the_turn_is_the_radars_whatever_is_wrong_all_the_time(unit: Unit) -> None:
+    turning = find_turning(read(unit, 200.0), START_US, measured(800), DRIFT)
+    assert turning is not None
+    begins = np.arange(5.0, 190.0, 7.3)
+    told = np.array([turning.mean_rate(t, t + 0.25) for t in begins])
+    np.testing.assert_allclose(told, (yaw_at(begins + 0.25) - yaw_at(begins)) / 0.25, atol=6e-3)
+
+
+def test_nothing_is_told_of_times_without_readings_nor_of_none() -> None:
+    turning = find_turning(read(Unit(), 200.0), START_US, measured(800), DRIFT)
+    assert turning is not None
+    assert np.isnan(turning.mean_rate(500.0, 500.25)) and np.isnan(turning.mean_rate(10.0, 10.0))
+
+
+def test_a_gyroscope_that_contradicts_the_radar_tells_nothing() -> None:
+    assert find_turning(read(Unit(wild=0.5), 200.0), START_US, measured(800), DRIFT) is None
 
 
 def joined(unit: Unit, scans: int = 800) -> GyroscopeUse:
@@ -124,3 +152,61 @@ def test_motions_that_psi_did_not_find_say_nothing_of_the_gyroscope() -> None:
         motions[k] = replace(motions[k], pose=np.array([2.0, 0.0, 0.3]), status=Status.LOST)
     use = join_gyroscope(read(Unit(), 200.0), START_US, motions, DRIFT)
     assert use.edges is not None and use.edges.count == 799
+
+
+STEP_S = 0.25
+
+
+def residuals(count: int, pose: float, white: float, walk: float, seed: int) -> NDArray[np.float64]:
+    """Returns what psi turns more than a gyroscope whose noise is known."""
+    rng = np.random.default_rng(seed)
+    poses = np.diff(rng.normal(0.0, pose, count + 1))
+    bias = np.cumsum(rng.normal(0.0, walk * np.sqrt(STEP_S), count))
+    return np.asarray(poses + rng.normal(0.0, white * np.sqrt(STEP_S), count) + STEP_S * bias)
+
+
+def quiet(count: int, white: float = 0.0) -> Gyroscope:
+    """Returns readings at 100 Hz of a gyroscope at rest."""
+    rates = np.random.default_rng(3).normal(0.0, white * 10.0, (count, 3))
+    return Gyroscope(10_000 * np.arange(count), rates, "imu.csv")
+
+
+def test_variances_are_those_of_their_definition() -> None:
+    angles, times = np.random.default_rng(1).normal(size=200), STEP_S * np.arange(201)
+    taus, variances, counts = compute_allan_variances(angles, times)
+    assert taus.tolist() == [STEP_S * 2**k for k in range(len(taus))]
+    sums = np.concatenate([[0.0], np.cumsum(angles)])
+    for tau, variance, count in zip(taus, variances, counts, strict=True):
+        n = round(tau / STEP_S)
+        rates = (sums[n:] - sums[:-n]) / tau
+        apart = rates[n:] - rates[:-n]
+        assert variance == pytest.approx(np.median(apart**2) / 0.4549 / 2.0)
+        assert count == len(apart) / (2 * n)
+
+
+def test_times_across_unknown_turns_do_not_count() -> None:
+    angles = np.zeros(100)
+    angles[50] = np.nan
+    taus, variances, counts = compute_allan_variances(angles, STEP_S * np.arange(101))
+    assert counts[0] == (99 - 2) / 2 and not variances.any() and len(taus) > 1
+
+
+@pytest.mark.parametrize(("white", "walk"), [(1e-3, 1e-4), (3e-4, 1e-5), (1e-4, 3e-4)])
+def test_white_noise_and_the_walk_of_the_bias_are_told_apart(white: float, walk: float) -> None:
+    times = STEP_S * np.arange(4001)
+    measured = [
+        measure_rate_noise(quiet(100), 2, residuals(4000, 6e-4, white, walk, seed), times, 0.0, 1.0) for seed in range(12)
+    ]
+    assert np.median([noise.white for noise in measured]) == pytest.approx(white, rel=0.5)
+    largest = max(walk, 3e-5)  # a smaller walk hides behind white noise for a quarter of an hour
+    assert walk < np.median([noise.walk for noise in measured]) < 2.5 * largest
+
+
+def test_the_drift_of_the_map_is_not_the_gyroscopes() -> None:
+    times, angles = STEP_S * np.arange(4001), residuals(4000, 6e-4, 5e-4, 1e-5, 1)
+    assert measure_rate_noise(quiet(100), 2, angles, times, 5e-4, 1.0).white < 2e-4
+    assert measure_rate_noise(quiet(1000, 1e-3), 2, angles, times, 5e-4, 1.0).white == pytest.approx(1e-3, rel=0.15)
+
+
+def test_a_recording_too_short_to_show_a_walk_is_taken_to_have_the_largest() -> None:
+    assert measure_rate_noise(quiet(100), 2, np.zeros(5), STEP_S * np.arange(6), 0.0, 0.002).walk == 0.002
