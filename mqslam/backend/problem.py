@@ -93,7 +93,8 @@ class Problem(GraphProblem):
             scan: returns the key of a scan by its number.
             submap: returns the key of a submap by its number.
         """
-        ends = [(submap(p.earlier), scan(p.later), p) for p in self.submaps.placements]
+        ends: list[tuple[int, int, Tie | Measurement]] = []
+        ends += [(submap(p.earlier), scan(p.later), p) for p in self.submaps.placements]
         ends += [(submap(t.earlier), submap(t.later), t) for t in self.submaps.ties]
         ends += [(scan(k), scan(k + 1), m) for k, m in [*self._list_apart(), *enumerate(self.odometry)]]
         return [psi_between(a, b, stated.pose, stated.covariance) for a, b, stated in ends]

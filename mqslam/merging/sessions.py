@@ -11,14 +11,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.backend.loops.chain import (
-    LARGEST_CHI_SQUARE,
-    Chain,
-    as_relative,
-    compose_relatives,
-    compute_chi_square,
-    invert_relative,
-)
+from mqslam.backend.loops.chain import Chain, do_agree
 from mqslam.backend.loops.recognition import PLACE_SPACING_M, PlaceDatabase, recognise
 from mqslam.backend.pose_graph import pose_of
 from mqslam.config import EstimatorConfig
@@ -199,11 +192,9 @@ def _compare_rows(rows: Sequence[Row], earlier: Chain, later: Chain) -> NDArray[
     pairs = [(i, k) for i in range(len(rows)) for k in range(i + 1, len(rows))]
     before = earlier.relate([(middles[i].earlier, middles[k].earlier) for i, k in pairs])
     after = later.relate([(middles[i].later, middles[k].later) for i, k in pairs])
-    said = [as_relative(match) for match in middles]
     agree = np.eye(len(rows), dtype=bool)
     for (i, k), one, other in zip(pairs, before, after, strict=True):
-        expected = compose_relatives(compose_relatives(invert_relative(one), said[i]), other)
-        agree[i, k] = agree[k, i] = compute_chi_square(expected, said[k]) <= LARGEST_CHI_SQUARE
+        agree[i, k] = agree[k, i] = do_agree(middles[i], middles[k], one, other)
     return agree
 
 

@@ -169,10 +169,21 @@ def _find_disagreements(loops: Sequence[Loop], chain: Chain, least_path_m: float
     disagree = np.zeros((len(loops), len(loops)), dtype=bool)
     for i, k in neighbours:
         earlier, later = (along[pair] for pair in _ends(loops[i], loops[k]))
-        expected = compose_relatives(compose_relatives(invert_relative(earlier), as_relative(loops[i])), later)
-        if compute_chi_square(expected, as_relative(loops[k])) > LARGEST_CHI_SQUARE:
-            disagree[i, k] = disagree[k, i] = True
+        disagree[i, k] = disagree[k, i] = not do_agree(loops[i], loops[k], earlier, later)
     return disagree
+
+
+def do_agree(one: Loop, other: Loop, earlier: Relative, later: Relative) -> bool:
+    """Returns whether the way over one loop and along both paths leads where another loop does.
+
+    Args:
+        one: a loop.
+        other: another loop.
+        earlier: the earlier scan of the other loop in the frame of that of the first.
+        later: the same of the later scans.
+    """
+    expected = compose_relatives(compose_relatives(invert_relative(earlier), as_relative(one)), later)
+    return compute_chi_square(expected, as_relative(other)) <= LARGEST_CHI_SQUARE
 
 
 def _find_neighbours(loops: Sequence[Loop], travelled: NDArray[np.float64], least_path_m: float) -> list[tuple[int, int]]:

@@ -171,24 +171,21 @@ class FixUse(Use[FixEdges]):
     is_mirrored: bool = False
     mistake: str = ""
 
-    @classmethod
-    def refuse(
-        cls, source: str, why: str, stretch: float | None = None, *, is_mirrored: bool = False, mistake: str = ""
-    ) -> FixUse:
-        """Returns that fixes are not used, and why."""
-        scaled = ""
-        if stretch is not None:
-            scaled = (
-                f"; they lie {stretch:.3g} times as far apart as the trajectory has them, so that not they but the length "
-                f"of a range bin may be wrong: {Remedy.GIVE_RANGE_RESOLUTION}"
+    def refuse(self, why: str) -> FixUse:
+        """Returns that the fixes are not used, and why."""
+        hint = ""
+        if self.stretch is not None:
+            hint = (
+                f"; they lie {self.stretch:.3g} times as far apart as the trajectory has them, so that not they but the "
+                f"length of a range bin may be wrong: {Remedy.GIVE_RANGE_RESOLUTION}"
             )
-        if is_mirrored:
+        if self.is_mirrored:
             swapped = "as where latitude and longitude are in each other's place"
-            scaled = f"; they fit the mirror image of the trajectory: they are mirrored, {swapped}, or {MIRRORED}"
-        if mistake:
-            scaled = f"; {mistake}"
-        statement = f"the GNSS fixes ({source}) are not used: {why}{scaled}"
-        return cls(source, (statement,), stretch=stretch, is_mirrored=is_mirrored, mistake=mistake)
+            hint = f"; they fit the mirror image of the trajectory: they are mirrored, {swapped}, or {MIRRORED}"
+        if self.mistake:
+            hint = f"; {self.mistake}"
+        statement = f"the GNSS fixes ({self.source}) are not used: {why}{hint}"
+        return replace(self, statements=(statement,), edges=None, antenna=None)
 
     def judge_jumps(self, values: gtsam.Values) -> FixUse:
         """Returns the use with how many fixes are jumps in an optimised graph; too many of them contradict the radar."""
@@ -197,7 +194,7 @@ class FixUse(Use[FixEdges]):
         number, jumps = len(self.edges.scans), self.edges.count_rejected(values)
         if jumps > _MOST_JUMPS * number:
             why = f"{jumps} of {number} contradict the radar's motion, wherever the map lies"
-            return FixUse.refuse(self.source, why, self.stretch, is_mirrored=self.is_mirrored, mistake=self.mistake)
+            return self.refuse(why)
         said = f"the GNSS fixes ({self.source}) are used, {number} of them"
         rejected = "1 is a jump and hardly counts" if jumps == 1 else f"{jumps} are jumps and hardly count"
         counted = f"{said}, of which {rejected}" if jumps else said
@@ -218,39 +215,35 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
         motions: between successive scans, as the front end measured them.
         antenna: (2,) where the antenna is in the radar's frame [m], or None.
     """
-
-    def refuse(why: str, stretch: float | None = None) -> FixUse:
-        return FixUse.refuse(fixes.source, why, stretch, is_mirrored=mirrored, mistake=mistake)
-
-    mirrored, mistake = False, ""
+    use = FixUse(fixes.source, ())
     if not motions or not len(fixes):
-        return refuse("there is no motion that they could be held against" if not motions else "there are none")
+        return use.refuse("there is no motion that they could be held against" if not motions else "there are none")
     chain, starts = se2.chain(m.pose for m in motions), np.array([*(m.t0 for m in motions), motions[-1].t1])
     times: NDArray[np.float64] = np.asarray((fixes.stamps_us - start_us) * 1e-6)
     plane = TangentPlane.at_middle(fixes)
     positions = plane.project(fixes.latitudes, fixes.longitudes)
-    mistake = find_mistake(fixes, times, starts, chain)
+    use = replace(use, mistake=find_mistake(fixes, times, starts, chain))
     there = (starts[0] <= times) & (times <= starts[-1])
-    if not mistake and np.count_nonzero(there) >= FEWEST:
-        mirrored = is_mirrored(se2.interpolate(starts, chain, times[there])[:, :2], positions[there])
+    if not use.mistake and np.count_nonzero(there) >= FEWEST:
+        own = se2.interpolate(starts, chain, times[there])[:, :2]
+        use = replace(use, is_mirrored=is_mirrored(own, positions[there]))
     delay_s = find_fix_delay(times, positions, starts, chain, _LONGEST_DELAY_S)
     if fixes.own_clock and not delay_s:
-        return refuse("their clock is not that of the radar, and the drive does not show by how much it is off")
+        return use.refuse("their clock is not that of the radar, and the drive does not show by how much it is off")
     times = times - delay_s
     inside = (starts[0] <= times) & (times <= starts[-1])
     if np.count_nonzero(inside) < FEWEST:
-        return refuse(f"{np.count_nonzero(inside)} of them lie within the recording, and {FEWEST} are needed")
+        return use.refuse(f"{np.count_nonzero(inside)} of them lie within the recording, and {FEWEST} are needed")
     times, positions = times[inside], positions[inside]
     sensor = se2.interpolate(starts, chain, times)
     on_map, lies, residuals = _lay(sensor, np.zeros(2) if antenna is None else antenna, positions)
-    stretch = measure_stretch(on_map, positions)
+    use = replace(use, stretch=measure_stretch(on_map, positions))
     usual_m, path_m = float(np.median(np.hypot(*residuals.T))), float(se2.step_lengths(chain).sum())
     spread_m = float(np.hypot(*np.ptp(on_map, axis=0)))
     if usual_m > LARGEST_SHARE * path_m or spread_m < LEAST_SPREAD * usual_m:
-        return refuse(
+        return use.refuse(
             f"half of them lie more than {usual_m:.1f} m from the trajectory, whose path is {path_m:.0f} m long and "
-            f"spreads over {spread_m:.0f} m",
-            stretch,
+            f"spreads over {spread_m:.0f} m"
         )
     noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside], _ALIKE_S)
     found: Antenna | None = None
@@ -261,10 +254,9 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
                 on_map, lies, residuals = _lay(sensor, found.place, positions)
                 noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside], _ALIKE_S)
     if noise.walk_m > _LARGEST_WALK_M:
-        return refuse(
+        return use.refuse(
             f"they wander about the trajectory by {noise.walk_m:.1f} m in a second, so that they are of another drive, or "
-            "their clock is not that of the recording",
-            stretch,
+            "their clock is not that of the recording"
         )
     knot_s = max(_FIXES_OF_KNOT * float(np.median(np.diff(times))), float(np.median(np.diff(starts))))
     knots = np.unique(np.floor(times / knot_s), return_inverse=True)[1]  # none for times without a fix
@@ -283,7 +275,7 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
             f"they show that the antenna sits {abs(x):.2f} m {'ahead of' if x >= 0.0 else 'behind'} the radar and "
             f"{abs(y):.2f} m to its {left_or_right(y)} (± {found.sigmas[0]:.2g} m and ± {found.sigmas[1]:.2g} m)"
         )
-    return FixUse(fixes.source, tuple(corrections), edges, found, stretch, mirrored, mistake)
+    return replace(use, statements=tuple(corrections), edges=edges, antenna=found)
 
 
 def _lay(

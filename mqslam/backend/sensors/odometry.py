@@ -14,8 +14,6 @@ from mqslam.backend.sensors.calibration import (
     AT_ORIGIN,
     FEWEST,
     SPAN_S,
-    Calibration,
-    Design,
     Motions,
     fit,
     make_design,
@@ -149,29 +147,14 @@ def make_odometry_edges(
     """
     if not odometry:
         return []
-    converged = Motions.of(measured).converged
-    lasts = odometry[-1].t1 - odometry[0].t0
+    given, seen = Motions.of(odometry), Motions.of(measured)
+    converged, lasts = seen.converged, odometry[-1].t1 - odometry[0].t0
     span = max(1, min(len(odometry), round(len(odometry) * SPAN_S / max(lasts, 1e-9))))
     if converged.sum() < FEWEST:
-        own = np.sqrt(Motions.of(odometry).variances)
+        own = np.sqrt(given.variances)
         return _state(odometry, np.zeros_like(own), spread_common(own, converged, span))
     design = make_design(odometry, span, AT_ORIGIN if mount is None else mount.pose)
     prior = make_prior_information(design, stated, mounted=mount is not None)
-    calibration, noise = _calibrate(odometry, measured, converged, design, prior, span)
-    common = spread_common(calibration.list_sigmas(design), converged, span)
-    return _state(odometry, calibration.correct(design), noise + common)
-
-
-def _calibrate(
-    odometry: Sequence[Measurement],
-    measured: Sequence[Measurement],
-    converged: NDArray[np.bool_],
-    design: Design,
-    prior: NDArray[np.float64],
-    span: int,
-) -> tuple[Calibration, NDArray[np.float64]]:
-    """Returns the calibration, and the variances (N, 3) of the noise that it leaves."""
-    given, seen = Motions.of(odometry), Motions.of(measured)
     misses = seen.poses - given.poses
     misses[:, 2] = se2.wrap(misses[:, 2])
     misses[~converged] = np.nan
@@ -179,11 +162,12 @@ def _calibrate(
     for _ in range(_ROUNDS):  # motions that fit no calibration lose their weight
         calibration = fit(design, misses, variances, noise, prior)
         residuals = misses - calibration.correct(design)
-        common = measure_noise(residuals, variances, span)
-        disagreement = measure_disagreement(residuals, variances, common, span)
-        noise = common + disagreement
+        alike = measure_noise(residuals, variances, span)
+        disagreement = measure_disagreement(residuals, variances, alike, span)
+        noise = alike + disagreement
     disagreement[~converged] = disagreement[converged].mean(axis=0)  # as often as elsewhere, nobody knows where
-    return calibration, common + disagreement
+    common = spread_common(calibration.list_sigmas(design), converged, span)
+    return _state(odometry, calibration.correct(design), alike + disagreement + common)
 
 
 def spread_common(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], span: int) -> NDArray[np.float64]:
