@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.core.statistics.gross import cut_gross
+from mqslam.core.statistics import cut_gross
 
 # Shorter motions tell nothing [m]: while the vehicle stands, both measurements see the same again.
 _MOVED_M = 0.1

@@ -19,7 +19,7 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context, ignore_motion
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
-from mqslam.core.statistics.gross import MEDIAN_OF_CHI2
+from mqslam.core.statistics import MEDIAN_OF_CHI2
 from mqslam.execution.local_engine import HERE
 from mqslam.frontends.bidirectional import DirectedMotion, ReversedScans, join, turn_back
 from mqslam.frontends.segments import Segment, extend, split_into_segments

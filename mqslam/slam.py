@@ -10,21 +10,21 @@ from typing import Final
 
 from mqslam.auditing.judge import audit_trajectory
 from mqslam.auditing.mending.along import straighten
-from mqslam.backend.linear.marginals import compute_all_marginals
+from mqslam.backend.loops.closing import find_loops
+from mqslam.backend.marginals import compute_all_marginals
 from mqslam.backend.measuring import find_doppler, measure
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
-from mqslam.backend.recognition.within_run import find_loops
 from mqslam.backend.refinement import refine
 from mqslam.backend.sensor_use import SensorUse, join_sensors
-from mqslam.backend.sensors.odometry.odometry_edges import hold_odometry, make_odometry_edges, reckon
+from mqslam.backend.sensors.odometry import hold_odometry, make_odometry_edges, reckon
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import LoopSearch, Refined
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Scans
-from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
+from mqslam.core.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError, FewReturnsError

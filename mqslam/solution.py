@@ -9,12 +9,12 @@ import gtsam
 
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.windows.windows import WindowAudit
-from mqslam.backend.linear.marginals import PoseCovariances
-from mqslam.backend.loops.submap import MappedDrive
+from mqslam.backend.loops.passes import MappedDrive
+from mqslam.backend.loops.recognition import describe_places
+from mqslam.backend.marginals import PoseCovariances
 from mqslam.backend.pose_graph import PoseGraph
-from mqslam.backend.recognition.places import describe_places
 from mqslam.backend.sensor_use import SensorUse
-from mqslam.backend.sensors.odometry.odometry_edges import ODOMETRY
+from mqslam.backend.sensors.odometry import ODOMETRY
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.engine import Engine
@@ -23,8 +23,7 @@ from mqslam.core.measurement import Loop, Measurement, Refined
 from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Scans
-from mqslam.core.sensors.georeference import Georeference
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors import Georeference, Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.mapping.keyframing import make_keyframes

@@ -21,7 +21,7 @@ from mqslam.auditing.verdict import WINDOWS_FAIL, WINDOWS_WARN, Finding, Share, 
 from mqslam.auditing.windows.windows import Undecided, WindowAudit, share_torn
 from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core import se2
-from mqslam.core.statistics.chances import correct_for_places, find_smallest
+from mqslam.core.statistics import correct_for_places, find_smallest
 from mqslam.core.wording import count_of, is_or_are, left_or_right
 from mqslam.errors import Remedy
 

@@ -8,12 +8,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.backend.sensors.gyroscope.gyroscope_start import Turns, find_start
-from mqslam.backend.sensors.gyroscope.gyroscope_use import DELAY_TOLERANCE_S, FEWEST_MOTIONS, SCALE_TOLERANCE, TOLD_SIGMAS
-from mqslam.backend.sensors.gyroscope.rotation import LONGEST_DELAY_S, Rotation, calibrate
+from mqslam.backend.sensors.calibration import FEWEST_MOTIONS, SCALE_TOLERANCE, TOLD_SIGMAS
+from mqslam.backend.sensors.gyroscope import (
+    DELAY_TOLERANCE_S,
+    LONGEST_DELAY_S,
+    Rotation,
+    Turns,
+    calibrate,
+    find_start,
+)
 from mqslam.core.scans import Scans
-from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.statistics.gross import SIGMAS_PER_DEVIATION
+from mqslam.core.sensors import Gyroscope
+from mqslam.core.statistics import SIGMAS_PER_DEVIATION
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import left_or_right
 

@@ -47,8 +47,8 @@ from mqslam.auditing.tracks import judge_doubt, judge_part, judge_track, mark_in
 from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
 from mqslam.auditing.windows.shaking import judge_shaking
 from mqslam.auditing.windows.windows import Undecided, WindowAudit, audit_windows, state_p_values
+from mqslam.backend.marginals import GraphCovariances, RelativeCovariances
 from mqslam.backend.pose_graph import PoseGraph
-from mqslam.backend.relative_covariances import GraphCovariances, RelativeCovariances
 from mqslam.config import AuditConfig, Config, EstimatorConfig, VerdictConfig
 from mqslam.core.engine import Engine
 from mqslam.core.scans import Scans

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.backend.loops.align import RIVAL, align, score_at_pose
-from mqslam.backend.loops.passes import is_unrivalled
+from mqslam.backend.loops.registration import RIVAL, align, is_unrivalled, score_at_pose
 from mqslam.backend.loops.rigid import place_rigidly
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2

@@ -18,14 +18,13 @@ from mqslam.auditing.laying import Laid, lay
 from mqslam.auditing.sizes import PROBABILITY, TORN_INFLATION
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Share
-from mqslam.backend.loops.align import TOLERANCES
-from mqslam.backend.loops.passes import find_passes
-from mqslam.backend.loops.submap import LATER_SHARE, pick_around
-from mqslam.backend.relative_covariances import RelativeCovariances
+from mqslam.backend.loops.passes import LATER_SHARE, find_passes, pick_around
+from mqslam.backend.loops.registration import TOLERANCES
+from mqslam.backend.marginals import RelativeCovariances
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
-from mqslam.core.statistics.chances import MEDIAN_EFFICIENCY, compute_p_values, correct_for_places, find_usual_scale
+from mqslam.core.statistics import MEDIAN_EFFICIENCY, compute_p_values, correct_for_places, find_usual_scale
 from mqslam.execution.progress import Progress
 from mqslam.psi.correlate import compute_same_m
 

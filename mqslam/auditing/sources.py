@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.tracks import Track
-from mqslam.backend.relative_covariances import RelativeCovariances, SingleCovariances
+from mqslam.backend.marginals import RelativeCovariances, SingleCovariances
 from mqslam.core import se2
+from mqslam.core.point_map import TimedCloud
+from mqslam.core.recording import LidarRecording
 from mqslam.core.scans import Scans
-from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.sensors.lidar import LidarRecording
-from mqslam.core.sensors.timed_cloud import TimedCloud
+from mqslam.core.sensors import Gyroscope
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import ConfigError, DataError, Remedy

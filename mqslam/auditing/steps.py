@@ -16,11 +16,11 @@ from scipy.stats import chi2
 from mqslam.auditing.laying import Laid, ask_of_scans, compute_far_reach, fits_far_better, lay, measure_span
 from mqslam.auditing.sizes import STEP_FEWEST, STEP_SCANS
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.backend.loops.align import TOLERANCES, score_at_pose
+from mqslam.backend.loops.registration import TOLERANCES, score_at_pose
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
-from mqslam.core.statistics.chances import correct_for_places, find_usual_scale
+from mqslam.core.statistics import correct_for_places, find_usual_scale
 from mqslam.execution.progress import Progress
 from mqslam.psi.score import make_references
 

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from mqslam.backend.problem import Problem
-from mqslam.backend.sensors.gyroscope.gyroscope_use import find_turning
-from mqslam.backend.sensors.odometry.odometry_edges import ODOMETRY
-from mqslam.backend.sensors.odometry.odometry_fault import find_odometry_fault
+from mqslam.backend.sensors.gyroscope import find_turning
+from mqslam.backend.sensors.odometry import ODOMETRY, find_odometry_fault
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
+from mqslam.core import se2
 from mqslam.core.frontend import Context, measure_motions
-from mqslam.core.measurement import Measured, Measurement, MotionTable, Status
+from mqslam.core.measurement import Measured, Measurement, Status
 from mqslam.core.scans import Scans
-from mqslam.core.sensors.turning import KnownTurning
+from mqslam.core.sensors import KnownTurning
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.kept import MEASURED
 from mqslam.execution.runner import Runner
-from mqslam.mapping.live import LiveMap
+from mqslam.mapping.render import place_along
 from mqslam.psi.doppler import Doppler, choose_doppler
 from mqslam.psi.place import Beam
 
@@ -36,7 +38,7 @@ def find_doppler(scans: Scans, config: Config, runner: Runner) -> Doppler:
         return Doppler(kept.doppler_beta, kept.doppler_sigma) if kept else choose_doppler(scans, config, runner.engine)
 
 
-def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runner) -> MotionTable:
+def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runner) -> list[Measurement]:
     """Returns a front end's motions between successive scans, or those that an earlier run has kept.
 
     Where the front end did not find all of them, it is asked a second time: without odometry that contradicts the others,
@@ -54,9 +56,9 @@ def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runne
     """
     kept, live = runner.find(MEASURED), LiveMap(scans, beam, runner)
     if kept:
-        return MotionTable(live.follow(kept.measurements))
+        return list(live.follow(kept.measurements))
     context = replace(context, preview=live.show, engine=runner.engine)
-    measurements = MotionTable(live.follow(measure_motions(name, context, scans)))
+    measurements = list(live.follow(measure_motions(name, context, scans)))
     if any(motion.status is not Status.CONVERGED for motion in measurements):
         odometry, turning = _drop_contrary(name, context, measurements), None
         with runner.tolerate("the gyroscope's part in tracking"):
@@ -64,13 +66,13 @@ def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runne
         if turning is not None or odometry is not context.odometry:
             live = LiveMap(scans, beam, runner)
             context = replace(context, preview=live.show, turning=turning, odometry=odometry)
-            measurements = MotionTable(live.follow(measure_motions(name, context, scans)))
+            measurements = list(live.follow(measure_motions(name, context, scans)))
     runner.keep(MEASURED, Measured(measurements, context.doppler_beta, context.doppler_sigma))
     return measurements
 
 
 def _drop_contrary(name: str, context: Context, measurements: Sequence[Measurement]) -> Trajectory | None:
-    """Returns the odometry that a front end was told; None where it contradicts what the front end found itself."""
+    """Returns the odometry that a front end was given; None where it contradicts what the front end found itself."""
     odometry = context.odometry
     if odometry is None or name == ODOMETRY:
         return odometry
@@ -84,3 +86,40 @@ def _find_help(name: str, scans: Scans, context: Context, measurements: Sequence
         return None
     drift = Problem(measurements, []).yaw_drift
     return find_turning(gyroscope, scans.start_us, measurements, drift)
+
+
+class LiveMap:
+    """Reports each motion as progress, and shows the scan that it begins with to the runner's watch.
+
+    A watch that fails is not called again: the run goes on without it, and a warning says so.
+
+    Args:
+        scans: scans of the recording.
+        beam: the sensor model.
+        runner: holds the watch, if there is one.
+    """
+
+    def __init__(self, scans: Scans, beam: Beam, runner: Runner) -> None:
+        self._scans, self._beam, self._runner = scans, beam, runner
+        self._watch, self._pose = runner.watch, np.zeros(3)
+        self._shown = 0
+
+    def follow(self, motions: Iterable[Measurement]) -> Iterator[Measurement]:
+        """Yields the motions between successive scans, and shows those that their front end has not shown before."""
+        for number, motion in enumerate(motions, 1):
+            if number > self._shown:
+                self.show(motion)
+            yield motion
+
+    def show(self, motion: Measurement) -> None:
+        """Shows the next motion between successive scans, of which a front end may still change its mind."""
+        scan, after = self._scans[self._shown], se2.compose(self._pose, motion.pose)
+        if self._watch is not None:
+            working, self._watch = self._watch, None
+            with self._runner.tolerate("the live view"):
+                times, poses = np.array([motion.t0, motion.t1]), np.array([self._pose, after])
+                working(scan, self._pose, place_along(scan.returns, times, poses, self._beam).points)
+                self._watch = working
+        self._pose = after
+        self._shown += 1
+        self._runner.progress("windows", self._shown + 1, len(self._scans))

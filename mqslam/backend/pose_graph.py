@@ -12,7 +12,7 @@ from gtsam.symbol_shorthand import M, X
 
 from mqslam.core import se2
 from mqslam.errors import describe_error, raise_interrupt
-from mqslam.factors.prior import prior
+from mqslam.factors.between import prior
 
 # numerical limits, none of which changes a result that is exact
 _RELATIVE_ERROR: Final = 1e-9  # change of the graph's error, relative to it, below which the optimiser stops

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -13,32 +13,29 @@ import numpy as np
 from gtsam.symbol_shorthand import M, X
 from numpy.typing import NDArray
 
-from mqslam.backend.drift import widen_ties
-from mqslam.backend.linear.marginals import Uncertainty
+from mqslam.backend.marginals import Uncertainty
 from mqslam.backend.pose_graph import Optimum, PoseGraph, build_pose_graph, optimise
-from mqslam.backend.sensors.gnss.fix_use import FixEdges
-from mqslam.backend.sensors.gyroscope.turn_edges import TurnEdges
-from mqslam.backend.submaps import Submaps, split_into_submaps
+from mqslam.backend.sensors.calibration import SensorEdges
+from mqslam.backend.submaps import Submaps, split_into_submaps, widen_ties
 from mqslam.core import se2
-from mqslam.core.measurement import Loop, Measurement
-from mqslam.factors.loop_between import loop_between
-from mqslam.factors.odometry_between import odometry_between
-from mqslam.factors.psi_between import psi_between
+from mqslam.core.measurement import Loop, Measurement, Tie
+from mqslam.errors import EstimationError
+from mqslam.factors.between import loop_between, psi_between
 
 
 class GraphProblem(ABC):
     """A trajectory that is to be optimised, as the search for loops and the refinement see it."""
 
     @abstractmethod
-    def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
+    def build_graph(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> PoseGraph:
         """Returns the graph with the given loops and ties of the refinement."""
 
-    def optimise(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> tuple[PoseGraph, Optimum]:
+    def optimise(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> tuple[PoseGraph, Optimum]:
         """Returns the graph with the given loops and ties, and its optimum."""
         graph = self.build_graph(loops, ties)
         return graph, optimise(graph)
 
-    def solve_poses(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> se2.Array:
+    def solve_poses(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> se2.Array:
         """Returns the optimised poses (N, 3) with the given loops and ties [m, m, rad]."""
         graph, optimum = self.optimise(loops, ties)
         return graph.poses_at(optimum.values)
@@ -69,33 +66,24 @@ class Problem(GraphProblem):
     Args:
         measurements: the front end's motions between successive scans.
         odometry: the odometry's motions between the same scans, calibrated, or none.
-        turns: the turns of a gyroscope between the same scans, or None.
-        fixes: positions of scans that a GNSS receiver has fixed, or None.
-        travels: motions that say nothing of the turn, by the number of the scan that each starts at, or None.
+        sensors: what other sensors add, by their names.
     """
 
     measurements: Sequence[Measurement]
     odometry: Sequence[Measurement]
-    turns: TurnEdges | None = None
-    fixes: FixEdges | None = None
-    travels: Mapping[int, Measurement] | None = None
+    sensors: Mapping[str, SensorEdges] = field(default_factory=dict)
 
-    def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
+    def build_graph(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> PoseGraph:
         """Returns the graph with the given loops and ties of the refinement; it starts from the chained measurements."""
         factors: list[gtsam.NonlinearFactor] = [*self.make_factors(X, M)]
         factors += [loop_between(X(loop.earlier), X(loop.later), loop) for loop in loops]
         factors += [psi_between(X(tie.earlier), X(tie.later), tie.pose, tie.covariance) for tie in ties]
         chain = se2.chain(m.pose for m in self.measurements)
-        factors += [odometry_between(X(k), X(k + 1), travel) for k, travel in (self.travels or {}).items()]
-        if self.turns is not None:
-            factors += self.turns.list_factors(chain)
-        if self.fixes is not None:
-            factors += self.fixes.list_factors()
+        for edges in self.sensors.values():
+            factors += edges.list_factors(chain)
         graph = build_pose_graph(chain, factors, chain[self.submaps.first_scans])
-        if self.turns is not None:
-            self.turns.insert_into(graph.initial)
-        if self.fixes is not None:
-            self.fixes.insert_into(graph.initial)
+        for edges in self.sensors.values():
+            edges.insert_into(graph.initial)
         return graph
 
     def make_factors(self, scan: Callable[[int], int], submap: Callable[[int], int]) -> list[gtsam.BetweenFactorPose2]:
@@ -105,12 +93,11 @@ class Problem(GraphProblem):
             scan: returns the key of a scan by its number.
             submap: returns the key of a submap by its number.
         """
-        submaps = self.submaps
-        factors = [psi_between(submap(p.submap), scan(p.number), p.pose, p.covariance) for p in submaps.placements]
-        factors += [psi_between(submap(t.submap), submap(t.number), t.pose, t.covariance) for t in submaps.ties]
-        factors += [psi_between(scan(k), scan(k + 1), m.pose, m.covariance) for k, m in self._list_apart()]
-        factors += [odometry_between(scan(k), scan(k + 1), m) for k, m in enumerate(self.odometry)]
-        return factors
+        ends: list[tuple[int, int, Tie | Measurement]] = []
+        ends += [(submap(p.earlier), scan(p.later), p) for p in self.submaps.placements]
+        ends += [(submap(t.earlier), submap(t.later), t) for t in self.submaps.ties]
+        ends += [(scan(k), scan(k + 1), m) for k, m in [*self._list_apart(), *enumerate(self.odometry)]]
+        return [psi_between(a, b, stated.pose, stated.covariance) for a, b, stated in ends]
 
     def list_statements(self) -> list[Measurement]:
         """Returns what each of the factors of `make_factors` states, in their order.
@@ -119,8 +106,8 @@ class Problem(GraphProblem):
         """
         submaps = self.submaps
         firsts = submaps.first_scans.tolist()
-        spans = [(firsts[p.submap], p.number, p) for p in submaps.placements]
-        spans += [(firsts[t.submap], firsts[t.number], t) for t in submaps.ties]
+        spans = [(firsts[p.earlier], p.later, p) for p in submaps.placements]
+        spans += [(firsts[t.earlier], firsts[t.later], t) for t in submaps.ties]
         starts = [*(m.t0 for m in self.measurements), *(m.t1 for m in self.measurements[-1:])]
         unknown = np.full(3, np.nan)
         stated = [
@@ -139,8 +126,7 @@ class Problem(GraphProblem):
     @cached_property
     def submaps(self) -> Submaps:
         """The submaps of the drive, tied to each other as surely as the run shows that its map drifts."""
-        submaps = split_into_submaps(self.measurements)
-        return widen_ties(submaps, self.measurements)
+        return widen_ties(split_into_submaps(self.measurements), self.measurements)
 
     @property
     def yaw_drift(self) -> float:
@@ -151,3 +137,51 @@ class Problem(GraphProblem):
     def _list_apart(self) -> list[tuple[int, Measurement]]:
         """Returns the motions that belong to no submap, each with the number of the scan that it starts at."""
         return [(k, motion) for k, motion in enumerate(self.measurements) if not motion.on_map]
+
+
+@dataclass(frozen=True)
+class GivenGraph(GraphProblem):
+    """A trajectory that is to be optimised, by a GTSAM graph of any factors that someone else has built.
+
+    Args:
+        factors: all factors but those of loops; they determine all variables.
+        values: of all variables.
+        keys: (N,) key of the pose of each scan.
+        lift: makes a factor between planar poses one between poses of the graph.
+    """
+
+    factors: gtsam.NonlinearFactorGraph
+    values: gtsam.Values
+    keys: Sequence[int]
+    lift: Callable[[gtsam.BetweenFactorPose2], gtsam.NonlinearFactor]
+
+    def build_graph(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> PoseGraph:
+        """Returns the graph with the given loops and ties of the refinement; it starts from the given values."""
+        factors = gtsam.NonlinearFactorGraph()
+        given = [self.factors.at(k) for k in range(self.factors.size()) if self.factors.exists(k)]  # removed ones leave gaps
+        for factor in (*given, *self.make_loop_factors(loops), *self.make_tie_factors(ties)):
+            factors.push_back(factor)
+        return PoseGraph(factors, self.values, len(self.keys), self.keys.__getitem__)
+
+    def make_loop_factors(self, loops: Sequence[Loop]) -> list[gtsam.NonlinearFactor]:
+        """Returns the factors of loops."""
+        return [self.lift(loop_between(self.keys[loop.earlier], self.keys[loop.later], loop)) for loop in loops]
+
+    def make_tie_factors(self, ties: Sequence[Tie]) -> list[gtsam.NonlinearFactor]:
+        """Returns the factors of ties of the refinement."""
+        keys = self.keys
+        return [self.lift(psi_between(keys[tie.earlier], keys[tie.later], tie.pose, tie.covariance)) for tie in ties]
+
+    def optimise(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> tuple[PoseGraph, Optimum]:
+        """Returns the graph with the given loops and ties, and its optimum.
+
+        Raises:
+            EstimationError: the graph cannot be optimised.
+        """
+        graph, optimum = super().optimise(loops, ties)
+        if optimum.failure is not None:
+            raise EstimationError(
+                f"the graph could not be optimised ({optimum.failure})",
+                "give values for all its variables, and factors that determine them, such as a prior on the first pose",
+            )
+        return graph, optimum

@@ -10,17 +10,18 @@ from typing import Final
 import numpy as np
 
 from mqslam.backend.problem import Problem
-from mqslam.backend.sensors.chirps.velocity_use import VelocityUse, join_velocities
-from mqslam.backend.sensors.gnss.alignment import align
-from mqslam.backend.sensors.gnss.fix_use import FixUse, join_fixes
-from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse, join_gyroscope
-from mqslam.backend.sensors.mount_use import MountUse, find_mount
-from mqslam.backend.sensors.odometry.odometry_fault import OdometryFault
+from mqslam.backend.sensors.calibration import SensorEdges, Use
+from mqslam.backend.sensors.chirps import VelocityUse, join_velocities
+from mqslam.backend.sensors.gnss import FixUse, join_fixes
+from mqslam.backend.sensors.gnss_errors import align
+from mqslam.backend.sensors.gyroscope import GyroscopeUse, join_gyroscope
+from mqslam.backend.sensors.mount import MountUse, find_mount
+from mqslam.backend.sensors.odometry import OdometryFault
 from mqslam.config import OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Refined
-from mqslam.core.sensors.sensors import Sensors
-from mqslam.core.sensors.velocity import Velocities
+from mqslam.core.sensors import Sensors
+from mqslam.core.velocity import Velocities
 
 _SUBJECTS: Final = {"gyroscope": "the gyroscope", "gnss": "GNSS", "chirps": "the radar's velocity by its chirps"}
 
@@ -30,7 +31,7 @@ class Contribution:
     """How far a sensor moves a trajectory.
 
     Args:
-        moved_m: how far poses lie from where they are without the sensor, once these are laid on them [m], root mean square.
+        moved_m: how far poses lie from where they are without the sensor, once these are aligned with them [m], RMS.
         turned_rad: by how much the last pose is turned against the first, compared with the same [rad].
     """
 
@@ -94,7 +95,7 @@ class SensorUse:
         return contradictions + [statement for use in self._uses if use.edges is None for statement in use.statements]
 
     @property
-    def _uses(self) -> list[GyroscopeUse | FixUse | VelocityUse]:
+    def _uses(self) -> list[Use[SensorEdges]]:
         return [use for use in (self.gyroscope, self.fixes, self.velocities) if use is not None]
 
     def weigh(self, problem: Problem, refined: Refined, poses: se2.Array) -> SensorUse:
@@ -105,15 +106,12 @@ class SensorUse:
             refined: its loops and ties.
             poses: (N, 3) optimised with all of them.
         """
-        without = {}
-        if problem.turns is not None:
-            without["gyroscope"] = replace(problem, turns=None)
-        if problem.fixes is not None:
-            without["gnss"] = replace(problem, fixes=None)
-        if problem.travels is not None:
-            without["chirps"] = replace(problem, travels=None)
-        others = {name: other.solve_poses(refined.loops, refined.ties) for name, other in without.items()}
-        return replace(self, contributions={name: _compare(poses, track) for name, track in others.items()})
+        contributions = {}
+        for left_out in (name for name in _SUBJECTS if name in problem.sensors):
+            others = {name: edges for name, edges in problem.sensors.items() if name != left_out}
+            track = replace(problem, sensors=others).solve_poses(refined.loops, refined.ties)
+            contributions[left_out] = _compare(poses, track)
+        return replace(self, contributions=contributions)
 
 
 def join_sensors(
@@ -139,26 +137,27 @@ def join_sensors(
     Returns:
         The problem with the sensors that agree, and what became of all.
     """
-    turning, placing, moving, mount = None, None, None, sensors.mount
-    mounted = find_mount(mount, odometry, problem.measurements, settings)
-    if sensors.gyroscope is not None and problem.measurements:
-        turning = join_gyroscope(sensors.gyroscope, start_us, problem.measurements, problem.yaw_drift)
-        problem = replace(problem, turns=turning.edges)
-    if sensors.fixes is not None and problem.measurements:
+    turning, placing, moving, mount, motions = None, None, None, sensors.mount, problem.measurements
+    mounted = find_mount(mount, odometry, motions, settings)
+    joined = dict[str, SensorEdges]()
+    if sensors.gyroscope is not None and motions:
+        turning = join_gyroscope(sensors.gyroscope, start_us, motions, problem.yaw_drift)
+        joined |= {} if turning.edges is None else {"gyroscope": turning.edges}
+    if sensors.fixes is not None and motions:
         antenna = None if mount is None else se2.inverse(mount.pose)[:2]  # at the origin of the vehicle's frame
-        placing = join_fixes(sensors.fixes, start_us, problem.measurements, antenna)
+        placing = join_fixes(sensors.fixes, start_us, motions, antenna)
         if placing.edges is not None:
-            _, optimum = replace(problem, fixes=placing.edges).optimise([])
+            _, optimum = replace(problem, sensors={**joined, "gnss": placing.edges}).optimise([])
             placing = placing.judge_jumps(optimum.values)
-        problem = replace(problem, fixes=placing.edges)
-    if velocities is not None and problem.measurements:
-        moving = join_velocities(velocities, problem.measurements)
-        problem = replace(problem, travels=moving.edges)
-    return problem, SensorUse(turning, placing, moving, mounted, fault)
+        joined |= {} if placing.edges is None else {"gnss": placing.edges}
+    if velocities is not None and motions:
+        moving = join_velocities(velocities, motions)
+        joined = joined if moving.edges is None else {"chirps": moving.edges, **joined}
+    return replace(problem, sensors=joined), SensorUse(turning, placing, moving, mounted, fault)
 
 
 def _compare(poses: se2.Array, others: se2.Array) -> Contribution:
     """Returns how far poses (N, 3) lie from others."""
-    laid = se2.transform(align(others[:, :2], poses[:, :2]), others[:, :2])
+    aligned = se2.transform(align(others[:, :2], poses[:, :2]), others[:, :2])
     turns = (track[-1, 2] - track[0, 2] for track in (poses, others))
-    return Contribution(float(np.sqrt(np.mean(np.sum((poses[:, :2] - laid) ** 2, axis=1)))), float(np.subtract(*turns)))
+    return Contribution(float(np.sqrt(np.mean(np.sum((poses[:, :2] - aligned) ** 2, axis=1)))), float(np.subtract(*turns)))

@@ -92,7 +92,7 @@ def run(
     from mqslam.cli.terminal.console import print_notes, print_warnings, set_up_work
     from mqslam.commands.run import run as do
     from mqslam.config import load_config
-    from mqslam.core.sensors.sensor_notes import list_sensor_notes
+    from mqslam.core.wording import list_sensor_notes
     from mqslam.execution.files import to_json
 
     settings = state_topics(load_config(config), topic)

@@ -29,8 +29,8 @@ from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, set_doppler_beta, set_false_alarms
 from mqslam.core import se2
+from mqslam.core.point_map import TimedCloud
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import left_or_right
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread

@@ -27,7 +27,7 @@ from mqslam.config import Config, set_doppler_beta
 from mqslam.core import frontend as known_frontends
 from mqslam.core.frontend import Context
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
+from mqslam.core.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
 from mqslam.errors import ConfigError, EstimationError, Remedy

@@ -6,11 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from mqslam.core.recording import Recording
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.sensors.lidar import LidarRecording
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.recording import LidarRecording, Recording
+from mqslam.core.sensors import Fixes, Gyroscope, Mount
 from mqslam.core.trajectory import Trajectory
 
 

@@ -24,8 +24,7 @@ from mqslam.commands.result import RunResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.mount import RADAR
-from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
+from mqslam.core.sensors import NO_SENSORS, RADAR, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, Remedy, tolerate, untrusted
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint

@@ -19,7 +19,7 @@ from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.point_map import PointMap, pick_thinned
 from mqslam.core.scans import Scans
-from mqslam.core.statistics.evenly import pick_evenly
+from mqslam.core.statistics import pick_evenly
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import EstimationError, tolerate

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from mqslam.backend.crossings import SAMPLE_M, find_crossings, measure_psi_across
 from mqslam.backend.loops import passes
-from mqslam.backend.loops.submap import TrackedRun
+from mqslam.backend.loops.passes import TrackedRun
+from mqslam.backend.refinement import SAMPLE_M, find_crossings, measure_psi_across
 from mqslam.comparison.best import Best
 from mqslam.comparison.judgement import JudgedRow
 from mqslam.config import EstimatorConfig

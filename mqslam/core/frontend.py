@@ -17,10 +17,9 @@ from mqslam.core.engine import Engine
 from mqslam.core.measurement import Measurement
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Scan, Scans
-from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
-from mqslam.core.sensors.turning import KnownTurning
-from mqslam.core.sensors.velocity import Velocities
+from mqslam.core.sensors import NO_SENSORS, KnownTurning, Sensors
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.velocity import Velocities
 from mqslam.errors import (
     ConfigError,
     EstimationError,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.core.sensors.georeference import Georeference
+from mqslam.core.sensors import Georeference
 
 KEYFRAME_POINT: Final = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("range", "<f4"), ("ray", "<f4"), ("time", "<f4"), ("intensity", "<f4")]

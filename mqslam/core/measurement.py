@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, Final, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,132 +55,31 @@ class Measurement:
     apart: NDArray[np.float64] = field(default_factory=lambda: np.full(3, np.nan))
 
 
-_STATUSES: Final = tuple(Status)
-MOTION: Final = np.dtype(
-    [
-        ("t0", "f8"),
-        ("t1", "f8"),
-        ("pose", "f8", 3),
-        ("covariance", "f8", (3, 3)),
-        ("status", "u1"),
-        ("psi", "f8"),
-        ("psi_odometry", "f8"),
-        ("points", "i8"),
-        ("matched", "f8"),
-        ("on_map", "?"),
-        ("apart", "f8", 3),
-    ]
-)
-"""A row of a table of motions: the fields of a `Measurement`, with the number of its status."""
-
-
-class MotionTable(Sequence[Measurement]):
-    """Motions as rows of a table, which take a tenth of the memory that as many objects would.
-
-    Args:
-        motions: the motions.
-    """
-
-    def __init__(self, motions: Iterable[Measurement] = ()) -> None:
-        self._rows = TableRows(MOTION, map(motion_to_row, motions))
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    @overload
-    def __getitem__(self, k: int) -> Measurement: ...
-
-    @overload
-    def __getitem__(self, k: slice) -> list[Measurement]: ...
-
-    def __getitem__(self, k: int | slice) -> Measurement | list[Measurement]:
-        if isinstance(k, slice):
-            return [self[n] for n in range(*k.indices(len(self)))]
-        return row_to_motion(self._rows[k])
-
-    def __repr__(self) -> str:
-        return f"MotionTable({list(self)!r})"
-
-    @property
-    def columns(self) -> NDArray[Any]:
-        """All rows (N,) of `MOTION`."""
-        return self._rows.all
-
-
-def motion_to_row(motion: Measurement) -> tuple[Any, ...]:
-    """Returns a motion as a row of `MOTION`."""
-    m = motion
-    rest = m.psi, m.psi_odometry, m.points, m.matched, m.on_map, m.apart
-    return (m.t0, m.t1, m.pose, m.covariance, _STATUSES.index(m.status), *rest)
-
-
-def row_to_motion(row: Any) -> Measurement:
-    """Returns a row of `MOTION` as a motion."""
-    t0, t1, _, _, status, psi, psi_odometry, points, matched, on_map, _ = row.item()
-    pose, covariance, apart = row["pose"].copy(), row["covariance"].copy(), row["apart"].copy()
-    known = _STATUSES[status]
-    return Measurement(t0, t1, pose, covariance, known, psi, psi_odometry, points, matched, on_map, apart)
-
-
-class TableRows:
-    """Rows of a table that grows.
-
-    Args:
-        kind: of the rows.
-        rows: the first ones.
-    """
-
-    def __init__(self, kind: np.dtype[Any], rows: Iterable[tuple[Any, ...]] = ()) -> None:
-        self._table, self._count = np.empty(64, kind), 0
-        for row in rows:
-            self.append(row)
-
-    def __len__(self) -> int:
-        return self._count
-
-    def __getitem__(self, k: int) -> Any:
-        return self._table[range(self._count)[k]]
-
-    def append(self, row: tuple[Any, ...]) -> None:
-        """Appends a row."""
-        if self._count >= len(self._table):
-            self._table = np.resize(self._table, max(2 * self._count, 64))
-        self._table[self._count] = row
-        self._count += 1
-
-    def __getstate__(self) -> tuple[Any, ...]:
-        """Returns what is sent to other processes, without the room for more rows."""
-        return self.all.copy(), self._count
-
-    def __setstate__(self, state: tuple[Any, ...]) -> None:
-        self._table, self._count = state
-
-    def truncate(self, count: int) -> None:
-        """Drops all rows but the first ones."""
-        self._count = min(count, self._count)
-
-    @property
-    def all(self) -> NDArray[Any]:
-        """All rows (N,)."""
-        return self._table[: self._count]
-
-
 @dataclass(frozen=True, slots=True)
-class Loop:
-    """A place passed twice.
+class Tie:
+    """A measured pose of one scan or submap in the frame of an earlier one.
 
     Args:
-        earlier, later: indices of the two scans.
+        earlier, later: numbers of the two.
         pose: (3,) of the later one in the frame of the earlier.
-        covariance: (3, 3) of the pose [m, m, rad].
-        matched: share of the later pass's returns that lie on the earlier one's.
-        psi: score per point of the two passes laid on each other.
+        covariance: (3, 3) of the pose, in the frame of the earlier [m, m, rad].
     """
 
     earlier: int
     later: int
     pose: se2.Array
     covariance: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Loop(Tie):
+    """A place passed twice.
+
+    Args:
+        matched: share of the later pass's returns that lie on the earlier one's.
+        psi: score per point of the two passes registered on each other.
+    """
+
     matched: float
     psi: float
 
@@ -239,7 +137,7 @@ class Refined:
 
     Args:
         loops: the loops that stay in the graph: those whose passes no tie measures.
-        ties: single scans laid into earlier passes, whose factors stand in the place of the other loops.
+        ties: single scans registered on earlier passes, whose factors stand in the place of the other loops.
         psi_before: psi per point across passes before optimisation; None where no place is passed twice.
         psi_loops: the same with the loops, before the refinement.
         psi_across: the same under the final trajectory.

@@ -1,9 +1,10 @@
-"""Maps: every return of a run placed in the world by a trajectory, and the cells in which there are returns."""
+"""Maps: returns placed in the world by a trajectory, the cells in which there are returns, and clouds of any origin."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Final
 
 import numba as nb
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.core.statistics.evenly import pick_evenly
+from mqslam.core.statistics import pick_evenly
 from mqslam.core.stored import make_stored, release
 
 _BLOCK: Final = 200_000  # points of a map that are in memory at a time: a matter of memory only
@@ -153,3 +154,30 @@ class OccupancyGrid:
     occupied: NDArray[np.bool_]
     resolution: float
     origin: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class TimedCloud:
+    """A planar cloud in the order of its times.
+
+    Args:
+        path: the file it was read from.
+        points: (N, 2) [m], world frame.
+        stamps_us: (N,) int64 [us], not decreasing, in the file's own clock.
+        notes: what a user should know about how the file was understood.
+        scan_us: usual duration of a scan [us], where the file states it, as the maps of our own runs do.
+    """
+
+    path: Path
+    points: NDArray[np.float64]
+    stamps_us: NDArray[np.int64]
+    notes: tuple[str, ...]
+    scan_us: int | None = None
+
+    @property
+    def is_of_radar(self) -> bool:
+        """Whether the points are known to be a radar's: a run has written the file, and takes nothing but radar."""
+        return self.scan_us is not None
+
+    def __len__(self) -> int:
+        return len(self.points)

@@ -1,4 +1,4 @@
-"""Words in messages: singular and plural, left and right, and how sure a pose is."""
+"""Words in messages: singular and plural, left and right, how sure a pose is, and what is said of sensors."""
 
 from __future__ import annotations
 
@@ -45,3 +45,32 @@ def describe_last_pose(last: Mapping[str, Any] | None) -> str:
 def describe_delay(delay_s: float) -> str:
     """Returns how late or early a clock is, in words."""
     return f"{abs(delay_s):.2f} s {'late' if delay_s >= 0.0 else 'early'}"
+
+
+_NAMES = {"gyroscope": "the gyroscope", "gnss": "GNSS"}
+
+
+def list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
+    """Returns what was found of the sensors that are used, and after them of where the radar sits on the vehicle.
+
+    What is said of a sensor that is not used is a warning.
+
+    Args:
+        summary: content of summary.json; it may lack these parts.
+    """
+    sensors = summary.get("sensors") or {}
+    parts = [*sensors.values(), summary.get("mount")]
+    found = (part for part in parts if part is not None and part.get("used", True))
+    used = [_NAMES[name] for name, part in sensors.items() if name in _NAMES and part and part.get("used")]
+    return [statement for part in found for statement in part["statements"]] + _doubt_sensors(summary, used)
+
+
+def _doubt_sensors(summary: Mapping[str, Any], used: Sequence[str]) -> list[str]:
+    """Returns that a map which is not passed was crisper before the sensors that are used joined."""
+    psi = summary.get("psi") or {}
+    before, after = psi.get("per_point_odometry"), psi.get("per_point_optimised")
+    passed = (summary.get("verdict") or {}).get("status") == "pass"
+    if not used or passed or before is None or after is None or after <= before:
+        return []
+    psi_of_both = f"psi per point is {before:.4f} by psi's motions alone and {after:.4f} with the sensors"
+    return [f"{psi_of_both}: they may bend the map; hold it against a run without {' and '.join(used)}"]

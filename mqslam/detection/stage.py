@@ -12,8 +12,7 @@ import numpy as np
 from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.scans import PeakCounts, Returns, Scan, Scans, ScanStore
-from mqslam.core.sensors.detected import Detected
-from mqslam.core.sensors.velocity import CHIRP_BETA, Outcome, Velocities
+from mqslam.core.velocity import CHIRP_BETA, Detected, Outcome, Velocities
 from mqslam.detection.artefacts import drop_cells, find_fixed
 from mqslam.detection.detector import detect_and_count
 from mqslam.detection.velocity_fit import Velocity, measure_velocity

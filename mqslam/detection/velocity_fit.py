@@ -25,7 +25,7 @@ from scipy import fft
 from scipy.ndimage import gaussian_filter1d
 
 from mqslam.core.recording import PolarScan
-from mqslam.core.sensors.velocity import CHIRP_BETA, Outcome
+from mqslam.core.velocity import CHIRP_BETA, Outcome
 
 # Largest speed that is searched [m/s]: 160 km/h.
 FASTEST_MPS = 45.0

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import Config, dump_yaml
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
+from mqslam.core.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ClusterError, DataError, FrontEndError, MqslamError, OutputError, Remedy, WorkerError, untrusted
 from mqslam.execution.files import write_aside, write_text

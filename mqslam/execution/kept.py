@@ -9,16 +9,16 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.measurement import MOTION, Loop, LoopSearch, Measured, Measurement, MotionTable, Refined, row_to_motion
+from mqslam.core.measurement import Loop, LoopSearch, Measured, Measurement, Refined, Status
 from mqslam.core.scans import PeakCounts, Returns
-from mqslam.core.sensors.detected import Detected
-from mqslam.core.sensors.velocity import Velocities
+from mqslam.core.velocity import Detected, Velocities
 from mqslam.errors import DataError
 
 R = TypeVar("R")
 Arrays = dict[str, NDArray[Any]]
 
 _VELOCITIES = {field.name: f"velocity_{field.name}" for field in fields(Velocities)}  # names of their arrays
+_STATUSES = tuple(Status)
 _DOPPLER = ("doppler_beta", "doppler_sigma")
 _COUNTS = ("tried", "ambiguous", "implausible", "unsure")  # of a search for loops
 
@@ -74,18 +74,19 @@ def _unpack_detected(arrays: Arrays) -> Detected:
 def _pack_measured(measured: Measured) -> Arrays:
     """Returns measurements as arrays, one per field."""
     arrays: Arrays = {name: np.array(getattr(measured, name)) for name in _DOPPLER}
-    columns = MotionTable(measured.measurements).columns
     for name in _list_fields(Measurement):
-        arrays[name] = columns[name]
+        arrays[name] = np.array([getattr(motion, name) for motion in measured.measurements])
+    arrays["status"] = np.array([_STATUSES.index(motion.status) for motion in measured.measurements], dtype=np.uint8)
     return arrays
 
 
 def _unpack_measured(arrays: Arrays) -> Measured:
     """Returns the measurements that arrays hold."""
-    rows = np.empty(len(arrays["t0"]), MOTION)
-    for name in _list_fields(Measurement):
-        rows[name] = arrays[name]
-    return Measured(MotionTable(map(row_to_motion, rows)), *(float(arrays[name]) for name in _DOPPLER))
+    names = _list_fields(Measurement)
+    columns = (arrays[name] if arrays[name].ndim > 1 else arrays[name].tolist() for name in names)
+    rows = (dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True))
+    motions = [Measurement(**row | {"status": _STATUSES[row["status"]]}) for row in rows]
+    return Measured(motions, *(float(arrays[name]) for name in _DOPPLER))
 
 
 def _pack_loops(search: LoopSearch) -> Arrays:

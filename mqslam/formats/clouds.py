@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.sensors.timed_cloud import TimedCloud
+from mqslam.core.point_map import TimedCloud
 from mqslam.core.wording import count_of
 from mqslam.errors import DataError, MqslamError, untrusted
 from mqslam.execution.extras import describe_missing

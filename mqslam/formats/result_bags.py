@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mqslam.core.sensors.mount import VEHICLE
+from mqslam.core.sensors import VEHICLE
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, untrusted
 from mqslam.formats.bags import PATH_TYPE, POSE_TYPE, RADAR_FRAME, TF_TYPE, VEHICLE_FRAME, Bag, write_bag

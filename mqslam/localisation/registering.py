@@ -1,27 +1,27 @@
-"""A scan laid into the map: the keyframes around a prediction are held, and psi finds the scan's pose among them."""
+"""A scan registered on the map: the keyframes around a prediction are held, and psi finds the scan's pose among them."""
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mqslam.backend.loops.align import TOLERANCES, score_at_pose
-from mqslam.backend.loops.rigid import ANY_TIME, minimise_rigidly, move_rigidly
+from mqslam.backend.loops.registration import TOLERANCES, score_among, score_at_pose
+from mqslam.backend.loops.rigid import minimise_rigidly, move_rigidly
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.keyframes import Keyframes
-from mqslam.localisation.localised import PlaceStatus
 from mqslam.mapping.keyframing import place_keyframes
 from mqslam.psi.covariance import estimate_covariance, find_weak_directions, spread_along
-from mqslam.psi.minimiser import annealed_scale, kernel_of
+from mqslam.psi.minimiser import annealed_scale
 from mqslam.psi.place import Beam, PointSet
-from mqslam.psi.score import References, evaluate, make_references
+from mqslam.psi.score import References, make_references
 
-# The keyframes around the vehicle are chosen anew once it has moved this far [m]. More of it is faster, and lays scans on
-# keyframes that are less well centred around them.
+# The keyframes around the vehicle are chosen anew once it has moved this far [m]. More of it is faster, and registers scans
+# on keyframes that are less well centred around them.
 _RENEW_M = 2.5
 
 # A scan is compared with the map's keyframes within this distance of it [m].
@@ -43,20 +43,21 @@ _LEAST: Final = np.diag(TOLERANCES**2)
 """Covariance that a search leaves by where it ends: numerical."""
 
 
-class Prediction(NamedTuple):
-    """Where a scan is expected.
+class PlaceStatus(StrEnum):
+    """How far the pose of a scan in the map can be trusted."""
 
-    Args:
-        pose: (3,) in the map's frame [m, m, rad].
-        covariance: (3, 3) of the pose in its own frame.
-    """
+    CONVERGED = "converged"
+    DEGENERATE = "degenerate"  # the map does not show one direction: the pose is a prediction along it
+    LOST = "lost"  # too little of the scan lies on the map: the pose is a prediction
+    OUTSIDE = "outside"  # the map has nothing there: the pose is a prediction
 
-    pose: se2.Array
-    covariance: NDArray[np.float64]
+
+ON_MAP = (PlaceStatus.CONVERGED, PlaceStatus.DEGENERATE)
+"""The statuses of scans that lie on the map."""
 
 
 class Registered(NamedTuple):
-    """Where a scan lies in the map.
+    """Where a scan lies in the map, or where it is expected.
 
     Args:
         pose: (3,) in the map's frame [m, m, rad].
@@ -68,9 +69,9 @@ class Registered(NamedTuple):
 
     pose: se2.Array
     covariance: NDArray[np.float64]
-    status: PlaceStatus
-    psi: float
-    matched: float
+    status: PlaceStatus = PlaceStatus.LOST
+    psi: float = float("nan")
+    matched: float = float("nan")
 
 
 class MapAround:
@@ -90,13 +91,9 @@ class MapAround:
         self._references: References | None = None
 
     def find(self, pose: se2.Array) -> tuple[se2.Array, References] | None:
-        """Returns a frame (3,) near a pose (3,), which is not turned, and the map around it in this frame.
+        """Returns a frame (3,) near a scan's pose (3,) in the map, which is not turned, and the map around it in this frame.
 
-        Args:
-            pose: of the scan in the map's frame.
-
-        Returns:
-            None where the map has no keyframe within reach.
+        It is None where the map has no keyframe within reach.
         """
         if np.hypot(*(pose - self._frame)[:2]) > _RENEW_M:
             self._frame = np.array([pose[0], pose[1], 0.0])
@@ -109,8 +106,8 @@ class MapAround:
         return None if self._references is None else (self._frame, self._references)
 
 
-def register(around: MapAround, scan: PointSet, prediction: Prediction, config: EstimatorConfig) -> Registered:
-    """Lays a scan into the map.
+def register(around: MapAround, scan: PointSet, prediction: Registered, config: EstimatorConfig) -> Registered:
+    """Registers a scan on the map.
 
     Args:
         around: the map.
@@ -118,41 +115,33 @@ def register(around: MapAround, scan: PointSet, prediction: Prediction, config: 
         prediction: where it is expected.
         config: settings of the score.
     """
+    expected = Registered(prediction.pose, prediction.covariance)
     found = around.find(prediction.pose)
     if found is None:
-        return Registered(*prediction, PlaceStatus.OUTSIDE, np.nan, np.nan)
+        return expected._replace(status=PlaceStatus.OUTSIDE)
     if not len(scan):
-        return Registered(*prediction, PlaceStatus.LOST, np.nan, np.nan)
+        return expected
     frame, references = found
     guess = se2.between(frame, prediction.pose)
     minimum = minimise_rigidly(guess, scan, references, config, TOLERANCES, _FIRST_STEP)
-    moved = se2.wrapped_between(guess, minimum.state)
     matched = float(minimum.evaluation.matched.mean())
-    if matched < _MATCHED or is_away(moved, prediction):
-        return Registered(*prediction, PlaceStatus.LOST, np.nan, matched)
+    if matched < _MATCHED or is_away(se2.wrapped_between(guess, minimum.state), prediction):
+        return expected._replace(matched=matched)
     points = move_rigidly(scan, minimum.state)
-    own = se2.rotate_covariance(
-        estimate_covariance(minimum.evaluation, points.points, config.cluster_m), -float(minimum.state[2])
-    )
-    own = own + _LEAST
-    weak = find_weak_directions(evaluate(points, references, annealed_scale(config, 0), kernel_of(config, ANY_TIME)), 3)
+    own = estimate_covariance(minimum.evaluation, points.points, config.cluster_m)
+    own = se2.rotate_covariance(own, -float(minimum.state[2])) + _LEAST
+    weak = find_weak_directions(score_among(references, points, config, annealed_scale(config, 0)), 3)
     if not len(weak):
-        return Registered(
-            se2.compose(frame, minimum.state), own, PlaceStatus.CONVERGED, minimum.evaluation.psi / len(scan), matched
-        )
+        psi = minimum.evaluation.psi / len(scan)
+        return Registered(se2.compose(frame, minimum.state), own, PlaceStatus.CONVERGED, psi, matched)
     spread = spread_along(weak, np.array([REACH_M, REACH_M, np.pi]))
-    pose, covariance = _join(Prediction(guess, prediction.covariance), minimum.state, own, spread)
+    pose, covariance = _join(Registered(guess, prediction.covariance), minimum.state, own, spread)
     psi = score_at_pose(references, scan, pose, config)
     return Registered(se2.compose(frame, pose), covariance, PlaceStatus.DEGENERATE, psi, matched)
 
 
-def is_away(moved: se2.Array, prediction: Prediction) -> bool:
-    """Returns whether a pose lies farther from a prediction than the prediction may be off.
-
-    Args:
-        moved: (3,) the pose in the frame of the predicted one.
-        prediction: the prediction.
-    """
+def is_away(moved: se2.Array, prediction: Registered) -> bool:
+    """Returns whether a pose (3,), given in the frame of the predicted one, lies farther from it than that may be off."""
     sigmas = np.sqrt(np.diag(prediction.covariance))
     allowed_m = _ASIDE_M + _SIGMAS * float(np.hypot(sigmas[0], sigmas[1]))
     allowed_rad = _ASIDE_RAD + _SIGMAS * float(sigmas[2])
@@ -160,7 +149,7 @@ def is_away(moved: se2.Array, prediction: Prediction) -> bool:
 
 
 def _join(
-    prediction: Prediction, measured: se2.Array, covariance: NDArray[np.float64], spread: NDArray[np.float64]
+    prediction: Registered, measured: se2.Array, covariance: NDArray[np.float64], spread: NDArray[np.float64]
 ) -> tuple[se2.Array, NDArray[np.float64]]:
     """Returns a pose (3,) that follows its prediction where psi does not hold it, and its covariance in its own frame.
 
@@ -173,8 +162,6 @@ def _join(
     expected = se2.rotate_covariance(prediction.covariance + _LEAST, float(prediction.pose[2]))
     seen = se2.rotate_covariance(covariance, float(measured[2])) + spread
     gain = np.linalg.solve((expected + seen).T, expected.T).T
-    off = measured - prediction.pose
-    off[2] = se2.wrap(off[2])
-    pose = prediction.pose + gain @ off
+    pose = prediction.pose + gain @ se2.subtract(measured, prediction.pose)
     left = expected - gain @ expected
     return pose, se2.rotate_covariance(0.5 * (left + left.T), -float(pose[2]))

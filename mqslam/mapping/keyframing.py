@@ -117,6 +117,13 @@ def place_keyframes(
     return PointSet(points, np.empty((len(points), 2, 0)), covariances, times)
 
 
+def place_points(own: NDArray[np.void], pose: se2.Array, into: NDArray[np.float64]) -> None:
+    """Places the points (N,) of a keyframe at its pose (3,), into an array (N, 2) [m]."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    into[:, 0] = pose[0] + c * own["x"] - s * own["y"]
+    into[:, 1] = pose[1] + s * own["x"] + c * own["y"]
+
+
 class KeyframePoints(NamedTuple):
     """The points of keyframes where the map has them.
 

@@ -6,7 +6,7 @@ Their values depend on the place as much as on the trajectory, so that none of t
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numba as nb
 import numpy as np
@@ -48,20 +48,6 @@ class Measures:
     grid_entropy: float
 
 
-class EvidenceModel(NamedTuple):
-    """What beams make of the cells of an evidence grid, in log odds that a cell is occupied.
-
-    Args:
-        hit: added to the cell of a return.
-        miss: added to each cell that a beam passes through; negative.
-        limit: largest absolute value of a cell.
-    """
-
-    hit: float
-    miss: float
-    limit: float
-
-
 def compute_measures(
     points: NDArray[np.float64], sweeps: NDArray[np.int64], sensors: NDArray[np.float64], settings: AuditConfig
 ) -> Measures:
@@ -79,28 +65,24 @@ def compute_measures(
     """
     pairs = cKDTree(points).query_pairs(settings.radius_m, output_type="ndarray")
     of_one_sweep = pairs[sweeps[pairs[:, 0]] == sweeps[pairs[:, 1]]]
-    joint, least = _measure_shapes(points, pairs, _FEWEST_NEIGHBOURS)
-    separate, _ = _measure_shapes(points, of_one_sweep, _FEWEST_NEIGHBOURS)
+    joint, least = _measure_shapes(points, pairs)
+    separate, _ = _measure_shapes(points, of_one_sweep)
     both = np.isfinite(joint) & np.isfinite(separate)
-    model = EvidenceModel(_HIT_LOG_ODDS, _MISS_LOG_ODDS, _LOG_ODDS_LIMIT)
     return Measures(
         map_entropy=_mean(joint),
         plane_variance=_mean(least),
         joint_entropy=_mean(joint[both] - separate[both]),
-        grid_entropy=compute_grid_entropy(points, sensors, settings.cell_m, model),
+        grid_entropy=compute_grid_entropy(points, sensors, settings.cell_m),
     )
 
 
-def compute_grid_entropy(
-    points: NDArray[np.float64], sensors: NDArray[np.float64], cell_m: float, model: EvidenceModel
-) -> float:
+def compute_grid_entropy(points: NDArray[np.float64], sensors: NDArray[np.float64], cell_m: float) -> float:
     """Computes the entropy per cell [nat] of the evidence grid of the beams from the sensor to the points.
 
     Args:
         points: (N, 2) m.
         sensors: (N, 2) m, where the sensor was when it saw each point.
         cell_m: side of the grid's cells [m].
-        model: what beams make of the cells.
 
     Returns:
         the entropy; NaN without points, and where the grid would not fit into a reasonable part of the memory.
@@ -112,14 +94,14 @@ def compute_grid_entropy(
     columns, rows = np.ceil(np.maximum(ends, begins).max(axis=0)) + 1.0
     if columns * rows > _LARGEST:
         return float("nan")
-    odds, seen = accumulate_evidence(begins, ends, (int(columns), int(rows)), model)
+    odds, seen = accumulate_evidence(begins, ends, (int(columns), int(rows)))
     p = 1.0 / (1.0 + np.exp(-odds[seen]))
     return float(np.mean(-p * np.log(p) - (1.0 - p) * np.log(1.0 - p)))
 
 
 @nb.njit(cache=True, nogil=True)
 def accumulate_evidence(
-    begins: NDArray[np.float64], ends: NDArray[np.float64], shape: tuple[int, int], model: EvidenceModel
+    begins: NDArray[np.float64], ends: NDArray[np.float64], shape: tuple[int, int]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Accumulates the log odds that cells are occupied over all beams.
 
@@ -127,7 +109,6 @@ def accumulate_evidence(
         begins: (N, 2) where the beams begin, in cells.
         ends: (N, 2) where they end, in cells.
         shape: columns and rows of the grid.
-        model: what beams make of the cells.
 
     Returns:
         log odds (columns, rows), and which cells have been seen.
@@ -141,10 +122,10 @@ def accumulate_evidence(
             f = k / steps
             x, y = int(begins[i, 0] + f * dx), int(begins[i, 1] + f * dy)
             seen[x, y] = True
-            odds[x, y] = max(odds[x, y] + model.miss, -model.limit)
+            odds[x, y] = max(odds[x, y] + _MISS_LOG_ODDS, -_LOG_ODDS_LIMIT)
         x, y = int(ends[i, 0]), int(ends[i, 1])
         seen[x, y] = True
-        odds[x, y] = min(odds[x, y] + model.hit, model.limit)
+        odds[x, y] = min(odds[x, y] + _HIT_LOG_ODDS, _LOG_ODDS_LIMIT)
     return odds, seen
 
 
@@ -154,14 +135,13 @@ def locate_sensors(turns: NDArray[np.float64], numbers: NDArray[np.float64], pos
 
 
 def _measure_shapes(
-    points: NDArray[np.float64], pairs: NDArray[np.int64], fewest: int
+    points: NDArray[np.float64], pairs: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the entropy [nat] and the smallest variance [m^2] of each point's neighbourhood, the point included.
+    """Returns the entropy [nat] and the smallest variance [m^2] of each point's neighbourhood, the point included, or NaN.
 
     Args:
         points: (N, 2) m.
         pairs: (M, 2) indices of points that are neighbours.
-        fewest: both are NaN for a neighbourhood of fewer points.
     """
     a, b = pairs.T
     offset = points[b] - points[a]
@@ -180,7 +160,7 @@ def _measure_shapes(
     half = 0.5 * (xx + yy)
     least = half - np.sqrt(np.maximum(half * half - determinant, 0.0))
     entropy = np.log(2.0 * np.pi * np.e) + 0.5 * np.log(determinant)
-    few = count < fewest
+    few = count < _FEWEST_NEIGHBOURS
     entropy[few], least[few] = np.nan, np.nan
     return entropy, least
 

@@ -34,6 +34,7 @@ _PLACED = 100_000  # while they are placed, and while those of a strip are looke
 _SCORED = 50_000  # while they are scored, besides those around them
 _STRIPS = 64  # strips whose scores are in memory at a time
 _LAST_COLUMN = 2**22  # of all points that lie farther out
+_Scores = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]  # which points, their shares, whether matched
 
 
 def render(
@@ -192,8 +193,9 @@ def score_points(
         release(points.points, columns)
     shares, matched = make_stored((len(points),)), make_stored((len(points),), np.bool_)
 
-    def take_in(number: int, scored: _Scored) -> None:
-        shares[scored.chosen], matched[scored.chosen] = scored.shares, scored.matched
+    def take_in(number: int, scored: _Scores) -> None:
+        chosen, *scores = scored
+        shares[chosen], matched[chosen] = scores
         release(shares, matched)
 
     strips = _split_into_strips(counts)
@@ -201,20 +203,6 @@ def score_points(
     for begin in range(0, len(strips), _STRIPS):
         engine.map(_score_strip, shared, strips[begin : begin + _STRIPS], take_in)
     return shares, matched
-
-
-class _Scored(NamedTuple):
-    """The score of some points.
-
-    Args:
-        chosen: (M,) which ones they are.
-        shares: (M,) share of psi of each.
-        matched: (M,) whether each was matched.
-    """
-
-    chosen: NDArray[np.int64]
-    shares: NDArray[np.float64]
-    matched: NDArray[np.bool_]
 
 
 def _find_corner(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -247,8 +235,8 @@ def _split_into_strips(counts: NDArray[np.int64]) -> list[tuple[int, int]]:
 
 def _score_strip(
     shared: tuple[PointSet, NDArray[np.int32], NDArray[np.float64], float, EstimatorConfig], strip: tuple[int, int]
-) -> _Scored:
-    """Scores the points of a strip of columns against those that lie in it and beside it."""
+) -> _Scores:
+    """Returns the indices of the points of a strip, their shares of psi, and whether each is matched in or beside it."""
     (points, columns, corner, revolution_s, estimator), (begin, end) = shared, strip
     scale = final_scale(estimator)
     beside = math.ceil(scale.s / estimator.s)
@@ -265,7 +253,7 @@ def _score_strip(
     inside = order[(own >= begin) & (own < end)]
     release(columns)
     evaluation = evaluate(_take_points(around, inside), references, scale, kernel_of(estimator, revolution_s))
-    return _Scored(chosen[inside], evaluation.shares, evaluation.matched)
+    return chosen[inside], evaluation.shares, evaluation.matched
 
 
 def _take_points(points: PointSet, chosen: NDArray[np.int64]) -> PointSet:

@@ -25,7 +25,7 @@ from mqslam.backend.loops.chain import Chain
 from mqslam.core import se2
 from mqslam.core.keyframes import Keyframes
 from mqslam.core.stored import release
-from mqslam.merging.rendering import place_points
+from mqslam.mapping.keyframing import place_points
 
 # Cells farther from a keyframe than this [m] are not compared with it.
 REACH_M = 60.0
@@ -287,10 +287,14 @@ def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int]) -> Iterator[Cha
     share = (hits + 1.0) / (hits + misses + 2.0)  # Laplace's rule: one look of each kind is added
     chance = binom.cdf(also, also + looks, share)
     changed = np.flatnonzero((looks >= _LOOKS) & (chance <= _CHANCE / len(one.cells)))
-    for members in _group(cells[changed], _OBJECT_M):
-        if len(members) < _CELLS:
+    if not len(changed):
+        return
+    i, k = cKDTree(cells[changed]).query_pairs(_OBJECT_M, output_type="ndarray").reshape(-1, 2).T
+    links = coo_array((np.ones(len(i), dtype=bool), (i, k)), shape=(len(changed), len(changed)))
+    count, labels = connected_components(links, directed=False)
+    for own in (changed[labels == n] for n in range(count)):
+        if len(own) < _CELLS:
             continue
-        own = changed[members]
         low, high = cells[own].min(axis=0), cells[own].max(axis=0)
         yield Change(
             shown_by=numbers[0],
@@ -332,13 +336,3 @@ def find_farthest(cells: NDArray[np.float64], shown: NDArray[np.int64], views: V
     for beside in (-1, 0, 1):
         np.maximum.at(farthest, (shown[:, 0], (aspect + beside) % _ASPECTS), ranges)
     return farthest
-
-
-def _group(cells: NDArray[np.float64], apart_m: float) -> list[NDArray[np.int64]]:
-    """Returns the numbers of cells (N, 2) that are connected by steps of at most apart_m [m], group by group."""
-    if not len(cells):
-        return []
-    i, k = cKDTree(cells).query_pairs(apart_m, output_type="ndarray").reshape(-1, 2).T
-    links = coo_array((np.ones(len(i), dtype=bool), (i, k)), shape=(len(cells), len(cells)))
-    count, labels = connected_components(links, directed=False)
-    return [np.flatnonzero(labels == n) for n in range(count)]

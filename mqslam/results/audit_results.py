@@ -19,7 +19,7 @@ from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import CONFIDENCE, Finding, VerdictStatus, verdict_of
 from mqslam.auditing.windows.windows import share_torn
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
-from mqslam.core.statistics.chances import find_smallest
+from mqslam.core.statistics import find_smallest
 from mqslam.core.wording import count_of
 from mqslam.execution.files import write_json, write_text
 from mqslam.results.audit_rows import (

@@ -9,7 +9,7 @@ from typing import Any
 
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config
-from mqslam.core.sensors.mount import RADAR
+from mqslam.core.sensors import RADAR
 from mqslam.errors import OutputError, Remedy
 from mqslam.execution.files import write_json, write_text
 from mqslam.results.summary_files import format_csv

@@ -9,8 +9,7 @@ from typing import Final
 
 import gtsam
 
-from mqslam.factors.loop_between import CAUCHY
-from mqslam.factors.noise import HUBER
+from mqslam.factors.between import CAUCHY, HUBER
 from mqslam.formats.graphs.g2o import list_edges
 from mqslam.solution import Run
 

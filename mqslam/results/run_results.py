@@ -12,15 +12,15 @@ import numpy as np
 
 from mqslam.auditing.verdict import CONFIDENCE
 from mqslam.auditing.windows.windows import share_torn
-from mqslam.backend.linear.marginals import PoseCovariances
+from mqslam.backend.marginals import PoseCovariances
 from mqslam.backend.pose_graph import count_submaps
 from mqslam.config import dump_yaml, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.mount import RADAR, VEHICLE
-from mqslam.core.sensors.sensor_notes import list_sensor_notes
+from mqslam.core.sensors import RADAR, VEHICLE
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import list_sensor_notes
 from mqslam.errors import tolerate
 from mqslam.evaluation import list_errors
 from mqslam.execution.files import write_json, write_text

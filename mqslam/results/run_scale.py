@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.verdict import Finding, VerdictStatus
-from mqslam.backend.sensors.gnss.fix_use import FixUse
+from mqslam.backend.sensors.gnss import FixUse
 from mqslam.check.following import FEWEST_STEPS
 from mqslam.check.motion_checks import LEAST_SPEED
 from mqslam.core.recording import Recording

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from mqslam.auditing.gyroscope_check import GyroscopeCheck
-from mqslam.backend.sensors.chirps.velocity_use import VelocityUse
-from mqslam.backend.sensors.gnss.fix_use import FixUse
-from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse
-from mqslam.backend.sensors.gyroscope.rotation import Rotation
-from mqslam.backend.sensors.mount_use import MountUse
+from mqslam.backend.sensors.chirps import VelocityUse
+from mqslam.backend.sensors.gnss import FixUse
+from mqslam.backend.sensors.gyroscope import GyroscopeUse, Rotation
+from mqslam.backend.sensors.mount import MountUse
 from mqslam.solution import Solution
 
 

@@ -4,7 +4,7 @@
 Both take another `World` than the simulator's own, which stands in for what the radar sees of the scene, and when.
 """
 
-from mqslam.core.sensors.velocity import CHIRP_BETA
+from mqslam.core.velocity import CHIRP_BETA
 from mqslam.simulator.city import give_way, make_city_drive, make_city_scene
 from mqslam.simulator.drive import ConstantDrive, Drive, SampledDrive, clear_way, make_loop_drive, make_tunnel_drive
 from mqslam.simulator.in_memory import SimulatedRecording, simulate_recording

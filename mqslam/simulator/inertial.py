@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors import Gyroscope
 from mqslam.simulator.drive import Drive
 
 SLOWEST_HZ, FASTEST_HZ = 50.0, 200.0

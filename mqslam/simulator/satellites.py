@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.sensors.fixes import Fixes
+from mqslam.core.sensors import Fixes
 from mqslam.simulator.drive import Drive
 
 ORIGIN_DEG = (51.76, -1.26)

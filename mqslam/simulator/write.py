@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors import Fixes, Gyroscope
 from mqslam.errors import ConfigError, suggest
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import claim_folder, make_folder, write_folder_aside

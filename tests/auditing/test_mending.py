@@ -23,7 +23,7 @@ from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.windows import share_torn
 from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.measurement import Loop, Measurement, MotionTable
+from mqslam.core.measurement import Loop, Measurement
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.progress import ignore_progress
@@ -214,7 +214,7 @@ def test_ties_along_the_path_are_as_uncertain_as_the_motions_between_their_ends(
     """However sure ties say they are, they are as uncertain as drawn motions add up to."""
     rng = np.random.default_rng(7)
     spread = np.diag([0.02, 0.01, 0.003])
-    motions = MotionTable(Measurement(k, k + 1.0, np.array([2.0, 0.1, 0.05]), spread**2) for k in range(20))
+    motions = [Measurement(k, k + 1.0, np.array([2.0, 0.1, 0.05]), spread**2) for k in range(20)]
     tie, whole = weigh_ties([Loop(4, 16, np.zeros(3), 1e-9 * np.eye(3), np.nan, np.nan)] * 2, motions)
     assert (tie.earlier, tie.later) == (4, 16) and np.array_equal(tie.covariance, whole.covariance)
     right = se2.chain(m.pose for m in motions[4:16])[-1]

@@ -12,7 +12,7 @@ from mqslam.auditing.findings import judge_revisits
 from mqslam.auditing.revisits import RevisitAudit, audit_revisits
 from mqslam.auditing.sweeps import place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
-from mqslam.backend.loops.submap import TrackedRun
+from mqslam.backend.loops.passes import TrackedRun
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all

@@ -14,7 +14,7 @@ from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.inflation import fit_bend
 from mqslam.config import load_config
 from mqslam.core import se2
-from mqslam.core.sensors.timed_cloud import TimedCloud
+from mqslam.core.point_map import TimedCloud
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.execution.local_engine import LocalEngine

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mqslam.backend import drift, submaps
-from mqslam.backend.drift import learn_drift, widen_ties
-from mqslam.backend.submaps import split_into_submaps
+from mqslam.backend import submaps
+from mqslam.backend.submaps import learn_drift, split_into_submaps, widen_ties
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 
@@ -72,8 +71,8 @@ def test_no_span_leads_over_a_motion_that_one_direction_alone_has_measured() -> 
 
 
 def test_what_both_directions_drift_together_grows_with_the_path(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(drift, "COMMON_DRIFT_M", 0.3)
-    monkeypatch.setattr(drift, "COMMON_DRIFT_RAD", 0.02)
+    monkeypatch.setattr(submaps, "COMMON_DRIFT_M", 0.3)
+    monkeypatch.setattr(submaps, "COMMON_DRIFT_RAD", 0.02)
     alone = [replace(m, apart=np.full(3, np.nan)) for m in drive(100, (1.0, 1.0, 1.0), bend=0.0)]
     before = split_into_submaps(alone)
     grown = [

@@ -16,8 +16,7 @@ from mqslam.core import frontend
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Returns, Scan, Scans
-from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.sensors.sensors import Sensors
+from mqslam.core.sensors import Gyroscope, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.runner import Runner
 from mqslam.psi.place import beam_of

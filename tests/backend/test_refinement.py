@@ -9,12 +9,11 @@ import pytest
 from support.passes import BEAM, LANE_Y, noisy_passes, path, street_pass
 
 from mqslam.backend import refinement
-from mqslam.backend.crossings import find_crossings, measure_psi_across
 from mqslam.backend.loops import passes
-from mqslam.backend.loops.submap import TrackedRun
+from mqslam.backend.loops.passes import TrackedRun
 from mqslam.backend.problem import Problem
-from mqslam.backend.refinement import drop_replaced, refine, select_tied
-from mqslam.backend.sensors.odometry.odometry_edges import reckon
+from mqslam.backend.refinement import drop_replaced, find_crossings, measure_psi_across, refine, select_tied
+from mqslam.backend.sensors.odometry import reckon
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Refined

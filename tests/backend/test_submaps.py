@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mqslam.backend import drift, submaps
-from mqslam.backend.linear.marginals import compute_all_marginals
+from mqslam.backend import submaps
+from mqslam.backend.marginals import compute_all_marginals
 from mqslam.backend.problem import Problem
 from mqslam.backend.submaps import split_into_submaps
 from mqslam.core import se2
@@ -23,7 +23,7 @@ def short_submaps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Begins a submap with every second scan, and leaves out the prior for common drift."""
     monkeypatch.setattr(submaps, "_SUBMAP_M", 3.5)
     for name in ("COMMON_DRIFT_M", "COMMON_DRIFT_RAD"):
-        monkeypatch.setattr(drift, name, 0.0)
+        monkeypatch.setattr(submaps, name, 0.0)
 
 
 def drive(count: int, step: np.ndarray = STEP) -> list[Measurement]:
@@ -42,15 +42,15 @@ def sigmas(measurements: list[Measurement], scans: list[int]) -> np.ndarray:
 def test_a_submap_ends_where_the_map_takes_a_keyframe() -> None:
     pieces = split_into_submaps(drive(9))
     np.testing.assert_array_equal(pieces.first_scans, [0, 2, 4, 6, 8])
-    assert [p.submap for p in pieces.placements] == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
-    assert [p.number for p in pieces.placements] == list(range(10))
-    assert [(t.submap, t.number) for t in pieces.ties] == [(0, 1), (1, 2), (2, 3), (3, 4)]
+    assert [p.earlier for p in pieces.placements] == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
+    assert [p.later for p in pieces.placements] == list(range(10))
+    assert [(t.earlier, t.later) for t in pieces.ties] == [(0, 1), (1, 2), (2, 3), (3, 4)]
 
 
 def test_placements_and_ties_lead_along_the_measured_motions() -> None:
     pieces = split_into_submaps(drive(9))
     frames = se2.chain(t.pose for t in pieces.ties)
-    poses = np.array([se2.compose(frames[p.submap], p.pose) for p in pieces.placements])
+    poses = np.array([se2.compose(frames[p.earlier], p.pose) for p in pieces.placements])
     np.testing.assert_allclose(poses, se2.chain([STEP] * 9), atol=1e-12)
 
 
@@ -84,6 +84,6 @@ def test_a_lost_motion_ends_a_map_and_brings_its_own_error() -> None:
     motions = drive(20)
     motions[10] = replace(motions[10], on_map=False, covariance=np.diag([4.0, 4.0, 0.01]))
     pieces = split_into_submaps(motions)
-    assert [t.number for t in pieces.ties if pieces.first_scans[t.number] == 11] == []
+    assert [t.later for t in pieces.ties if pieces.first_scans[t.later] == 11] == []
     before, after = sigmas(motions, [10, 11])
     assert before[2] < 0.01 and after[2] == pytest.approx(0.1, rel=0.01)

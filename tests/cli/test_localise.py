@@ -16,8 +16,8 @@ from support.parameters import mostly_slow
 from support.reported import find_faults
 
 import mqslam as api
-from mqslam.backend.loops.submap import MappedDrive
-from mqslam.backend.recognition.places import describe_places
+from mqslam.backend.loops.passes import MappedDrive
+from mqslam.backend.loops.recognition import describe_places
 from mqslam.config import Config, dump_yaml, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.keyframes import KeyframeMap, MappedRecording

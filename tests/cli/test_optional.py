@@ -133,9 +133,7 @@ def test_a_full_disk_is_an_error_all_the_same(drive: Path, tmp_path: Path, monke
 
 def test_covariances_that_cannot_be_had_are_a_warning(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     failure = "MemoryError: Unable to allocate 40 GiB"
-    monkeypatch.setattr(
-        "mqslam.backend.linear.marginal_recursion.eliminate", failing(MemoryError("Unable to allocate 40 GiB"))
-    )
+    monkeypatch.setattr("mqslam.backend.elimination.eliminate", failing(MemoryError("Unable to allocate 40 GiB")))
 
     def write_indices(path: Path, report: Any) -> list[str]:
         path.write_text(str(report.covariances))

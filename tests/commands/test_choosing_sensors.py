@@ -16,8 +16,7 @@ from mqslam.commands.inputs.opening import Inputs, choose_fixes, choose_gyroscop
 from mqslam.commands.run import open_job
 from mqslam.config import Config
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors import Fixes, Mount
 from mqslam.errors import ConfigError, DataError
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.sensors.reading import Reading

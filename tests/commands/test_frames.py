@@ -20,9 +20,7 @@ from mqslam.commands.inputs.opening import place_truth
 from mqslam.commands.run import run
 from mqslam.config import Config, SensorConfig
 from mqslam.core import se2
-from mqslam.core.sensors.georeference import Georeference
-from mqslam.core.sensors.mount import Mount
-from mqslam.core.sensors.tangent_plane import TangentPlane
+from mqslam.core.sensors import Georeference, Mount, TangentPlane
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError
 from mqslam.formats.covariances import read_covariances

@@ -10,9 +10,9 @@ from support.passes import BEAM, LANE_Y, joined, street_pass
 from support.reported import audit_of
 
 from mqslam.auditing.verdict import VerdictStatus
-from mqslam.backend.crossings import find_crossings, measure_psi_across
 from mqslam.backend.loops import passes
-from mqslam.backend.loops.submap import TrackedRun
+from mqslam.backend.loops.passes import TrackedRun
+from mqslam.backend.refinement import find_crossings, measure_psi_across
 from mqslam.comparison import psi_across
 from mqslam.comparison.best import Best
 from mqslam.comparison.judgement import JudgedRow

@@ -1,4 +1,4 @@
-"""Arrays and rows that lie in temporary files, and scans, motions and medians that are made of them."""
+"""Arrays and rows that lie in temporary files, and scans and medians that are made of them."""
 
 from __future__ import annotations
 
@@ -14,25 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mqslam.core.measurement import Measurement, MotionTable, Status
 from mqslam.core.scans import Returns, ScanStore
-from mqslam.core.statistics.median import find_median
+from mqslam.core.statistics import find_median
 from mqslam.core.stored import StoredRows, make_stored, release
 from mqslam.errors import OutputError
-
-
-def make_motion(k: int) -> Measurement:
-    rng = np.random.default_rng(k)
-    covariance, status = np.diag(rng.random(3)), list(Status)[k % len(Status)]
-    return Measurement(
-        float(k), k + 1.0, rng.random(3), covariance, status, 0.5, float("nan"), k, 0.9, k % 2 == 0, rng.random(3)
-    )
-
-
-def assert_same(found: Measurement, expected: Measurement) -> None:
-    for name in Measurement.__slots__:
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
-        assert type(getattr(found, name)) is type(getattr(expected, name)), name
 
 
 def lies_in_a_file(array: NDArray[np.float64]) -> bool:
@@ -79,17 +64,6 @@ def test_scans_come_back_as_they_were_stored() -> None:
         assert (scan.t0, scan.t1) == (t0, t1)
         for name in ("ranges", "azimuths", "times", "intensities"):
             np.testing.assert_array_equal(getattr(scan.returns, name), getattr(returns, name))
-
-
-def test_motions_come_back_from_a_table_as_they_were() -> None:
-    motions = [make_motion(k) for k in range(200)]
-    table = MotionTable(motions)
-    assert len(table) == 200 and len(table[10:20]) == 10
-    for found, expected in zip(pickle.loads(pickle.dumps(table)), motions, strict=True):
-        assert_same(found, expected)
-    assert_same(table[-1], motions[-1])
-    with pytest.raises(IndexError):
-        table[200]
 
 
 @given(st.lists(st.lists(st.floats(0.0, 1e3) | st.floats(0.0, 1e300), max_size=30), max_size=6))

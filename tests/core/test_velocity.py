@@ -1,4 +1,4 @@
-"""Velocities are told for any time between scans, with the Doppler shift that the sensor turns out to have."""
+"""Velocities are told for any time between scans."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mqslam.core import se2
-from mqslam.core.sensors.velocity import Outcome, Velocities, make_twists
+from mqslam.core.velocity import Outcome, Velocities, make_twists
 
 NAN = np.nan
 
@@ -38,14 +38,6 @@ def test_before_the_first_and_after_the_last_scan_nothing_is_made_up() -> None:
     assert np.isnan(velocities).all() and np.isnan(covariances).all()
     none = Velocities(np.zeros(1), np.full((1, 2), NAN), np.full((1, 2, 2), NAN), np.array([Outcome.DARK], np.int64), 0.05)
     assert np.isnan(none.at(np.zeros(3))[0]).all()
-
-
-def test_another_doppler_shift_scales_velocities_and_covariances() -> None:
-    half = some().with_doppler_beta(0.1)
-    np.testing.assert_allclose(half.velocities, 0.5 * some().velocities)
-    np.testing.assert_allclose(half.covariances, 0.25 * some().covariances)
-    assert half.doppler_beta == 0.1
-    np.testing.assert_allclose(some().with_doppler_beta(-0.05).velocities, -some().velocities)
 
 
 def test_reasons_are_counted() -> None:

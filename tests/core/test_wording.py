@@ -1,12 +1,36 @@
-"""Messages count one thing and several things."""
+"""Messages count one thing and several things, and notes say what was found of sensors."""
 
 from __future__ import annotations
 
 import pytest
 
-from mqslam.core.wording import count_of, is_or_are
+from mqslam.core.wording import count_of, is_or_are, list_sensor_notes
 
 
 @pytest.mark.parametrize(("number", "text"), [(0, "0 scans are"), (1, "1 scan is"), (2, "2 scans are")])
 def test_one_is_singular_and_all_else_plural(number: int, text: str) -> None:
     assert f"{count_of(number, 'scan')} {is_or_are(number)}" == text
+
+
+USED = {"used": True, "statements": ["the sensor is used"]}
+LEFT_OUT = {"used": False, "statements": ["it contradicts the radar"]}
+
+
+@pytest.mark.parametrize(
+    ("sensors", "status", "after", "named"),
+    [
+        ({"gyroscope": USED, "gnss": USED}, "warn", 0.26, "the gyroscope and GNSS"),
+        ({"gyroscope": LEFT_OUT, "gnss": USED}, "fail", 0.26, "GNSS"),
+        ({"gyroscope": None, "gnss": USED}, "pass", 0.26, None),
+        ({"gyroscope": None, "gnss": USED}, "warn", 0.24, None),
+        ({"gyroscope": LEFT_OUT, "gnss": None}, "fail", 0.26, None),
+    ],
+)
+def test_a_map_that_is_not_passed_and_was_crisper_without_the_sensors_says_so(
+    sensors: dict[str, object], status: str, after: float, named: str | None
+) -> None:
+    psi = {"per_point_odometry": 0.25, "per_point_optimised": after}
+    notes = list_sensor_notes({"sensors": sensors, "psi": psi, "verdict": {"status": status}})
+    doubts = [note for note in notes if note.startswith("psi per point is 0.2500 by psi's motions alone")]
+    assert len(doubts) == (named is not None)
+    assert all(note.endswith(f"a run without {named}") for note in doubts)

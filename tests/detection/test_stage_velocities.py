@@ -10,7 +10,7 @@ import pytest
 
 from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.core.sensors.velocity import Outcome, Velocities
+from mqslam.core.velocity import Outcome, Velocities
 from mqslam.detection import stage
 from mqslam.detection.detector import detect
 from mqslam.detection.stage import detect_all, detect_stretch

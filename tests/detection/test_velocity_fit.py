@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from worlds.writing import WORLDS
 
 from mqslam.core.recording import PolarScan
-from mqslam.core.sensors.velocity import Outcome
+from mqslam.core.velocity import Outcome
 from mqslam.detection import velocity_fit
 from mqslam.detection.velocity_fit import (
     _OUTLIER_SPREADS,

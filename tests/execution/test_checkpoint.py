@@ -17,8 +17,8 @@ from mqslam import slam as slam_module
 from mqslam.config import Config, MapConfig, SensorConfig
 from mqslam.core.measurement import Loop, LoopSearch, Measured, Measurement, Refined, Status
 from mqslam.core.scans import Returns
-from mqslam.core.sensors.detected import Detected
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.velocity import Detected
 from mqslam.detection.stage import detect_all
 from mqslam.errors import DataError, OutputError, Remedy
 from mqslam.execution.checkpoint import FOLDER, Checkpoint, hash_run, keep_checkpoint

@@ -14,7 +14,7 @@ import pytest
 from support.commands import mqslam, parse_strict_json
 from support.faults import images, run_quickly
 
-from mqslam.backend.linear.marginals import PoseCovariances, compute_all_marginals
+from mqslam.backend.marginals import PoseCovariances, compute_all_marginals
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.core import frontend
 from mqslam.core.frontend import Context

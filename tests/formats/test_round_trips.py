@@ -18,7 +18,7 @@ from support.sensors import a_gyroscope, some_fixes
 
 from mqslam.core import se2
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors import Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.recordings import open_recording
 from mqslam.simulator import SimulatedRecording

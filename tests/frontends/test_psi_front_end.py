@@ -14,8 +14,8 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
-from mqslam.core.sensors.velocity import Outcome, Velocities
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.velocity import Outcome, Velocities
 from mqslam.errors import FewReturnsError
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.frontends.psi import PsiFrontEnd

@@ -65,7 +65,7 @@ def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_command_ends_with_a_code_and_a_line(
     base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    monkeypatch.setattr("mqslam.merging.recognition._FEWEST", 2)  # the drives are too short for more
+    monkeypatch.setattr("mqslam.merging.sessions._FEWEST", 2)  # the drives are too short for more
     place = shutil.copytree(base, tmp_path / "place")
     monkeypatch.chdir(place)
     calls = itertools.count()

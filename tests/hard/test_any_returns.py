@@ -10,7 +10,7 @@ from support.hard_recordings import assert_sound, joined, solve, stamps_of
 
 from mqslam.auditing.judge import audit
 from mqslam.auditing.sweeps import place_sweeps
-from mqslam.backend.loops.align import align
+from mqslam.backend.loops.registration import align
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan

@@ -23,8 +23,8 @@ from support.hard_recordings import (
 
 from mqslam.auditing.judge import Audit, audit, audit_trajectory
 from mqslam.auditing.sweeps import place_sweeps
-from mqslam.backend.loops.candidates import find_candidates
-from mqslam.backend.loops.submap import TrackedRun
+from mqslam.backend.loops.closing import find_candidates
+from mqslam.backend.loops.passes import TrackedRun
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap

@@ -14,10 +14,9 @@ from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.errors import NotInMapError
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.runner import Runner
-from mqslam.localisation import recording_in_map
-from mqslam.localisation.localised import Localised, PlaceStatus
-from mqslam.localisation.recording_in_map import _USUAL_SCALE, FEWEST_PAIRS, localise
-from mqslam.localisation.registering import _RENEW_M, REACH_M
+from mqslam.localisation import localise as module
+from mqslam.localisation.localise import _USUAL_SCALE, FEWEST_PAIRS, Localised, localise
+from mqslam.localisation.registering import _RENEW_M, REACH_M, PlaceStatus
 
 MAPPED_S = 14.0
 
@@ -131,8 +130,8 @@ def test_the_covariances_are_those_that_the_recording_shows(
 ) -> None:
     assert found.samples < FEWEST_PAIRS and not found.is_scale_measured  # it is short
     np.testing.assert_array_equal(found.scale, np.full(3, _USUAL_SCALE))
-    monkeypatch.setattr(recording_in_map, "FEWEST_PAIRS", 3)
-    monkeypatch.setattr(recording_in_map, "_SAMPLE_M", 3.0)
+    monkeypatch.setattr(module, "FEWEST_PAIRS", 3)
+    monkeypatch.setattr(module, "_SAMPLE_M", 3.0)
     measured = localised(later)
     assert measured.is_scale_measured and np.all(measured.scale >= 1.0)
     ratio = np.sqrt(measured.scale / found.scale)

@@ -7,7 +7,6 @@ import pytest
 
 from mqslam.config import AuditConfig
 from mqslam.mapping.measures import (
-    EvidenceModel,
     accumulate_evidence,
     compute_grid_entropy,
     compute_measures,
@@ -18,7 +17,6 @@ RNG = np.random.default_rng(3)
 POINTS = RNG.uniform(-4.0, 4.0, (300, 2)) * [1.0, 0.2]
 SWEEPS = np.repeat(np.arange(3), 100)
 SENSORS = np.zeros((300, 2))
-MODEL = EvidenceModel(hit=0.85, miss=-0.4, limit=3.5)
 
 
 def neighbourhoods(points: np.ndarray, radius: float) -> list[np.ndarray]:
@@ -62,7 +60,7 @@ def test_a_doubled_wall_is_worse_by_every_entropy_than_a_single_one() -> None:
 
 
 def test_evidence_of_one_beam_is_free_on_the_way_and_occupied_at_its_end() -> None:
-    odds, seen = accumulate_evidence(np.array([[0.5, 0.5]]), np.array([[5.5, 0.5]]), (7, 2), MODEL)
+    odds, seen = accumulate_evidence(np.array([[0.5, 0.5]]), np.array([[5.5, 0.5]]), (7, 2))
     assert seen[:, 0].tolist() == [True] * 6 + [False] and not seen[:, 1].any()
     assert np.all(odds[:5, 0] < 0.0) and odds[5, 0] > 0.0
 
@@ -78,7 +76,7 @@ def test_evidence_is_that_of_a_walk_in_numpy() -> None:
         x, y = np.floor(b).astype(int)
         visited[x, y] = True
         expected[x, y] = min(expected[x, y] + 0.85, 3.5)
-    odds, seen = accumulate_evidence(begins, ends, (21, 21), MODEL)
+    odds, seen = accumulate_evidence(begins, ends, (21, 21))
     np.testing.assert_array_equal(seen, visited)
     np.testing.assert_allclose(odds, expected, atol=1e-12)
 
@@ -87,7 +85,7 @@ def test_nothing_has_no_measure() -> None:
     empty = np.empty((0, 2))
     result = compute_measures(empty, np.empty(0, dtype=np.int64), empty, AuditConfig())
     assert np.isnan([result.map_entropy, result.plane_variance, result.joint_entropy, result.grid_entropy]).all()
-    assert np.isnan(compute_grid_entropy(empty, empty, 0.5, MODEL))
+    assert np.isnan(compute_grid_entropy(empty, empty, 0.5))
 
 
 def test_the_sensor_is_between_its_poses() -> None:

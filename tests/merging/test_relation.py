@@ -6,12 +6,12 @@ import gtsam
 import numpy as np
 
 from mqslam.backend.loops.chain import Chain
-from mqslam.backend.loops.submap import TrackedRun
+from mqslam.backend.loops.passes import TrackedRun
 from mqslam.backend.pose_graph import PoseGraph
-from mqslam.backend.recognition.recognise import PlaceMatch
 from mqslam.core import se2
-from mqslam.factors.prior import prior
-from mqslam.merging.recognition import Relation, find_heaviest, find_relation
+from mqslam.core.measurement import Loop
+from mqslam.factors.between import prior
+from mqslam.merging.sessions import Relation, find_heaviest, find_relation
 
 COUNT = 60
 HERE, THERE = np.array([30.0, -4.0, 0.7]), np.array([42.0, -4.0, 0.7])  # two poses of the later drive's frame
@@ -34,24 +34,21 @@ def make_chain() -> Chain:
     )
 
 
-def make_row(frame: se2.Array, queries: range) -> list[PlaceMatch]:
+def make_row(frame: se2.Array, queries: range) -> list[Loop]:
     """Returns matches of scans with place 30, if the later drive's frame has a pose (3,) in the earlier's."""
     covariance = np.diag([1e-3, 1e-3, 1e-6])
     place = np.array([30.0, 0.0, 0.0])
-    return [
-        PlaceMatch(q, 30, se2.between(place, se2.compose(frame, [float(q), 0.0, 0.0])), covariance, 0.9, 0.1, alone=True)
-        for q in queries
-    ]
+    return [Loop(30, q, se2.between(place, se2.compose(frame, [float(q), 0.0, 0.0])), covariance, 0.9, 0.1) for q in queries]
 
 
-def relate(*rows: list[PlaceMatch]) -> Relation:
+def relate(*rows: list[Loop]) -> Relation:
     """Returns the relation that rows show."""
     return find_relation(rows, make_chain(), make_chain())
 
 
 def test_rows_that_agree_are_taken_together_and_one_that_does_not_is_left_out() -> None:
     relation = relate(make_row(HERE, range(0, 4)), make_row(HERE, range(10, 14)), make_row(THERE, range(20, 23)))
-    assert {match.query for match in relation.matches} == {0, 1, 2, 3, 10, 11, 12, 13}
+    assert {match.later for match in relation.matches} == {0, 1, 2, 3, 10, 11, 12, 13}
     assert (relation.agreeing, relation.rivals) == (8, 3)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from support.reported import chromium, judged_walls, opened, page_of, swept_walls
 
-from mqslam.backend.linear.marginals import PoseCovariances
+from mqslam.backend.marginals import PoseCovariances
 from mqslam.config import AuditConfig
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory

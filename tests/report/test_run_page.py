@@ -27,7 +27,7 @@ from support.reported import (
     swept_walls,
 )
 
-from mqslam.backend.linear.marginals import PoseCovariances
+from mqslam.backend.marginals import PoseCovariances
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap

@@ -15,8 +15,7 @@ from mqslam.backend.pose_graph import build_pose_graph
 from mqslam.config import Config
 from mqslam.core.measurement import Loop
 from mqslam.core.trajectory import Trajectory
-from mqslam.factors.loop_between import loop_between
-from mqslam.factors.psi_between import psi_between
+from mqslam.factors.between import loop_between, psi_between
 from mqslam.formats.graphs.g2o import format_g2o
 from mqslam.results.graph_table import format_graph_table
 

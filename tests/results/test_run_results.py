@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mqslam.backend.linear.marginals import PoseCovariances
+from mqslam.backend.marginals import PoseCovariances
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.covariances import read_covariances
 from mqslam.results.run_results import write_marginals

@@ -9,10 +9,10 @@ from support.reported import judged_window, swept_walls
 from mqslam.auditing.findings import judge_windows
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.backend.sensor_use import SensorUse
-from mqslam.backend.sensors.chirps.velocity_use import VelocityUse
-from mqslam.backend.sensors.gnss.fix_use import FixUse
-from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse
-from mqslam.backend.sensors.odometry.odometry_fault import OdometryFault
+from mqslam.backend.sensors.chirps import VelocityUse
+from mqslam.backend.sensors.gnss import FixUse
+from mqslam.backend.sensors.gyroscope import GyroscopeUse
+from mqslam.backend.sensors.odometry import OdometryFault
 from mqslam.config import Config
 from mqslam.core.measurement import Measurement, Refined, Status
 from mqslam.core.point_map import PointMap
@@ -151,7 +151,7 @@ def test_stretches_that_are_near_each_other_are_one_warning() -> None:
 
 @pytest.mark.parametrize(("edges", "carried"), [(range(3), True), (range(2), False), (None, False)])
 def test_velocities_by_chirps_are_said_to_carry_what_psi_does_not_observe(edges, carried):
-    velocities = VelocityUse((), None if edges is None else dict.fromkeys(edges))
+    velocities = VelocityUse("chirps", (), None if edges is None else dict.fromkeys(edges))
     recording = SimpleNamespace(faults=[], gaps=list, start_times=np.arange(20.0), duration_s=20.0)
     poses = SimpleNamespace(poses=np.c_[5.0 * np.arange(20.0), np.zeros((20, 2))])
     driven = run(20, degenerate=3, sensors=SensorUse(velocities=velocities), warnings=(), optimised=poses)
@@ -197,7 +197,7 @@ def test_fixes_that_lie_farther_apart_than_the_trajectory_has_them_do_not_pass(s
 
 def turning(sign: float, axis: str = "z") -> GyroscopeUse:
     """Returns the use of a gyroscope that turns as the radar does, or the other way."""
-    return GyroscopeUse("imu.csv", (), SimpleNamespace(axis=axis, sign=sign), SimpleNamespace())
+    return GyroscopeUse("imu.csv", (), SimpleNamespace(), SimpleNamespace(axis=axis, sign=sign))
 
 
 OPPOSITE = OdometryFault("the odometry is not used", is_opposite=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mqslam.core.sensors.fixes import Fixes
+from mqslam.core.sensors import Fixes
 from mqslam.simulator import ConstantDrive, ReceiverModel, simulate_fixes
 from mqslam.simulator.satellites import ORIGIN_DEG
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.measurement import Measurement
-from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors import Gyroscope
 
 START_US = 1_560_000_000_000_000
 TURN_S, RATE_HZ = 0.25, 100

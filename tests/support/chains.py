@@ -8,9 +8,9 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
 
-from mqslam.backend.loops.candidates import Candidate
 from mqslam.backend.loops.chain import Chain, Relative, SubmapLayout
-from mqslam.backend.loops.submap import TrackedRun
+from mqslam.backend.loops.closing import Candidate
+from mqslam.backend.loops.passes import TrackedRun
 from mqslam.backend.pose_graph import build_pose_graph
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from support.drives import detected
 
-from mqslam.backend.loops.submap import MappedDrive
-from mqslam.backend.recognition.places import describe_places
+from mqslam.backend.loops.passes import MappedDrive
+from mqslam.backend.loops.recognition import describe_places
 from mqslam.config import Config, SensorConfig, dump_yaml
 from mqslam.core import se2
 from mqslam.core.keyframes import KeyframeMap, MappedRecording

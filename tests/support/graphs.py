@@ -8,7 +8,7 @@ from gtsam.symbol_shorthand import X
 
 from mqslam.backend.pose_graph import PoseGraph, build_pose_graph
 from mqslam.core import se2
-from mqslam.factors.psi_between import psi_between
+from mqslam.factors.between import psi_between
 
 COVARIANCE = np.diag([0.01, 0.0025, 1e-4])
 TURNS = np.tile([2.0, 0.1, 0.3], (30, 1))  # more than a full turn in all

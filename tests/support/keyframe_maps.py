@@ -11,8 +11,7 @@ from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.keyframes import KEYFRAME_POINT, KeyframeMap, Keyframes, MappedRecording, PlaceTable
 from mqslam.core.scans import Scans
-from mqslam.core.sensors.georeference import Georeference
-from mqslam.core.sensors.tangent_plane import TangentPlane
+from mqslam.core.sensors import Georeference, TangentPlane
 from mqslam.mapping.keyframing import make_keyframes
 from mqslam.psi.place import beam_of
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mqslam.backend.loops.submap import MappedDrive
-from mqslam.backend.recognition.places import describe_places
+from mqslam.backend.loops.passes import MappedDrive
+from mqslam.backend.loops.recognition import describe_places
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.keyframes import KeyframeMap, MappedRecording

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from mqslam.backend.loops.submap import TrackedRun
+from mqslam.backend.loops.passes import TrackedRun
 from mqslam.backend.problem import Problem
 from mqslam.config import Config
 from mqslam.core import se2

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from support.recordings import START_US
 
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors import Fixes, Gyroscope
 
 RATE = np.array([0.01, -0.02, 0.4])
 """Rates of the simulated left turn about x forward, y left and z up [rad/s], with a little roll and pitch."""

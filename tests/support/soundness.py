@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 
 from mqslam.config import Config
-from mqslam.core.recording import PolarScan, Recording
+from mqslam.core.point_map import TimedCloud
+from mqslam.core.recording import LidarRecording, PolarScan, Recording
 from mqslam.core.scans import Returns
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.sensors.lidar import LidarRecording
-from mqslam.core.sensors.timed_cloud import TimedCloud
+from mqslam.core.sensors import Fixes, Gyroscope
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_stretch
 from mqslam.formats.covariances import read_covariances

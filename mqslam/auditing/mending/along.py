@@ -20,12 +20,11 @@ from mqslam.auditing.spans.measured import lay_spans
 from mqslam.auditing.spans.torn import audit_spans
 from mqslam.auditing.steps import audit_steps
 from mqslam.auditing.sweeps import place_sweeps
-from mqslam.backend.loops.chain import Relative
-from mqslam.backend.loops.consistency import compose_relatives
+from mqslam.backend.loops.chain import Relative, compose_relatives
 from mqslam.backend.problem import Problem
 from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.measurement import Loop, MotionTable
+from mqslam.core.measurement import Loop, Measurement
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.kept import ALONG
@@ -61,7 +60,9 @@ def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Be
     return [Loop(inside[tie.a], inside[tie.b], tie.pose, tie.covariance, np.nan, np.nan) for tie in ties]
 
 
-def straighten(measurements: MotionTable, scans: Scans, config: Config, beam: Beam, runner: Runner) -> MotionTable:
+def straighten(
+    measurements: Sequence[Measurement], scans: Scans, config: Config, beam: Beam, runner: Runner
+) -> list[Measurement]:
     """Returns psi's motions between successive scans as the ties along the path correct them, as sure as they were.
 
     Args:
@@ -76,10 +77,10 @@ def straighten(measurements: MotionTable, scans: Scans, config: Config, beam: Be
     ties = runner.make_once(ALONG, lambda: measure_along(scans, track, config, beam, runner))
     poses = alone.solve_poses([], weigh_ties(ties, measurements))
     motions = se2.between(poses[:-1], poses[1:])
-    return MotionTable(replace(m, pose=motion) for m, motion in zip(measurements, motions, strict=True))
+    return [replace(m, pose=motion) for m, motion in zip(measurements, motions, strict=True)]
 
 
-def weigh_ties(ties: Sequence[Loop], motions: MotionTable) -> list[Loop]:
+def weigh_ties(ties: Sequence[Loop], motions: Sequence[Measurement]) -> list[Loop]:
     """Returns ties that are as uncertain as the motions between their ends add up to.
 
     Both are measured from the same returns, and what errs in both (other faces of objects, seen from elsewhere) is in no

@@ -24,7 +24,7 @@ from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.measurement import Loop
-from mqslam.core.statistics.gross import MEDIAN_OF_CHI2
+from mqslam.core.statistics import MEDIAN_OF_CHI2
 from mqslam.execution.progress import Progress
 
 _LINE_MISS: Final = 0.2  # by definition: variance by which the ends of a line through a random walk miss the walk's ends

@@ -36,7 +36,7 @@ from mqslam.auditing.mending.tied_chain import Tie, TiedChain
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import GRAVEST_FIRST, WINDOWS_WARN, VerdictStatus
 from mqslam.auditing.windows.windows import share_torn
-from mqslam.backend.loops.consistency import PROBABILITY
+from mqslam.backend.loops.chain import PROBABILITY
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.engine import Engine

@@ -11,14 +11,12 @@ from gtsam.symbol_shorthand import X
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from mqslam.backend.loops.chain import Chain
-from mqslam.backend.loops.consistency import as_relative, compute_chi_square, keep_consistent
-from mqslam.backend.loops.submap import TrackedRun
+from mqslam.backend.loops.chain import Chain, as_relative, compute_chi_square, keep_consistent
+from mqslam.backend.loops.passes import TrackedRun
 from mqslam.backend.pose_graph import build_pose_graph, optimise, poses_of
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
-from mqslam.factors.loop_between import loop_between
-from mqslam.factors.psi_between import psi_between
+from mqslam.factors.between import loop_between, psi_between
 
 _ROUNDS: Final = 5  # numerical: rounds in which the scale of the errors is learnt from the loops; it settles in fewer
 _SETTLED: Final = 1.1  # numerical: a scale that grows by less than this factor has settled

@@ -22,7 +22,7 @@ from mqslam.auditing.sweeps import Sweeps
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
-from mqslam.core.statistics.median import find_median
+from mqslam.core.statistics import find_median
 from mqslam.core.stored import release
 from mqslam.execution.progress import Progress
 from mqslam.mapping.keyframing import pick_spaced

@@ -20,7 +20,7 @@ from mqslam.auditing.spans import effects
 from mqslam.auditing.spans.delay import Delay, estimate_delay
 from mqslam.auditing.spans.lever import Lever, estimate_lever, find_turns
 from mqslam.auditing.spans.robust import HUBER, judge_by_jackknife, measure_spread, split_into_blocks
-from mqslam.backend.drift import COMMON_DRIFT_RAD
+from mqslam.backend.submaps import COMMON_DRIFT_RAD
 
 # Fewest such pairs that show a bias, or how far off such a pair usually is.
 SPAN_FEWEST = 15

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
-from mqslam.core.statistics.gross import SIGMAS_PER_DEVIATION
+from mqslam.core.statistics import SIGMAS_PER_DEVIATION
 
 HUBER: Final = 1.345
 """By definition: standard deviations beyond which a place pulls no harder, for 95 % efficiency."""

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.spans.torn import FREEDOM, SpanAudit
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.backend.drift import COMMON_DRIFT_M, COMMON_DRIFT_RAD
+from mqslam.backend.submaps import COMMON_DRIFT_M, COMMON_DRIFT_RAD
 from mqslam.config import VerdictConfig
 from mqslam.core import se2
-from mqslam.core.statistics.chances import compute_p_values, correct_for_places
+from mqslam.core.statistics import compute_p_values, correct_for_places
 
 TORN_M: Final = 0.5
 """A sum of spans is not torn if its end is off its begin by less than this [m], and by less than `TORN_RAD` in yaw."""

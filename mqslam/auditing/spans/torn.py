@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from mqslam.auditing.laying import Laid
 from mqslam.auditing.spans import effects
 from mqslam.auditing.spans.pooled import SPAN_FEWEST
-from mqslam.backend.loops.align import TOLERANCES
+from mqslam.backend.loops.registration import TOLERANCES
 from mqslam.config import VerdictConfig
 from mqslam.core import se2
-from mqslam.core.statistics.chances import compute_p_values, correct_for_places, find_trimmed_scale
+from mqslam.core.statistics import compute_p_values, correct_for_places, find_trimmed_scale
 
 # A span is not torn if the scans at its ends are off each other by less than this [m], besides what all of the map asks
 # for.

@@ -17,8 +17,7 @@ from mqslam.auditing.windows.inflation import Bend, fit_bend
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
-from mqslam.core.statistics.chances import correct_for_places
-from mqslam.core.statistics.evenly import pick_evenly
+from mqslam.core.statistics import correct_for_places, pick_evenly
 from mqslam.execution.progress import Progress
 from mqslam.mapping.measures import Measures, compute_measures, locate_sensors
 

@@ -4,6 +4,8 @@ It also says how wrongly it may lay out the scans of a submap around the one in 
 Where the scans on either side of that one are wrong in its frame, the submap as a whole is off by the mean of these errors.
 The score of two passes does not show it. It is little where the trajectory is sure of its motions, and where the errors of
 both sides cancel. At the beginning of a recording, and where the vehicle stands while its yaw drifts, they do not.
+
+Loops that close beside each other must agree through the trajectory between them: pairwise consistency.
 """
 
 from __future__ import annotations
@@ -11,16 +13,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
-from mqslam.backend.linear.marginals import Uncertainty
-from mqslam.backend.loops.submap import LATER_SHARE, SPACING_M, SUBMAP_M, Passes, pick_around
+from mqslam.backend.loops.passes import LATER_SHARE, SPACING_M, SUBMAP_M, Passes, pick_around
+from mqslam.backend.marginals import Uncertainty
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.core import se2
+from mqslam.core.measurement import Loop
+from mqslam.factors.between import add_bend
 
 
 class Relative(NamedTuple):
@@ -111,3 +116,99 @@ def _compute_layouts(chain: Chain, centres: Sequence[int], reach_m: float) -> di
         lever = share * se2.adjoint(relative.motion)
         layouts[centre] += lever @ relative.covariance @ lever.T
     return layouts
+
+
+PROBABILITY: Final = 0.999
+"""Probability of the chi-square quantile that a loop must not exceed, against the trajectory between its ends and against
+neighbouring loops: one right loop in a thousand is lost."""
+LARGEST_CHI_SQUARE: Final = float(chi2.ppf(PROBABILITY, 3))
+"""The largest difference of two poses, as `compute_chi_square` returns it, that chance explains."""
+
+
+def compute_chi_square(one: Relative, other: Relative) -> float:
+    """Returns how far two independent statements about one pose differ, squared, in their standard deviations."""
+    off = se2.subtract(one.motion, other.motion)
+    return float(off @ np.linalg.solve(one.covariance + other.covariance, off))
+
+
+def as_relative(loop: Loop) -> Relative:
+    """Returns what a loop says about the pose of its later scan in the frame of its earlier one."""
+    return Relative(loop.pose, add_bend(loop.covariance))
+
+
+def keep_consistent(loops: Sequence[Loop], chain: Chain, least_path_m: float) -> list[Loop]:
+    """Returns the loops that agree with their neighbours.
+
+    Two loops are neighbours if both their earlier and their later scans lie close to each other on the path. They agree if
+    the way over one loop and along the path leads where the other loop does. As long as any disagree, those that disagree
+    with the most neighbours are left out, all at once, so that of two sets of equal size that contradict each other none
+    stays: nothing tells which is right.
+
+    Args:
+        loops: the loops.
+        chain: the trajectory between them, without these loops.
+        least_path_m: path [m] within which two loops are neighbours.
+
+    Raises:
+        EstimationError: the uncertainty of the trajectory cannot be computed.
+    """
+    disagree = _find_disagreements(loops, chain, least_path_m)
+    kept = np.ones(len(loops), dtype=bool)
+    while True:
+        counts = (disagree & kept).sum(axis=1) * kept
+        if not counts.any():
+            return [loop for loop, keep in zip(loops, kept, strict=True) if keep]
+        kept &= counts < counts.max()
+
+
+def _find_disagreements(loops: Sequence[Loop], chain: Chain, least_path_m: float) -> NDArray[np.bool_]:
+    """Returns which loops (K, K) contradict each other."""
+    neighbours = _find_neighbours(loops, chain.drive.travelled, least_path_m)
+    ends = sorted({pair for i, k in neighbours for pair in _ends(loops[i], loops[k])})
+    along = dict(zip(ends, chain.relate(ends), strict=True))
+    disagree = np.zeros((len(loops), len(loops)), dtype=bool)
+    for i, k in neighbours:
+        earlier, later = (along[pair] for pair in _ends(loops[i], loops[k]))
+        disagree[i, k] = disagree[k, i] = not do_agree(loops[i], loops[k], earlier, later)
+    return disagree
+
+
+def do_agree(one: Loop, other: Loop, earlier: Relative, later: Relative) -> bool:
+    """Returns whether the way over one loop and along both paths leads where another loop does.
+
+    Args:
+        one: a loop.
+        other: another loop.
+        earlier: the earlier scan of the other loop in the frame of that of the first.
+        later: the same of the later scans.
+    """
+    expected = compose_relatives(compose_relatives(invert_relative(earlier), as_relative(one)), later)
+    return compute_chi_square(expected, as_relative(other)) <= LARGEST_CHI_SQUARE
+
+
+def _find_neighbours(loops: Sequence[Loop], travelled: NDArray[np.float64], least_path_m: float) -> list[tuple[int, int]]:
+    """Returns which loops close within least_path_m of path of each other at both ends."""
+    ends = np.array([(travelled[loop.earlier], travelled[loop.later]) for loop in loops]).reshape(-1, 2)
+    return [
+        (i, i + 1 + int(k))
+        for i in range(len(ends))
+        for k in np.flatnonzero(np.abs(ends[i + 1 :] - ends[i]).max(axis=1) <= least_path_m)
+    ]
+
+
+def _ends(one: Loop, other: Loop) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Returns the pairs of scans between which the path leads from one loop to the other: the earlier, the later ones."""
+    return (one.earlier, other.earlier), (one.later, other.later)
+
+
+def compose_relatives(a: Relative, b: Relative) -> Relative:
+    """Returns motion b, in the frame in which motion a ends, as seen from where a begins."""
+    motion = se2.compose(a.motion, b.motion)
+    x, y, _ = a.motion - motion
+    lever = se2.adjoint([x, y, 0.0])
+    return Relative(motion, lever @ a.covariance @ lever.T + se2.rotate_covariance(b.covariance, a.motion[2]))
+
+
+def invert_relative(a: Relative) -> Relative:
+    """Returns the motion that undoes motion a."""
+    return Relative(se2.inverse(a.motion), se2.covariance_of_inverse(a.motion, a.covariance))

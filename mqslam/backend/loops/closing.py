@@ -1,45 +1,306 @@
-"""Loop closure in rounds: every round searches around the trajectory that the loops found before have corrected."""
+"""Loop closure in rounds: every round searches around the trajectory that the loops found before have corrected.
+
+Pairs of scans that may show one place, by what the graph says about their relative pose, are compared by psi. Where the
+trajectory stays too unsure for that, places are recognised by what they look like. A loop stays if the trajectory allows
+it, if it agrees with its neighbours, and if it makes the map better.
+"""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from collections.abc import Set as AbstractSet
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from mqslam.backend.loops import passes
-from mqslam.backend.loops.candidates import find_candidates
-from mqslam.backend.loops.chain import Chain
-from mqslam.backend.loops.consistency import LARGEST_CHI_SQUARE, as_relative, compute_chi_square, keep_consistent
-from mqslam.backend.loops.search import compare_passes, confirm_by_map
-from mqslam.backend.loops.submap import Passes
+from mqslam.backend.loops.chain import (
+    LARGEST_CHI_SQUARE,
+    Chain,
+    Relative,
+    SubmapLayout,
+    as_relative,
+    compute_chi_square,
+    compute_layouts,
+    keep_consistent,
+)
+from mqslam.backend.loops.passes import MATCHED, SPACING_M, Passes, TrackedRun, render_passes
+from mqslam.backend.loops.recognition import PLACE_SPACING_M, PlaceDatabase, describe_places, recognise
+from mqslam.backend.loops.registration import align_passes, is_unrivalled, score_at_pose
 from mqslam.backend.problem import GraphProblem
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
+from mqslam.core.engine import Engine
 from mqslam.core.measurement import Loop, LoopSearch
+from mqslam.core.scans import Scans
+from mqslam.execution.progress import Progress
 from mqslam.execution.runner import Runner
+from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam
+from mqslam.psi.score import make_references
 
+# Distance [m] at which two passes still see the same things.
+_REACH_M = 12.0
+# Least half width of the search for the later pass's position [m]. It is wider than most trajectories need: a street that
+# repeats shows it within that distance, whatever the trajectory says.
+_SEARCH_M = 15.0
+# Least half width of the search in yaw [rad].
+_SEARCH_RAD = 0.03
+# Largest half width of the search for the later pass's position [m], which bounds its time.
+GATE_M = 40.0
+# Largest half width of the search in yaw [rad], which bounds its time.
+_GATE_RAD = 0.3
+# The search reaches as far as this many standard deviations of what the trajectory says about the pose of one pass relative
+# to the other. Where that is beyond GATE_M or _GATE_RAD, the passes are not compared.
+_SIGMAS = 3.0
+# Number of earlier passes, the nearest first, that a scan is tied to.
+_PASSES = 1
+# Once a pair of passes is compared, no pair is compared whose earlier scan lies within LEAST_PATH_M of this pair's, and
+# whose later scan lies within that path divided by this.
+_TRIED_FACTOR = 20.0
+# A loop stays if psi of its two passes in the optimised map is at most this many times as large as with the passes
+# registered on each other.
+_KEPT = 1.1
 ROUNDS = 2
 """Number of searches; each starts from the trajectory that the loops found before have corrected."""
 
 _log = logging.getLogger(__name__)
 
 
-class Recognised(NamedTuple):
-    """What a search has found that needs no guess of where a place is.
+class Candidate(NamedTuple):
+    """A pair of scans that may show one place.
 
     Args:
-        loops: the loops that psi verifies.
-        compared: number of pairs of scans that psi has compared.
-        ambiguous: number of scans that match several places.
+        earlier, later: indices of the two scans.
+        reach_m: how far the search for the later scan must look around where the trajectory has it [m].
+        reach_rad: the same in yaw [rad].
+        chain: what the trajectory says about the later scan's pose in the frame of the earlier one.
+        layout: what it leaves unsure about how the scans around either of them lie.
     """
 
-    loops: list[Loop]
-    compared: int
-    ambiguous: int
+    earlier: int
+    later: int
+    reach_m: float
+    reach_rad: float
+    chain: Relative
+    layout: SubmapLayout
+
+
+def find_candidates(
+    chain: Chain, tried: AbstractSet[tuple[int, int]], groups: NDArray[np.int64] | None = None
+) -> tuple[list[Candidate], list[tuple[int, int]]]:
+    """Finds pairs of scans that may show one place.
+
+    A pair is a candidate if its scans are no farther apart than two passes may be to see the same things, plus what the
+    trajectory may be wrong between them. Only the nearest scan of each of the nearest earlier passes is taken, and none
+    if a neighbouring pair has been tried.
+
+    Args:
+        chain: the trajectory, with its uncertainty.
+        tried: pairs that are not taken again.
+        groups: (N,) group of each scan, if only pairs of different groups are wanted.
+
+    Returns:
+        candidates, and pairs that cannot be compared because the trajectory is less sure of them than the search reaches.
+
+    Raises:
+        EstimationError: the uncertainty cannot be computed.
+    """
+    drive, widest_m, least_path_m = chain.drive, _REACH_M + GATE_M, passes.LEAST_PATH_M
+    of_scans = passes.find_passes(
+        drive.travelled, drive.poses, SPACING_M, least_path_m, lambda path_m: np.full_like(path_m, widest_m)
+    )
+    if groups is not None:
+        of_scans = [[(a, b) for a, b in nearest if groups[a] != groups[b]] for nearest in of_scans]
+    pairs = [pair for nearest in of_scans for pair in nearest]
+    relatives = dict(zip(pairs, chain.relate(pairs), strict=True))
+
+    def stretch(pair: tuple[int, int]) -> tuple[float, float]:
+        """Returns where on the path the two scans lie, the later one's place stretched."""
+        return float(drive.travelled[pair[0]]), float(drive.travelled[pair[1]]) * _TRIED_FACTOR
+
+    known = cKDTree(np.array([stretch(pair) for pair in sorted(tried)]).reshape(-1, 2))
+    found, unsure = [], []
+    for nearest in of_scans:
+        for pair in [pair for pair in nearest if may_meet(relatives[pair])][:_PASSES]:
+            if known.query_ball_point(stretch(pair), least_path_m):
+                continue
+            if is_beyond_gate(relatives[pair]):
+                unsure.append(pair)
+            else:
+                found.append(pair)
+    layouts = compute_layouts(chain, found)
+    candidates = [
+        Candidate(*pair, *compute_reach(relatives[pair]), relatives[pair], layout)
+        for pair, layout in zip(found, layouts, strict=True)
+    ]
+    return candidates, unsure
+
+
+def compute_reach(relative: Relative) -> tuple[float, float]:
+    """Returns how far the relative pose of two passes may be off [m], [rad]."""
+    sigma_m = float(np.sqrt(np.linalg.eigvalsh(relative.covariance[:2, :2])[-1]))
+    sigma_rad = float(np.sqrt(relative.covariance[2, 2]))
+    return max(_SEARCH_M, _SIGMAS * sigma_m), max(_SEARCH_RAD, _SIGMAS * sigma_rad)
+
+
+def is_beyond_gate(relative: Relative) -> bool:
+    """Returns whether a relative pose asks for a wider search than is made."""
+    reach_m, reach_rad = compute_reach(relative)
+    return reach_m > GATE_M or reach_rad > _GATE_RAD
+
+
+def may_meet(relative: Relative, slack_m: float = 0.0) -> bool:
+    """Returns whether two scans, or others up to slack_m [m] beside them, may lie near enough to show one place."""
+    apart = relative.motion[:2]
+    distance = float(np.hypot(*apart))
+    if distance <= _REACH_M + slack_m:
+        return True
+    towards = apart / distance
+    sigma = float(np.sqrt(towards @ relative.covariance[:2, :2] @ towards))
+    return distance <= _REACH_M + slack_m + _SIGMAS * sigma
+
+
+def find_out_of_reach(chain: Chain, places: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Finds the earlier places that each place of a drive may be, as far as its trajectory can tell.
+
+    Only a place is asked about for which the search around the trajectory does not reach to one of these. The trajectory is
+    asked at scans GATE_M apart, and at none beyond the first one where it knows all of them well enough against that.
+
+    Args:
+        chain: the trajectory, with its uncertainty.
+        places: (P,) numbers of scans, increasing.
+
+    Returns:
+        (P, P) whether the place of a row may be the earlier place of a column; rows without any where the search reaches.
+
+    Raises:
+        EstimationError: the uncertainty of the trajectory cannot be computed.
+    """
+    travelled = chain.drive.travelled
+    nodes = pick_spaced(travelled, GATE_M)
+    pairs = [(int(nodes[0]), int(b)) for b in nodes[1:]]
+    if not any(map(is_beyond_gate, chain.relate(pairs))):
+        return np.zeros((len(places), len(places)), dtype=bool)
+    later, earlier = np.tril_indices(len(nodes), -1)
+    apart = travelled[nodes[later]] - travelled[nodes[earlier]] > passes.LEAST_PATH_M
+    later, earlier = later[apart], earlier[apart]
+    pairs = list(zip(nodes[earlier].tolist(), nodes[later].tolist(), strict=True))
+    visible = np.zeros((len(nodes), len(nodes)), dtype=np.bool_)
+    unsure = visible.copy()
+    for a, b, relative in zip(earlier, later, chain.relate(pairs), strict=True):
+        visible[b, a] = may_meet(relative, GATE_M)  # the places of a node lie up to GATE_M farther along the path
+        unsure[b, a] = visible[b, a] and is_beyond_gate(relative)
+    visible &= np.asarray(unsure.any(axis=1))[:, None]
+    node = np.maximum(np.searchsorted(nodes, places, side="right") - 1, 0)
+    allowed: NDArray[np.bool_] = visible[np.ix_(node, node)]
+    return np.asarray(allowed & (travelled[places][:, None] - travelled[places][None, :] > passes.LEAST_PATH_M))
+
+
+class CandidateScore(NamedTuple):
+    """What psi says about a candidate.
+
+    Args:
+        loop: the loop, or None where psi does not confirm it.
+        ambiguous: whether the passes match, but fit several places that the trajectory allows.
+        implausible: whether the passes match at one place only, which the trajectory rules out.
+    """
+
+    loop: Loop | None = None
+    ambiguous: bool = False
+    implausible: bool = False
+
+
+def compare_passes(
+    drive: Passes,
+    candidates: Sequence[Candidate],
+    estimator: EstimatorConfig,
+    beam: Beam,
+    engine: Engine,
+    progress: Progress,
+) -> list[CandidateScore]:
+    """Registers the two passes of every candidate, each candidate on its own.
+
+    Args:
+        drive: scans under the best trajectory so far.
+        candidates: pairs of scans that may show one place.
+        estimator: settings of the score.
+        beam: the sensor's errors.
+        engine: where they are compared; the result does not depend on it.
+        progress: called as candidates are compared.
+    """
+
+    def report(number: int, comparison: CandidateScore) -> None:
+        progress("loops", number, len(candidates))
+
+    return engine.map(_compare, (drive, estimator, beam), candidates, report)
+
+
+def _compare(shared: tuple[Passes, EstimatorConfig, Beam], candidate: Candidate) -> CandidateScore:
+    """Returns what psi says about a candidate."""
+    drive, estimator, beam = shared
+    earlier, later, _, _, chain, layout = candidate
+    submaps = render_passes((drive, earlier), (drive, later), beam)
+    found = align_passes(*submaps, chain.motion, (candidate.reach_m, candidate.reach_rad), estimator)
+    if found is None:
+        return CandidateScore()
+    if not is_unrivalled(found, MATCHED):
+        return CandidateScore(ambiguous=True)
+    loop = Loop(earlier, later, found.pose, layout.widen(found.pose, found.covariance), found.matched, found.psi)
+    is_plausible = compute_chi_square(chain, as_relative(loop)) <= LARGEST_CHI_SQUARE
+    return CandidateScore(loop) if is_plausible else CandidateScore(implausible=True)
+
+
+def confirm_by_map(
+    loops: Sequence[Loop],
+    drive: Passes,
+    after: se2.Array,
+    estimator: EstimatorConfig,
+    beam: Beam,
+    engine: Engine,
+) -> list[Loop]:
+    """Returns the loops with which the map of their own two passes is better than without them.
+
+    Args:
+        loops: all loops in the graph.
+        drive: scans under the trajectory before the loops.
+        after: (N, 3) poses with the loops.
+        estimator: settings of the score.
+        beam: the sensor's errors.
+        engine: where they are judged; the result does not depend on it.
+    """
+    better = engine.map(_improves, (drive, after, estimator, beam), loops)
+    return [loop for loop, keep in zip(loops, better, strict=True) if keep]
+
+
+def _improves(shared: tuple[Passes, se2.Array, EstimatorConfig, Beam], loop: Loop) -> bool:
+    """Returns whether psi of the two passes is lower than before, or hardly above both that and the loop's own psi."""
+    drive, after, estimator, beam = shared
+    before_psi, after_psi = score_loop(drive, loop, [drive.poses, after], estimator, beam)
+    return after_psi < before_psi or after_psi <= _KEPT * min(before_psi, loop.psi)
+
+
+def score_loop(
+    drive: Passes, loop: Loop, tracks: Sequence[se2.Array], estimator: EstimatorConfig, beam: Beam
+) -> list[float]:
+    """Returns psi per point of a loop's two passes where each of some trajectories has them to each other.
+
+    The submaps are rendered once, so that only the pose between them differs.
+
+    Args:
+        drive: scans under a trajectory, by which the submaps are rendered.
+        loop: the loop.
+        tracks: (N, 3) poses of the scans, several times.
+        estimator: settings of the score.
+        beam: the sensor's errors.
+    """
+    reference, query = render_passes((drive, loop.earlier), (drive, loop.later), beam)
+    references = make_references(reference)
+    motions = (se2.between(poses[loop.earlier], poses[loop.later]) for poses in tracks)
+    return [score_at_pose(references, query, motion, estimator) for motion in motions]
 
 
 class LoopCloser:
@@ -77,14 +338,14 @@ class LoopCloser:
         self._ambiguous = self._unsure = 0
         self._recognised = self._alike = self._elsewhere = 0  # counts of the recognition
 
-    def look_around(self, is_needed: Callable[[Chain], bool] | None = None) -> bool:
+    def look_around(self, *, asking: bool = False) -> bool:
         """Looks in rounds for passes around where the trajectory has them.
 
         Args:
-            is_needed: returns whether a trajectory allows passes that this search does not reach.
+            asking: whether to find out what is returned, which takes time.
 
         Returns:
-            Whether the trajectory of the last round allows such passes.
+            Whether the trajectory of the last round allows passes that this search does not reach.
 
         Raises:
             EstimationError: the uncertainty of the trajectory cannot be computed.
@@ -93,8 +354,8 @@ class LoopCloser:
         for number in range(ROUNDS):
             chain = self._optimise()
             new = self._compare(chain)
-            if is_needed is not None and (not new or number == ROUNDS - 1):
-                out_of_reach = is_needed(chain)
+            if asking and (not new or number == ROUNDS - 1):
+                out_of_reach = bool(find_out_of_reach(chain, pick_spaced(chain.drive.travelled, PLACE_SPACING_M)).any())
             if not new:
                 break
             kept = keep_consistent(new, chain, passes.LEAST_PATH_M)
@@ -102,34 +363,42 @@ class LoopCloser:
             self.join(kept)
         return out_of_reach
 
-    def look_everywhere(self, recognise: Callable[[Chain], Recognised]) -> bool:
-        """Takes loops that need no guess of where a place is, and returns whether any of them has joined.
-
-        Args:
-            recognise: returns such loops of a trajectory.
+    def look_everywhere(self) -> bool:
+        """Recognises places that the search around the trajectory does not reach; returns whether loops have joined.
 
         Raises:
             EstimationError: the uncertainty of the trajectory cannot be computed.
         """
-        chain = self._optimise()
-        found = recognise(chain)
+        chain, beam, engine = self._optimise(), self._beam, self._runner.engine
+        places = pick_spaced(chain.drive.travelled, PLACE_SPACING_M)
+        allowed = find_out_of_reach(chain, places)
+        asked = allowed.any(axis=1)
+        if not asked.any():
+            return False
+        database = PlaceDatabase.of(chain.drive, describe_places(chain.drive, beam, engine))
+        found = recognise(chain.drive, places[asked], database, allowed[asked], self._estimator, beam, engine)
         if not found.compared:
             return False
-        relatives = chain.relate([(loop.earlier, loop.later) for loop in found.loops])
+        matches = [match for row in found.rows for match in row]
+        ends = [(match.earlier, match.later) for match in matches]
+        widened = [
+            Loop(*pair, m.pose, layout.widen(m.pose, m.covariance), m.matched, m.psi)
+            for pair, m, layout in zip(ends, matches, compute_layouts(chain, ends), strict=True)
+        ]
         plausible = [
             loop
-            for loop, relative in zip(found.loops, relatives, strict=True)
+            for loop, relative in zip(widened, chain.relate(ends), strict=True)
             if compute_chi_square(relative, as_relative(loop)) <= LARGEST_CHI_SQUARE
         ]
         self._recognised += found.compared
-        self._alike, self._elsewhere = found.ambiguous, len(found.loops) - len(plausible)
+        self._alike, self._elsewhere = len(found.ambiguous), len(widened) - len(plausible)
         kept = keep_consistent(plausible, chain, passes.LEAST_PATH_M)
         del chain
         before = {(loop.earlier, loop.later) for loop in self.loops}
         self.join([loop for loop in kept if (loop.earlier, loop.later) not in before])
         added = {(loop.earlier, loop.later) for loop in self.loops} - before
         self._decided |= added
-        _log.info("%d loops by recognition of places, %d places look like several", len(added), found.ambiguous)
+        _log.info("%d loops by recognition of places, %d places look like several", len(added), self._alike)
         return bool(added)
 
     def start_from(self, first: Sequence[Loop]) -> None:
@@ -156,14 +425,14 @@ class LoopCloser:
         """Returns the new loops around a trajectory that psi verifies and the trajectory allows."""
         runner = self._runner
         candidates, unsure = find_candidates(chain, self._decided, self._groups)
-        comparisons = compare_passes(chain.drive, candidates, self._estimator, self._beam, runner.engine, runner.progress)
-        self._implausible = {c[:2] for c, comparison in zip(candidates, comparisons, strict=True) if comparison.implausible}
+        scores = compare_passes(chain.drive, candidates, self._estimator, self._beam, runner.engine, runner.progress)
+        self._implausible = {c[:2] for c, score in zip(candidates, scores, strict=True) if score.implausible}
         self._compared |= {c[:2] for c in candidates}
         # a trajectory that loops have corrected may allow the others
         self._decided |= {c[:2] for c in candidates} - self._implausible
-        self._ambiguous += sum(comparison.ambiguous for comparison in comparisons)
+        self._ambiguous += sum(score.ambiguous for score in scores)
         self._unsure = len(unsure)
-        return [comparison.loop for comparison in comparisons if comparison.loop is not None]
+        return [score.loop for score in scores if score.loop is not None]
 
     def _optimise(self) -> Chain:
         """Returns the optimised trajectory with the loops found so far."""
@@ -171,3 +440,33 @@ class LoopCloser:
         chain = Chain(self._place(graph.poses_at(optimum.values)), graph, optimum.values)
         self._before = chain.drive if self._before is None else self._before
         return chain
+
+
+def find_loops(
+    scans: Scans,
+    problem: GraphProblem,
+    estimator: EstimatorConfig,
+    beam: Beam,
+    runner: Runner,
+    *,
+    recognising: bool = True,
+) -> LoopSearch:
+    """Returns the loops of a run, as `LoopCloser` finds them.
+
+    Args:
+        scans: of the recording.
+        problem: the trajectory that the loops join.
+        estimator: settings of the score.
+        beam: the sensor's errors.
+        runner: does the work.
+        recognising: whether places are recognised which the search around the trajectory does not reach.
+
+    Raises:
+        EstimationError: the uncertainty of the trajectory cannot be computed.
+    """
+    closer = LoopCloser(problem, lambda poses: TrackedRun.of(scans, poses), estimator, beam, runner)
+    for _ in range(ROUNDS if recognising else 0):
+        if not (closer.look_around(asking=True) and closer.look_everywhere()):
+            return closer.conclude()
+    closer.look_around()
+    return closer.conclude()

@@ -1,7 +1,7 @@
 """psi of a rigid submap among points that stay where they are, whatever their times, minimised in one compiled call.
 
-Submaps are laid on each other over and over: to close loops, to refine a trajectory and to judge a map. A rigid motion's
-jacobians and the turned covariances follow from a few numbers, so that no array of either is made.
+Submaps are registered on each other over and over: to close loops, to refine a trajectory and to judge a map. A rigid
+motion's jacobians and the turned covariances follow from a few numbers, so that no array of either is made.
 """
 
 from __future__ import annotations

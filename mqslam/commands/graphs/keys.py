@@ -11,7 +11,7 @@ import numpy as np
 from mqslam.backend.pose_graph import pose_of
 from mqslam.core import se2
 from mqslam.errors import ConfigError
-from mqslam.factors.lifted_between import lifted_between
+from mqslam.factors.between import lifted_between
 
 Keys: TypeAlias = Callable[[int], int] | Sequence[int]
 """GTSAM's key of each scan by its number: a function, or a sequence with a key for every scan."""

@@ -7,20 +7,19 @@ from pathlib import Path
 import gtsam
 from gtsam.symbol_shorthand import X
 
-from mqslam.backend.given_graph import GivenGraph
-from mqslam.backend.problem import GraphProblem, Problem
-from mqslam.backend.recognition.within_run import find_loops
-from mqslam.backend.sensors.odometry.odometry_edges import ODOMETRY
+from mqslam.backend.loops.closing import find_loops
+from mqslam.backend.problem import GivenGraph, GraphProblem, Problem
+from mqslam.backend.sensors.odometry import ODOMETRY
 from mqslam.commands.graphs.keys import Between, Keys, Pose, choose_lift, find_pose_kind, list_keys, read_poses
 from mqslam.commands.graphs.radar import Radar, Source, look_at
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config
 from mqslam.core.frontend import measure_motions
-from mqslam.core.measurement import Loop, MotionTable
+from mqslam.core.measurement import Loop
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import ConfigError
-from mqslam.factors.loop_between import loop_between
+from mqslam.factors.between import loop_between
 
 
 class LoopFactors(list[tuple[Between, Loop]]):
@@ -99,5 +98,5 @@ def loop_factors(
 
 def _state_as_odometry(radar: Radar, trajectory: Trajectory) -> Problem:
     """Returns a trajectory as a problem in which its steps err as odometry does."""
-    motions = MotionTable(measure_motions(ODOMETRY, radar.make_context(trajectory), radar.scans))
+    motions = list(measure_motions(ODOMETRY, radar.make_context(trajectory), radar.scans))
     return Problem(motions, [])

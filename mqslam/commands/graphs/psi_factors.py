@@ -13,14 +13,14 @@ from gtsam.symbol_shorthand import M, X
 
 from mqslam.auditing.mending.along import straighten
 from mqslam.backend.problem import Problem
-from mqslam.backend.sensors.odometry.odometry_edges import hold_odometry, make_odometry_edges
+from mqslam.backend.sensors.odometry import hold_odometry, make_odometry_edges
 from mqslam.commands.graphs.keys import Between, Keys, Pose, check_apart, choose_lift, list_keys
 from mqslam.commands.graphs.radar import Source, look_at
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.frontend import find_entry_point, measure_motions
-from mqslam.core.measurement import Measurement, MotionTable, Status
+from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
@@ -159,7 +159,7 @@ def psi_factors(
         settings, scans = radar.config, radar.scans
         lift, scan_keys = choose_lift(pose), list_keys(keys, len(scans))
         context = radar.make_context(odometry)
-        measurements = MotionTable(radar.runner.follow("windows", measure_motions(frontend, context, scans), len(scans) - 1))
+        measurements = list(radar.runner.follow("windows", measure_motions(frontend, context, scans), len(scans) - 1))
         if frontend == PSI:
             with radar.runner.tolerate("the ties along the path"):
                 measurements = straighten(measurements, scans, settings, radar.beam, radar.runner)

@@ -10,7 +10,7 @@ import gtsam
 from gtsam.symbol_shorthand import X
 
 from mqslam.backend import refinement
-from mqslam.backend.given_graph import GivenGraph
+from mqslam.backend.problem import GivenGraph
 from mqslam.commands.graphs.keys import Keys, choose_lift, find_pose_kind, list_keys, read_poses
 from mqslam.commands.graphs.radar import Source, look_at
 from mqslam.commands.work import QUIET, Work

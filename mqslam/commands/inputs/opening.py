@@ -11,11 +11,7 @@ from numpy.typing import NDArray
 from mqslam.commands.inputs.extrinsics import parse_extrinsics, to_pose
 from mqslam.config import Config, load_config
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.clock_offsets import describe_offset, find_offset
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.sensors.mount import RADAR, VEHICLE, Mount
-from mqslam.core.sensors.sensors import Sensors
+from mqslam.core.sensors import RADAR, VEHICLE, Fixes, Gyroscope, Mount, Sensors, describe_offset, find_offset
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError, Remedy, suggest
 from mqslam.formats.recordings import open_recording

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from mqslam.backend.loops.recognition import DESCRIBED_WITH
 from mqslam.backend.measuring import measure
-from mqslam.backend.recognition.places import DESCRIBED_WITH
 from mqslam.commands.inputs.extrinsics import name_extrinsics
 from mqslam.commands.inputs.opening import Inputs, choose_settings
 from mqslam.commands.result import LocaliseResult
@@ -22,8 +22,8 @@ from mqslam.execution.files import write_json
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
-from mqslam.localisation.localised import Localised
-from mqslam.localisation.recording_in_map import localise as find_in_map
+from mqslam.localisation.localise import Localised
+from mqslam.localisation.localise import localise as find_in_map
 from mqslam.psi.place import beam_of
 from mqslam.report.maps.localise_page import write_localise_page
 from mqslam.results.maps.localise_results import summarise, write_localised

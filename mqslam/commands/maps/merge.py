@@ -16,8 +16,8 @@ from mqslam.execution.runner import Runner
 from mqslam.formats.graphs.g2o import read_g2o
 from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
 from mqslam.formats.tum import read_tum
-from mqslam.merging.map_merge import merge_parts
-from mqslam.merging.part import Session, make_part
+from mqslam.merging.merge import merge_sessions
+from mqslam.merging.sessions import Session, make_session
 from mqslam.report.maps.merge_page import write_merge_page
 from mqslam.results.maps.merge_results import summarise_merge, write_merge
 from mqslam.results.summary_files import add_warnings
@@ -64,7 +64,7 @@ def merge(
         settings = choose_settings(_find_settings(folders[0]) if config is None else config)
         runner = Runner(work.engine, work.progress)
         with runner.time_stage("total"):
-            merged = merge_parts(parts, settings, runner)
+            merged = merge_sessions(parts, settings, runner)
         summary = to_json_values(summarise_merge(merged, runner.runtime_s))
         for warning in summary["warnings"]:
             work.tell(warning)
@@ -97,7 +97,7 @@ def read_part(folder: Path) -> Session:
     count = len(kept.keyframes.recordings)
     alone = folder / "trajectory.tum"
     tracks = [alone] if alone.is_file() else [folder / f"trajectory_{n}.tum" for n in range(1, count + 1)]
-    return make_part(folder, kept, [read_tum(track).stamps_us for track in tracks], graph)
+    return make_session(folder, kept, [read_tum(track).stamps_us for track in tracks], graph)
 
 
 def _find_settings(folder: Path) -> Path | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mqslam.config.reading_config import USUAL_READING, ReadingConfig
-from mqslam.core.sensors.lidar import LidarRecording
+from mqslam.core.recording import LidarRecording
 from mqslam.errors import untrusted
 from mqslam.formats import bags
 from mqslam.formats.lidars import carmen, laserscan

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core import se2
+from mqslam.core.recording import LidarRecording, stamp_scans
 from mqslam.core.scans import Returns
-from mqslam.core.sensors.lidar import LidarRecording, stamp_scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import DataError

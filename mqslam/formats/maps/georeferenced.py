@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image, TiffImagePlugin
 
 from mqslam.core.point_map import OccupancyGrid
-from mqslam.core.sensors.georeference import Georeference
+from mqslam.core.sensors import Georeference
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.files import write_aside, write_json
 

@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.keyframes import KEYFRAME_POINT, KeyframeMap, Keyframes, MappedRecording, PlaceTable
-from mqslam.core.sensors.georeference import Georeference
-from mqslam.core.sensors.tangent_plane import TangentPlane
+from mqslam.core.sensors import Georeference, TangentPlane
 from mqslam.core.stored import release
 from mqslam.errors import DataError, OutputError, Remedy, untrusted
 from mqslam.execution.files import write_aside, write_json

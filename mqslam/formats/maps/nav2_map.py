@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.point_map import OccupancyGrid
-from mqslam.core.sensors.georeference import Georeference
+from mqslam.core.sensors import Georeference
 from mqslam.core.stored import release
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_aside, write_text

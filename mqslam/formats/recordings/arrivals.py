@@ -22,8 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.statistics.evenly import pick_evenly
-from mqslam.core.statistics.gross import SIGMAS_PER_DEVIATION
+from mqslam.core.statistics import SIGMAS_PER_DEVIATION, pick_evenly
 from mqslam.core.wording import count_of
 from mqslam.formats.recordings.turns import ALIKE_TURNS, LONGEST_STEP, TURNS_AROUND, USUAL_TURN_S, find_usual_turns
 from mqslam.formats.stamps import mark_increasing

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors import Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside

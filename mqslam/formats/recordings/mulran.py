@@ -17,7 +17,7 @@ import numpy as np
 
 from mqslam.core import se2
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors import Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.execution.files import write_text

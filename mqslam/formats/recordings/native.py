@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors import Fixes, Gyroscope, Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_aside

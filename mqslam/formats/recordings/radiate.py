@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors import Fixes, Gyroscope
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors import Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError, untrusted

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US
-from mqslam.core.statistics.evenly import pick_evenly
+from mqslam.core.statistics import pick_evenly
 from mqslam.formats.recordings.layout import Stamp
 
 USUAL_TURN_S = 0.25  # duration of a turn that is assumed where a recording shows none

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mqslam.core.sensors.fixes import Fixes
+from mqslam.core.sensors import Fixes
 from mqslam.errors import untrusted
 from mqslam.formats.sensors.csv_files import FIXES_REMEDY, read_fixes_table
 from mqslam.formats.sensors.csv_files import read_gyroscope_table as read_gyroscope

@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors import Fixes, Gyroscope
 from mqslam.core.wording import count_of
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text

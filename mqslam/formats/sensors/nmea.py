@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mqslam.core.sensors.fixes import Fixes
+from mqslam.core.sensors import Fixes
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError
 from mqslam.formats.sensors.reading import Reading, make_fixes

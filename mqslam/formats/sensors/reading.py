@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors import Fixes, Gyroscope, Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError

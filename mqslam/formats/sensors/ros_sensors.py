@@ -15,9 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors import Fixes, Gyroscope, Mount
 from mqslam.core.wording import count_of
 from mqslam.errors import DataError
 from mqslam.formats import bags

@@ -8,7 +8,7 @@ from mqslam.auditing.judge import Audit
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import AuditConfig
-from mqslam.core.statistics.evenly import pick_evenly
+from mqslam.core.statistics import pick_evenly
 from mqslam.report.explorers.explorer import (
     FINE,
     TORN,

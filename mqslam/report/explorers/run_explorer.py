@@ -12,7 +12,7 @@ from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap
-from mqslam.core.statistics.evenly import pick_evenly
+from mqslam.core.statistics import pick_evenly
 from mqslam.core.trajectory import Trajectory
 from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.report.explorers.explorer import (

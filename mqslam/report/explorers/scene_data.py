@@ -13,7 +13,7 @@ from markupsafe import Markup
 from numpy.typing import ArrayLike, NDArray
 
 from mqslam.core.point_map import pick_thinned
-from mqslam.core.statistics.evenly import pick_evenly
+from mqslam.core.statistics import pick_evenly
 from mqslam.core.stored import release
 from mqslam.report.explorers.explorer import (
     FINE,

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.backend.linear.marginals import PoseCovariances
+from mqslam.backend.marginals import PoseCovariances
 from mqslam.core import se2
-from mqslam.core.statistics.evenly import pick_evenly
+from mqslam.core.statistics import pick_evenly
 from mqslam.core.trajectory import Trajectory
 from mqslam.evaluation import DriftByLength
 from mqslam.report.figures.canvas import BLUE, GREEN, INK, ORANGE, make_chart, put_legend_above, use_plain_log

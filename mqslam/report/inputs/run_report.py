@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.windows.windows import WindowAudit
-from mqslam.backend.linear.marginals import PoseCovariances
+from mqslam.backend.marginals import PoseCovariances
 from mqslam.config import AuditConfig, dump_yaml, set_doppler_beta
 from mqslam.core.measurement import Measurement
 from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.sensor_notes import list_sensor_notes
 from mqslam.core.trajectory import Trajectory
-from mqslam.core.wording import describe_last_pose
+from mqslam.core.wording import describe_last_pose, list_sensor_notes
 from mqslam.mapping.render import select_moving
 from mqslam.solution import Run
 

@@ -13,7 +13,8 @@ import numpy as np
 from mqslam.config import Config, dump_yaml
 from mqslam.core.keyframes import KeyframeMap, Keyframes
 from mqslam.errors import tolerate
-from mqslam.localisation.localised import Localised, PlaceStatus
+from mqslam.localisation.localise import Localised
+from mqslam.localisation.registering import PlaceStatus
 from mqslam.mapping.keyframing import render_keyframes
 from mqslam.report.content import Figure, Frame, PagePart, Section, Table, TableRow, Tile
 from mqslam.report.figures.canvas import (

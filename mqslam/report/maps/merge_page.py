@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mqslam.config import dump_yaml
 from mqslam.errors import tolerate
 from mqslam.merging.changes import Change
-from mqslam.merging.map_merge import Merged
+from mqslam.merging.merge import Merged
 from mqslam.report.content import Figure, Frame, Gallery, PagePart, Section, Table, TableRow, Thumbnail, ThumbnailCard, Tile
 from mqslam.report.figures.canvas import (
     BLUE,

@@ -12,7 +12,7 @@ from mqslam.config import Config, dump_yaml
 from mqslam.core import se2
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.georeference import Georeference
+from mqslam.core.sensors import Georeference
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.evaluation import list_errors
@@ -21,7 +21,8 @@ from mqslam.execution.guards.memory import find_peak_mb
 from mqslam.formats.covariances import StampedCovariances, write_covariances
 from mqslam.formats.maps.georeferenced import write_geojson
 from mqslam.formats.tum import write_tum
-from mqslam.localisation.localised import Localised, PlaceStatus
+from mqslam.localisation.localise import Localised
+from mqslam.localisation.registering import PlaceStatus
 from mqslam.results.run_log import format_log, list_stages
 from mqslam.results.summary_files import format_csv
 from mqslam.results.truth_files import write_truth

@@ -19,8 +19,8 @@ from mqslam.formats.ply import MapClock, write_ply
 from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
 from mqslam.merging.changes import SURE_M, Change
-from mqslam.merging.map_merge import Merged
-from mqslam.merging.recognition import Recognition
+from mqslam.merging.merge import Merged
+from mqslam.merging.sessions import Recognition
 from mqslam.results.run_log import format_log, list_stages
 from mqslam.results.summary_files import format_csv
 from mqslam.version import __version__
@@ -34,7 +34,7 @@ def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, An
     return {
         "mqslam_version": __version__,
         "conclusion": _conclude(merged, sureness),
-        "results": [str(part.folder) for part in merged.parts],
+        "results": [str(session.folder) for session in merged.sessions],
         "recordings": [
             {
                 "path": recording.path,

@@ -7,11 +7,11 @@ import pytest
 from support.chains import SURE, chain_of
 from support.passes import path
 
-from mqslam.backend.loops import candidates as module
+from mqslam.backend.loops import closing as module
 from mqslam.backend.loops import passes
-from mqslam.backend.loops.candidates import compute_reach, find_candidates
 from mqslam.backend.loops.chain import Relative
-from mqslam.backend.loops.submap import SPACING_M, TrackedRun
+from mqslam.backend.loops.closing import compute_reach, find_candidates
+from mqslam.backend.loops.passes import SPACING_M, TrackedRun
 from mqslam.mapping.keyframing import pick_spaced
 
 RADIUS = 30.0

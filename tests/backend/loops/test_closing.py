@@ -10,12 +10,11 @@ from support.chains import fenced_street
 from support.passes import BEAM, CONFIG, joined
 
 from mqslam.backend.loops import passes
+from mqslam.backend.loops.closing import find_loops
 from mqslam.backend.problem import Problem
-from mqslam.backend.recognition.within_run import find_loops
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, LoopSearch, Measurement
 from mqslam.core.scans import Scans
-from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.runner import Runner
 
 OFF_M = 6.0
@@ -29,7 +28,7 @@ def near_passes() -> Iterator[None]:
         yield
 
 
-def closed(period_m: float, between_passes_m: float, jobs: int = 1) -> LoopSearch:
+def closed(period_m: float, between_passes_m: float) -> LoopSearch:
     """Returns the loops of two passes over a street; the motion between the passes is 6 m wrong, and as sure as asked."""
     first, second = fenced_street(period_m, 1), fenced_street(period_m, 2)
     drive = joined(first, second, second.poses + np.array([OFF_M, 0.0, 0.0]))
@@ -40,7 +39,7 @@ def closed(period_m: float, between_passes_m: float, jobs: int = 1) -> LoopSearc
         measurements.append(Measurement(float(drive.times[k]), float(drive.times[k + 1]), motion, covariance))
     problem = Problem(measurements, [])
     scans = Scans(tuple(drive.scans), 0, 0.25)
-    return find_loops(scans, problem, CONFIG.estimator, BEAM, Runner(LocalEngine(jobs)), recognising=False)
+    return find_loops(scans, problem, CONFIG.estimator, BEAM, Runner(), recognising=False)
 
 
 def assert_right(loops: Sequence[Loop]) -> None:
@@ -76,13 +75,6 @@ def test_passes_that_the_trajectory_does_not_know_well_enough_are_not_compared_a
     assert search.loops == [] and search.tried == 0 and search.unsure >= 5
     (warning,) = search.warnings
     assert "less sure of the place than the search for loops reaches" in warning
-
-
-def test_the_number_of_jobs_changes_nothing() -> None:
-    one, two = closed(60.0, 5.0, 1), closed(60.0, 5.0, 2)
-    assert [(a.earlier, a.later, *a.pose, *a.covariance.ravel()) for a in one.loops] == [
-        (b.earlier, b.later, *b.pose, *b.covariance.ravel()) for b in two.loops
-    ]
 
 
 def test_a_few_pairs_left_out_beside_many_loops_are_no_warning() -> None:

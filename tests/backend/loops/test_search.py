@@ -10,10 +10,9 @@ from support.chains import candidate_of, chain_of, fenced_street
 from support.passes import BEAM, CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, joined, street_pass
 
 from mqslam.backend.loops import passes
-from mqslam.backend.loops.align import align, score_at_pose
-from mqslam.backend.loops.candidates import Candidate, find_candidates
-from mqslam.backend.loops.search import CandidateScore, compare_passes, confirm_by_map
-from mqslam.backend.loops.submap import SUBMAP_M, TrackedRun, render_submap
+from mqslam.backend.loops.closing import Candidate, CandidateScore, compare_passes, confirm_by_map, find_candidates
+from mqslam.backend.loops.passes import SUBMAP_M, TrackedRun, render_submap
+from mqslam.backend.loops.registration import align, score_at_pose
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
 from mqslam.execution.local_engine import HERE, LocalEngine
@@ -41,9 +40,9 @@ def near_passes() -> Iterator[None]:
         yield
 
 
-def compared(drive: TrackedRun, candidates: list[Candidate], jobs: int = 1) -> list[CandidateScore]:
+def compared(drive: TrackedRun, candidates: list[Candidate]) -> list[CandidateScore]:
     """Returns what psi says about candidates of a drive."""
-    return compare_passes(drive, candidates, CONFIG.estimator, BEAM, LocalEngine(jobs), ignore_progress)
+    return compare_passes(drive, candidates, CONFIG.estimator, BEAM, HERE, ignore_progress)
 
 
 def candidates_of(drive: TrackedRun) -> list[Candidate]:
@@ -59,17 +58,6 @@ def test_loops_found_are_true(later: tuple[float, float, float]) -> None:
     for loop in loops:
         error = loop.pose - se2.between(truth[loop.earlier], truth[loop.later])
         assert np.hypot(error[0], error[1]) < 0.1 and abs(se2.wrap(error[2])) < 0.005
-
-
-def test_the_number_of_jobs_changes_no_loop() -> None:
-    drive, _ = two_passes(SAME, (1.5, -1.0, 0.02))
-    one, two = (compared(drive, candidates_of(drive), jobs) for jobs in (1, 2))
-    assert len(one) == len(two)
-    for a, b in zip((c.loop for c in one), (c.loop for c in two), strict=True):
-        assert (a is None) == (b is None)
-        if a and b:
-            np.testing.assert_array_equal(a.pose, b.pose)
-            np.testing.assert_array_equal(a.covariance, b.covariance)
 
 
 def test_places_that_only_seem_near_are_no_loops() -> None:

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from mqslam.backend.measuring import find_doppler, measure
-from mqslam.backend.sensors.odometry.odometry_edges import reckon
+from mqslam.backend.sensors.odometry import reckon
 from mqslam.config import Config
 from mqslam.core.frontend import Context
 from mqslam.core.recording import Recording

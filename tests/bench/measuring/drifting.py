@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
-from mqslam.backend.loops.consistency import as_relative
+from mqslam.backend.loops.chain import as_relative
+from mqslam.backend.loops.closing import find_loops
 from mqslam.backend.problem import Problem
-from mqslam.backend.recognition.within_run import find_loops
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.frontend import Context, measure_motions
-from mqslam.core.measurement import MotionTable
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.runner import Runner
@@ -126,7 +125,7 @@ def measure_lost(
     config = Config()
     odometry = Trajectory(scans.stamps_us, lose_way(truth, scans.start_times, seed))
     context = Context(config, revolution_s, scans.start_us, odometry, doppler_beta=doppler_beta)
-    problem = Problem(MotionTable(measure_motions("odometry", context, scans)), [])
+    problem = Problem(list(measure_motions("odometry", context, scans)), [])
     beam = beam_of(config.estimator, doppler_beta)
     search = find_loops(scans, problem, config.estimator, beam, runner)
     earlier, later = (

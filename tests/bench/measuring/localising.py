@@ -12,9 +12,8 @@ from bench.measuring.recordings import TRUTH
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mqslam.backend.loops.recognition import PLACE_SPACING_M, ROW
 from mqslam.backend.measuring import measure
-from mqslam.backend.recognition.places import PLACE_SPACING_M
-from mqslam.backend.recognition.recognise import ROW
 from mqslam.config import load_config
 from mqslam.core import se2
 from mqslam.core.frontend import Context
@@ -27,7 +26,7 @@ from mqslam.formats.covariances import read_covariances
 from mqslam.formats.maps.keyframe_folder import read_keyframes
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import read_tum
-from mqslam.localisation.recording_in_map import localise as find_in_map
+from mqslam.localisation.localise import localise as find_in_map
 from mqslam.psi.place import beam_of
 
 NEAR_M, NEAR_DEG = 0.3, 0.5

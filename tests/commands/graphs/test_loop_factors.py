@@ -12,9 +12,9 @@ from support.chains import fenced_street
 from support.passes import BEAM, joined
 
 from mqslam.backend.loops import passes
-from mqslam.backend.loops.submap import TrackedRun
+from mqslam.backend.loops.closing import find_loops
+from mqslam.backend.loops.passes import TrackedRun
 from mqslam.backend.problem import Problem
-from mqslam.backend.recognition.within_run import find_loops
 from mqslam.commands.graphs.loop_factors import loop_factors
 from mqslam.commands.work import Work
 from mqslam.config import Config, OdometryConfig, SensorConfig
@@ -24,10 +24,7 @@ from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, EstimationError
 from mqslam.execution.runner import Runner
-from mqslam.factors.lifted_between import lifted_between
-from mqslam.factors.loop_between import loop_between
-from mqslam.factors.prior import prior
-from mqslam.factors.psi_between import psi_between
+from mqslam.factors.between import lifted_between, loop_between, prior, psi_between
 
 # the clock of the drive stops for a minute between its passes, over which odometry is not sure of its yaw
 CONFIG = Config(

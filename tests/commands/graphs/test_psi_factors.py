@@ -19,7 +19,7 @@ from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import ConfigError, EstimationError
-from mqslam.factors.prior import PRIOR_M, PRIOR_RAD, prior
+from mqslam.factors.between import PRIOR_M, PRIOR_RAD, prior
 from mqslam.simulator import SensorModel, make_loop_drive, make_street_scene, simulate_recording
 from mqslam.slam import Slam
 from mqslam.solution import Solution

@@ -15,16 +15,14 @@ from mqslam.backend import refinement
 from mqslam.backend.loops import passes
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
-from mqslam.backend.sensors.odometry.odometry_edges import reckon
+from mqslam.backend.sensors.odometry import reckon
 from mqslam.commands.graphs.refine import RefinedGraph, refine
 from mqslam.config import Config, SensorConfig
 from mqslam.core.measurement import Loop, Refined
 from mqslam.core.scans import Scans
 from mqslam.errors import EstimationError
 from mqslam.execution.runner import Runner
-from mqslam.factors.loop_between import loop_between
-from mqslam.factors.prior import prior
-from mqslam.factors.psi_between import psi_between
+from mqslam.factors.between import loop_between, prior, psi_between
 
 CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
 LAST = 19  # the last scan of the first pass

@@ -14,7 +14,7 @@ from mqslam.commands.graphs.psi_factors import psi_factors
 from mqslam.commands.graphs.refine import refine
 from mqslam.config import Config, RefinementConfig, SensorConfig
 from mqslam.core.frontend import Context
-from mqslam.factors.prior import prior
+from mqslam.factors.between import prior
 from mqslam.slam import Slam
 
 CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0), refinement=RefinementConfig(rounds=2))

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from support.recordings import KINDS, START_US, TF, bag_path, bag_writer
 
 from mqslam.core import se2
-from mqslam.core.sensors.lidar import LidarRecording
+from mqslam.core.recording import LidarRecording
 from mqslam.errors import DataError
 from mqslam.formats.lidars.laserscan import holds_scans, read_lidar
 

@@ -10,8 +10,7 @@ import pytest
 import yaml
 
 from mqslam.core.point_map import OccupancyGrid
-from mqslam.core.sensors.georeference import Georeference
-from mqslam.core.sensors.tangent_plane import TangentPlane
+from mqslam.core.sensors import Georeference, TangentPlane
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.maps.georeferenced import write_geojson, write_geotiff
 from mqslam.formats.maps.nav2_map import read_nav2_map, write_nav2_map

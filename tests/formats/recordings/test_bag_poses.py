@@ -15,7 +15,7 @@ from mqslam.commands.work import QUIET
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.recording import Recording
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors import Mount
 from mqslam.formats.conversion import find_target, write_recording
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.recordings.rosbag import Frames

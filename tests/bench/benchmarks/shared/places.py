@@ -12,12 +12,16 @@ from bench.measuring.recordings import twin
 from bench.results import Took
 from numpy.typing import NDArray
 
-from mqslam.backend.loops.passes import LEAST_PATH_M
-from mqslam.backend.loops.submap import TrackedRun
-from mqslam.backend.recognition import place_index
-from mqslam.backend.recognition.place_index import PlaceIndex
-from mqslam.backend.recognition.places import PLACE_SPACING_M, describe_places, render_places
-from mqslam.backend.recognition.recognise import Ground, recognise
+from mqslam.backend.loops import recognition
+from mqslam.backend.loops.passes import LEAST_PATH_M, TrackedRun
+from mqslam.backend.loops.recognition import (
+    PLACE_SPACING_M,
+    PlaceDatabase,
+    PlaceIndex,
+    describe_places,
+    recognise,
+    render_places,
+)
 from mqslam.config import Config, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
@@ -31,7 +35,7 @@ from mqslam.psi.place import Beam, beam_of
 
 _SEEDS = {"kaist01": 1, "kaist02": 2}  # of the simulated sensor
 _NEAR_M, _WRONG_M, _WRONG_RAD = 10.0, 1.0, 0.03  # what counts as the same place, and as a wrong pose
-_WAYS = {"with sideways shifts": place_index.ASIDE_M, "straight ahead only": 0.0}  # how far to either side [m]
+_WAYS = {"with sideways shifts": recognition.ASIDE_M, "straight ahead only": 0.0}  # how far to either side [m]
 _PAIRS = (("kaist02", "kaist01"), ("kaist01", "kaist01"))
 
 
@@ -48,7 +52,7 @@ def _measure(out: Path) -> list[Row]:
         driven = {name: _drive(name, seed, config, engine) for name, seed in _SEEDS.items()}
         for query, ground in _PAIRS:
             for way, aside_m in _WAYS.items():
-                with patch.object(place_index, "ASIDE_M", aside_m):
+                with patch.object(recognition, "ASIDE_M", aside_m):
                     cells = _look_up(driven[query], driven[ground], config.estimator, engine, within=query == ground)
                 rows.append(Row({"places": f"{query} in {ground}", "way": way, **cells}))
     return rows
@@ -83,14 +87,14 @@ def _look_up(
     described = Took.now().since(began)
     first = [bool(listed) and bool(near[k, listed[0].place]) for k, listed in enumerate(guesses)]
     began = Took.now()
-    places = Ground(ground.drive, table.keyframes, index)
+    places = PlaceDatabase(ground.drive, table.keyframes, index)
     found = recognise(query.drive, queries, places, allowed, estimator, beam, engine)
     verified = Took.now().since(began)
     matches = [match for row in found.rows for match in row]
-    true = [se2.between(ground.drive.poses[m.place], query.drive.poses[m.query]) for m in matches]
+    true = [se2.between(ground.drive.poses[m.earlier], query.drive.poses[m.later]) for m in matches]
     off = [se2.between(pose, match.pose) for pose, match in zip(true, matches, strict=True)]
     wrong = [np.hypot(o[0], o[1]) > _WRONG_M or abs(se2.wrap(o[2])) > _WRONG_RAD for o in off]
-    right = {match.query for match, is_wrong in zip(matches, wrong, strict=True) if not is_wrong}
+    right = {match.later for match, is_wrong in zip(matches, wrong, strict=True) if not is_wrong}
     return {
         "again": float(again.sum()),
         "first": float(np.mean(np.array(first)[again])),

@@ -19,9 +19,7 @@ from mqslam.core.frontend import Context, measure_motions
 from mqslam.core.measurement import Measurement
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Scans
-from mqslam.core.sensors.fixes import Fixes
-from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
+from mqslam.core.sensors import NO_SENSORS, Fixes, Gyroscope, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.execution.local_engine import LocalEngine

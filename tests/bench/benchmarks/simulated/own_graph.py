@@ -14,9 +14,7 @@ from mqslam.backend.problem import Problem
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Measurement
-from mqslam.factors.lifted_between import lifted_between
-from mqslam.factors.loop_between import CAUCHY, loop_between
-from mqslam.factors.noise import HUBER
+from mqslam.factors.between import CAUCHY, HUBER, lifted_between, loop_between
 
 _SEED = 1
 _ROUNDS = 15

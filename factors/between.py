@@ -1,0 +1,89 @@
+"""Between-factors of planar motions, with the noise and the loss of what has measured them, and the first pose's prior."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core import se2
+from mqslam.core.measurement import Loop
+
+# Residual [standard deviations] beyond which the pull of a motion grows only linearly. Huber's loss then keeps 95 % of the
+# efficiency of least squares where errors are Gaussian.
+HUBER: Final = 1.345
+# The pull of a loop becomes weaker beyond this residual, in standard deviations.
+CAUCHY: Final = 3.0
+# Standard deviations of x, y [m] and yaw [rad] that are added to a loop's own: submaps bend, which their score does not
+# show.
+BEND_SIGMAS = (0.05, 0.05, 0.0015)
+# Standard deviations [m, rad] of the prior that holds the first pose: far below what any motion is known to.
+PRIOR_M, PRIOR_RAD = 1e-3, 1e-4
+# Standard deviations of z [m], and of roll and pitch [rad], in a factor between poses in space, about which the radar says
+# nothing: roads bend and springs give way by no more within a submap.
+_LIFTED_M, _LIFTED_RAD = 0.1, 0.03
+
+_LEAST: Final = np.diag([1e-12, 1e-12, 1e-16])  # numerical: keeps a covariance without any error from being singular
+_PLANAR: Final = np.ix_([3, 4, 2], [3, 4, 2])  # x, y and yaw of a pose in space, whose errors are roll, pitch, yaw, x, y, z
+_LOSSES: Final = gtsam.noiseModel.mEstimator
+
+
+def psi_between(a: int, b: int, pose: se2.Array, covariance: NDArray[np.float64]) -> gtsam.BetweenFactorPose2:
+    """Returns the factor of a relative pose that psi, another front end or odometry has measured, with Huber's loss.
+
+    Args:
+        a: key of the submap or of the earlier scan.
+        b: key of the later scan or submap.
+        pose: (3,) of b in the frame of a [m, m, rad].
+        covariance: (3, 3) of it, in the frame of a.
+    """
+    return _make_between(a, b, pose, covariance, _LOSSES.Huber.Create(HUBER))
+
+
+def loop_between(a: int, b: int, loop: Loop) -> gtsam.BetweenFactorPose2:
+    """Returns the factor of a loop; Cauchy's loss keeps a wrong loop from bending the rest of the graph.
+
+    Args:
+        a: key of the earlier pose.
+        b: key of the later pose.
+        loop: the later pose in the frame of the earlier one, with its covariance.
+    """
+    return _make_between(a, b, loop.pose, add_bend(loop.covariance), _LOSSES.Cauchy.Create(CAUCHY))
+
+
+def add_bend(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the covariance (3, 3) [m, m, rad] of a loop with the bend of its submaps, which psi does not show."""
+    return np.asarray(covariance + np.diag(np.square(BEND_SIGMAS)))
+
+
+def _make_between(
+    a: int, b: int, pose: se2.Array, covariance: NDArray[np.float64], loss: gtsam.noiseModel.mEstimator.Base
+) -> gtsam.BetweenFactorPose2:
+    """Returns a between-factor; GTSAM states its errors in the frame of b, where the covariance is given in that of a."""
+    gaussian = gtsam.noiseModel.Gaussian.Covariance(se2.rotate_covariance(covariance, -pose[2]) + _LEAST)
+    return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*pose), gtsam.noiseModel.Robust.Create(loss, gaussian))
+
+
+def lifted_between(planar: gtsam.BetweenFactorPose2) -> gtsam.BetweenFactorPose3:
+    """Returns the factor of a planar motion between two poses in space, with the same loss.
+
+    Both poses are taken to lie in the plane of the first one, but for weak noise on z, roll and pitch.
+    """
+    a, b = planar.keys()
+    motion, noise = planar.measured(), planar.noiseModel()
+    gaussian = noise.noise() if isinstance(noise, gtsam.noiseModel.Robust) else noise
+    assert isinstance(gaussian, gtsam.noiseModel.Gaussian)
+    covariance = np.diag(np.square([_LIFTED_RAD] * 3 + [_LIFTED_M] * 3))
+    covariance[_PLANAR] = gaussian.covariance()
+    spatial: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(covariance)
+    if isinstance(noise, gtsam.noiseModel.Robust):
+        spatial = gtsam.noiseModel.Robust.Create(noise.robust(), spatial)
+    return gtsam.BetweenFactorPose3(a, b, gtsam.Pose3(motion), spatial)
+
+
+def prior(key: int, pose: se2.Array) -> gtsam.PriorFactorPose2:
+    """Returns the factor that holds the pose of a key at a pose (3,) [m, m, rad]."""
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([PRIOR_M, PRIOR_M, PRIOR_RAD]))
+    return gtsam.PriorFactorPose2(key, gtsam.Pose2(*pose), noise)

@@ -1,1 +1,0 @@
-"""Linear algebra of a pose graph: its elimination, and the covariances that follow from it."""

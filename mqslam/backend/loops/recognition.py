@@ -1,0 +1,401 @@
+"""Recognition of places: submaps are looked up by what they look like, and psi and their neighbours confirm them.
+
+A place is described by how many returns lie where around it, in rings and sectors. A single place may look like another
+one. Successive submaps that match successive places, all of them alike, hardly do so by chance. They do where streets
+repeat; there a submap matches several places, and none of them is taken.
+
+Source: Scan Context (Kim and Kim, IROS 2018), with numbers of returns in place of heights, which a radar does not see. From
+another lane, returns lie in other rings and sectors; therefore a place is looked up as seen from several places beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from mqslam.backend.loops.passes import MATCHED, MappedDrive, Passes, render_passes, render_submap
+from mqslam.backend.loops.registration import RIVAL, align_passes, is_unrivalled
+from mqslam.config import EstimatorConfig
+from mqslam.core import se2
+from mqslam.core.engine import Engine
+from mqslam.core.keyframes import KeyframeMap, PlaceTable
+from mqslam.core.measurement import Loop
+from mqslam.mapping.keyframing import pick_spaced
+from mqslam.psi.correlate import compute_same_m
+from mqslam.psi.place import Beam, PointSet
+
+# Returns farther from a place than this [m] do not describe it.
+RANGE_M = 120.0
+# Number of rings around a place in which returns are counted: each is 3 m wide, as a place is recognised to within a lane.
+RINGS = 40
+# Number of sectors around a place in which returns are counted: each is 3 degrees wide.
+SECTORS = 120
+PLACE_SPACING_M: Final = 10.0
+"""Path [m] between the places that are described and looked up."""
+PLACE_SUBMAP_M: Final = 15.0
+"""A place is described by the returns of scans within this path [m] to either side."""
+DESCRIBED_WITH: Final = {
+    "spacing_m": PLACE_SPACING_M,
+    "submap_m": PLACE_SUBMAP_M,
+    "range_m": RANGE_M,
+    "rings": RINGS,
+    "sectors": SECTORS,
+}
+"""What descriptors depend on, as it is kept beside them."""
+
+
+def describe_places(drive: Passes, beam: Beam, engine: Engine) -> PlaceTable:
+    """Describes places along a path; the result does not depend on the engine.
+
+    Args:
+        drive: scans under a trajectory.
+        beam: the sensor's errors.
+        engine: where they are described.
+    """
+    places = pick_spaced(drive.travelled, PLACE_SPACING_M)
+    descriptors = engine.map(_describe, (drive, beam), places.tolist())
+    table = np.array(descriptors, dtype=np.float16).reshape(-1, RINGS, SECTORS)
+    return PlaceTable(places, table, dict(DESCRIBED_WITH))
+
+
+def describe_map(made: KeyframeMap, beam: Beam, engine: Engine) -> KeyframeMap:
+    """Returns a map whose places are described as this version of mqslam does: anew if they are not yet."""
+    if made.places.made_with == DESCRIBED_WITH:
+        return made
+    return replace(made, places=describe_places(MappedDrive.of(made.keyframes), beam, engine))
+
+
+def _describe(shared: tuple[Passes, Beam], place: int) -> NDArray[np.float32]:
+    return describe(_render(shared, place).points)
+
+
+def render_places(drive: Passes, places: Sequence[int], beam: Beam, engine: Engine) -> list[PointSet]:
+    """Renders the submaps of some places, each in its own frame; the arguments are those of `describe_places`."""
+    return engine.map(_render, (drive, beam), list(places))
+
+
+def _render(shared: tuple[Passes, Beam], place: int) -> PointSet:
+    drive, beam = shared
+    return render_submap(drive, place, PLACE_SUBMAP_M, beam)
+
+
+def describe(points: NDArray[np.float64], aside_m: float = 0.0) -> NDArray[np.float32]:
+    """Describes a place by the square roots of the numbers of returns in rings and sectors, of norm one.
+
+    Args:
+        points: (N, 2) m, in a frame at the place.
+        aside_m: how far to the left of the place the rings are centred [m].
+
+    Returns:
+        (R, S) rings from the inside out, sectors counter-clockwise from straight ahead; zeros where no return is in range.
+    """
+    counts = _count(np.asarray(points, dtype=np.float64), aside_m, RANGE_M, RINGS, SECTORS)
+    roots = np.sqrt(counts)
+    norm = float(np.linalg.norm(roots))
+    return np.asarray(roots / norm if norm > 0.0 else roots, dtype=np.float32)
+
+
+@nb.njit(cache=True, nogil=True)
+def _count(points: NDArray[np.float64], aside_m: float, range_m: float, rings: int, sectors: int) -> NDArray[np.float64]:
+    """Counts points (N, 2) in rings and sectors (R, S) around a place to the left of the origin."""
+    counts = np.zeros((rings, sectors))
+    for i in range(len(points)):
+        x, y = points[i, 0], points[i, 1] - aside_m
+        ring = int(np.hypot(x, y) / range_m * rings)
+        if ring < rings:
+            sector = int(np.floor(np.arctan2(y, x) / (2.0 * np.pi) * sectors)) % sectors
+            counts[ring, sector] += 1.0
+    return counts
+
+
+# A place is also recognised from this far to either side [m], as from another lane. Without that, half of the places that
+# are passed in the opposite direction are not found.
+ASIDE_M = 9.0
+# Number of places, the likeliest first, that psi compares with a submap.
+_GUESSES = 3
+# Distance [m] between the sideways shifts that are tried.
+_ASIDE_STEP_M = 3.0
+
+_COMPARED: Final = 4_000_000  # correlations of sectors that are in memory at a time: a matter of memory and speed only
+
+
+class Guess(NamedTuple):
+    """A place that looks like a submap.
+
+    Args:
+        place: its number in the index.
+        pose: (3,) of the submap's frame in that of the place, as the descriptors show it [m, m, rad].
+        likeness: correlation of the two descriptors, at most one.
+    """
+
+    place: int
+    pose: se2.Array
+    likeness: float
+
+
+class PlaceIndex:
+    """Places that can be looked up by what they look like.
+
+    Args:
+        descriptors: (P, R, S) of the places, as `describe` makes them.
+    """
+
+    def __init__(self, descriptors: NDArray[np.floating]) -> None:
+        spectra = fft.rfft(np.asarray(descriptors, dtype=np.float32), axis=2)
+        self._spectra = np.ascontiguousarray(np.moveaxis(spectra, 2, 0).conj())  # (F, P, R)
+
+    def __len__(self) -> int:
+        return int(self._spectra.shape[1])
+
+    def look_up(
+        self, queries: Sequence[NDArray[np.float64]], allowed: NDArray[np.bool_], apart: Sequence[NDArray[np.int64]]
+    ) -> list[list[Guess]]:
+        """Returns the places that look most like each of some submaps, the likeliest first.
+
+        Args:
+            queries: (N, 2) points of each submap, in its own frame [m].
+            allowed: (Q, P) whether a place may be an answer to a query.
+            apart: for each place, the numbers of the places that count as the same place, itself among them: only the
+                likeliest of these is returned.
+        """
+        steps = int(ASIDE_M / _ASIDE_STEP_M)
+        asides = _ASIDE_STEP_M * np.arange(-steps, steps + 1, dtype=np.float64)
+        block = max(1, _COMPARED // (len(asides) * max(len(self), 1) * SECTORS))
+        answers: list[list[Guess]] = []
+        for begin in range(0, len(queries), block):
+            part = slice(begin, begin + block)
+            likeness, shifts, turns = self._compare(queries[part], asides)
+            likeness[~allowed[part]] = -1.0
+            yaws = -se2.wrap(turns * 2.0 * np.pi / SECTORS)
+            answers += [_choose_likeliest(*row, apart) for row in zip(likeness, asides[shifts], yaws, strict=True)]
+        return answers
+
+    def _compare(
+        self, queries: Sequence[NDArray[np.float64]], asides: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64]]:
+        """Compares Q submaps, each shifted sideways [m], with all P places.
+
+        Returns:
+            (Q, P) each: the largest correlation, and the numbers of the shift and of sectors turned at which it is found.
+        """
+        described = np.array([describe(points, float(aside)) for points in queries for aside in asides])
+        spectra = np.moveaxis(fft.rfft(described, axis=2), 2, 0)  # (F, Q * A, R)
+        products = spectra @ np.swapaxes(self._spectra, 1, 2)  # (F, Q * A, P)
+        correlations = fft.irfft(products, n=SECTORS, axis=0)  # (S, Q * A, P)
+        turns = correlations.argmax(axis=0).reshape(len(queries), len(asides), -1)
+        highest = correlations.max(axis=0).reshape(len(queries), len(asides), -1)
+        best = highest.argmax(axis=1)
+        likeness, turn = (np.take_along_axis(table, best[:, None], axis=1)[:, 0] for table in (highest, turns))
+        return likeness, best, turn
+
+
+def _choose_likeliest(
+    likeness: NDArray[np.float32],
+    asides: NDArray[np.float64],
+    yaws: NDArray[np.float64],
+    apart: Sequence[NDArray[np.int64]],
+) -> list[Guess]:
+    """Returns the likeliest places of one submap by its likeness, shift [m] and yaw [rad] at each place (P,)."""
+    chosen: list[Guess] = []
+    left = likeness.copy()
+    while len(chosen) < _GUESSES and len(left):
+        place = int(left.argmax())
+        if left[place] <= 0.0:
+            break
+        yaw = float(yaws[place])
+        x, y = -se2.transform(np.array([0.0, 0.0, yaw]), np.array([[0.0, asides[place]]]))[0]
+        chosen.append(Guess(place, np.array([x, y, yaw]), float(likeness[place])))
+        left[apart[place]] = -1.0
+    return chosen
+
+
+# psi searches this far around the pose of a place that looks like a submap [m], [rad].
+_SEARCH = (10.0, 0.1)
+# Number of successive matches that must agree for a place to count as recognised: where streets look alike, single places
+# do, too.
+ROW = 3
+# Longest path [m] between successive matches of a row.
+_GAP_M = 25.0
+# Distance [m] by which two matches may disagree, besides what their path adds.
+_AGREE_M = 0.5
+# Yaw [rad] by which two matches may disagree, besides what their path adds.
+_AGREE_RAD = 0.03
+# Share of the path between two matches by which they may disagree besides, as odometry errs.
+_AGREE_SHARE = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Recognition:
+    """What was recognised. A match is a loop from the scan at a place of the map to the scan around which a submap is.
+
+    Args:
+        rows: rows of matches that agree, each along the drive.
+        ambiguous: scans whose submaps match several places about as well.
+        compared: number of pairs that psi has compared.
+    """
+
+    rows: list[list[Loop]]
+    ambiguous: list[int]
+    compared: int
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceDatabase:
+    """Places that can be recognised.
+
+    Args:
+        drive: the scans that they are made of, where the map has them.
+        places: (P,) number of the scan at each place.
+        index: what they look like, in the same order.
+    """
+
+    drive: Passes
+    places: NDArray[np.int64]
+    index: PlaceIndex
+
+    @classmethod
+    def of(cls, drive: Passes, table: PlaceTable) -> PlaceDatabase:
+        """Returns the places that were described of a drive's scans."""
+        return cls(drive, table.keyframes, PlaceIndex(table.descriptors))
+
+    def find_same(self) -> list[NDArray[np.int64]]:
+        """Returns for each place those that lie so near to it on the path that they show the same."""
+        along = self.drive.travelled[self.places]
+        order = np.argsort(along, kind="stable")
+        firsts = np.searchsorted(along[order], along - PLACE_SUBMAP_M)
+        ends = np.searchsorted(along[order], along + PLACE_SUBMAP_M, side="right")
+        return [order[first:end] for first, end in zip(firsts, ends, strict=True)]
+
+
+class _Pair(NamedTuple):
+    """A scan and a place that the submap around it may show.
+
+    Args:
+        earlier: number of the scan at the place, in the map.
+        later: number of the scan in its drive.
+        pose: (3,) of the later one in the frame of the earlier one, roughly.
+    """
+
+    earlier: int
+    later: int
+    pose: se2.Array
+
+
+def recognise(
+    drive: Passes,
+    queries: NDArray[np.int64],
+    database: PlaceDatabase,
+    allowed: NDArray[np.bool_] | None,
+    estimator: EstimatorConfig,
+    beam: Beam,
+    engine: Engine,
+) -> Recognition:
+    """Finds the places that submaps of a drive show, without a guess of where they are.
+
+    Args:
+        drive: scans under a trajectory that is right over short ways.
+        queries: (Q,) numbers of the scans around which submaps are looked up, in the order of the path.
+        database: the places.
+        allowed: (Q, P) whether a place may be an answer to a query; None allows all.
+        estimator: settings of the score.
+        beam: the sensor's errors.
+        engine: where submaps are compared; the result does not depend on it.
+    """
+    allowed = np.ones((len(queries), len(database.places)), dtype=np.bool_) if allowed is None else allowed
+    if not allowed.any():
+        return Recognition([], [], 0)
+    rendered = render_places(drive, queries.tolist(), beam, engine)
+    guesses = database.index.look_up([submap.points for submap in rendered], allowed, database.find_same())
+    pairs = [
+        _Pair(int(database.places[guess.place]), int(query), guess.pose)
+        for query, listed in zip(queries, guesses, strict=True)
+        for guess in listed
+    ]
+    i, k = _find_agreeing(pairs, drive, database.drive, _SEARCH)  # another submap looks like the place beside it
+    pairs = [pairs[n] for n in np.union1d(i, k)]
+    found = engine.map(_register, (drive, database.drive, estimator, beam), pairs)
+    best, ambiguous = _choose([match for match in found if match is not None], database.drive, estimator)
+    return Recognition(_find_rows(best, drive, database.drive), ambiguous, len(pairs))
+
+
+def _place(pairs: Sequence[_Pair | Loop], mapped: Passes) -> se2.Array:
+    """Returns where pairs have their later scans (K, 3), in the map's frame."""
+    return np.array([se2.compose(mapped.poses[pair.earlier], pair.pose) for pair in pairs]).reshape(-1, 3)
+
+
+def _find_agreeing(
+    pairs: Sequence[_Pair | Loop], drive: Passes, mapped: Passes, slack: tuple[float, float]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Returns which of K pairs, of two each, are found where the way between their later scans leads from one to the other.
+
+    Args:
+        pairs: in the order of their later scans.
+        drive: the later scans.
+        mapped: the earlier scans.
+        slack: by how much they may disagree [m], [rad], besides what the path between them adds.
+    """
+    queries, found = np.array([pair.later for pair in pairs], dtype=np.int64), _place(pairs, mapped)
+    along, poses = drive.travelled[queries], drive.poses[queries]
+    ends = np.searchsorted(along, along + _GAP_M, side="right")
+    i = np.repeat(np.arange(len(queries)), ends - np.arange(len(queries)))
+    k = np.concatenate([np.arange(n, end) for n, end in enumerate(ends)]) if len(queries) else i
+    apart = queries[i] != queries[k]
+    i, k = i[apart], k[apart]
+    expected = se2.compose(found[i], se2.between(poses[i], poses[k]))
+    off = se2.wrapped_between(expected, found[k])
+    path = along[k] - along[i]
+    agree = np.hypot(off[:, 0], off[:, 1]) <= slack[0] + _AGREE_SHARE * path
+    agree &= np.abs(off[:, 2]) <= slack[1]
+    return i[agree], k[agree]
+
+
+def _register(shared: tuple[Passes, Passes, EstimatorConfig, Beam], pair: _Pair) -> tuple[Loop, bool] | None:
+    """Registers a submap on a place by psi.
+
+    Returns:
+        the match, and whether the submap fits nowhere else as well around the place; None where it does not match or is not
+        sure.
+    """
+    drive, mapped, estimator, beam = shared
+    submaps = render_passes((mapped, pair.earlier), (drive, pair.later), beam)
+    found = align_passes(*submaps, pair.pose, _SEARCH, estimator)
+    if found is None:
+        return None
+    match = Loop(pair.earlier, pair.later, found.pose, found.covariance, found.matched, found.psi)
+    return match, is_unrivalled(found, MATCHED)
+
+
+def _choose(
+    matches: Sequence[tuple[Loop, bool]], mapped: Passes, estimator: EstimatorConfig
+) -> tuple[list[Loop], list[int]]:
+    """Returns the best match of each query that fits nowhere else as well, and the queries that fit several places."""
+    chosen, ambiguous = [], []
+    for query in sorted({match.later for match, _ in matches}):
+        own = sorted(((match, alone) for match, alone in matches if match.later == query), key=lambda one: one[0].psi)
+        (best, alone), found = own[0], _place([match for match, _ in own], mapped)
+        is_elsewhere = np.hypot(*(found - found[0])[:, :2].T) > compute_same_m(estimator)
+        rivalled = any(far and other.psi < RIVAL * best.psi for (other, _), far in zip(own, is_elsewhere, strict=True))
+        if alone and not rivalled:
+            chosen.append(best)
+        else:
+            ambiguous.append(query)
+    return chosen, ambiguous
+
+
+def _find_rows(matches: Sequence[Loop], drive: Passes, mapped: Passes) -> list[list[Loop]]:
+    """Returns the matches, one per query, that stand in rows of enough that agree."""
+    if not matches:
+        return []
+    i, k = _find_agreeing(matches, drive, mapped, (_AGREE_M, _AGREE_RAD))
+    links = coo_array((np.ones(len(i), dtype=bool), (i, k)), shape=(len(matches), len(matches)))
+    count, labels = connected_components(links, directed=False)
+    rows = [[match for match, label in zip(matches, labels, strict=True) if label == n] for n in range(count)]
+    return [row for row in rows if len(row) >= ROW]

@@ -1,0 +1,195 @@
+"""The relative pose of two submaps by psi: a global search inside a gate, the annealed minimum, its covariance.
+
+The search correlates the two submaps as blurred images at several yaws, which is the widest and cheapest form of the
+score; the best peaks are refined by psi, which decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.backend.loops.passes import MATCHED
+from mqslam.backend.loops.rigid import ANY_TIME, minimise_rigidly, move_rigidly, place_rigidly
+from mqslam.config import EstimatorConfig
+from mqslam.core import se2
+from mqslam.psi.correlate import compute_same_m, find_correlation_peaks
+from mqslam.psi.covariance import estimate_covariance, find_weak_directions, sum_by_object
+from mqslam.psi.minimiser import Minimum, annealed_scale, final_scale, kernel_of
+from mqslam.psi.neighbours import mark_near
+from mqslam.psi.place import PointSet
+from mqslam.psi.score import PsiEvaluation, References, Scale, evaluate, make_references
+
+# The next best pose must score worse than the best one by at least this factor.
+RIVAL: Final = 1.1
+# An alignment may end this far [m] outside the searched region and still counts.
+_BEYOND_M = 1.0
+# An alignment may end this far in yaw [rad] outside the searched region and still counts.
+_BEYOND_RAD = 0.05
+# A submap with fewer returns than this is not compared.
+_FEWEST = 300
+# Largest standard deviation of a loop's position [m].
+_SURE_M = 0.3
+
+TOLERANCES: Final = np.array([1e-3, 1e-3, 2e-5])
+"""A step [m, m, rad] smaller than this ends the minimiser: a numerical tolerance."""
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """The registration of one submap, the query, on another one, the reference.
+
+    Args:
+        pose: (3,) of the query's frame in the reference's.
+        covariance: (3, 3) of the pose [m, m, rad].
+        matched: share of the query's points with a neighbour.
+        psi: score per point.
+        rival: score per point of the best other pose in the searched region; infinite if there is none.
+        observed: whether the maps hold every direction.
+        rivals: (R, 3) the other poses that score worse than the best one by less than the factor RIVAL, or by less than
+            chance makes poses differ that fit equally well; none where these were not asked for.
+    """
+
+    pose: se2.Array
+    covariance: NDArray[np.float64]
+    matched: float
+    psi: float
+    rival: float
+    observed: bool
+    rivals: se2.Array = field(default_factory=lambda: np.empty((0, 3)))
+
+
+def align(
+    references: References,
+    query: PointSet,
+    guess: se2.Array,
+    reach: tuple[float, float],
+    config: EstimatorConfig,
+    rival_sigmas: float | None = None,
+) -> Alignment:
+    """Finds the pose of a submap in another's frame.
+
+    Args:
+        references: a submap in its own frame.
+        query: another submap in its own frame.
+        guess: (3,) pose of the query's frame in the reference's.
+        reach: how far the guess may be off in position [m] and in yaw [rad].
+        config: settings of the score.
+        rival_sigmas: by how many standard deviations of chance other poses must score worse for none of them to be a rival;
+            None where rivals need not be known.
+    """
+    reach_m, reach_rad = reach
+    minima = []
+    peaks = find_correlation_peaks(references.points, query.points, guess, reach_m, reach_rad, config)
+    others = [peak for peak in peaks if not np.array_equal(peak, guess)]  # a search from the same pose finds the same
+    for start in [guess, *others]:  # the trajectory's own pose is a hypothesis, too
+        minimum = minimise_rigidly(start, query, references, config, TOLERANCES)
+        off = se2.between(guess, minimum.state)
+        if np.hypot(off[0], off[1]) <= reach_m + _BEYOND_M and abs(off[2]) <= reach_rad + _BEYOND_RAD:
+            minima.append(minimum)
+    if not minima:
+        return Alignment(guess, np.eye(3), 0.0, np.inf, np.inf, observed=False)
+    minima.sort(key=lambda minimum: minimum.evaluation.psi)
+    best = minima[0]
+    rivals = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > compute_same_m(config)]
+    points = move_rigidly(query, best.state)
+    picked = np.empty((0, 3))
+    if rivals and rival_sigmas is not None:
+        picked = _pick_rivals(best, rivals, (references, query), rival_sigmas, config)
+    return Alignment(
+        pose=best.state,
+        covariance=estimate_covariance(best.evaluation, points.points, config.cluster_m),
+        matched=float(best.evaluation.matched.mean()),
+        psi=best.evaluation.psi / len(query),
+        rival=rivals[0].evaluation.psi / len(query) if rivals else np.inf,
+        observed=observes_all(references, points, config),
+        rivals=picked,
+    )
+
+
+def _pick_rivals(
+    best: Minimum,
+    others: Sequence[Minimum],
+    submaps: tuple[References, PointSet],
+    sigmas: float,
+    config: EstimatorConfig,
+) -> se2.Array:
+    """Returns the poses (R, 3) among others that fit about as well as the best one.
+
+    The two scores are sums over the same points, whose differences are summed by object, as in psi's covariance: where both
+    poses fit equally well, the sum of all is about zero in units of its standard deviation (Vuong, 1989). Points for which
+    either pose has nothing in reach, as beyond the end of a pass, say nothing about which is right.
+    """
+    references, query = submaps
+
+    def reaches(pose: se2.Array) -> NDArray[np.bool_]:
+        return np.asarray(mark_near(references.grid, place_rigidly(query.points, pose), config.s_start))
+
+    near = reaches(best.state)
+    picked = []
+    for other in others:
+        shown = near & reaches(other.state)
+        worse = (other.evaluation.shares - best.evaluation.shares)[shown]
+        sums = sum_by_object(worse[:, None], query.points[shown], config.cluster_m)
+        by_chance = sums.sum() <= sigmas * np.sqrt(np.sum(sums**2))
+        if by_chance or other.evaluation.psi < RIVAL * best.evaluation.psi:
+            picked.append(other.state)
+    return np.array(picked).reshape(-1, 3)
+
+
+def score_at_pose(references: References, query: PointSet, pose: se2.Array, config: EstimatorConfig) -> float:
+    """Returns psi per point of the query at a pose (3,) in another submap."""
+    return score_among(references, move_rigidly(query, pose), config).psi / len(query)
+
+
+def score_among(
+    references: References, points: PointSet, config: EstimatorConfig, scale: Scale | None = None
+) -> PsiEvaluation:
+    """Returns the score of points among references whatever their times, at the annealing's last widths or those given."""
+    return evaluate(points, references, scale or final_scale(config), kernel_of(config, ANY_TIME))
+
+
+def observes_all(references: References, points: PointSet, config: EstimatorConfig) -> bool:
+    """Returns whether references hold every direction in which points can move, at the annealing's first widths."""
+    return len(find_weak_directions(score_among(references, points, config, annealed_scale(config, 0)), 3)) == 0
+
+
+def does_match(alignment: Alignment, matched: float) -> bool:
+    """Returns whether two passes hold every direction and lie on each other well enough.
+
+    Args:
+        alignment: of the two passes.
+        matched: least share of the later pass's returns that must lie on the earlier pass.
+    """
+    return alignment.observed and alignment.matched >= matched
+
+
+def is_unrivalled(alignment: Alignment, matched: float) -> bool:
+    """Returns whether two passes match, and fit nowhere else as well; the arguments are those of `does_match`."""
+    return does_match(alignment, matched) and alignment.psi * RIVAL <= alignment.rival
+
+
+def align_passes(
+    earlier: PointSet, later: PointSet, guess: se2.Array, reach: tuple[float, float], estimator: EstimatorConfig
+) -> Alignment | None:
+    """Registers the submap of a later pass on that of an earlier one by psi.
+
+    Args:
+        earlier: submap in its own frame.
+        later: submap in its own frame.
+        guess: (3,) pose of the later frame in the earlier one [m, m, rad].
+        reach: how far the guess may be off in position [m] and in yaw [rad].
+        estimator: settings of the score.
+
+    Returns:
+        None where a submap holds too few returns, the two do not match, or the pose is too uncertain.
+    """
+    if len(earlier) < _FEWEST or len(later) < _FEWEST:
+        return None
+    alignment = align(make_references(earlier), later, guess, reach, estimator)
+    sigmas = np.sqrt(np.diag(alignment.covariance))
+    return alignment if does_match(alignment, MATCHED) and max(sigmas[0], sigmas[1]) <= _SURE_M else None

@@ -1,0 +1,221 @@
+"""Covariances of an optimised graph: of its poses, and of one pose in the frame of another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final, Protocol
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.backend.elimination import UNDETERMINED, Derivative, Elimination
+from mqslam.backend.pose_graph import PoseGraph, pose_of
+from mqslam.core import se2
+from mqslam.errors import EstimationError, describe_error, raise_interrupt
+
+# numerical tolerance, which changes no result that is exact
+_DISAGREEMENT: Final = 1e-4  # largest difference between two computations, per product of standard deviations
+
+_PLANAR: Final = np.eye(6)[[3, 4, 2]]  # x, y and yaw among roll, pitch, yaw, x, y and z
+
+TOO_UNEQUAL: Final = "floating-point precision does not suffice for edges this unequal"  # why covariances are not known
+
+
+@dataclass(frozen=True, slots=True)
+class PoseCovariances:
+    """Marginal covariances of some poses.
+
+    Args:
+        indices: (K,) numbers of the poses; empty where the covariances cannot be computed.
+        covariances: (K, 3, 3) in the poses' own frames [m, m, rad].
+        failure: why they cannot be computed, or None.
+    """
+
+    indices: NDArray[np.int64]
+    covariances: NDArray[np.float64]
+    failure: str | None = None
+
+    @classmethod
+    def unknown(cls, why: str) -> PoseCovariances:
+        """Returns no covariances, and why there are none."""
+        return cls(np.empty(0, dtype=np.int64), np.empty((0, 3, 3)), why)
+
+    def carry(self, mount: se2.Array) -> PoseCovariances:
+        """Returns the covariances of a vehicle that carries the sensor at a pose (3,) [m, m, rad], in its own frames."""
+        lever = se2.adjoint(mount)
+        return replace(self, covariances=lever @ self.covariances @ lever.T)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What to tell about a failure: one line, or none."""
+        if self.failure is None:
+            return []
+        return [f"the covariances of the poses are not known ({self.failure}): the results and the report go without them"]
+
+
+def compute_all_marginals(graph: PoseGraph, values: gtsam.Values) -> PoseCovariances:
+    """Computes the covariances of all poses in their own frames, given all factors.
+
+    Args:
+        graph: the graph, whose factors may involve other variables than the poses, too.
+        values: where it is linearised.
+    """
+    keys = [graph.key(k) for k in range(graph.size)]
+    try:
+        marginals = Uncertainty(graph, values).compute_twice(lambda eliminated: eliminated.compute_marginals(keys))
+    except Exception as error:  # a singular system, or one that does not fit into memory
+        raise_interrupt(error)
+        return PoseCovariances.unknown(describe_error(error))
+    return PoseCovariances(np.arange(graph.size), marginals)
+
+
+class Uncertainty:
+    """How sure a graph is of its poses. The graph is eliminated once, when that is first asked for.
+
+    Args:
+        graph: the graph, whose factors may involve other variables than the poses, too.
+        values: where it is linearised.
+    """
+
+    def __init__(self, graph: PoseGraph, values: gtsam.Values) -> None:
+        self._graph, self._values = graph, values
+
+    def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
+        """Computes the covariances (K, 3, 3) of poses in the frames of other poses, given all factors [m, m, rad].
+
+        What both poses of a pair have in common takes no part: the covariance is that of the motion from one to the other.
+
+        Args:
+            pairs: numbers (a, b) of K pairs of poses; a covariance is that of pose b, x, y and yaw, in the frame of pose a.
+
+        Raises:
+            EstimationError: the graph does not determine a pose, or its edges are too unequal for floating-point precision.
+        """
+        covariances = np.zeros((len(pairs), 3, 3))
+        apart = [k for k, (a, b) in enumerate(pairs) if a != b]  # a pose in its own frame is known
+        if not apart:
+            return covariances
+        if max(max(pair) for pair in pairs) >= self._graph.size:
+            raise EstimationError(UNDETERMINED)
+        key, widths = self._graph.key, self._values.dims()
+        poses = {k: pose_of(self._values, key(k)) for k in {k for pair in pairs for k in pair}}
+        motions = [
+            _differentiate_motion(key(a), key(b), se2.between(poses[a], poses[b]), widths)
+            for a, b in (pairs[k] for k in apart)
+        ]
+        try:
+            covariances[apart] = self.compute_twice(lambda eliminated: eliminated.project(motions))
+        except MemoryError as error:
+            raise EstimationError("the graph does not fit into memory") from error
+        return covariances
+
+    def compute_twice(self, compute: Callable[[Elimination], NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Returns covariances (K, 3, 3) that are computed a second time from the other end of the trajectory.
+
+        Then the last digits of all numbers are changed at random, so that rounding errors cannot go unnoticed.
+
+        Args:
+            compute: returns the covariances from the eliminated graph.
+
+        Raises:
+            EstimationError: the graph leaves a covariance undetermined, or both computations disagree.
+        """
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # what is not finite is refused
+            covariances, again = (compute(elimination) for elimination in self._eliminations)
+            sigmas = np.sqrt(np.einsum("kii->ki", covariances))
+        if not np.isfinite(covariances).all() or not np.all(sigmas > 0.0):
+            raise EstimationError(UNDETERMINED)
+        apart = np.abs(covariances - again) / (sigmas[:, :, None] * sigmas[:, None, :])
+        if not apart.max(initial=0.0) <= _DISAGREEMENT:  # nor where one of them is not finite
+            raise EstimationError(TOO_UNEQUAL)
+        return covariances
+
+    @cached_property
+    def _eliminations(self) -> tuple[Elimination, Elimination]:
+        """The graph eliminated towards its first pose, and with other last digits towards its last one."""
+        linear = self._graph.factors.linearize(self._values)
+        keys = [self._graph.key(k) for k in range(self._graph.size)]
+        if not set(linear.keyVector()) >= set(keys):
+            raise EstimationError(UNDETERMINED)
+        there = Elimination(linear, self._values, keys[0])
+        return there, Elimination(linear, self._values, keys[-1], np.random.default_rng(0))
+
+
+def _differentiate_motion(a: int, b: int, motion: se2.Array, widths: Mapping[int, int]) -> Derivative:
+    """Returns the derivative of a motion (3,) from the pose of key a to that of key b by both poses.
+
+    GTSAM states the change of a pose in that pose's own frame. A pose in space changes by roll, pitch, yaw, x, y and z; the
+    motion is that in the plane of the two poses.
+    """
+    x, y, yaw = motion
+    by_both = (a, -se2.adjoint([-x, -y, 0.0])), (b, se2.adjoint([0.0, 0.0, yaw]))
+    return tuple((key, block if widths[key] == 3 else block @ _PLANAR) for key, block in by_both)
+
+
+class RelativeCovariances(Protocol):
+    """The covariances of pairs of poses of a trajectory."""
+
+    def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64] | None:
+        """Computes the covariance of the second pose of each pair relative to the first.
+
+        Args:
+            pairs: numbers of K pairs of poses.
+
+        Returns:
+            (K, 3, 3) covariances in the frame of the second pose [m, m, rad]; None where they cannot be computed.
+        """
+
+
+@dataclass(frozen=True)
+class GraphCovariances:
+    """The relative covariances of a trajectory whose graph is known: exact.
+
+    Args:
+        graph: the graph that the trajectory optimises.
+        values: the optimum.
+        numbers: (S,) number of each pose in the graph.
+        poses: (S, 3).
+    """
+
+    graph: PoseGraph
+    values: gtsam.Values
+    numbers: Sequence[int]
+    poses: se2.Array
+
+    def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64] | None:
+        """Computes the covariances of pairs of poses by the graph, as `RelativeCovariances` says."""
+        inside = [(self.numbers[a], self.numbers[b]) for a, b in pairs]
+        try:
+            covariances = Uncertainty(self.graph, self.values).relate(inside)
+        except EstimationError:
+            return None
+        yaws = [float(self.poses[a, 2] - self.poses[b, 2]) for a, b in pairs]
+        turned = [se2.rotate_covariance(c, yaw) for c, yaw in zip(covariances, yaws, strict=True)]
+        return np.array(turned).reshape(-1, 3, 3)
+
+
+@dataclass(frozen=True)
+class SingleCovariances:
+    """The relative covariances of a trajectory of which only the covariance of every single pose is known: too large.
+
+    What two poses have in common is not known then, and their errors are taken as independent. In truth both have grown
+    from the same first pose, and their difference is smaller: a trajectory is never held to know more than it says.
+
+    Args:
+        covariances: (S, 3, 3) in the poses' own frames [m, m, rad].
+        poses: (S, 3).
+    """
+
+    covariances: NDArray[np.float64]
+    poses: se2.Array
+
+    def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
+        """Computes the largest covariances that the single poses leave, as `RelativeCovariances` says."""
+        related = []
+        for a, b in pairs:
+            lever = se2.adjoint(se2.between(self.poses[b], self.poses[a]))
+            related.append(self.covariances[b] + lever @ self.covariances[a] @ lever.T)
+        return np.array(related).reshape(-1, 3, 3)

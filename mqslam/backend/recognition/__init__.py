@@ -1,1 +1,0 @@
-"""Place recognition: finding a place again without a guess of where it is."""

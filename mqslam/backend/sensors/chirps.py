@@ -1,0 +1,159 @@
+"""Whether the velocities that chirps measure agree with psi, what they get wrong all the time, and their edges.
+
+    travel by psi = (1 + scale error) travel by the velocity + bias x time + noise
+
+The scale is that of the radar's Doppler shift, which is known to a few percent, and leakage near the radar may bias a
+velocity. Where psi does not observe the travel, as in a tunnel, the calibrated velocity carries it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import X
+from numpy.typing import NDArray
+
+from mqslam.backend.sensors.calibration import (
+    FEWEST_MOTIONS,
+    LARGEST_SCALE,
+    MOST_WILD,
+    SCALE_TOLERANCE,
+    TOLD_SIGMAS,
+    WILD,
+    Calibration,
+    Design,
+    Motions,
+    Use,
+    fit,
+)
+from mqslam.backend.sensors.odometry import spread_common
+from mqslam.core import se2
+from mqslam.core.measurement import Measurement
+from mqslam.core.statistics import MEDIAN_OF_CHI2
+from mqslam.core.velocity import Velocities, make_twists
+from mqslam.factors.between import psi_between
+
+# Shortest stretch over which errors of the calibration are taken to be alike [s].
+_SPAN_S = 10.0
+
+# Standard deviation of a velocity's bias when nothing is known of it [m/s]; Boreas-RT's is as large.
+_SIGMA_BIAS_MPS = 0.1
+# Standard deviation of the scale when nothing is known of it [1]: the Doppler shift of a radar's chirps is known to a few
+# percent.
+SIGMA_SCALE = 0.05
+
+SOURCE: Final = "chirps"
+_ROUNDS: Final = 3  # of fit and noise, which settle in fewer
+_UNKNOWN: Final = 1e2  # a velocity says nothing of the turn: far more than a turn [rad]
+_LEAST: Final = 1e-12  # numerical: variance that keeps a fit without any noise from being singular
+
+
+class TravelEdges(dict[int, Measurement]):
+    """Motions that say nothing of the turn, by the number of the scan that each starts at."""
+
+    def list_factors(self, chain: se2.Array) -> Iterator[gtsam.NonlinearFactor]:
+        """Yields the factors of the motions."""
+        for k, motion in self.items():
+            yield psi_between(X(k), X(k + 1), motion.pose, motion.covariance)
+
+    def insert_into(self, values: gtsam.Values) -> None:
+        """Inserts nothing: the motions have no variables of their own."""
+
+
+@dataclass(frozen=True, slots=True)
+class VelocityUse(Use[TravelEdges]):
+    """What became of the velocities that chirps measure; its edges are the motions that they measure.
+
+    Args:
+        scale: travel by psi per travel by the velocity; NaN where that could not be found.
+        sigma_scale: standard deviation of the scale.
+        bias: (2,) forward and left, by how much psi is faster [m/s].
+    """
+
+    scale: float = float("nan")
+    sigma_scale: float = float("nan")
+    bias: tuple[float, float] = (float("nan"), float("nan"))
+
+
+def join_velocities(velocities: Velocities, motions: Sequence[Measurement]) -> VelocityUse:
+    """Holds velocities against psi's motions, and returns them as motions if they agree.
+
+    Where psi found too few motions to show whether they do, they are as good as they state themselves and as the settings
+    have it.
+
+    Args:
+        velocities: one per scan.
+        motions: between successive scans, as the front end measured them; their turns are taken as they are.
+    """
+    poses, lasts, design, variances = _predict(velocities, motions)
+    own = Motions.of(motions)
+    known, measured = np.isfinite(poses[:, 0]) & own.converged, own.variances + _LEAST
+    misses = np.full_like(poses, np.nan)
+    misses[known, :2] = own.poses[known, :2] - poses[known, :2]
+    prior = np.diag(1.0 / np.square([SIGMA_SCALE, _SIGMA_BIAS_MPS, _SIGMA_BIAS_MPS]))
+    factor = 1.0
+    for _ in range(_ROUNDS):
+        found = fit(design, misses, measured, factor * variances, prior)
+        residuals = (misses - found.correct(design))[known, :2]
+        if known.sum() < FEWEST_MOTIONS:
+            break
+        noise = np.maximum(np.median(residuals**2, axis=0) / MEDIAN_OF_CHI2 - np.median(measured[known, :2], axis=0), 0.0)
+        factor = max(1.0, float(np.max(noise / np.median(variances[known, :2], axis=0))))
+    why = _find_fault(found, residuals, (measured + factor * variances)[known, :2])
+    scale, sigma = 1.0 + float(found.parameters[0]), float(np.sqrt(found.covariance[0, 0]))
+    bias = (float(found.parameters[1]), float(found.parameters[2]))
+    if why is not None:
+        return VelocityUse(SOURCE, (f"the velocities by chirps are not used: {why}",), None, scale, sigma, bias)
+    span = max(1, round(_SPAN_S / float(np.median(lasts))))
+    common = spread_common(found.list_sigmas(design), known, span)
+    edges = _make_edges(motions, poses + found.correct(design), factor * variances + common)
+    statements = [f"the velocities by chirps are used, {len(edges)} of them"]
+    if abs(scale - 1.0) > max(TOLD_SIGMAS * sigma, SCALE_TOLERANCE):
+        statements.append(f"the velocities by chirps are {1.0 / scale - 1.0:+.1%} too large, which is put right")
+    return VelocityUse(SOURCE, tuple(statements), edges, scale, sigma, bias)
+
+
+def _predict(
+    velocities: Velocities, motions: Sequence[Measurement]
+) -> tuple[se2.Array, NDArray[np.float64], Design, NDArray[np.float64]]:
+    """Returns the motions that velocities and psi's turns make.
+
+    Returns:
+        the motions (N, 3), NaN where there are none, how long they last (N,) [s], how errors of the velocities move them,
+        and their variances (N, 3).
+    """
+    spans = np.array([(motion.t0, motion.t1) for motion in motions])
+    lasts, turns = spans[:, 1] - spans[:, 0], np.array([motion.pose[2] for motion in motions])
+    twists, spread = make_twists(velocities, spans, turns / lasts, np.zeros(len(motions)))
+    poses = se2.exp(twists, lasts)
+    jacobians, columns = np.zeros((len(motions), 3, 3)), np.tile(np.arange(3), (len(motions), 1))
+    jacobians[:, :2, 0] = np.nan_to_num(poses[:, :2])
+    jacobians[:, 0, 1] = jacobians[:, 1, 2] = lasts
+    variances = np.nan_to_num(np.einsum("kii->ki", spread)) * lasts[:, None] ** 2 + _LEAST
+    return poses, lasts, Design(jacobians, columns, np.empty(0)), variances
+
+
+def _find_fault(found: Calibration, residuals: NDArray[np.float64], variances: NDArray[np.float64]) -> str | None:
+    """Returns why velocities cannot be used, or None."""
+    if len(residuals) < FEWEST_MOTIONS:
+        return None
+    scale = 1.0 + float(found.parameters[0])
+    if not 1.0 / LARGEST_SCALE <= scale <= LARGEST_SCALE:
+        return f"the radar travels {scale:.3g} times as far as they say; the Doppler shift of its chirps may be another"
+    wild = float(np.mean(np.any(residuals**2 > WILD**2 * variances, axis=1)))
+    if wild > MOST_WILD:
+        return f"they contradict the radar's map in {wild:.0%} of the motions"
+    return None
+
+
+def _make_edges(motions: Sequence[Measurement], poses: se2.Array, variances: NDArray[np.float64]) -> TravelEdges:
+    """Returns the motions that velocities measured, which say nothing of the turn."""
+    edges = TravelEdges()
+    for k in np.flatnonzero(np.isfinite(poses[:, 0])).tolist():
+        covariance = np.diag([*variances[k, :2], _UNKNOWN**2])
+        edges[k] = replace(motions[k], pose=np.append(poses[k, :2], motions[k].pose[2]), covariance=covariance)
+    return edges

@@ -1,1 +1,0 @@
-"""The velocity that chirps measure without a map: calibrated by psi, and joined to the pose graph."""

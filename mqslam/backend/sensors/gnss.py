@@ -1,0 +1,293 @@
+"""Whether fixes agree with the trajectory, how large their errors are, and the factors that they add to the pose graph."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import E, X
+from numpy.typing import NDArray
+
+from mqslam.backend.pose_graph import pose_of, poses_of
+from mqslam.backend.sensors.calibration import Use
+from mqslam.backend.sensors.gnss_errors import (
+    Antenna,
+    FixNoise,
+    align,
+    estimate_antenna,
+    find_fix_delay,
+    is_mirrored,
+    measure_fix_noise,
+    measure_residual,
+    measure_stretch,
+)
+from mqslam.core import se2
+from mqslam.core.measurement import Measurement
+from mqslam.core.sensors import KNOWN_S, Fixes, Georeference, TangentPlane, describe_offset
+from mqslam.core.wording import describe_delay, left_or_right
+from mqslam.errors import Remedy
+from mqslam.factors.gnss_position import REACH, gnss_position, plane_walk
+
+# With fewer fixes than this within the recording they are not used: so few fit many trajectories.
+FEWEST = 10
+# Fixes are not used if half of them lie farther from the trajectory than this share of its path: no trajectory drifts so
+# much.
+LARGEST_SHARE = 0.05
+# Fixes are not used if the trajectory spreads over less than this many times the distance that half of them lie from it,
+# since they would say nothing of its heading.
+LEAST_SPREAD = 5.0
+
+_MOST_FIXES: Final = 400  # numerical: as many show whether they fit
+_BETTER: Final = 0.5  # what a mistake must leave at most of the differences, as a share, to be named
+SWAPPED: Final = "they fit if their latitude is the longitude and the other way round"
+
+
+def find_mistake(fixes: Fixes, times: NDArray[np.float64], starts: NDArray[np.float64], chain: se2.Array) -> str:
+    """Finds with which usual mistake fixes would fit a trajectory far better; "" where there is none.
+
+    Args:
+        fixes: of the receiver, of which there is one at least.
+        times: (F,) of the fixes [s], increasing.
+        starts: (N,) of the scans [s], increasing.
+        chain: (N, 3) their poses.
+    """
+    path_m = float(se2.step_lengths(chain).sum())
+
+    def misfit(times: NDArray[np.float64], positions: NDArray[np.float64], *, must_fit: bool = True) -> float:
+        """Returns how far from the trajectory half of the fixes lie at least [m]; inf where that is no fit, but must be."""
+        inside = np.flatnonzero((starts[0] <= times) & (times <= starts[-1]))
+        if len(inside) < FEWEST:
+            return np.inf
+        inside = inside[:: 1 + len(inside) // _MOST_FIXES]
+        points = se2.interpolate(starts, chain, times[inside])[:, :2]
+        usual_m = measure_residual(points, positions[inside])
+        spread_m = float(np.hypot(*np.ptp(points, axis=0)))
+        fits = usual_m <= LARGEST_SHARE * path_m and spread_m >= LEAST_SPREAD * usual_m
+        return usual_m if fits or not must_fit else np.inf
+
+    plane = TangentPlane.at_middle(fixes)
+    positions = plane.project(fixes.latitudes, fixes.longitudes)
+    otherwise = [misfit(times, positions * [1.0, side], must_fit=False) for side in (1.0, -1.0)]  # or mirrored
+    found = [(misfit(times - late_s, positions), describe_clock(late_s)) for late_s in KNOWN_S]
+    if np.abs(fixes.longitudes).max() <= 90.0:
+        swapped = TangentPlane(plane.longitude, plane.latitude).project(fixes.longitudes, fixes.latitudes)
+        found.append((misfit(times, swapped), SWAPPED))
+    least, mistake = min(found)
+    return mistake if least < _BETTER * min(otherwise) else ""
+
+
+def describe_clock(late_s: float) -> str:
+    """Returns in words that fixes fit once their clock is put right."""
+    return f"they fit if their stamps are {describe_offset(late_s)}: add {-late_s:.0f} s to them"
+
+
+# Largest error of the receiver's clock, late or early, that is looked for [s].
+_LONGEST_DELAY_S = 3.0
+# Share of the fixes that may be jumps. With more of them the fixes are not used: those that belong elsewhere, or are
+# mirrored, agree with a part of a drive by chance, too.
+_MOST_JUMPS = 0.25
+# Longest time over which fixes are averaged to learn how their errors wander [s]. Over a longer one the trajectory itself
+# drifts as much.
+_ALIKE_S = 60.0
+# So many fixes share one value of a receiver's wandering error in the graph, and outvote a jump among them; the values stand
+# a scan or more apart. The error is not constant over longer times, and then the trajectory depends on where the values
+# happen to stand: the ATE of a real drive was 0.50 m with a value every 5.4 s and 1.02 m with a value every 5.5 s.
+_FIXES_OF_KNOT = 5
+# Fixes that wander about the trajectory by more than this in a second are not used: no receiver's error does [m].
+_LARGEST_WALK_M = 3.0
+# Where nothing says where the antenna sits, it is taken to be where the fixes of turning stretches show it, if that is
+# farther from the radar than this many standard deviations, else at the radar.
+_ANTENNA_APART = 3.0
+
+MIRRORED: Final = "the radar is: set sensor.clockwise: false if it is mounted upside down"
+_ROUNDS: Final = 3  # of antenna and noise, which settle in fewer
+_LEAST_WALK_M: Final = 1e-4  # numerical: a plane that does not wander at all would tie its poses without error
+
+
+@dataclass(frozen=True, slots=True)
+class FixEdges:
+    """Fixes as positions of scans.
+
+    Args:
+        scans: (F,) numbers of the scans that the fixes are carried to.
+        poses: (F, 3) of these scans in the tangent plane, as the fixes have them; the yaws are the trajectory's [m, m, rad].
+        knots: (F,) number of the pose of the tangent plane that each fix is seen from.
+        noise: of the fixes.
+        walks_m: (K - 1,) standard deviations by which each of these poses wanders from the one before it [m].
+        plane: the tangent plane.
+        origin: (3,) pose of the tangent plane in the map, about.
+    """
+
+    scans: NDArray[np.int64]
+    poses: se2.Array
+    knots: NDArray[np.int64]
+    noise: FixNoise
+    walks_m: NDArray[np.float64]
+    plane: TangentPlane
+    origin: se2.Array
+
+    def list_factors(self, chain: se2.Array) -> Iterator[gtsam.NonlinearFactor]:
+        """Yields the factor of every fix, from the tangent plane e0 .. at its time to its scan, and of the plane's walk."""
+        for j, k, pose in zip(self.knots.tolist(), self.scans.tolist(), self.poses, strict=True):
+            yield gnss_position(E(j), X(k), pose, self.noise.white_m)
+        for j, walk_m in enumerate(self.walks_m.tolist()):
+            yield plane_walk(E(j), E(j + 1), walk_m)
+
+    def insert_into(self, values: gtsam.Values) -> None:
+        """Inserts the poses of the tangent plane, from which the optimisation begins."""
+        for j in range(len(self.walks_m) + 1):
+            values.insert(E(j), gtsam.Pose2(*self.origin))
+
+    def find_place(self, values: gtsam.Values) -> Georeference:
+        """Returns where an optimised map lies on the Earth: by the mean pose of the tangent plane, which hardly turns."""
+        poses = poses_of(values, len(self.walks_m) + 1, E)
+        return Georeference(self.plane, se2.inverse(poses.mean(axis=0)))
+
+    def count_rejected(self, values: gtsam.Values) -> int:
+        """Returns how many fixes lie farther from an optimised trajectory than jumps begin."""
+        origins, placed = (
+            np.array([pose_of(values, key(int(k))) for k in numbers]) for key, numbers in ((E, self.knots), (X, self.scans))
+        )
+        off = np.hypot(*(se2.between(origins, placed)[:, :2] - self.poses[:, :2]).T)
+        return int(np.count_nonzero(off > REACH * self.noise.white_m))
+
+
+@dataclass(frozen=True, slots=True)
+class FixUse(Use[FixEdges]):
+    """What became of a GNSS receiver's fixes; the first statement says whether they are used once jumps are judged.
+
+    Args:
+        antenna: where the antenna sits in the radar's frame, as the fixes say; None where it is known, or they are not used.
+        stretch: how many times as far apart the fixes lie as the trajectory has them; None where its scale fits them.
+        is_mirrored: whether they fit the mirror image of the trajectory far better, so that they turn the other way.
+        mistake: the usual mistake with which they would fit far better, in words; "" where there is none.
+    """
+
+    antenna: Antenna | None = None
+    stretch: float | None = None
+    is_mirrored: bool = False
+    mistake: str = ""
+
+    def refuse(self, why: str) -> FixUse:
+        """Returns that the fixes are not used, and why."""
+        hint = ""
+        if self.stretch is not None:
+            hint = (
+                f"; they lie {self.stretch:.3g} times as far apart as the trajectory has them, so that not they but the "
+                f"length of a range bin may be wrong: {Remedy.GIVE_RANGE_RESOLUTION}"
+            )
+        if self.is_mirrored:
+            swapped = "as where latitude and longitude are in each other's place"
+            hint = f"; they fit the mirror image of the trajectory: they are mirrored, {swapped}, or {MIRRORED}"
+        if self.mistake:
+            hint = f"; {self.mistake}"
+        statement = f"the GNSS fixes ({self.source}) are not used: {why}{hint}"
+        return replace(self, statements=(statement,), edges=None, antenna=None)
+
+    def judge_jumps(self, values: gtsam.Values) -> FixUse:
+        """Returns the use with how many fixes are jumps in an optimised graph; too many of them contradict the radar."""
+        if self.edges is None:
+            return self
+        number, jumps = len(self.edges.scans), self.edges.count_rejected(values)
+        if jumps > _MOST_JUMPS * number:
+            why = f"{jumps} of {number} contradict the radar's motion, wherever the map lies"
+            return self.refuse(why)
+        said = f"the GNSS fixes ({self.source}) are used, {number} of them"
+        rejected = "1 is a jump and hardly counts" if jumps == 1 else f"{jumps} are jumps and hardly count"
+        counted = f"{said}, of which {rejected}" if jumps else said
+        return replace(self, statements=(counted, *self.statements))
+
+
+def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], antenna: NDArray[np.float64] | None) -> FixUse:
+    """Holds fixes against the chained motions, and returns them as positions of scans if they agree.
+
+    Which of them are jumps is still to be judged, in the graph that they join.
+
+    Where it is not known where the antenna sits, and the fixes do not show that it sits elsewhere, it is taken to be at the
+    radar.
+
+    Args:
+        fixes: of the receiver.
+        start_us: stamp [us] of the recording's time zero.
+        motions: between successive scans, as the front end measured them.
+        antenna: (2,) where the antenna is in the radar's frame [m], or None.
+    """
+    use = FixUse(fixes.source, ())
+    if not motions or not len(fixes):
+        return use.refuse("there is no motion that they could be held against" if not motions else "there are none")
+    chain, starts = se2.chain(m.pose for m in motions), np.array([*(m.t0 for m in motions), motions[-1].t1])
+    times: NDArray[np.float64] = np.asarray((fixes.stamps_us - start_us) * 1e-6)
+    plane = TangentPlane.at_middle(fixes)
+    positions = plane.project(fixes.latitudes, fixes.longitudes)
+    use = replace(use, mistake=find_mistake(fixes, times, starts, chain))
+    there = (starts[0] <= times) & (times <= starts[-1])
+    if not use.mistake and np.count_nonzero(there) >= FEWEST:
+        own = se2.interpolate(starts, chain, times[there])[:, :2]
+        use = replace(use, is_mirrored=is_mirrored(own, positions[there]))
+    delay_s = find_fix_delay(times, positions, starts, chain, _LONGEST_DELAY_S)
+    if fixes.own_clock and not delay_s:
+        return use.refuse("their clock is not that of the radar, and the drive does not show by how much it is off")
+    times = times - delay_s
+    inside = (starts[0] <= times) & (times <= starts[-1])
+    if np.count_nonzero(inside) < FEWEST:
+        return use.refuse(f"{np.count_nonzero(inside)} of them lie within the recording, and {FEWEST} are needed")
+    times, positions = times[inside], positions[inside]
+    sensor = se2.interpolate(starts, chain, times)
+    on_map, lies, residuals = _lay(sensor, np.zeros(2) if antenna is None else antenna, positions)
+    use = replace(use, stretch=measure_stretch(on_map, positions))
+    usual_m, path_m = float(np.median(np.hypot(*residuals.T))), float(se2.step_lengths(chain).sum())
+    spread_m = float(np.hypot(*np.ptp(on_map, axis=0)))
+    if usual_m > LARGEST_SHARE * path_m or spread_m < LEAST_SPREAD * usual_m:
+        return use.refuse(
+            f"half of them lie more than {usual_m:.1f} m from the trajectory, whose path is {path_m:.0f} m long and "
+            f"spreads over {spread_m:.0f} m"
+        )
+    noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside], _ALIKE_S)
+    found: Antenna | None = None
+    if antenna is None:
+        for _ in range(_ROUNDS):  # the swings of an antenna that is not at the radar look like noise at first
+            found = estimate_antenna(times, se2.compose(lies, sensor), positions, noise)
+            if found.significance > _ANTENNA_APART:
+                on_map, lies, residuals = _lay(sensor, found.place, positions)
+                noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside], _ALIKE_S)
+    if noise.walk_m > _LARGEST_WALK_M:
+        return use.refuse(
+            f"they wander about the trajectory by {noise.walk_m:.1f} m in a second, so that they are of another drive, or "
+            "their clock is not that of the recording"
+        )
+    knot_s = max(_FIXES_OF_KNOT * float(np.median(np.diff(times))), float(np.median(np.diff(starts))))
+    knots = np.unique(np.floor(times / knot_s), return_inverse=True)[1]  # none for times without a fix
+    middles = np.bincount(knots, times) / np.bincount(knots)
+    walks_m = np.maximum(noise.walk_m * np.sqrt(np.diff(middles)), _LEAST_WALK_M)
+    scans = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, len(starts) - 1)
+    from_scan = _turn(-chain[scans, :2] + on_map, lies[2])
+    poses = np.column_stack([positions - from_scan, se2.wrap(chain[scans, 2] + lies[2])])
+    edges = FixEdges(scans, poses, knots, noise, walks_m, plane, se2.inverse(lies))
+    corrections = []
+    if delay_s:
+        corrections.append(f"the clock of the GNSS fixes is {describe_delay(delay_s)}, which is put right")
+    if found is not None and found.significance > _ANTENNA_APART:
+        x, y = found.place
+        corrections.append(
+            f"they show that the antenna sits {abs(x):.2f} m {'ahead of' if x >= 0.0 else 'behind'} the radar and "
+            f"{abs(y):.2f} m to its {left_or_right(y)} (± {found.sigmas[0]:.2g} m and ± {found.sigmas[1]:.2g} m)"
+        )
+    return replace(use, statements=tuple(corrections), edges=edges, antenna=found)
+
+
+def _lay(
+    sensor: se2.Array, antenna: NDArray[np.float64], positions: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], se2.Array, NDArray[np.float64]]:
+    """Returns where the antenna is on the map (F, 2), how the map lies in the plane (3,), and residuals (F, 2) of fixes."""
+    on_map = sensor[:, :2] + _turn(antenna, sensor[:, 2])
+    lies = align(on_map, positions)
+    return on_map, lies, positions - se2.transform(lies, on_map)
+
+
+def _turn(points: NDArray[np.float64], yaws: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    """Returns points (N, 2) or (2,) turned by yaws (N,) or one yaw [rad]."""
+    c, s, x, y = np.cos(yaws), np.sin(yaws), points[..., 0], points[..., 1]
+    return np.stack([c * x - s * y, s * x + c * y], axis=-1)

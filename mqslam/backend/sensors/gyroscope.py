@@ -1,0 +1,505 @@
+"""A gyroscope beside the radar: calibrated by psi's turns, refused where it contradicts them, as turns in the graph.
+
+    turn by psi = (1 + scale error) turn by the gyroscope, read later by its delay, - bias x time + noise
+
+The bias may walk: it has a value at every knot and is interpolated between two of them.
+
+What psi turns more than the gyroscope between two scans has three parts: the errors of the two scans' poses, which do not
+add up over time; white noise of the rate, by which the angle walks at random; and the random walk of the gyroscope's bias.
+In the Allan variance of the rate they fall with the time squared, fall with the time, and rise with it (IEEE Std 952).
+The motion of the vehicle is in both sensors and drops out. The drift of psi's own map is white noise of the rate, too;
+as much of it as the graph states is not the gyroscope's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import C, X
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from mqslam.backend.sensors.calibration import (
+    FEWEST_MOTIONS,
+    LARGEST_SCALE,
+    MOST_WILD,
+    SCALE_TOLERANCE,
+    TOLD_SIGMAS,
+    WILD,
+    Motions,
+    Use,
+    fit,
+    make_walking_prior,
+    spread_bias,
+)
+from mqslam.core import se2
+from mqslam.core.measurement import Measurement
+from mqslam.core.sensors import Gyroscope, KnownTurning, Turning
+from mqslam.core.statistics import MEDIAN_OF_CHI2, MEDIAN_SPREAD
+from mqslam.core.wording import describe_delay
+from mqslam.factors.gyroscope_turn import GyroscopeTurn, bias_walk, gyroscope_turn
+
+# A gyroscope whose turns correlate less with those of psi is not used. On a straight drive noise correlates with some axis
+# at some delay, by far less than that.
+_LEAST_CORRELATION = 0.5
+# Error of the gyroscope's clock that needs no further evidence [s].
+_USUAL_DELAY_S = 0.3
+# A gyroscope whose clock is farther off is not used unless its turns correlate this well with those of psi. Among many
+# delays some fit by chance.
+_FAR_CORRELATION = 0.8
+
+_STEP_S: Final = 0.05  # between the delays that are tried [s]; the calibration refines the best one
+
+
+class Turns(NamedTuple):
+    """The turns of successive motions as psi measured them.
+
+    Args:
+        begins, ends: (N,) of the motions [s] since the recording's start.
+        yaws: (N,) [rad].
+        variances: (N,) of them [rad^2].
+        known: (N,) whether psi found them itself.
+        drift: by how much psi's own map turns away in the root of a second, as the graph states it [rad].
+    """
+
+    begins: NDArray[np.float64]
+    ends: NDArray[np.float64]
+    yaws: NDArray[np.float64]
+    variances: NDArray[np.float64]
+    known: NDArray[np.bool_]
+    drift: float
+
+    def take(self, some: slice) -> Turns:
+        """Returns a part of the turns."""
+        begins, ends, yaws = self.begins[some], self.ends[some], self.yaws[some]
+        return Turns(begins, ends, yaws, self.variances[some], self.known[some], self.drift)
+
+
+class Start(NamedTuple):
+    """Where the calibration of a gyroscope begins.
+
+    Args:
+        turning: about the axis that is the radar's vertical.
+        axis: its name.
+        delay_s: how late the gyroscope's clock is [s].
+        correlation: of the turns that the gyroscope and psi measured, positive where both turn the same way.
+    """
+
+    turning: Turning
+    axis: str
+    delay_s: float
+    correlation: float
+
+    def is_convincing(self) -> bool:
+        """Returns whether the correlation is more than chance gives; a clock that is far off needs more of it."""
+        is_far = abs(self.delay_s) > _USUAL_DELAY_S
+        return abs(self.correlation) >= (_FAR_CORRELATION if is_far else _LEAST_CORRELATION)
+
+
+def find_start(gyroscope: Gyroscope, start_us: int, turns: Turns, longest_s: float) -> Start | None:
+    """Finds the axis and the delay at which a gyroscope's turns correlate best with psi's; None where it covers no motion.
+
+    Args:
+        gyroscope: its readings.
+        start_us: stamp [us] of the recording's time zero.
+        turns: as psi measured them.
+        longest_s: longest delay that is looked for, either way [s].
+    """
+    if len(gyroscope) < 2:
+        return None
+    steps = int(np.ceil(longest_s / _STEP_S))
+    best: Start | None = None
+    for axis, name in enumerate("xyz"):
+        turning = Turning.integrate(gyroscope, start_us, axis)
+        for delay_s in _STEP_S * np.arange(-steps, steps + 1):
+            found = _correlate(turning.between(turns.begins + delay_s, turns.ends + delay_s), turns)
+            if found is not None and (best is None or abs(found) > abs(best.correlation)):
+                best = Start(turning, name, float(delay_s), found)
+    return best
+
+
+def _correlate(angles: NDArray[np.float64], turns: Turns) -> float | None:
+    """Returns the correlation of angles (N,) with psi's turns over the motions of which both are known."""
+    both = turns.known & np.isfinite(angles)
+    if both.sum() < 3:
+        return None
+    weights = 1.0 / turns.variances[both]
+    a, b = (values[both] - np.average(values[both], weights=weights) for values in (angles, turns.yaws))
+    size = np.sqrt(np.sum(weights * a**2) * np.sum(weights * b**2))
+    return float(np.sum(weights * a * b) / size) if size > 0.0 else None
+
+
+_FEWEST: Final = 9  # second differences over a time below which their median says nothing
+_SECOND_DIFFERENCE: Final = 6.0  # variance of the second difference of white noise over that of the noise
+
+
+class RateNoise(NamedTuple):
+    """The noise of a yaw rate.
+
+    Args:
+        white: density of its white noise [rad/s/sqrt(Hz)]: the angle walks by so much in the root of a second.
+        walk: by how much its bias walks in the root of a second [rad/s].
+    """
+
+    white: float
+    walk: float
+
+
+def measure_rate_noise(
+    gyroscope: Gyroscope,
+    axis: int,
+    residuals: NDArray[np.float64],
+    times: NDArray[np.float64],
+    drift: float,
+    most_walk: float,
+) -> RateNoise:
+    """Measures the noise of the yaw rate.
+
+    Args:
+        gyroscope: its readings.
+        axis: number of the axis that is the radar's vertical.
+        residuals: (N,) by how much psi turned more than the gyroscope between successive scans, but for the errors of its
+            scale and its clock; NaN where either is not known [rad].
+        times: (N + 1,) starts of the scans [s].
+        drift: by how much psi's own map turns away in the root of a second [rad].
+        most_walk: by how much the bias is taken to walk where the recording is too short to show it [rad/s].
+    """
+    taus, variances, counts = compute_allan_variances(residuals, times)
+    if not len(taus):
+        return RateNoise(_measure_white(gyroscope, axis), most_walk)
+    sigmas = variances * MEDIAN_SPREAD / np.sqrt(counts) + np.finfo(float).tiny
+    columns = np.column_stack([taus**-2.0, 1.0 / taus, taus / 3.0]) / sigmas[:, None]
+    _, white, walk = nnls(columns, variances / sigmas)[0]
+    walk += np.sqrt(np.linalg.pinv(columns.T @ columns)[2, 2])  # no walk is known to be smaller than that
+    own = np.sqrt(max(white - drift**2, _measure_white(gyroscope, axis) ** 2))
+    return RateNoise(float(own), min(float(np.sqrt(walk)), most_walk))
+
+
+def compute_allan_variances(
+    residuals: NDArray[np.float64], times: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Computes the Allan variances of a rate whose integrals (N,) between times (N + 1,) are known, or NaN.
+
+    They overlap, and rest on medians, so that a few integrals that are wrong do not count.
+
+    Returns:
+        Times of averaging (T,) [s], each twice the one before it, the variances (T,), and how many independent differences
+        each rests on (T,).
+    """
+    angles = np.concatenate([[0.0], np.cumsum(np.nan_to_num(residuals))])
+    unknown = np.concatenate([[0], np.cumsum(~np.isfinite(residuals))])
+    taus, variances, counts = list[float](), list[float](), list[float]()
+    span = 1
+    while 2 * span < len(angles):
+        second = angles[2 * span :] - 2.0 * angles[span:-span] + angles[: -2 * span]
+        second = second[unknown[2 * span :] == unknown[: -2 * span]]
+        if len(second) < _FEWEST * span:
+            break
+        tau = float(np.median(times[span:] - times[:-span]))
+        taus.append(tau)
+        variances.append(float(np.median(second**2)) / MEDIAN_OF_CHI2 / (2.0 * tau**2))
+        counts.append(len(second) / (2.0 * span))
+        span *= 2
+    return np.array(taus), np.array(variances), np.array(counts)
+
+
+def _measure_white(gyroscope: Gyroscope, axis: int) -> float:
+    """Returns the density of the white noise that single readings show: no vehicle turns so much within three of them."""
+    second = np.diff(gyroscope.rates[:, axis], 2)
+    if not len(second):
+        return 0.0
+    return float(np.sqrt(np.median(second**2) / MEDIAN_OF_CHI2 / _SECOND_DIFFERENCE / gyroscope.rate_hz))
+
+
+# Largest error of the gyroscope's clock, late or early, that is looked for [s]. That of RADIATE's clock is 1.8 s.
+LONGEST_DELAY_S = 3.0
+# Time between two values of its bias in the graph [s].
+KNOT_S = 1.0
+# Standard deviation [rad/s] by which the bias may walk in a second, until the recording has shown how much it does.
+_FIRST_WALK = 0.001
+# Standard deviation of the bias when nothing is known of it [rad/s].
+SIGMA_BIAS = 0.1
+# Standard deviation of the error of its scale when nothing is known of it [1].
+SIGMA_SCALE = 0.1
+
+_ROUNDS: Final = 3  # of fit and noise, which settle in fewer
+_NUDGE_S: Final = 0.02  # by which readings are moved to see how turns change with the delay [s]: numerical
+_LEAST: Final = 1e-12  # numerical: variance that keeps a fit without any noise from being singular
+_COMMON: Final = 2  # parameters with one value for the whole run: error of the scale and of the delay
+
+
+class Rotation(NamedTuple):
+    """How a gyroscope's readings become turns of the radar.
+
+    Args:
+        axis: name of the gyroscope's axis that is the radar's vertical.
+        sign: -1 where it turns the other way.
+        scale: turns of the radar per turn of that axis, after the sign [1].
+        scale_sigma: standard deviation of the scale [1].
+        delay_s: how late the gyroscope's clock is [s].
+        delay_sigma_s: standard deviation of the delay [s].
+        bias: mean bias of its rate after the sign [rad/s].
+        noise: of its rate.
+    """
+
+    axis: str
+    sign: float
+    scale: float
+    scale_sigma: float
+    delay_s: float
+    delay_sigma_s: float
+    bias: float
+    noise: RateNoise
+
+
+class Calibrated(NamedTuple):
+    """A gyroscope held against psi.
+
+    Args:
+        rotation: how its readings become turns.
+        raw: (N,) its turns over psi's motions, with the sign and the delay put right [rad]; NaN where they are not known.
+        residuals: (N,) what psi turned more, with scale and bias put right, too [rad]; NaN where either is not known.
+    """
+
+    rotation: Rotation
+    raw: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+
+
+def calibrate(gyroscope: Gyroscope, start: Start, turns: Turns, some: slice = slice(None)) -> Calibrated:
+    """Calibrates a gyroscope by psi's turns.
+
+    Args:
+        gyroscope: its readings.
+        start: its axis, and about how late it is.
+        turns: as psi measured them.
+        some: which of the motions take part.
+    """
+    turns = turns.take(some)
+    sign, delay_s, turning = float(np.sign(start.correlation)) or 1.0, start.delay_s, start.turning
+    lasts, axis = turns.ends - turns.begins, "xyz".index(start.axis)
+
+    def read(late_s: float) -> NDArray[np.float64]:
+        return sign * turning.between(turns.begins + late_s, turns.ends + late_s)
+
+    noise = RateNoise(0.0, _FIRST_WALK)
+    times = np.append(turns.begins, turns.ends[-1:])
+    for _ in range(_ROUNDS):
+        raw = read(delay_s)
+        by_delay = (read(delay_s + _NUDGE_S) - read(delay_s - _NUDGE_S)) / (2.0 * _NUDGE_S)
+        misses = np.where(turns.known & np.isfinite(by_delay), turns.yaws - raw, np.nan)
+        span, step_s = max(1, round(KNOT_S / float(np.median(lasts)))), float(np.median(lasts))
+        by_common, by_bias = np.zeros((len(raw), 3, _COMMON)), np.zeros((len(raw), 3))
+        by_common[:, 2], by_bias[:, 2] = np.nan_to_num(np.column_stack([raw, by_delay])), -lasts
+        knots_s = np.full((2 * len(raw) - 1) // (2 * span) + 1, span * step_s)
+        design = spread_bias(by_common, by_bias, span, knots_s)
+        prior = make_walking_prior([SIGMA_SCALE, LONGEST_DELAY_S, SIGMA_BIAS], knots_s, noise.walk, _LEAST)
+        nothing = np.full((len(raw), 2), np.nan)
+        measured, white = np.full((len(raw), 3), _LEAST), np.zeros((len(raw), 3))
+        measured[:, 2] += turns.variances
+        white[:, 2] = noise.white**2 * lasts
+        found = fit(design, np.column_stack([nothing, misses]), measured, white, prior)
+        delay_s += float(np.clip(found.parameters[1], -_NUDGE_S, _NUDGE_S))
+        by_common = np.sum(design.jacobians[:, 2, :_COMMON] * found.parameters[:_COMMON], axis=1)
+        walking = misses - by_common  # the walk of the bias is still in these
+        noise = measure_rate_noise(gyroscope, axis, walking, times, turns.drift, _FIRST_WALK)
+    residuals, sigmas = misses - found.correct(design)[:, 2], np.sqrt(np.diag(found.covariance))
+    bias = float(np.mean(found.parameters[_COMMON:]))
+    rotation = Rotation(
+        start.axis, sign, 1.0 + float(found.parameters[0]), float(sigmas[0]), delay_s, float(sigmas[1]), bias, noise
+    )
+    return Calibrated(rotation, raw, residuals)
+
+
+_LEAST_WALK: Final = 1e-8  # numerical: a bias that does not walk at all would tie its variables without error [rad/s]
+_CONSTANT: Final = 1e-8  # numerical: the same for the scale, which is one for the whole run
+
+
+@dataclass(frozen=True, slots=True)
+class TurnEdges:
+    """The turns of a gyroscope between successive scans.
+
+    Args:
+        turns: (N,) with sign and clock put right [rad]; NaN where there is none.
+        lasts: (N,) durations [s].
+        sigmas: (N,) standard deviations [rad].
+        knots: (N,) number of the bias that each turn has.
+        walks: (K - 1,) standard deviations by which each bias differs from the one before it [rad/s].
+        bias, scale_error: where the optimisation begins [rad/s], [1].
+        sigma_bias, sigma_scale: standard deviations of their priors [rad/s], [1].
+    """
+
+    turns: NDArray[np.float64]
+    lasts: NDArray[np.float64]
+    sigmas: NDArray[np.float64]
+    knots: NDArray[np.int64]
+    walks: NDArray[np.float64]
+    bias: float
+    scale_error: float
+    sigma_bias: float
+    sigma_scale: float
+
+    @property
+    def count(self) -> int:
+        """Number of turns that are known."""
+        return int(np.isfinite(self.turns).sum())
+
+    def list_factors(self, chain: se2.Array) -> Iterator[gtsam.NonlinearFactor]:
+        """Yields the factors of the turns, of the walk of the bias, and its prior.
+
+        Args:
+            chain: (N + 1, 3) poses of the scans, whose yaws are right to within half a turn.
+        """
+        for k in np.flatnonzero(np.isfinite(self.turns)).tolist():
+            turn = GyroscopeTurn(float(self.turns[k]), float(self.lasts[k]), float(self.sigmas[k]))
+            yield gyroscope_turn(X(k), X(k + 1), C(int(self.knots[k])), turn, (chain[k, 2], chain[k + 1, 2]))
+        for j, walk in enumerate(self.walks.tolist()):
+            yield bias_walk(C(j), C(j + 1), max(walk, _LEAST_WALK), _CONSTANT)
+        sigmas = gtsam.noiseModel.Diagonal.Sigmas(np.array([self.sigma_bias, self.sigma_scale]))
+        yield gtsam.PriorFactorVector(C(0), np.zeros(2), sigmas)
+
+    def insert_into(self, values: gtsam.Values) -> None:
+        """Inserts the variables c0 .. of bias and scale error, from which the optimisation begins."""
+        for j in range(len(self.walks) + 1):
+            values.insert(C(j), np.array([self.bias, self.scale_error]))
+
+
+# A smaller error of the clock is put right without a word [s].
+DELAY_TOLERANCE_S = 0.01
+# A gyroscope whose scale the radar does not tell to within this standard deviation is not used: a turn by a right angle
+# would be off by half a degree.
+_LARGEST_SCALE_SIGMA = 0.005
+
+_LEAST_VARIANCE: Final = 1e-14  # numerical: keeps a turn that psi states to be without error from counting as one
+
+
+@dataclass(frozen=True, slots=True)
+class GyroscopeUse(Use[TurnEdges]):
+    """What became of a gyroscope; its edges are its turns.
+
+    Args:
+        rotation: how its readings become turns of the radar; None where that could not be found.
+    """
+
+    rotation: Rotation | None = None
+
+
+def join_gyroscope(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float) -> GyroscopeUse:
+    """Holds a gyroscope against psi's motions, puts right what can be, and returns its turns if it then agrees.
+
+    Args:
+        gyroscope: its readings.
+        start_us: stamp [us] of the recording's time zero.
+        motions: between successive scans, as the front end measured them.
+        drift: by how much the front end's map turns away in the root of a second, as the graph states it [rad].
+    """
+    known = Motions.of(motions)
+    begins, ends = np.array([(m.t0, m.t1) for m in motions], dtype=np.float64).reshape(-1, 2).T
+    turns = Turns(begins, ends, known.poses[:, 2], known.variances[:, 2] + _LEAST_VARIANCE, known.converged, drift)
+    start = find_start(gyroscope, start_us, turns, LONGEST_DELAY_S) if len(motions) else None
+
+    def refuse(why: str, rotation: Rotation | None = None) -> GyroscopeUse:
+        return GyroscopeUse(gyroscope.source, (f"the gyroscope ({gyroscope.source}) is not used: {why}",), None, rotation)
+
+    if len(gyroscope) and not np.ptp(gyroscope.rates, axis=0).any():
+        return refuse("its readings never change")
+    if start is None:
+        return refuse("it covers none of the motions that the radar shows")
+    found = calibrate(gyroscope, start, turns)
+    both = int(np.isfinite(found.residuals).sum())
+    if both < FEWEST_MOTIONS:
+        return refuse(f"only {both} motions show both the radar's turn and its own, and {FEWEST_MOTIONS} are needed")
+    why = _find_fault(gyroscope, start, turns, found)
+    if why is not None:
+        return refuse(why, found.rotation)
+    statements = (f"the gyroscope ({gyroscope.source}) is used", *_describe_corrections(found.rotation))
+    return GyroscopeUse(gyroscope.source, statements, _make_edges(found, turns), found.rotation)
+
+
+def find_turning(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float) -> KnownTurning | None:
+    """Returns how far the radar turns, as a gyroscope says that agrees with psi's motions; None where it does not.
+
+    The arguments are those of `join_gyroscope`.
+    """
+    use = join_gyroscope(gyroscope, start_us, motions, drift)
+    rotation = use.rotation
+    if use.edges is None or rotation is None:
+        return None
+    turning = Turning.integrate(gyroscope, start_us, "xyz".index(rotation.axis))
+    return KnownTurning(turning, rotation.sign * rotation.scale, rotation.delay_s, rotation.bias)
+
+
+def _find_fault(gyroscope: Gyroscope, start: Start, turns: Turns, found: Calibrated) -> str | None:
+    """Returns why a gyroscope cannot be used, or None."""
+    rotation = found.rotation
+    is_told = rotation.scale > TOLD_SIGMAS * rotation.scale_sigma
+    if not is_told or not start.is_convincing():
+        return "the radar turned too little, or the gyroscope too differently, to tell that both turn together"
+    if not 1.0 / LARGEST_SCALE <= rotation.scale <= LARGEST_SCALE:
+        is_degrees = abs(np.rad2deg(rotation.scale) - 1.0) < 0.25
+        unit = ", as if it were in degrees per second; convert its rates to rad/s" if is_degrees else ""
+        return f"the radar turns {rotation.scale:.3g} times as far as it says{unit}"
+    if rotation.scale_sigma > _LARGEST_SCALE_SIGMA:
+        return (
+            f"its scale is known to {rotation.scale_sigma:.1%} only, since the turns that the front end measured are too "
+            "few or too unsure"
+        )
+    if abs(rotation.delay_s) > LONGEST_DELAY_S:
+        return f"its clock is {describe_delay(rotation.delay_s)} or more; correct its stamps"
+    variances = turns.variances + rotation.noise.white**2 * (turns.ends - turns.begins)
+    known = np.isfinite(found.residuals)
+    wild = float(np.mean(found.residuals[known] ** 2 > WILD**2 * variances[known]))
+    if wild > MOST_WILD:
+        return f"it contradicts the radar in {wild:.0%} of the motions"
+    half = len(turns.yaws) // 2
+    first, second = (calibrate(gyroscope, start, turns, part).rotation for part in (slice(half), slice(half, None)))
+    sigma_s = float(np.hypot(first.delay_sigma_s, second.delay_sigma_s))
+    apart_s = abs(second.delay_s - first.delay_s)
+    if apart_s > max(TOLD_SIGMAS * sigma_s, DELAY_TOLERANCE_S):
+        early, late = (describe_delay(part.delay_s) for part in (first, second))
+        return f"its clock runs at another rate than the radar's: it is {early} in the first half and {late} in the second"
+    return None
+
+
+def _describe_corrections(rotation: Rotation) -> list[str]:
+    """Returns what was put right of a gyroscope, as sentences."""
+    sentences = []
+    if rotation.axis != "z":
+        sentences.append(f"the gyroscope's {rotation.axis} axis is taken as the radar's vertical, since its turns fit there")
+    if rotation.sign < 0.0:
+        sentences.append(
+            "the gyroscope turns the other way than the radar: it is taken to be mounted upside down, unless the radar is"
+        )
+    if abs(rotation.delay_s) > max(TOLD_SIGMAS * rotation.delay_sigma_s, DELAY_TOLERANCE_S):
+        sentences.append(f"the gyroscope's clock is {describe_delay(rotation.delay_s)}, which is put right")
+    off = rotation.scale - 1.0
+    if abs(off) > max(TOLD_SIGMAS * rotation.scale_sigma, SCALE_TOLERANCE):
+        far = "too little" if off > 0.0 else "too far"
+        sentences.append(f"the gyroscope turns {abs(off) / rotation.scale:.1%} {far}, which is put right")
+    return sentences
+
+
+def _make_edges(found: Calibrated, turns: Turns) -> TurnEdges:
+    """Returns the turns of a gyroscope; one that contradicts psi states the contradiction as its noise."""
+    rotation, lasts = found.rotation, turns.ends - turns.begins
+    white = rotation.noise.white**2 * lasts + _LEAST_VARIANCE
+    squares = np.nan_to_num(found.residuals) ** 2
+    wild = squares > WILD**2 * (turns.variances + white)
+    knots = np.floor((turns.begins - turns.begins[0]) / KNOT_S).astype(np.int64)
+    knots = np.unique(knots, return_inverse=True)[1]  # none for times that no motion begins in
+    middles = np.bincount(knots, turns.begins + turns.ends) / (2.0 * np.bincount(knots))
+    return TurnEdges(
+        turns=found.raw,
+        lasts=lasts,
+        sigmas=np.sqrt(np.where(wild, np.maximum(squares, white), white)),
+        knots=knots,
+        walks=rotation.noise.walk * np.sqrt(np.diff(middles)),
+        bias=rotation.bias,
+        scale_error=rotation.scale - 1.0,
+        sigma_bias=SIGMA_BIAS,
+        sigma_scale=SIGMA_SCALE,
+    )

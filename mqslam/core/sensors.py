@@ -1,0 +1,277 @@
+"""The sensors beside the radar: what they deliver, where they sit on the vehicle, and where on the Earth a map lies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
+
+
+class _Stamped:
+    """Readings over time."""
+
+    __slots__ = ()
+    stamps_us: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.stamps_us)
+
+    @property
+    def rate_hz(self) -> float:
+        """Readings per second: the median over the recording; NaN with fewer than two."""
+        return float(1e6 / np.median(np.diff(self.stamps_us))) if len(self) > 1 else float("nan")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gyroscope(_Stamped):
+    """Angular rates over time, in the clock and about the axes of the sensor that measured them.
+
+    Args:
+        stamps_us: (N,) int64 [us], strictly increasing.
+        rates: (N, 3) rad/s about x forward, y left and z up of the gyroscope, as its layout states its axes.
+        source: the file or topic that they come from, for messages.
+        own_clock: whether its clock is known not to be that of the radar, so that no error of it says anything.
+    """
+
+    stamps_us: NDArray[np.int64]
+    rates: NDArray[np.float64]
+    source: str
+    own_clock: bool = False
+
+
+_LONGEST: Final = 5.0  # a longer time between two readings, in usual ones, is a gap: by definition of a gap
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Turning:
+    """The angle about one axis that a gyroscope has turned by, interpolated between its readings.
+
+    Args:
+        times: (N,) of the readings [s] since the recording's start, increasing.
+        angles: (N,) turned so far [rad].
+        gaps: (N,) how many gaps lie before each reading.
+    """
+
+    times: NDArray[np.float64]
+    angles: NDArray[np.float64]
+    gaps: NDArray[np.int64]
+
+    @classmethod
+    def integrate(cls, gyroscope: Gyroscope, start_us: int, axis: int) -> Turning:
+        """Integrates the rates about one of a gyroscope's axes by the trapezoidal rule.
+
+        Args:
+            gyroscope: two readings or more.
+            start_us: stamp [us] of the recording's time zero.
+            axis: 0 for x, 1 for y, 2 for z.
+        """
+        times, rates = np.asarray((gyroscope.stamps_us - start_us) * 1e-6, dtype=np.float64), gyroscope.rates[:, axis]
+        steps = np.diff(times)
+        angles = np.concatenate([[0.0], np.cumsum(0.5 * (rates[1:] + rates[:-1]) * steps)])
+        gaps = np.concatenate([[0], np.cumsum(steps > _LONGEST * np.median(steps))])
+        return cls(times, angles, gaps)
+
+    def between(self, begins: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns the angles (M,) turned between times (M,) and later ones (M,) [s]; NaN across a gap and outside."""
+        turned = np.interp(ends, self.times, self.angles) - np.interp(begins, self.times, self.angles)
+        last = len(self.times) - 1
+        first_after = np.searchsorted(self.times, begins, side="right")
+        first_not_before = np.searchsorted(self.times, ends, side="left")
+        known = (self.times[0] <= begins) & (ends <= self.times[-1])
+        known &= self.gaps[np.clip(first_after - 1, 0, last)] == self.gaps[np.clip(first_not_before, 0, last)]
+        return np.where(known, turned, np.nan)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownTurning:
+    """How far the radar turns, as a calibrated gyroscope says.
+
+    Args:
+        turning: of the gyroscope's axis that is the radar's vertical.
+        scale: turns of the radar per turn of that axis; negative where it is mounted upside down.
+        delay_s: how late the gyroscope's clock is [s].
+        bias: of its rate, in turns of the radar [rad/s].
+    """
+
+    turning: Turning
+    scale: float
+    delay_s: float
+    bias: float
+
+    def mean_rate(self, t0: float, t1: float) -> float:
+        """Returns the mean yaw rate [rad/s] between two times [s] since the recording's start; NaN where it is not known."""
+        if t1 <= t0:
+            return float("nan")
+        turned = self.turning.between(np.array([t0 + self.delay_s]), np.array([t1 + self.delay_s]))[0]
+        return float(self.scale * turned / (t1 - t0) - self.bias)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fixes(_Stamped):
+    """GNSS fixes over time (WGS 84).
+
+    Args:
+        stamps_us: (N,) int64 [us], strictly increasing, in the recording's clock.
+        latitudes: (N,) degrees, north is positive.
+        longitudes: (N,) degrees, east is positive.
+        sigmas_m: (N,) standard deviation of the position along each horizontal axis, as the receiver states it [m]; NaN
+            where it states none.
+        source: the file or topic that they come from, for messages.
+        made_truth: whether the recording's ground truth was made from this receiver: then the fixes, used for an estimate,
+            would make the evaluation of that estimate meaningless.
+        own_clock: whether the receiver's clock is known not to be that of the radar.
+    """
+
+    stamps_us: NDArray[np.int64]
+    latitudes: NDArray[np.float64]
+    longitudes: NDArray[np.float64]
+    sigmas_m: NDArray[np.float64]
+    source: str
+    made_truth: bool = False
+    own_clock: bool = False
+
+
+_DAY_S: Final = 86_400.0
+_WEEKS_S: Final = 1024.0 * 7.0 * _DAY_S  # after so many weeks GPS counts them from zero again
+_GPS_EPOCH_S: Final = 315_964_800.0  # from 1970 to the beginning of GPS time
+_LEAPS_S: Final = (18.0, 17.0, 16.0, 15.0)  # by which GPS time has been ahead of UTC since 2009
+_TIMES_OFF: Final = {
+    **{seconds: f"{seconds:.0f} s, as GPS time is against UTC" for seconds in _LEAPS_S},
+    37.0: "37 s, as TAI is against UTC",
+    **{3600.0 * hours: f"{hours} h, as by a time zone" for hours in range(1, 15)},
+    _DAY_S: "a day",
+    _WEEKS_S: "1024 weeks, as of a receiver whose count of weeks began anew",
+    2.0 * _WEEKS_S: "2048 weeks, as of a receiver whose count of weeks began anew",
+    _GPS_EPOCH_S: "the time from 1970 to 1980, in which GPS time begins",
+}
+KNOWN_S: Final = tuple(side * seconds for seconds in _TIMES_OFF for side in (1.0, -1.0))
+"""How late the stamps of such a clock are [s]."""
+
+
+def describe_offset(late_s: float) -> str:
+    """Returns in words how late or early stamps are that are late by one of `KNOWN_S`."""
+    return f"{'late' if late_s > 0.0 else 'early'} by {_TIMES_OFF[abs(late_s)]}"
+
+
+def find_offset(first_us: int, last_us: int, start_us: int, end_us: int) -> float | None:
+    """Finds which of `KNOWN_S` makes stamps that share no time with a recording lie in it.
+
+    Args:
+        first_us: the first of the stamps [us].
+        last_us: the last of them [us].
+        start_us: start of the recording [us].
+        end_us: end of the recording [us].
+
+    Returns:
+        How late the stamps are [s]; None where none of these moves half of the shorter of the two spans into the other.
+    """
+
+    def share(late_s: float) -> float:
+        begin, end = first_us - round(1e6 * late_s), last_us - round(1e6 * late_s)
+        return (min(end, end_us) - max(begin, start_us)) / max(1, min(last_us - first_us, end_us - start_us))
+
+    best = max(KNOWN_S, key=lambda late_s: (round(share(late_s), 2), -abs(first_us - 1e6 * late_s - start_us)))
+    return best if share(best) >= 0.5 else None
+
+
+@dataclass(frozen=True, slots=True)
+class TangentPlane:
+    """A local tangent plane (WGS 84), east and north of its origin.
+
+    Args:
+        latitude, longitude: of its origin [degrees].
+    """
+
+    latitude: float
+    longitude: float
+
+    @classmethod
+    def at_middle(cls, fixes: Fixes) -> TangentPlane:
+        """Returns the plane that touches the Earth at the median of fixes, of which there is one at least."""
+        return cls(float(np.median(fixes.latitudes)), float(np.median(fixes.longitudes)))
+
+    def project(self, latitudes: NDArray[np.float64], longitudes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns positions (N,) [degrees] in the plane: (N, 2) east, north [m]."""
+        from pymap3d import geodetic2enu
+
+        east, north, _ = geodetic2enu(latitudes, longitudes, 0.0, self.latitude, self.longitude, 0.0)
+        return np.column_stack([east, north])
+
+    def locate(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns points (N, 2) of the plane [m] on the Earth: (N, 2) latitude, longitude [degrees]."""
+        from pymap3d import enu2geodetic
+
+        latitudes, longitudes, _ = enu2geodetic(*points.T, 0.0, self.latitude, self.longitude, 0.0)
+        return np.column_stack([latitudes, longitudes])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Georeference:
+    """The pose of a map in a local tangent plane.
+
+    Args:
+        plane: the tangent plane.
+        pose: (3,) of the map's frame in it: east [m], north [m], and yaw counter-clockwise from east [rad].
+    """
+
+    plane: TangentPlane
+    pose: se2.Array
+
+    def carry(self, frame: se2.Array) -> Georeference:
+        """Returns where a map lies whose frame is another one, in which the frame of the present one has a pose (3,)."""
+        return Georeference(self.plane, se2.compose(self.pose, se2.inverse(frame)))
+
+    def locate(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns points (N, 2) of the map [m] on the Earth: (N, 2) latitude, longitude [degrees]."""
+        return self.plane.locate(se2.transform(self.pose, points))
+
+
+RADAR, VEHICLE = "radar", "vehicle"
+"""What the poses that a run writes may be the poses of."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mount:
+    """The planar pose of the radar on the vehicle, x forward, y left (REP 103).
+
+    Args:
+        pose: (3,) x [m], y [m] and yaw [rad] of the radar in the vehicle's frame.
+        source: the file, topic or publication that states it, for messages.
+        given: whether the user states it, and not the recording.
+    """
+
+    pose: se2.Array
+    source: str
+    given: bool = False
+
+    def carry_to_radar(self, vehicle: Trajectory) -> Trajectory:
+        """Returns the poses of the radar on a vehicle, in the frame in which the vehicle's poses are given."""
+        return Trajectory(vehicle.stamps_us, se2.compose(vehicle.poses, self.pose))
+
+    def carry_to_vehicle(self, radar: Trajectory) -> Trajectory:
+        """Returns the poses of the vehicle under a radar, in the frame in which the radar's poses are given."""
+        return Trajectory(radar.stamps_us, se2.compose(radar.poses, se2.inverse(self.pose)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sensors:
+    """What a run knows beside the radar and its odometry; None where there is nothing, or it is not to be used.
+
+    Args:
+        gyroscope: readings of a gyroscope.
+        fixes: fixes of a GNSS receiver.
+        mount: where the radar sits on the vehicle.
+    """
+
+    gyroscope: Gyroscope | None = None
+    fixes: Fixes | None = None
+    mount: Mount | None = None
+
+
+NO_SENSORS = Sensors()
+"""The radar alone."""

@@ -1,1 +1,0 @@
-"""What sensors deliver beside scans, what is detected in it, and where they sit on the vehicle."""

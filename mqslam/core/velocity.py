@@ -1,0 +1,164 @@
+"""Velocities of the sensor over time, each measured by one scan without a map, and what else is detected in polar scans."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core import se2
+from mqslam.core.scans import PeakCounts, Returns
+from mqslam.errors import DataError
+
+Array = NDArray[np.float64]
+
+CHIRP_BETA = 0.0502
+"""Range shift per closing speed [s] of the chirps that go up.
+
+It is that of the radar of Boreas-RT, a Navtech RAS6, which is the only one whose chirps are known to go up and down in turn.
+
+Source: f / (bandwidth * azimuths per second), 0.944 * 76.04 GHz / (893 MHz * 1600 / s), as the authors of "Are Doppler
+Velocity Measurements Useful for Spinning Radar Odometry?" (Lisus et al., RA-L 2025) and of "DRO: Doppler-Aware Direct Radar
+Odometry" (Le Gentil et al., RSS 2025) calibrated it: config/doppler_config.yaml of
+github.com/utiasASRL/spinning-radar-doppler.
+"""
+
+
+class Outcome(IntEnum):
+    """Whether a scan measured the sensor's velocity, or why it did not."""
+
+    MEASURED = 0
+    UNREAD = 1
+    ONE_DIRECTION = 2
+    DARK = 3
+    UNCLEAR = 4
+    ONE_SIDED = 5
+
+    @property
+    def reason(self) -> str:
+        """What to tell a user about a scan with this outcome."""
+        return _REASONS[self]
+
+
+_REASONS = {
+    Outcome.MEASURED: "measured",
+    Outcome.UNREAD: "the polar scan could not be read",
+    Outcome.ONE_DIRECTION: "the chirps of all azimuths go the same way",
+    Outcome.DARK: "too few azimuths hold echoes",
+    Outcome.UNCLEAR: "no velocity fits the shifts of the echoes better than others do",
+    Outcome.ONE_SIDED: "the echoes lie in too few directions",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Velocities:
+    """The sensor's velocity in its own frame, once per scan.
+
+    Args:
+        times: (N,) middle of each scan [s] since the recording's start, for which its velocity holds.
+        velocities: (N, 2) forward and left [m/s]; NaN where the scan measured none.
+        covariances: (N, 2, 2) [m^2/s^2]; NaN where the scan measured none.
+        outcomes: (N,) int64, the `Outcome` of each scan.
+        doppler_beta: range shift per closing speed [s] of the chirps that go up, by which they were computed.
+    """
+
+    times: Array
+    velocities: Array
+    covariances: Array
+    outcomes: NDArray[np.int64]
+    doppler_beta: float
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    @property
+    def measured(self) -> NDArray[np.bool_]:
+        """Which scans (N,) measured a velocity."""
+        return np.asarray(self.outcomes == Outcome.MEASURED)
+
+    @property
+    def alternating(self) -> bool:
+        """Whether the chirps of any scan go up and down, so that its velocity could be measured."""
+        return bool(np.any((self.outcomes != Outcome.UNREAD) & (self.outcomes != Outcome.ONE_DIRECTION)))
+
+    @property
+    def reasons(self) -> dict[str, int]:
+        """How many scans measured no velocity, by the reason."""
+        counts = {outcome: int(np.count_nonzero(self.outcomes == outcome)) for outcome in Outcome}
+        return {outcome.reason: count for outcome, count in counts.items() if count and outcome != Outcome.MEASURED}
+
+    def at(self, times: Array) -> tuple[Array, Array]:
+        """Returns velocities (M, 2) and covariances (M, 2, 2) at times (M,) [s], between the two measured scans around each.
+
+        They are NaN where there is none on one side; what lies between two scans is taken to change evenly.
+        """
+        known = np.flatnonzero(self.measured)
+        if not len(known):
+            return np.full((len(times), 2), np.nan), np.full((len(times), 2, 2), np.nan)
+        after = np.searchsorted(self.times[known], times)
+        outside = (times < self.times[known[0]]) | (times > self.times[known[-1]])
+        a, b = (known[np.clip(i, 0, len(known) - 1)] for i in (after - 1, after))
+        step = self.times[b] - self.times[a]
+        share = np.where(step > 0.0, (times - self.times[a]) / np.where(step > 0.0, step, 1.0), 0.0)
+        share[outside] = np.nan
+        f, g = (1.0 - share)[:, None], share[:, None]
+        velocities = f * self.velocities[a] + g * self.velocities[b]
+        return velocities, f[..., None] ** 2 * self.covariances[a] + g[..., None] ** 2 * self.covariances[b]
+
+    @classmethod
+    def join(cls, parts: Sequence[Velocities]) -> Velocities:
+        """Returns the velocities of successive stretches of scans, which have the same Doppler shift, as one."""
+        return cls(
+            np.concatenate([part.times for part in parts]),
+            np.concatenate([part.velocities for part in parts]),
+            np.concatenate([part.covariances for part in parts]),
+            np.concatenate([part.outcomes for part in parts]),
+            parts[0].doppler_beta,
+        )
+
+
+def make_twists(
+    velocities: Velocities, spans: Array, yaw_rates: Array, yaw_variances: Array
+) -> tuple[se2.Array, NDArray[np.float64]]:
+    """Makes the sensor's mean twist over time spans, such as those of scans, from its velocities and yaw rates.
+
+    The velocity in the middle of a span is its mean, up to changes of acceleration within the span.
+
+    Args:
+        velocities: of the sensor.
+        spans: (M, 2) begin and end [s] since the recording's start.
+        yaw_rates: (M,) mean yaw rate of the sensor over each span [rad/s], whatever measured it.
+        yaw_variances: (M,) their variances [rad^2/s^2].
+
+    Returns:
+        Twists (M, 3) forward [m/s], left [m/s], yaw rate [rad/s], and their covariances (M, 3, 3); the velocity's part is
+        NaN where no scan on one side measured it.
+    """
+    middle, spread = velocities.at(spans.mean(axis=1))
+    covariances = np.zeros((len(spans), 3, 3))
+    covariances[:, :2, :2] = spread
+    covariances[:, 2, 2] = yaw_variances
+    return np.column_stack([middle, yaw_rates]), covariances
+
+
+@dataclass(frozen=True, slots=True)
+class Detected:
+    """The returns of a stretch of polar scans, the sensor's velocities, and what it cost to detect them.
+
+    Args:
+        returns: of each polar scan, none of one that could not be read; nothing at all where scans hold them.
+        unread: why a polar scan could not be read, by its number in the recording.
+        read_s, detect_s: seconds spent.
+        counts: what the detector kept and dropped.
+        velocities: of the sensor, one per polar scan; None where they were not asked for, or chirps do not alternate.
+    """
+
+    returns: list[Returns]
+    unread: dict[int, DataError] = field(default_factory=dict)
+    read_s: float = 0.0
+    detect_s: float = 0.0
+    counts: PeakCounts = field(default_factory=PeakCounts)
+    velocities: Velocities | None = None

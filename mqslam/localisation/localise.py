@@ -1,0 +1,397 @@
+"""Localisation on one screen: cold start, following, how sure it is, and predictions where the map shows nothing.
+
+Everything happens after the recording. Scans are therefore followed from a recognised place in both directions of time, and
+a place that is recognised late serves the scans before it, too: each is predicted by the motion from its neighbour, and
+registered on the map by psi.
+
+The covariance of psi's curvature is too small by a factor that depends on the world: returns of one object move together as
+it is seen from elsewhere, and keyframes err within the map. Two scans that are some metres apart, each registered on one
+half of the keyframes around it, differ by the errors of both, besides that of the short way between them. Where the front
+end's motions are poor, the factor is too large rather than too small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mqslam.backend.loops.passes import MappedDrive, TrackedRun
+from mqslam.backend.loops.recognition import PLACE_SPACING_M, ROW, PlaceDatabase, describe_map, recognise
+from mqslam.backend.loops.registration import TOLERANCES
+from mqslam.config import EstimatorConfig
+from mqslam.core import se2
+from mqslam.core.engine import Engine
+from mqslam.core.keyframes import KeyframeMap, Keyframes
+from mqslam.core.measurement import Loop, Measurement
+from mqslam.core.scans import Scans
+from mqslam.core.statistics import find_usual_scale
+from mqslam.core.wording import count_of
+from mqslam.errors import NotInMapError
+from mqslam.execution.progress import Progress, ignore_progress
+from mqslam.execution.runner import Runner
+from mqslam.localisation.registering import ON_MAP, REACH_M, MapAround, PlaceStatus, Registered, is_away, register
+from mqslam.mapping.keyframing import pick_spaced
+from mqslam.psi.place import Beam, PointSet
+
+# Path [m] without a scan that lies on the map, after which scans are no longer followed from there. The recording is then
+# looked up again beyond it.
+_GIVE_UP_M = 30.0
+# Path [m] between the scans that show by which factors the covariances are too small.
+_SAMPLE_M = 20.0
+# Path [m] between two scans that are registered on keyframes which they do not share, to see how far they disagree. Over a
+# shorter path they see the same side of everything and err alike, over a longer one the motions between them err, too.
+_APART_M = 5.0
+# With fewer such pairs the recording does not show these factors.
+FEWEST_PAIRS = 20
+# Factor on the variances of psi's curvature where the recording is too short to show it. Drives through cities have shown 6
+# to 13.
+_USUAL_SCALE = 10.0
+# Least share of the scans along a row of recognised places that must lie on the map for it to count.
+_CONFIRMED = 0.7
+# Number of submaps that are looked up at a time, until a row of them is recognised.
+_BLOCK = 6
+
+_BATCH: Final = 64  # pairs that one call compares: a matter of speed only
+_OTHER_MAP: Final = "give the map of a recording that has passed the same streets"
+_LONGER: Final = "give a longer recording, or more of it"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Localised:
+    """The scans of a recording in a map.
+
+    Args:
+        stamps_us: (N,) start of each scan [us].
+        poses: (N, 3) of the radar at these stamps, in the map's frame [m, m, rad].
+        covariances: (N, 3, 3) of these poses in their own frames, against the map around them.
+        statuses: (N,) of each.
+        psi: (N,) score per return on the map; NaN where a scan does not lie on it.
+        matched: (N,) share of the returns that lie on the map; NaN where the scan was not compared with it.
+        rows: number of rows of places that were recognised and that scans were followed from.
+        looked_up: number of submaps of the recording that were looked up.
+        ambiguous: number of these that fit several places of the map about as well.
+        scale: (3,) factors on the variances of psi's curvature, as the recording itself shows them, or those that are usual
+            where it is too short.
+        samples: number of comparisons that show these factors.
+        conflicts: number of places where scans that were followed from two sides disagree.
+        is_scale_measured: whether the recording itself shows the factors.
+    """
+
+    stamps_us: NDArray[np.int64]
+    poses: se2.Array
+    covariances: NDArray[np.float64]
+    statuses: tuple[PlaceStatus, ...]
+    psi: NDArray[np.float64]
+    matched: NDArray[np.float64]
+    rows: int
+    looked_up: int
+    ambiguous: int
+    scale: NDArray[np.float64]
+    samples: int
+    conflicts: int
+    is_scale_measured: bool = True
+
+    def __len__(self) -> int:
+        return len(self.stamps_us)
+
+    @property
+    def on_map(self) -> NDArray[np.bool_]:
+        """Which scans (N,) lie on the map."""
+        return np.array([status in ON_MAP for status in self.statuses], dtype=np.bool_)
+
+
+@dataclass(frozen=True, slots=True)
+class _Setting:
+    """What scans are followed with.
+
+    Args:
+        drive: the scans under their chained motions.
+        motions: N - 1 motions between N successive scans.
+        keyframes: of the map.
+        estimator: settings of the score.
+        beam: the sensor's errors.
+    """
+
+    drive: TrackedRun
+    motions: Sequence[Measurement]
+    keyframes: Keyframes
+    estimator: EstimatorConfig
+    beam: Beam
+
+    def render(self, k: int) -> PointSet:
+        """Returns the returns of scan k in the frame of its start."""
+        return self.drive.render(k, np.array([k]), self.beam)
+
+    def register(self, around: MapAround, k: int, expected: Registered) -> Registered:
+        """Returns where scan k lies in the map."""
+        return register(around, self.render(k), expected, self.estimator)
+
+    def predict(self, known: Registered, k: int, n: int) -> Registered:
+        """Returns where scan n is expected, which follows or precedes scan k, of which it is known where it lies."""
+        motion = self.motions[min(k, n)]
+        step, covariance = motion.pose, motion.covariance
+        if n < k:
+            step, covariance = se2.inverse(step), se2.covariance_of_inverse(step, covariance)
+        back = se2.adjoint(se2.inverse(step))
+        grown = se2.rotate_covariance(covariance, -float(step[2])) + back @ known.covariance @ back.T
+        return Registered(se2.compose(known.pose, step), grown)
+
+
+class _LocalisedScans:
+    """Where each scan of a recording lies in the map, as far as it is known.
+
+    Args:
+        count: number of scans.
+        progress: called as scans are compared with the map.
+
+    Attributes:
+        poses, covariances, psi, matched, statuses: as in `Localised`.
+        tried: (N,) whether the scan was compared with the map.
+        on_map: (N,) whether it lies on the map.
+    """
+
+    def __init__(self, count: int, progress: Progress = ignore_progress) -> None:
+        self._progress = progress
+        self.poses = np.full((count, 3), np.nan)
+        self.covariances = np.full((count, 3, 3), np.nan)
+        self.psi, self.matched = np.full(count, np.nan), np.full(count, np.nan)
+        self.tried, self.on_map = np.zeros(count, dtype=np.bool_), np.zeros(count, dtype=np.bool_)
+        self.statuses = [PlaceStatus.LOST] * count
+
+    def get(self, k: int) -> Registered:
+        """Returns where scan k lies."""
+        return Registered(self.poses[k], self.covariances[k])
+
+    def put(self, k: int, registered: Registered) -> None:
+        """Puts in where scan k lies."""
+        self.poses[k], self.covariances[k], self.statuses[k], self.psi[k], self.matched[k] = registered
+        self.tried[k], self.on_map[k] = True, registered.status in ON_MAP
+        self._progress("localise", int(self.tried.sum()), len(self.tried))
+
+    def forget(self, part: slice) -> None:
+        """Forgets where the scans of a part of the recording lie."""
+        self.poses[part] = self.covariances[part] = self.psi[part] = self.matched[part] = np.nan
+        self.tried[part] = self.on_map[part] = False
+
+
+def localise(
+    scans: Scans, motions: Sequence[Measurement], made: KeyframeMap, estimator: EstimatorConfig, beam: Beam, runner: Runner
+) -> Localised:
+    """Returns where the scans of a recording lie in a map, of which nothing is known beforehand.
+
+    Args:
+        scans: N scans of the recording.
+        motions: N - 1 motions between successive scans.
+        made: the map.
+        estimator: settings of the score.
+        beam: the sensor's errors.
+        runner: does the work, and times it.
+
+    Raises:
+        NotInMapError: no place of the map was recognised.
+    """
+    poses = se2.chain(motion.pose for motion in motions)
+    setting = _Setting(TrackedRun.of(scans, poses), motions, made.keyframes, estimator, beam)
+    table, rows, looked_up, ambiguous, conflicts = _LocalisedScans(len(scans), runner.progress), 0, 0, 0, 0
+    with runner.time_stage("recognise"):
+        wanted = np.ones(len(scans), dtype=np.bool_)
+        parts = _look_up(setting, made, runner.engine, wanted)
+        found = next(parts, None)
+    while found is not None:
+        found_rows, *counts = found
+        looked_up, ambiguous = looked_up + counts[0], ambiguous + counts[1]
+        for row in found_rows:
+            with runner.time_stage("follow"):
+                if _seed(setting, table, row):
+                    rows += 1
+                    conflicts += _follow_on(setting, table, row)
+        wanted[:] = ~table.tried
+        with runner.time_stage("recognise"):
+            found = next(parts, None)
+    if not rows:
+        raise NotInMapError(*_say_what_was_tried(setting.drive, made, looked_up, ambiguous))
+    with runner.time_stage("surety"):
+        scale, samples = _measure_scale(setting, table, runner.engine)
+    _fill_in(setting, table, se2.scale_covariance(table.covariances, scale))
+    return Localised(
+        stamps_us=scans.stamps_us,
+        poses=table.poses,
+        covariances=table.covariances,
+        statuses=tuple(table.statuses),
+        psi=table.psi,
+        matched=table.matched,
+        rows=rows,
+        looked_up=looked_up,
+        ambiguous=ambiguous,
+        scale=scale,
+        samples=samples,
+        conflicts=conflicts,
+        is_scale_measured=samples >= FEWEST_PAIRS,
+    )
+
+
+def _look_up(
+    setting: _Setting, made: KeyframeMap, engine: Engine, wanted: NDArray[np.bool_]
+) -> Iterator[tuple[list[list[Loop]], int, int]]:
+    """Yields the rows of places that some submaps after the other show, as long as there are wanted ones.
+
+    Beside the rows it yields how many submaps were looked up, and how many of these fit several places about as well.
+
+    The last submaps of each part are looked up again in the next one, so that a row that reaches into it is found.
+
+    Args:
+        setting: the scans and the map.
+        made: the map with its places.
+        engine: where submaps are compared; the result does not depend on it.
+        wanted: (N,) which scans are still to be found. The caller may change it as it goes on.
+    """
+    places = describe_map(made, setting.beam, engine).places
+    database = PlaceDatabase.of(MappedDrive.of(made.keyframes), places)
+    nodes = pick_spaced(setting.drive.travelled, PLACE_SPACING_M)
+    for begin in range(0, len(nodes), _BLOCK - ROW + 1):
+        part = nodes[begin : begin + _BLOCK]
+        fresh = part if begin == 0 else part[ROW - 1 :]
+        if wanted[fresh].any():
+            found = recognise(setting.drive, part, database, None, setting.estimator, setting.beam, engine)
+            yield found.rows, len(fresh), len(set(found.ambiguous) & set(fresh.tolist()))
+
+
+def _seed(setting: _Setting, table: _LocalisedScans, row: Sequence[Loop]) -> bool:
+    """Follows the scans along a row of recognised places, and returns whether enough of them lie on the map.
+
+    Where they do not, the table is left as it was.
+    """
+    first, last = row[0].later, row[-1].later
+    if table.tried[first : last + 1].any():
+        return False
+    middle = row[len(row) // 2]
+    expected = Registered(se2.compose(setting.keyframes.poses[middle.earlier], middle.pose), middle.covariance)
+    registered = setting.register(MapAround(setting.keyframes, setting.beam), middle.later, expected)
+    if registered.status is not PlaceStatus.CONVERGED:
+        return False
+    table.put(middle.later, registered)
+    for way, limit in ((1, last), (-1, first)):
+        _follow(setting, table, middle.later, way, limit)
+    if table.on_map[first : last + 1].mean() >= _CONFIRMED:
+        return True
+    table.forget(slice(first, last + 1))
+    return False
+
+
+def _follow_on(setting: _Setting, table: _LocalisedScans, row: Sequence[Loop]) -> int:
+    """Follows scans on from both ends of a row; returns at how many ends they meet scans that lie elsewhere."""
+    along = row[0].later + np.flatnonzero(table.on_map[row[0].later : row[-1].later + 1])
+    ends = ((int(along[-1]), 1, len(table.tried) - 1), (int(along[0]), -1, 0))
+    return sum(_follow(setting, table, start, way, limit) for start, way, limit in ends)
+
+
+def _follow(setting: _Setting, table: _LocalisedScans, start: int, way: int, limit: int) -> bool:
+    """Follows scans from one that lies on the map, until too long a way lies on nothing or another one is reached that does.
+
+    Scans at the end of which none lies on the map are left as not tried, so that they can be reached from the other side.
+
+    Args:
+        setting: what scans are followed with.
+        table: where each scan lies; it is filled in.
+        start: the scan to begin from, which lies on the map.
+        way: 1 follows the recording forward in time, -1 backward.
+        limit: the last scan to follow.
+
+    Returns:
+        Whether a scan was reached that lies elsewhere, as it was followed from the other side.
+    """
+    around = MapAround(setting.keyframes, setting.beam)
+    travelled = setting.drive.travelled
+    known, last, lost = table.get(start), start, list[tuple[int, Registered]]()
+    for k in range(start + way, limit + way, way):
+        prediction = setting.predict(known, k - way, k)
+        if table.tried[k]:
+            return table.on_map[k] and is_away(se2.wrapped_between(prediction.pose, table.poses[k]), prediction)
+        known = setting.register(around, k, prediction)
+        lost.append((k, known))
+        if known.status in ON_MAP:
+            for number, one in lost:
+                table.put(number, one)
+            last, lost = k, []
+        elif abs(travelled[k] - travelled[last]) > _GIVE_UP_M:
+            break
+    return False
+
+
+def _measure_scale(setting: _Setting, table: _LocalisedScans, engine: Engine) -> tuple[NDArray[np.float64], int]:
+    """Returns the factors (3,) that psi's variances need, and the number of pairs of scans that show them."""
+    travelled = setting.drive.travelled
+    converged = np.array([status is PlaceStatus.CONVERGED for status in table.statuses], dtype=np.bool_)
+    pairs = []
+    for k in pick_spaced(travelled, _SAMPLE_M).tolist():
+        n = int(np.searchsorted(travelled, travelled[k] + _APART_M))
+        if n < len(travelled) and converged[k : n + 1].all() and travelled[n] - travelled[k] <= 2.0 * _APART_M:
+            pairs.append([(scan, table.get(scan)) for scan in (k, n)])
+    batches = [pairs[begin : begin + _BATCH] for begin in range(0, len(pairs), _BATCH)]
+    squares = np.concatenate([np.empty((0, 3)), *engine.map(_compare, setting, batches)])
+    return (np.full(3, _USUAL_SCALE) if len(squares) < FEWEST_PAIRS else find_usual_scale(squares)), len(squares)
+
+
+def _compare(setting: _Setting, pairs: list[list[tuple[int, Registered]]]) -> NDArray[np.float64]:
+    """Returns the squares (K, 3) by which pairs of scans disagree, in units of the variances of psi's curvature."""
+    even = np.arange(len(setting.keyframes)) % 2 == 0
+    halves = [MapAround(setting.keyframes, setting.beam, chosen) for chosen in (even, ~even)]
+    squares = []
+    for pair in pairs:
+        first, second = (
+            setting.register(half, k, Registered(whole.pose, whole.covariance + np.diag(TOLERANCES**2)))
+            for half, (k, whole) in zip(halves, pair, strict=True)
+        )
+        if not first.status == second.status == PlaceStatus.CONVERGED:
+            continue
+        step = se2.between(*(setting.drive.poses[k] for k, _ in pair))
+        off = se2.wrapped_between(se2.compose(first.pose, step), second.pose)
+        back = se2.adjoint(se2.inverse(step))
+        squares.append(off**2 / np.diag(back @ first.covariance @ back.T + second.covariance))
+    return np.array(squares).reshape(-1, 3)
+
+
+def _fill_in(setting: _Setting, table: _LocalisedScans, covariances: NDArray[np.float64]) -> None:
+    """Predicts the scans that do not lie on the map from the nearest one that does, with its covariance (N, 3, 3)."""
+    travelled, known = setting.drive.travelled, table.on_map.copy()
+    table.covariances[:] = covariances
+    nearest = np.full(len(known), np.inf)
+    for way in (1, -1):
+        source = None
+        for k in range(len(known))[::way]:
+            if known[k]:
+                source, now = k, table.get(k)
+                continue
+            if source is None:
+                continue
+            now = setting.predict(now, k - way, k)
+            away = abs(travelled[k] - travelled[source])
+            if away < nearest[k]:
+                nearest[k] = away
+                table.poses[k], table.covariances[k] = now.pose, now.covariance
+    tree = cKDTree(setting.keyframes.poses[:, :2])
+    for k in np.flatnonzero(~known).tolist():
+        is_outside = tree.query(table.poses[k, :2])[0] > REACH_M
+        table.statuses[k] = PlaceStatus.OUTSIDE if is_outside else PlaceStatus.LOST
+
+
+def _say_what_was_tried(drive: TrackedRun, made: KeyframeMap, looked_up: int, ambiguous: int) -> tuple[str, str]:
+    """Returns why a recording is nowhere in a map, with what was tried, and what the user can do."""
+    path_m = float(drive.travelled[-1])
+    if looked_up < ROW:
+        too_short = (
+            f"not found in this map: its path of {path_m:.0f} m is too short, as {ROW} places that are "
+            f"{PLACE_SPACING_M:g} m apart must be recognised in a row"
+        )
+        return too_short, _LONGER
+    along, places = f"submaps along {path_m:.0f} m of path", count_of(len(made.places.keyframes), "place")
+    if 2 * ambiguous > looked_up:
+        fit = f"{ambiguous} of {looked_up} {along} fit more than one of {places} about as well"
+        return f"several places of this map fit, and nothing tells which one it is ({fit})", _LONGER
+    fits = f"; {ambiguous} of them fit several places about as well" if ambiguous else ""
+    return f"not in this map: no row of places was recognised ({looked_up} {along}, {places}{fits})", _OTHER_MAP

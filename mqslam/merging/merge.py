@@ -1,0 +1,343 @@
+"""The merge: sessions are recognised in each other, linked, optimised as one graph, and compared for changes.
+
+results -> places recognised -> relations -> joint graph -> links -> one trajectory per recording -> one map -> changes
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import accumulate
+from operator import add
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.backend.loops.chain import Chain, Relative, as_relative, compute_chi_square
+from mqslam.backend.loops.closing import LoopCloser, score_loop
+from mqslam.backend.loops.passes import MappedDrive, Passes
+from mqslam.backend.loops.recognition import describe_map
+from mqslam.backend.marginals import compute_all_marginals
+from mqslam.backend.pose_graph import PoseGraph, optimise, poses_of
+from mqslam.backend.problem import GivenGraph
+from mqslam.config import Config, EstimatorConfig
+from mqslam.core import se2
+from mqslam.core.engine import Engine
+from mqslam.core.keyframes import KEYFRAME_POINT, KeyframeMap, Keyframes, MappedRecording, PlaceTable
+from mqslam.core.measurement import Loop, LoopSearch
+from mqslam.core.point_map import PointMap
+from mqslam.core.stored import make_stored, release
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import EstimationError
+from mqslam.execution.runner import Runner
+from mqslam.factors.between import prior
+from mqslam.mapping.keyframing import place_points
+from mqslam.mapping.render import score_points
+from mqslam.merging.changes import Change, find_changes, measure_relative_uncertainty
+from mqslam.merging.sessions import Recognition, Session, introduce, lay_out, list_factors
+from mqslam.psi.place import Beam, PointSet, beam_of, compute_beam_covariance
+
+
+def number_vertices(sessions: Sequence[Session]) -> list[NDArray[np.int64]]:
+    """Returns the numbers that the vertices of each session have in the joint graph."""
+    scans = [session.scans for session in sessions]
+    others = [len(session.graph.keys) - session.scans for session in sessions]
+    first_scans = [0, *accumulate(scans)]
+    first_others = [0, *accumulate(others)]
+    return [
+        np.concatenate([first_scans[n] + np.arange(scans[n]), first_scans[-1] + first_others[n] + np.arange(others[n])])
+        for n in range(len(sessions))
+    ]
+
+
+def join_graphs(sessions: Sequence[Session], frames: Sequence[se2.Array]) -> GivenGraph:
+    """Joins the graphs of all sessions; only the first pose of the first one is held.
+
+    Args:
+        sessions: the sessions.
+        frames: (3,) pose of the frame of each session in that of the first one, from which the optimisation starts.
+
+    Returns:
+        The graph over the poses of all keyframes. Vertices are numbered from 0: those of all scans, session by session, and
+        after them all others.
+    """
+    factors, values, keys = gtsam.NonlinearFactorGraph(), gtsam.Values(), list[int]()
+    for session, frame, numbers in zip(sessions, frames, number_vertices(sessions), strict=True):
+        poses = se2.compose(frame, session.poses)
+        for key, pose in zip(numbers.tolist(), poses, strict=True):
+            values.insert(key, gtsam.Pose2(*pose))
+        if not keys:
+            factors.push_back(prior(0, poses[0]))
+        for factor in list_factors(session, numbers.tolist()):
+            factors.push_back(factor)
+        keys += numbers[session.map.keyframes.scans].tolist()
+    return GivenGraph(factors, values, keys, lambda factor: factor)
+
+
+def join_keyframes(sessions: Sequence[Session]) -> Keyframes:
+    """Returns the keyframes of all sessions, those of each still under its own poses.
+
+    Their scans are numbered as the vertices of the joint graph. The first session says where the map lies on the Earth.
+    """
+    own = [session.map.keyframes for session in sessions]
+    firsts = np.cumsum([0, *(len(k.recordings) for k in own)])
+    starts = np.cumsum([0, *(len(k.points) for k in own)])
+    points = make_stored((int(starts[-1]),), KEYFRAME_POINT)
+    for keyframes, start, end in zip(own, starts, starts[1:], strict=False):
+        points[start:end] = keyframes.points
+        release(points, keyframes.points)
+    numbers = number_vertices(sessions)
+    return Keyframes(
+        recordings=tuple(recording for k in own for recording in k.recordings),
+        origins=np.concatenate([k.origins + first for k, first in zip(own, firsts, strict=False)]),
+        scans=np.concatenate([n[k.scans] for k, n in zip(own, numbers, strict=True)]),
+        stamps_us=np.concatenate([k.stamps_us for k in own]),
+        poses=np.concatenate([k.poses for k in own]),
+        covariances=np.concatenate([k.covariances for k in own]),
+        travelled=np.concatenate([k.travelled for k in own]),
+        rows=np.concatenate([k.rows + start for k, start in zip(own, starts, strict=False)]),
+        points=points,
+        georeference=own[0].georeference,
+    )
+
+
+def join_places(sessions: Sequence[Session]) -> PlaceTable:
+    """Returns the places of all sessions, which have been described with the same settings."""
+    firsts = np.cumsum([0, *(len(session.map.keyframes) for session in sessions)])
+    return PlaceTable(
+        np.concatenate([session.map.places.keyframes + first for session, first in zip(sessions, firsts, strict=False)]),
+        np.concatenate([session.map.places.descriptors for session in sessions]),
+        sessions[0].map.places.made_with,
+    )
+
+
+# If the edges in a result's graph alone move a pose farther than this [m], a warning says that what is no edge, such as
+# GNSS, has held the result.
+_MOVED_M = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Merged:
+    """Several recordings as one map.
+
+    Args:
+        config: all settings.
+        sessions: what was merged.
+        recognitions: what recognition says about each two sessions.
+        links: those between keyframes of different sessions that the map keeps, and what the search for them has led to.
+        psi: (L, 2) psi per point of each link's passes, with the sessions where recognition has them and at the optimum.
+        residuals: (L,) of the links at the optimum, in standard deviations.
+        trajectories: of each recording, in one frame.
+        kept: keyframes and places of the map.
+        graph: the joint graph, its links among its factors.
+        values: of its vertices, which are numbered from 0.
+        map: all keyframes rendered.
+        changes: what one recording shows and another contradicts.
+        sigmas: (R, K) how well it is known, for each recording and keyframe, how the two lie to each other [m].
+        moved_m: for each session, how far the edges of its graph alone move a pose of it [m].
+        warnings: what could not be done, and why.
+    """
+
+    config: Config
+    sessions: tuple[Session, ...]
+    recognitions: tuple[Recognition, ...]
+    links: LoopSearch
+    psi: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+    trajectories: tuple[Trajectory, ...]
+    kept: KeyframeMap
+    graph: PoseGraph
+    values: gtsam.Values
+    map: PointMap
+    changes: list[Change]
+    sigmas: NDArray[np.float64]
+    moved_m: tuple[float, ...]
+    warnings: tuple[str, ...]
+
+
+def merge_sessions(sessions: Sequence[Session], config: Config, runner: Runner) -> Merged:
+    """Makes one map of several sessions, in the frame of the first one.
+
+    Args:
+        sessions: two or more.
+        config: all settings.
+        runner: does the work.
+
+    Raises:
+        EstimationError: a session shares no place with the others that is recognised without doubt.
+    """
+    beam = beam_of(config.estimator, sessions[0].map.keyframes.recordings[0].doppler_beta)
+    with runner.time_stage("optimise"):
+        sessions = [replace(session, map=describe_map(session.map, beam, runner.engine)) for session in sessions]
+        chains = [_optimise_alone(session) for session in sessions]
+        moved = tuple(_measure_move(session, chain) for session, chain in zip(sessions, chains, strict=True))
+    with runner.time_stage("recognise"):
+        recognitions = introduce(sessions, chains, config.estimator, beam, runner)
+    keyframes = join_keyframes(sessions)
+    groups = np.repeat(np.arange(len(sessions)), [len(session.map.keyframes) for session in sessions])
+    frames, first = lay_out(sessions, chains, recognitions)
+    del chains  # what they have eliminated takes more memory than anything else here
+    problem = join_graphs(sessions, frames)
+    start = np.concatenate(
+        [se2.compose(f, session.map.keyframes.poses) for f, session in zip(frames, sessions, strict=True)]
+    )
+    with runner.time_stage("links"):
+        before = MappedDrive.of(keyframes, start)
+        closer = LoopCloser(
+            problem, lambda poses: MappedDrive.of(keyframes, poses), config.estimator, beam, runner, before, groups
+        )
+        closer.start_from(first)
+        if closer.loops:
+            closer.look_around()
+        links = closer.conclude()
+        _check_joined(sessions, links.loops, groups)
+    with runner.time_stage("optimise"):
+        graph, optimum = problem.optimise(links.loops)
+        marginals = compute_all_marginals(graph, optimum.values)
+        poses, unknown = graph.poses_at(optimum.values), np.full((len(keyframes), 3, 3), np.nan)
+        own = marginals.covariances if marginals.failure is None else unknown
+        keyframes = replace(keyframes, poses=poses, covariances=own)
+        residuals = _measure_residuals(links.loops, poses)
+        shared = MappedDrive.of(keyframes), [start, poses], config.estimator, beam
+        psi = np.array(runner.engine.map(_score, shared, links.loops)).reshape(-1, 2)
+    with runner.time_stage("render"):
+        rendered = _render(keyframes, config.estimator, beam, runner.engine)
+    changes, sigmas = list[Change](), np.full((len(keyframes.recordings), len(keyframes)), np.inf)
+    with runner.time_stage("changes"), runner.tolerate("the changes between the recordings"):
+        sigmas = measure_relative_uncertainty(keyframes, Chain(MappedDrive.of(keyframes), graph, optimum.values))
+        if config.merge.changes:
+            changes = find_changes(keyframes, sigmas)
+    return Merged(
+        config=config,
+        sessions=tuple(sessions),
+        recognitions=tuple(recognitions),
+        links=links,
+        psi=psi,
+        residuals=residuals,
+        trajectories=_list_trajectories(sessions, optimum.values),
+        kept=KeyframeMap(keyframes, join_places(sessions)),
+        graph=graph,
+        values=optimum.values,
+        map=rendered,
+        changes=changes,
+        sigmas=sigmas,
+        moved_m=moved,
+        warnings=(
+            *runner.warnings,
+            *marginals.warnings,
+            *_warn_of_ambiguity(sessions, recognitions),
+            *_warn_of_moves(sessions, moved),
+        ),
+    )
+
+
+def _optimise_alone(session: Session) -> Chain:
+    """Returns a session's own trajectory and how sure its graph is of it."""
+    graph = join_graphs([session], [np.zeros(3)]).build_graph([])
+    return Chain(MappedDrive.of(session.map.keyframes), graph, optimise(graph).values)
+
+
+def _measure_move(session: Session, chain: Chain) -> float:
+    """Returns how far the optimum of a session's edges is from where its keyframes lie, at most [m]."""
+    off = chain.graph.poses_at(chain.values)[:, :2] - session.map.keyframes.poses[:, :2]
+    return float(np.hypot(off[:, 0], off[:, 1]).max())
+
+
+def _warn_of_moves(sessions: Sequence[Session], moved_m: Sequence[float]) -> list[str]:
+    """Returns a warning for each session that was held by what its file lacks."""
+    return [
+        f"{session.folder}: the edges in its graph.g2o alone move it by up to {far:.2f} m; the gyroscope or GNSS that has "
+        "held it is not in that file, and takes no part in the merge"
+        for session, far in zip(sessions, moved_m, strict=True)
+        if far > _MOVED_M
+    ]
+
+
+def _warn_of_ambiguity(sessions: Sequence[Session], recognitions: Sequence[Recognition]) -> list[str]:
+    """Returns a warning for each two sessions of which more submaps match several places than match one."""
+    return [
+        f"several places fit: {m.ambiguous} submaps of {sessions[m.later].folder} match more than one place of "
+        f"{sessions[m.earlier].folder} about as well, and {m.matches} match one; the former were not used"
+        for m in recognitions
+        if m.ambiguous > m.matches
+    ]
+
+
+def _check_joined(sessions: Sequence[Session], links: Sequence[Loop], groups: NDArray[np.int64]) -> None:
+    """Raises EstimationError unless the links that the map has kept still join all sessions."""
+    joined = {0}
+    for _ in sessions:
+        for link in links:
+            ends = {int(groups[link.earlier]), int(groups[link.later])}
+            joined |= ends if ends & joined else set()
+    apart = [str(sessions[n].folder) for n in range(len(sessions)) if n not in joined]
+    if apart:
+        raise EstimationError(
+            f"{', '.join(apart)}: the places that it seems to share with the other recordings make no better map",
+            "give recordings that pass through the same streets",
+        )
+
+
+def _score(shared: tuple[Passes, Sequence[se2.Array], EstimatorConfig, Beam], link: Loop) -> list[float]:
+    drive, tracks, estimator, beam = shared
+    return score_loop(drive, link, tracks, estimator, beam)
+
+
+def _measure_residuals(links: Sequence[Loop], poses: se2.Array) -> NDArray[np.float64]:
+    """Returns the residual (L,) of each link at poses (K, 3) of the keyframes, in standard deviations."""
+    exact = (Relative(se2.between(poses[link.earlier], poses[link.later]), np.zeros((3, 3))) for link in links)
+    return np.sqrt([compute_chi_square(one, as_relative(link)) for one, link in zip(exact, links, strict=True)])
+
+
+def _list_trajectories(sessions: Sequence[Session], values: gtsam.Values) -> tuple[Trajectory, ...]:
+    """Returns the trajectory of each recording, all scans of it."""
+    stamps = [own for session in sessions for own in session.stamps_us]
+    firsts = accumulate(map(len, stamps), initial=0)
+    return tuple(
+        Trajectory(own, poses_of(values, len(own), partial(add, first))) for own, first in zip(stamps, firsts, strict=False)
+    )
+
+
+def _render(keyframes: Keyframes, estimator: EstimatorConfig, beam: Beam, engine: Engine) -> PointMap:
+    """Renders all keyframes. Times are seconds since the start of the recording that starts first.
+
+    Args:
+        keyframes: of all recordings.
+        estimator: settings of the score.
+        beam: the sensor's errors.
+        engine: where the points are scored; the result does not depend on it.
+    """
+    count = int(np.diff(keyframes.rows, axis=1).sum())
+    points, covariances = make_stored((count, 2)), make_stored((count, 3))
+    times, apart, intensities = make_stored((count,)), make_stored((count,)), make_stored((count,))
+    turn_s = max(recording.revolution_s for recording in keyframes.recordings)
+    offsets = _space_out(keyframes.recordings, turn_s)
+    first_us, at = min(recording.start_us for recording in keyframes.recordings), 0
+    for k in range(len(keyframes)):
+        begin, end = keyframes.rows[k]
+        own, part = keyframes.points[begin:end], slice(at, at + int(end - begin))
+        place_points(own, keyframes.poses[k], points[part])
+        rays = own["ray"].astype(np.float64) + keyframes.poses[k, 2]
+        covariances[part] = np.column_stack(
+            compute_beam_covariance(own["range"].astype(np.float64), np.cos(rays), np.sin(rays), beam)
+        )
+        stamp, start = int(keyframes.stamps_us[k]), keyframes.recordings[int(keyframes.origins[k])].start_us
+        times[part] = own["time"] + 1e-6 * (stamp - first_us)
+        apart[part] = own["time"] + 1e-6 * (stamp - start) + offsets[int(keyframes.origins[k])]
+        intensities[part] = own["intensity"]
+        at = part.stop
+    release(points, covariances, times, apart, intensities, keyframes.points)
+    placed = PointSet(points, np.empty((count, 2, 0)), covariances, apart)
+    shares, matched = score_points(placed, turn_s, estimator, engine)
+    return PointMap(points, times, intensities, shares, matched)
+
+
+def _space_out(recordings: tuple[MappedRecording, ...], turn_s: float) -> list[float]:
+    """Returns what to add to the times of each recording [s], so that no two overlap.
+
+    psi asks which returns were seen in the same turn, and recordings of two days may have the same stamps.
+    """
+    lengths = [1e-6 * (recording.end_us - recording.start_us) + 2.0 * turn_s for recording in recordings]
+    return [0.0, *accumulate(lengths)][:-1]

@@ -1,0 +1,298 @@
+"""The sessions of a merge, and how they lie to each other: the places of each are searched in each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.backend.loops.chain import Chain, do_agree
+from mqslam.backend.loops.recognition import PLACE_SPACING_M, PlaceDatabase, recognise
+from mqslam.backend.pose_graph import pose_of
+from mqslam.config import EstimatorConfig
+from mqslam.core import se2
+from mqslam.core.keyframes import KeyframeMap
+from mqslam.core.measurement import Loop
+from mqslam.errors import DataError, EstimationError
+from mqslam.execution.runner import Runner
+from mqslam.factors.between import CAUCHY, HUBER
+from mqslam.formats.graphs.g2o import StoredGraph, list_edges
+from mqslam.mapping.keyframing import pick_spaced
+from mqslam.psi.place import Beam
+
+_OFF_M: Final = 0.01  # by which poses of keyframes and graph may differ [m], which are the same numbers rounded
+_REMEDY: Final = "give the folder of a result as `mqslam run` or `mqslam merge` has written it"
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """One of the results that become one map: its keyframes and its graph, as its files hold them.
+
+    Args:
+        folder: where it is.
+        map: its keyframes and places.
+        stamps_us: of all scans of each of its recordings (N,) [us].
+        graph: its graph; the scans of its recordings are the first vertices, in order.
+        frame: (3,) pose of the graph's frame in that of the keyframes.
+    """
+
+    folder: Path
+    map: KeyframeMap
+    stamps_us: tuple[NDArray[np.int64], ...]
+    graph: StoredGraph
+    frame: se2.Array
+
+    @property
+    def scans(self) -> int:
+        """Number of scans of all its recordings."""
+        return sum(len(stamps) for stamps in self.stamps_us)
+
+    @property
+    def poses(self) -> se2.Array:
+        """Poses (V, 3) of all vertices, in the frame of the keyframes."""
+        poses = np.array([pose_of(self.graph.values, key) for key in self.graph.keys])
+        return se2.compose(self.frame, poses)
+
+
+def make_session(folder: Path, kept: KeyframeMap, stamps_us: Sequence[NDArray[np.int64]], graph: StoredGraph) -> Session:
+    """Makes a session of what the files of a result hold.
+
+    Args:
+        folder: the result, for messages.
+        kept: its keyframes and places.
+        stamps_us: of all scans of each of its recordings (N,) [us].
+        graph: its graph.
+
+    Raises:
+        DataError: the files do not fit together.
+    """
+    keyframes, count = kept.keyframes, sum(len(stamps) for stamps in stamps_us)
+    if not len(keyframes):
+        raise DataError(folder, "holds a map without keyframes", "give a result of a recording that shows something")
+    if len(stamps_us) != len(keyframes.recordings):
+        problem = f"has {len(keyframes.recordings)} recordings in its keyframes and {len(stamps_us)} trajectories"
+        raise DataError(folder, problem, _REMEDY)
+    if graph.keys != tuple(range(len(graph.keys))) or len(graph.keys) < count:
+        problem = f"holds {len(graph.keys)} poses, and its trajectories have {count} scans"
+        raise DataError(folder / "graph.g2o", problem, _REMEDY)
+    if not (keyframes.scans < count).all():
+        raise DataError(folder / "keyframes", "names scans that graph.g2o does not have", _REMEDY)
+    try:
+        vertices = np.array([pose_of(graph.values, int(key)) for key in keyframes.scans])
+    except RuntimeError as error:
+        raise DataError(folder / "graph.g2o", "is no graph in the plane", _REMEDY) from error
+    frame = se2.compose(keyframes.poses[0], se2.inverse(vertices[0]))
+    off = se2.compose(frame, vertices) - keyframes.poses
+    if np.hypot(off[:, 0], off[:, 1]).max() > _OFF_M:
+        raise DataError(folder, "has keyframes that do not lie where its graph.g2o has them", _REMEDY)
+    return Session(folder, kept, tuple(stamps_us), graph, frame)
+
+
+def list_factors(session: Session, keys: Sequence[int]) -> list[gtsam.BetweenFactorPose2]:
+    """Returns the edges of a session under other keys, with the losses that a run gives them, which its file lacks.
+
+    Edges between scans that do not follow each other are loops; all others are motions.
+
+    Args:
+        session: the session.
+        keys: (V,) key of each of its vertices.
+    """
+    ends = np.cumsum([len(stamps) for stamps in session.stamps_us])
+    huber = gtsam.noiseModel.mEstimator.Huber.Create(HUBER)
+    cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(CAUCHY)
+    factors = []
+    for edge in list_edges(session.graph.factors):
+        a, b = edge.keys()
+        motion = edge.measured()
+        assert isinstance(motion, gtsam.Pose2)  # `make_session` has looked
+        is_loop = max(a, b) < session.scans and (abs(a - b) > 1 or max(a, b) in ends)
+        noise = gtsam.noiseModel.Robust.Create(cauchy if is_loop else huber, edge.noiseModel())
+        factors.append(gtsam.BetweenFactorPose2(keys[a], keys[b], motion, noise))
+    return factors
+
+
+# Least number of matches of places that must agree on how two recordings lie to each other.
+_FEWEST = 5
+# This many times as many matches must agree on how two recordings lie to each other as agree on any other way; otherwise
+# several places fit, and nothing is linked.
+_RIVAL = 2.0
+
+Row = Sequence[Loop]
+
+
+@dataclass(frozen=True, slots=True)
+class Relation:
+    """How two recordings lie to each other.
+
+    Args:
+        matches: those that agree; none where the recordings share no place, or where several relations fit.
+        agreeing: number of matches that agree on the likeliest relation.
+        rivals: number of matches that agree on the likeliest other one.
+    """
+
+    matches: list[Loop]
+    agreeing: int
+    rivals: int
+
+
+def find_relation(rows: Sequence[Row], earlier: Chain, later: Chain) -> Relation:
+    """Finds the matches that agree, through both trajectories, on how two recordings lie to each other.
+
+    Args:
+        rows: rows of matches of the later recording in the earlier one.
+        earlier: the trajectory of the one by itself.
+        later: the trajectory of the other by itself.
+
+    Raises:
+        EstimationError: the uncertainty of a trajectory cannot be computed.
+    """
+    if not rows:
+        return Relation([], 0, 0)
+    agree = _compare_rows(rows, earlier, later)
+    weights = np.array([len(row) for row in rows])
+    best = find_heaviest(agree, weights)
+    against = np.array([weights[best][~agree[n, best]].sum() > 0.5 * weights[best].sum() for n in range(len(rows))])
+    others = np.flatnonzero(against)
+    rival = others[find_heaviest(agree[np.ix_(others, others)], weights[others])]
+    agreeing, rivals = int(weights[best].sum()), int(weights[rival].sum())
+    accepted = agreeing >= _FEWEST and agreeing >= _RIVAL * rivals
+    return Relation([match for n in best for match in rows[n]] if accepted else [], agreeing, rivals)
+
+
+def find_heaviest(agree: NDArray[np.bool_], weights: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Returns the heaviest of the sets of rows that all agree with each other, each grown from one of the rows.
+
+    Args:
+        agree: (N, N) whether two rows agree; every row agrees with itself.
+        weights: (N,) of the rows.
+    """
+    best: list[int] = []
+    for first in range(len(weights)):
+        support = agree[first] * weights
+        chosen = agree[first].copy()
+        members: list[int] = []
+        for n in [first, *np.argsort(-(agree @ support), kind="stable").tolist()]:
+            if chosen[n] and n not in members:
+                members.append(n)
+                chosen &= agree[n]
+        if weights[members].sum() > weights[best].sum():
+            best = members
+    return np.array(sorted(best), dtype=np.int64)
+
+
+def _compare_rows(rows: Sequence[Row], earlier: Chain, later: Chain) -> NDArray[np.bool_]:
+    """Returns which rows (N, N) agree: whether the way over one and along both paths leads where the other does."""
+    middles = [row[len(row) // 2] for row in rows]
+    pairs = [(i, k) for i in range(len(rows)) for k in range(i + 1, len(rows))]
+    before = earlier.relate([(middles[i].earlier, middles[k].earlier) for i, k in pairs])
+    after = later.relate([(middles[i].later, middles[k].later) for i, k in pairs])
+    agree = np.eye(len(rows), dtype=bool)
+    for (i, k), one, other in zip(pairs, before, after, strict=True):
+        agree[i, k] = agree[k, i] = do_agree(middles[i], middles[k], one, other)
+    return agree
+
+
+@dataclass(frozen=True, slots=True)
+class Recognition:
+    """What recognition says about two sessions.
+
+    Args:
+        earlier, later: numbers of the sessions.
+        rows: number of rows of matches.
+        matches: number of matches in them.
+        ambiguous: number of submaps that match several places.
+        compared: number of pairs that psi has compared.
+        relation: how the two lie to each other.
+    """
+
+    earlier: int
+    later: int
+    rows: int
+    matches: int
+    ambiguous: int
+    compared: int
+    relation: Relation
+
+
+def introduce(
+    sessions: Sequence[Session], chains: Sequence[Chain], estimator: EstimatorConfig, beam: Beam, runner: Runner
+) -> list[Recognition]:
+    """Looks each session up in every session before it."""
+    recognitions = []
+    pairs = [(a, b) for b in range(len(sessions)) for a in range(b)]
+    for a, b in runner.follow("recognise", pairs, len(pairs)):
+        places, drive = sessions[a].map.places, chains[b].drive
+        database = PlaceDatabase.of(chains[a].drive, places)
+        queries = pick_spaced(drive.travelled, PLACE_SPACING_M)
+        found = recognise(drive, queries, database, None, estimator, beam, runner.engine)
+        relation = find_relation(found.rows, chains[a], chains[b])
+        matches = sum(map(len, found.rows))
+        recognitions.append(Recognition(a, b, len(found.rows), matches, len(found.ambiguous), found.compared, relation))
+    return recognitions
+
+
+def lay_out(
+    sessions: Sequence[Session], chains: Sequence[Chain], recognitions: Sequence[Recognition]
+) -> tuple[list[se2.Array], list[Loop]]:
+    """Lays the sessions on each other, at each step the one of which the most matches agree.
+
+    Returns:
+        the pose (3,) of the frame of each session in that of the first one, and links between keyframes of all sessions.
+
+    Raises:
+        EstimationError: a session shares no place with the others.
+    """
+    firsts = np.cumsum([0, *(len(session.map.keyframes) for session in sessions)])
+    frames: dict[int, se2.Array] = {0: np.zeros(3)}
+    links = list[Loop]()
+    while len(frames) < len(sessions):
+        usable = [m for m in recognitions if m.relation.matches and (m.earlier in frames) != (m.later in frames)]
+        if not usable:
+            raise _explain(sessions, set(frames), recognitions)
+        best = max(usable, key=lambda m: m.relation.agreeing)
+        a, b = best.earlier, best.later
+        poses = chains[a].drive.poses, chains[b].drive.poses
+        found = best.relation.matches
+        at = np.array([se2.compose(poses[0][m.earlier], m.pose) for m in found])
+        lies = se2.compose(at, se2.inverse(poses[1][[m.later for m in found]]))
+        frame = lies[_find_middle(best, lies, poses[1])]
+        if a in frames:
+            frames[b] = se2.compose(frames[a], frame)
+        else:
+            frames[a] = se2.compose(frames[b], se2.inverse(frame))
+        links += [
+            Loop(int(firsts[a]) + m.earlier, int(firsts[b]) + m.later, m.pose, m.covariance, m.matched, m.psi) for m in found
+        ]
+    return [frames[n] for n in range(len(sessions))], links
+
+
+def _find_middle(recognition: Recognition, lies: se2.Array, poses: se2.Array) -> int:
+    """Returns which of N relations (N, 3) leaves the matched keyframes nearest to where all matches have them."""
+    at = poses[[match.later for match in recognition.relation.matches]]
+    where = np.array([se2.compose(lie, pose) for lie, pose in zip(lies, at, strict=True)])[:, :2]
+    off = [np.median(np.hypot(*(se2.compose(lie, at)[:, :2] - where).T)) for lie in lies]
+    return int(np.argmin(off))
+
+
+def _explain(sessions: Sequence[Session], joined: set[int], recognitions: Sequence[Recognition]) -> EstimationError:
+    """Returns the error that says why a session could not be joined."""
+    apart = [n for n in range(len(sessions)) if n not in joined]
+    own = [m for m in recognitions if (m.earlier in joined) != (m.later in joined)]
+    names = ", ".join(str(sessions[n].folder) for n in apart)
+    ambiguous, matches = sum(m.ambiguous for m in own), sum(m.matches for m in own)
+    rivals = max((m.relation.rivals for m in own), default=0)
+    why = "no place of it is recognised in the others" if not matches else f"only {matches} matches of places were found"
+    if ambiguous or rivals:
+        why = f"several places fit: {ambiguous} submaps match more than one place about as well"
+        if rivals:
+            agreeing = max(m.relation.agreeing for m in own)
+            why += f", and {agreeing} matches agree on one relation and {rivals} on another"
+    return EstimationError(
+        f"{names}: shares no place with the other recordings that can be told for sure; {why}",
+        "give recordings that pass through the same streets",
+    )
