@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import TrackerConfig
-from mqslam.config.tracker_config import WARM_UP_SCANS
+from mqslam.config import WARM_UP_SCANS, TrackerConfig
 from mqslam.core import se2
 from mqslam.core.scans import Scan
 from mqslam.frontends.bidirectional import DirectedMotion, follows_at_once
