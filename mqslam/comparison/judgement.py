@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from mqslam.auditing.sizes import WINDOW
 from mqslam.auditing.sweeps import Sweeps, find_covered, place_sweeps
 from mqslam.auditing.windows.inflation import centre_window
 from mqslam.comparison.rows import Row
-from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
+from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.point_map import PointMap, pick_thinned
@@ -39,14 +39,6 @@ _LEVER_M = 20.0
 _STATIONS: Final = 60  # places along the way that can be looked at
 _MAP_POINTS: Final = 60_000  # points of a row's map that are kept to be looked at
 _CROP_M: Final = 60.0  # half side of a crop [m]
-
-
-class JudgeSettings(NamedTuple):
-    """The sections of the settings that the judges take."""
-
-    audit: AuditConfig
-    estimator: EstimatorConfig
-    verdict: VerdictConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,16 +95,15 @@ def take_common_scans(rows: Sequence[Row], scans: Scans) -> Scans:
     Raises:
         EstimationError: they are fewer than a window.
     """
-    fewest = WINDOW
     by_row = {row.name: find_covered(scans, row.trajectory) for row in rows if row.trajectory is not None}
     inside = set(range(len(scans))).intersection(*by_row.values())
-    if len(scans) < fewest:
+    if len(scans) < WINDOW:
         too_few = f"{count_of(len(scans), 'scan')} {is_or_are(len(scans))} too few to compare on"
-        raise EstimationError(f"{too_few}; give a recording of at least {fewest}")
-    if len(inside) < fewest:
+        raise EstimationError(f"{too_few}; give a recording of at least {WINDOW}")
+    if len(inside) < WINDOW:
         each = ", ".join(f"{name} covers {len(covered)}" for name, covered in by_row.items())
         raise EstimationError(
-            f"the rows share {len(inside)} of {count_of(len(scans), 'scan')} ({each}), and {fewest} are needed; "
+            f"the rows share {len(inside)} of {count_of(len(scans), 'scan')} ({each}), and {WINDOW} are needed; "
             "leave out the rows that cover too little"
         )
     return scans.take(sorted(inside))
@@ -161,23 +152,15 @@ def judge_rows(
     scans: Scans,
     truth: Trajectory | None,
     where: Sequence[Place],
-    settings: JudgeSettings,
+    settings: Config,
     beam: Beam,
     engine: Engine,
     progress: Progress,
 ) -> tuple[list[Row], dict[str, JudgedRow]]:
-    """Judges every row that has a trajectory, as `judge` does.
+    """Judges every row that has a trajectory; the arguments are those of `judge`.
 
-    Args:
-        rows: all rows.
-        scans: those that every row covers.
-        truth: ground truth, or None. Errors are taken from the first of the scans to the last, so that a short trajectory
-            is not judged on an easier part than a long one.
-        where: the places to crop.
-        settings: of the judges.
-        beam: the sensor's errors.
-        engine: where the rows are judged; the result does not depend on it.
-        progress: called as the audits go on.
+    Errors are taken from the first of the scans to the last, so that a short trajectory is not judged on an easier part than
+    a long one.
 
     Returns:
         the rows, with a failure where one could not be judged, and the judgement of the others by name.
@@ -199,7 +182,7 @@ def judge(
     scans: Scans,
     truth: Trajectory | None,
     where: Sequence[Place],
-    settings: JudgeSettings,
+    settings: Config,
     beam: Beam,
     engine: Engine,
     progress: Progress,
@@ -211,7 +194,7 @@ def judge(
         scans: those that every row covers.
         truth: ground truth, or None.
         where: the places to crop.
-        settings: of the judges.
+        settings: all settings.
         beam: the sensor's errors.
         engine: where the row is judged; the result does not depend on it.
         progress: called as the audit goes on.
