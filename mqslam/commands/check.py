@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from mqslam.check.checks import CheckSettings, check_recording
-from mqslam.check.finding import CheckFinding, CheckVerdict
+from mqslam.check.checks import CheckFinding, CheckVerdict, check_recording
 from mqslam.commands.inputs.opening import choose_odometry, choose_settings, open_data
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config
@@ -74,11 +73,6 @@ def check(
     notes = [*recording.notes, *notes]
     for note in notes:
         work.tell(note)
-    findings, read = check_recording(
-        recording,
-        track,
-        CheckSettings(settings.detector, settings.tracker, settings.estimator),
-        beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0),
-        partial(work.progress, "detect"),
-    )
+    beam = beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
+    findings, read = check_recording(recording, track, settings, beam, partial(work.progress, "detect"))
     return Check(findings, tuple(notes), read, len(recording))
