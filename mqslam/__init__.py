@@ -28,11 +28,9 @@ from mqslam.execution.kernel_cache import choose_cache
 if TYPE_CHECKING:
     from mqslam.commands.audit import audit
     from mqslam.commands.compare import compare
-    from mqslam.commands.graphs.loop_factors import loop_factors
-    from mqslam.commands.graphs.psi_factors import psi_factors
-    from mqslam.commands.graphs.refine import refine
-    from mqslam.commands.maps.localise import localise
-    from mqslam.commands.maps.merge import merge
+    from mqslam.commands.localise import localise
+    from mqslam.commands.merge import merge
+    from mqslam.commands.own_graph import loop_factors, psi_factors, refine
     from mqslam.commands.run import run
     from mqslam.commands.work import Work
     from mqslam.config import Config, load_config
@@ -82,12 +80,12 @@ _MODULES = {
     "audit": "commands.audit",
     "compare": "commands.compare",
     "load_config": "config",
-    "localise": "commands.maps.localise",
-    "loop_factors": "commands.graphs.loop_factors",
-    "merge": "commands.maps.merge",
+    "localise": "commands.localise",
+    "loop_factors": "commands.own_graph",
+    "merge": "commands.merge",
     "open_recording": "formats.recordings",
-    "psi_factors": "commands.graphs.psi_factors",
-    "refine": "commands.graphs.refine",
+    "psi_factors": "commands.own_graph",
+    "refine": "commands.own_graph",
     "run": "commands.run",
 }
 

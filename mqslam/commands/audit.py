@@ -23,8 +23,7 @@ from mqslam.auditing.sources import (
     place_source,
 )
 from mqslam.auditing.sweeps import Sweeps, require_covered
-from mqslam.commands.inputs.extrinsics import read_extrinsics
-from mqslam.commands.inputs.opening import WHOLE, Span, carry_to_radar, choose_settings, open_data
+from mqslam.commands.inputs import WHOLE, Span, carry_to_radar, choose_settings, open_data, read_extrinsics
 from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, set_doppler_beta, set_false_alarms

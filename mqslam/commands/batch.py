@@ -10,8 +10,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from mqslam.commands.inputs.extrinsics import parse_extrinsics, to_pose
-from mqslam.commands.inputs.opening import Inputs
+from mqslam.commands.inputs import Inputs, read_extrinsics
 from mqslam.commands.result import Result
 from mqslam.commands.run import Job, execute, find_finished, open_job
 from mqslam.commands.work import QUIET, Work
@@ -92,7 +91,7 @@ def _prepare_order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
     frontends.find_entry_point(run.frontend)
     config = run.config if run.config is None or run.config in list_shipped() else folder / run.config
     if run.extrinsics not in _CHOICES:
-        to_pose(parse_extrinsics(run.extrinsics))
+        read_extrinsics(run.extrinsics)
     odometry, imu, gnss = (
         choice if choice in _CHOICES else str(folder / choice) for choice in (run.odometry, run.imu, run.gnss)
     )

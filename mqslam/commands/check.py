@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from mqslam.check.checks import CheckFinding, CheckVerdict, check_recording
-from mqslam.commands.inputs.opening import choose_odometry, choose_settings, open_data
+from mqslam.commands.inputs import choose_odometry, choose_settings, open_data
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config
 from mqslam.psi.place import beam_of

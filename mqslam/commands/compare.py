@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from mqslam.commands.inputs.opening import choose_gyroscope, choose_odometry, choose_settings, open_data
+from mqslam.commands.inputs import choose_gyroscope, choose_odometry, choose_settings, open_data
 from mqslam.commands.result import CompareResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.comparison.comparison import compare_rows

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mqslam.commands.inputs.extrinsics import name_extrinsics
-from mqslam.commands.inputs.opening import (
+from mqslam.commands.inputs import (
     USUAL_INPUTS,
     WHOLE,
     Inputs,
@@ -17,6 +16,7 @@ from mqslam.commands.inputs.opening import (
     choose_odometry,
     choose_sensors,
     choose_settings,
+    name_extrinsics,
     open_data,
     place_truth,
 )

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from mqslam.core.engine import Engine
-from mqslam.execution.local_engine import HERE
+from mqslam.execution.local_engine import HERE, LocalEngine
 from mqslam.execution.progress import Progress, ignore_progress
 from mqslam.execution.runner import Watch
 
@@ -35,3 +36,24 @@ class Work:
 
 
 QUIET = Work()
+
+
+@contextmanager
+def choose_engine(cluster: str | None, jobs: int) -> Iterator[Engine]:
+    """Yields the workers of a cluster, or this machine's if no cluster is given.
+
+    Args:
+        cluster: address of a cluster, or None.
+        jobs: number of processes to use on this machine.
+
+    Raises:
+        ClusterError: the cluster cannot be used.
+    """
+    if cluster is None:
+        with LocalEngine(jobs) as here:
+            yield here
+    else:
+        from mqslam.execution.cluster import connect
+
+        with connect(cluster) as engine:
+            yield engine

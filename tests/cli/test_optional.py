@@ -13,7 +13,7 @@ import pytest
 from support.commands import Result, mqslam, parse_strict_json
 
 from mqslam.auditing.verdict import VerdictStatus
-from mqslam.cli.terminal.fail_on import choose_exit_code
+from mqslam.cli.options import choose_exit_code
 from mqslam.config import Config, load_config
 from mqslam.core import frontend
 from mqslam.core.frontend import Context

@@ -13,7 +13,7 @@ from rich.console import Console
 from support.commands import mqslam
 
 from mqslam.cli.run import describe_pace, tabulate_summary
-from mqslam.cli.terminal.console import show_progress
+from mqslam.cli.terminal import show_progress
 
 COMMAND = Path(sys.executable).with_name("mqslam")
 

@@ -12,7 +12,7 @@ from support.recordings import START_US
 from support.sensors import a_gyroscope, some_fixes, stamps, write_gnss_csv, write_imu_csv
 
 from mqslam.commands.batch import read_plan
-from mqslam.commands.inputs.opening import Inputs, choose_fixes, choose_gyroscope, choose_mount
+from mqslam.commands.inputs import Inputs, choose_fixes, choose_gyroscope, choose_mount
 from mqslam.commands.run import open_job
 from mqslam.config import Config
 from mqslam.core.recording import Recording

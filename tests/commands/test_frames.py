@@ -16,7 +16,7 @@ from support.commands import mqslam
 from support.recordings import TURN_US, circle
 
 from mqslam.commands.batch import read_plan
-from mqslam.commands.inputs.opening import place_truth
+from mqslam.commands.inputs import place_truth
 from mqslam.commands.run import run
 from mqslam.config import Config, SensorConfig
 from mqslam.core import se2

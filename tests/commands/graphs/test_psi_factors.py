@@ -10,7 +10,7 @@ import pytest
 from gtsam.symbol_shorthand import A, B
 
 from mqslam.backend.pose_graph import poses_of
-from mqslam.commands.graphs.psi_factors import PsiFactors, psi_factors
+from mqslam.commands.own_graph import PsiFactors, psi_factors
 from mqslam.config import Config, LoopConfig, SensorConfig
 from mqslam.core import se2
 from mqslam.core.frontend import Context

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from mqslam.commands.inputs.opening import choose_settings
+from mqslam.commands.inputs import choose_settings
 from mqslam.commands.result import MergeResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config

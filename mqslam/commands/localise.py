@@ -7,8 +7,7 @@ from pathlib import Path
 
 from mqslam.backend.measuring import measure
 from mqslam.backend.recognition.places import DESCRIBED_WITH
-from mqslam.commands.inputs.extrinsics import name_extrinsics
-from mqslam.commands.inputs.opening import Inputs, choose_settings
+from mqslam.commands.inputs import Inputs, choose_settings, name_extrinsics
 from mqslam.commands.result import LocaliseResult
 from mqslam.commands.run import Job, open_job
 from mqslam.commands.work import QUIET, Work
