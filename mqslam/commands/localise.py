@@ -17,7 +17,6 @@ from mqslam.core.frontend import Context
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.detection.stage import detect_all, warn_of_unread
 from mqslam.errors import DataError, EstimationError, FewReturnsError, NotInMapError, Remedy
-from mqslam.execution.files import write_json
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
@@ -26,6 +25,7 @@ from mqslam.localisation.recording_in_map import localise as find_in_map
 from mqslam.psi.place import beam_of
 from mqslam.report.maps.localise_page import write_localise_page
 from mqslam.results.maps.localise_results import summarise, write_localised
+from mqslam.results.summary_files import add_warnings
 
 _MAP_REMEDY = "give the folder of a result that `mqslam run` has written"
 
@@ -81,8 +81,10 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
     """
     data, out, map = Path(data), Path(out), Path(map)
     with claim_folder(out, force=force, sources=[data]):
-        made = open_map(map)
-        settings = _choose_settings(config, map, made)
+        made = _open_map(map)
+        settings = read_map_settings(map) if config is None else choose_settings(config)
+        if settings.sensor.doppler_beta is None:
+            settings = set_doppler_beta(settings, made.keyframes.recordings[-1].doppler_beta)
         inputs = Inputs(str(odometry), str(imu), "none", name_extrinsics(extrinsics))
         job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=(start_s, end_s))
         for note in job.recording.notes:
@@ -95,13 +97,11 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
         with write_folder_aside(out) as folder:
             write_localised(folder, localised, settings, made.keyframes.georeference, summary, job.recording)
             failures = write_localise_page(folder, localised, made, settings, summary)
-            if failures:
-                summary["warnings"] += failures
-                write_json(folder / "summary.json", summary)
+            add_warnings(folder / "summary.json", summary, failures)
         return LocaliseResult(out, summary)
 
 
-def open_map(path: Path) -> KeyframeMap:
+def _open_map(path: Path) -> KeyframeMap:
     """Opens the map of a result.
 
     Raises:
@@ -126,18 +126,6 @@ def read_map_settings(map: Path) -> Config:
     folder = find_keyframes(map)
     beside = None if folder is None else folder.parent / "config.yaml"
     return forget_topics(load_config(beside)) if beside is not None and beside.is_file() else load_config()
-
-
-def _choose_settings(config: Config | Path | str | None, map: Path, made: KeyframeMap) -> Config:
-    """Returns the settings that were given, or those of the map, with the Doppler shift that is used.
-
-    Raises:
-        ConfigError: a file does not exist or holds a mistake.
-    """
-    settings = read_map_settings(map) if config is None else choose_settings(config)
-    if settings.sensor.doppler_beta is not None:
-        return settings
-    return set_doppler_beta(settings, made.keyframes.recordings[-1].doppler_beta)
 
 
 def _find(job: Job, made: KeyframeMap, runner: Runner) -> tuple[Localised, dict[int, DataError]]:

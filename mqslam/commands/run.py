@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,7 @@ from mqslam.core.recording import Recording
 from mqslam.core.sensors.mount import RADAR
 from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError, Remedy, tolerate, untrusted
+from mqslam.errors import Remedy, tolerate
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import claim_folder, write_folder_aside
@@ -199,18 +198,13 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
             write_run(folder, shown, summary, recording.notes, recording.ground_truth)
             failures = write_run_pages(folder, shown, recording, summary)
             with tolerate("the file for the leaderboard of Boreas", failures):
-                write_for_leaderboard(folder, job.recording, result.optimised)
+                _write_for_leaderboard(folder, job.recording, result.optimised)
             add_warnings(folder, summary, recording.notes, failures)
     return summary
 
 
-def write_for_leaderboard(folder: Path, recording: Recording, trajectory: Trajectory) -> None:
+def _write_for_leaderboard(folder: Path, recording: Recording, trajectory: Trajectory) -> None:
     """Writes the odometry of a sequence of Boreas as its leaderboard takes it, named after the sequence; nothing of others.
-
-    Args:
-        folder: of the results.
-        recording: the recording.
-        trajectory: of its radar.
 
     Raises:
         OutputError: the file cannot be written.
@@ -219,12 +213,3 @@ def write_for_leaderboard(folder: Path, recording: Recording, trajectory: Trajec
         return
     sequence = find_image_folder(recording.path).resolve().parent.name
     write_boreas_odometry(folder / f"{sequence}.txt", trajectory, stamps_in_us(recording.names))
-
-
-def find_finished(out: Path, key: str) -> dict[str, Any] | None:
-    """Returns the summary of the run that `out` holds, if it is whole and has the same key, or None."""
-    try:
-        summary = json.loads(untrusted.read_document(out / "summary.json"))
-    except (OSError, ValueError, DataError):
-        return None
-    return summary if isinstance(summary, dict) and summary.get("run_key") == key else None

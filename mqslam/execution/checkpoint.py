@@ -25,7 +25,7 @@ from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ClusterError, DataError, FrontEndError, MqslamError, OutputError, Remedy, WorkerError, untrusted
 from mqslam.execution.files import write_aside, write_text
-from mqslam.execution.guards.written import CHECKPOINT, remove_checkpoint
+from mqslam.execution.folders import CHECKPOINT, remove_checkpoint
 from mqslam.execution.kept import Kept
 from mqslam.version import __version__
 

@@ -23,7 +23,7 @@ from support.reported import assert_alone
 from mqslam.config import Config, load_config
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.execution import local_engine, worker_processes
+from mqslam.execution import local_engine
 from mqslam.formats.covariances import read_covariances
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import read_tum
@@ -339,7 +339,7 @@ def test_the_number_of_jobs_changes_no_byte(
             super().__init__(count, **options)
 
     monkeypatch.setattr(local_engine, "_WORTH_PROCESSES", 1)
-    monkeypatch.setattr(worker_processes, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(local_engine, "ProcessPoolExecutor", Pool)
     out, options = tmp_path / "out", ("--config", result / "config.yaml", "--quiet", *ALONE)
     assert mqslam("run", street, "--out", out, "--jobs", "2", *options).code == 0 and workers == [2]
     for name in ("trajectory.tum", "odometry.tum", "measurements.csv", "covariances.csv", "graph.g2o", "map.ply", "map.pgm"):
