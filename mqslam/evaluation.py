@@ -64,15 +64,15 @@ def evaluate(estimate: Trajectory, truth: Trajectory) -> Evaluation | None:
         return None
     stamps_us, estimated, true = shared
     placed = se2.transform(_fit_rigid_motion(estimated, true), estimated[:, :2])
-    drift = _measure_drift(estimated, true)
+    segments = _measure_segments(estimated, true)
     seconds = np.diff(stamps_us) * 1e-6
     step_errors = se2.between(estimated[:-1], estimated[1:]) - se2.between(true[:-1], true[1:])
     speed_errors = step_errors[:, 0] / seconds
     rate_errors = se2.wrap(step_errors[:, 2]) / seconds
     return Evaluation(
         ate_rmse_m=_rms(np.hypot(*(placed - true[:, :2]).T)),
-        drift_percent=None if drift is None else 100.0 * drift[0],
-        drift_deg_per_100m=None if drift is None else 100.0 * float(np.rad2deg(drift[1])),
+        drift_percent=None if segments is None else 100.0 * float(segments[1].mean()),
+        drift_deg_per_100m=None if segments is None else 100.0 * float(np.rad2deg(float(segments[2].mean()))),
         rpe_v_rms=_rms(speed_errors),
         rpe_w_rms=_rms(rate_errors),
         rpe_v_bias=float(speed_errors.mean()),
@@ -189,12 +189,6 @@ def _fit_rigid_motion(estimated: se2.Array, true: se2.Array) -> se2.Array:
     yaw = np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b))
     offset = target - se2.transform(np.array([0.0, 0.0, yaw]), centre[None])[0]
     return np.array([*offset, yaw])
-
-
-def _measure_drift(estimated: se2.Array, true: se2.Array) -> tuple[float, float] | None:
-    """Returns the mean translation [m/m] and rotation [rad/m] error over KITTI's segments; None where no segment fits."""
-    segments = _measure_segments(estimated, true)
-    return None if segments is None else (float(segments[1].mean()), float(segments[2].mean()))
 
 
 def _measure_segments(

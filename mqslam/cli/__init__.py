@@ -23,8 +23,7 @@ from mqslam.cli.run import run
 from mqslam.cli.score import score
 from mqslam.cli.simulate import simulate
 from mqslam.cli.view import view
-from mqslam.errors import MqslamError
-from mqslam.errors.shown import show
+from mqslam.errors import MqslamError, show
 from mqslam.execution.interrupts import Interrupted, raise_interrupts
 
 app = typer.Typer(

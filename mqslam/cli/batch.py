@@ -10,7 +10,7 @@ import typer
 from mqslam.cli.options import Options, argument, command, option
 from mqslam.cli.remedies import name_options
 from mqslam.cli.terminal import Terminal, echo
-from mqslam.errors.shown import show
+from mqslam.errors import show
 
 if TYPE_CHECKING:
     from rich.table import Table

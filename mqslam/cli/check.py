@@ -8,7 +8,7 @@ import typer
 
 from mqslam.cli.options import command
 from mqslam.cli.terminal import Terminal, echo
-from mqslam.errors.shown import show
+from mqslam.errors import show
 
 
 @command("data config odometry format range_resolution as_json quiet verbose")

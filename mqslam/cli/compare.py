@@ -8,7 +8,7 @@ from typing import Any
 from mqslam.cli.options import Options, command, flag, option
 from mqslam.cli.remedies import name_options
 from mqslam.cli.terminal import Terminal, echo
-from mqslam.errors.shown import show
+from mqslam.errors import show
 
 _ASCII_ARROWS = str.maketrans({"↓": "v", "↑": "^", "→": "->"})  # for terminals that know no other letters
 _OWN: Options = {

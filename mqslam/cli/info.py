@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from mqslam.cli.options import command
 from mqslam.cli.remedies import name_options
 from mqslam.cli.terminal import Terminal, echo, format_rows
-from mqslam.errors.shown import show
+from mqslam.errors import show
 
 if TYPE_CHECKING:
     from mqslam.config import Config

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import typer
 
 from mqslam.cli.terminal import Terminal
-from mqslam.errors.shown import show_lines
+from mqslam.errors import show_lines
 
 if TYPE_CHECKING:
     from mqslam.auditing.verdict import VerdictStatus

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from mqslam.cli.remedies import name_options
-from mqslam.errors.shown import show, show_lines
+from mqslam.errors import show, show_lines
 from mqslam.execution.progress import Progress, ignore_progress
 
 if TYPE_CHECKING:

@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mqslam.errors import OutputError, Remedy
-from mqslam.errors.shown import show_lines
+from mqslam.errors import OutputError, Remedy, show_lines
 
 
 @contextlib.contextmanager
@@ -46,9 +45,7 @@ def write_aside(path: Path) -> Iterator[Path]:
 
 
 def flush(path: Path) -> None:
-    """Has the system write a file, or the names in a folder, to the disk; folders only where the system can do so."""
-    if path.is_dir() and os.name == "nt":
-        return
+    """Has the system write a file, or the names in a folder, to the disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

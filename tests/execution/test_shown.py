@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from mqslam.cli.terminal import Terminal, echo, format_verdict
-from mqslam.errors import DataError, Remedy
-from mqslam.errors.shown import show, show_lines
+from mqslam.errors import DataError, Remedy, show, show_lines
 from mqslam.execution.files import to_json, write_text
 from mqslam.results.run_log import format_log
 
