@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from mqslam.errors import OutputError, Remedy
-from mqslam.execution.files import flush
+from mqslam.execution.files import blame_output, flush
 from mqslam.execution.guards.locks import Lock, lock_output
 
 CHECKPOINT = "checkpoint"  # folder in a result, of a run that is not finished
@@ -103,17 +103,17 @@ def write_folder_aside(out: Path) -> Iterator[Path]:
     for left in _list_left(place, claim.lock, _UNFINISHED):
         shutil.rmtree(left, ignore_errors=True)
     aside = _name_beside(place, _UNFINISHED)
-    try:
+    with blame_output(out, "made", Remedy.CHOOSE_OUTPUT):
         claim.lock.note(f"{_UNFINISHED} {aside.name}")
         aside.mkdir(parents=True)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
     try:
-        yield aside
-        _flush_all(aside)
-        _put(aside, place, claim)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be written ({error.strerror})", Remedy.FREE_SPACE) from error
+        with blame_output(out, "written", Remedy.FREE_SPACE):
+            yield aside
+            for root, _, files in os.walk(aside):
+                for name in files:
+                    flush(Path(root) / name)
+                flush(Path(root))
+            _put(aside, place, claim)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
 
@@ -162,14 +162,6 @@ def _name_beside(out: Path, word: str) -> Path:
         number += 1
         path = out.with_name(f".{out.name}.{word}.{number}")
     return path
-
-
-def _flush_all(folder: Path) -> None:
-    """Has the system write all that is below a folder to the disk."""
-    for root, _, files in os.walk(folder):
-        for name in files:
-            flush(Path(root) / name)
-        flush(Path(root))
 
 
 def _check_place(out: Path, recording: Path | None) -> None:
@@ -222,10 +214,8 @@ def make_folder(path: Path) -> Path:
     """
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise OutputError(f"{path}: exists already", Remedy.CHOOSE_OR_REMOVE_OUTPUT)
-    try:
+    with blame_output(path, "made", Remedy.CHOOSE_OUTPUT):
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
     return path
 
 
