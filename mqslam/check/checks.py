@@ -96,6 +96,37 @@ class CheckFinding:
     numbers: dict[str, float] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Check:
+    """The outcome of a check.
+
+    Args:
+        findings: one per check.
+        notes: what a user should know about how the recording was understood.
+        read: number of polar scans that were read.
+        scans: number of polar scans in the recording.
+    """
+
+    findings: tuple[CheckFinding, ...]
+    notes: tuple[str, ...]
+    read: int
+    scans: int
+
+    @property
+    def suspicious(self) -> bool:
+        """Whether anything contradicts what was assumed."""
+        return any(finding.verdict is CheckVerdict.SUSPICIOUS for finding in self.findings)
+
+    @property
+    def warning(self) -> str | None:
+        """A sentence for the user where most of the checks cannot be told; None where most can."""
+        untold = sum(finding.verdict is CheckVerdict.UNTOLD for finding in self.findings)
+        if 2 * untold <= len(self.findings):
+            return None
+        missed = f"{untold} of {len(self.findings)} checks cannot be told, so that most mistakes would go unnoticed here"
+        return f"{missed}; odometry and a longer drive with turns would tell more"
+
+
 Outcome = tuple[CheckVerdict, str, dict[str, float]]  # a finding without its name
 
 
@@ -104,8 +135,9 @@ def check_recording(
     odometry: Trajectory | None,
     settings: Config,
     beam: Beam,
+    notes: Sequence[str],
     progress: Callable[[int, int], object],
-) -> tuple[tuple[CheckFinding, ...], int]:
+) -> Check:
     """Checks whether a recording contradicts what was assumed to read it. Ground truth is not looked at.
 
     Args:
@@ -113,10 +145,8 @@ def check_recording(
         odometry: of the same clock, or None.
         settings: all settings.
         beam: the sensor's errors.
+        notes: what a user should know about how the recording was understood.
         progress: called with (polar scans read, polar scans in all).
-
-    Returns:
-        A finding per check, and the number of polar scans that were read.
     """
     stretches = read_stretches(recording, odometry, settings.detector, progress)
     followed = follow(recording, stretches, settings, beam)
@@ -127,7 +157,7 @@ def check_recording(
         else:
             text = f"no odometry: {unseen}" if odometry is None else followed.shortage
             findings.append(CheckFinding(name, CheckVerdict.UNTOLD, text))
-    return tuple(findings), sum(len(stretch.scans) for stretch in stretches)
+    return Check(tuple(findings), tuple(notes), sum(len(stretch.scans) for stretch in stretches), len(recording))
 
 
 def check_stamps(recording: Recording, stretches: Sequence[Stretch]) -> CheckFinding:

@@ -2,46 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from mqslam.check.checks import CheckFinding, CheckVerdict, check_recording
+from mqslam.check.checks import Check, check_recording
 from mqslam.commands.inputs import choose_odometry, choose_settings, open_data
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config
 from mqslam.psi.place import beam_of
-
-
-@dataclass(frozen=True)
-class Check:
-    """The outcome of a check.
-
-    Args:
-        findings: one per check.
-        notes: what a user should know about how the recording was understood.
-        read: number of polar scans that were read.
-        scans: number of polar scans in the recording.
-    """
-
-    findings: tuple[CheckFinding, ...]
-    notes: tuple[str, ...]
-    read: int
-    scans: int
-
-    @property
-    def suspicious(self) -> bool:
-        """Whether anything contradicts what was assumed."""
-        return any(finding.verdict is CheckVerdict.SUSPICIOUS for finding in self.findings)
-
-    @property
-    def warning(self) -> str | None:
-        """A sentence for the user where most of the checks cannot be told; None where most can."""
-        untold = sum(finding.verdict is CheckVerdict.UNTOLD for finding in self.findings)
-        if 2 * untold <= len(self.findings):
-            return None
-        missed = f"{untold} of {len(self.findings)} checks cannot be told, so that most mistakes would go unnoticed here"
-        return f"{missed}; odometry and a longer drive with turns would tell more"
 
 
 def check(
@@ -74,5 +42,4 @@ def check(
     for note in notes:
         work.tell(note)
     beam = beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
-    findings, read = check_recording(recording, track, settings, beam, partial(work.progress, "detect"))
-    return Check(findings, tuple(notes), read, len(recording))
+    return check_recording(recording, track, settings, beam, notes, partial(work.progress, "detect"))

@@ -121,7 +121,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
                 for name in frontends
             }
             rows = run_front_ends(contexts, scans, work.engine, work.progress, back_end=not odometry_only) + given
-            comparison = compare_rows(recording, rows, scans, settings, beta, notes, work.engine, work.progress)
+            comparison = compare_rows(recording, rows, scans, settings, notes, work.engine, work.progress)
             summary = summarise(comparison)
             table, marked = tabulate(summary)
             report = report_comparison(comparison, summary, table, marked)

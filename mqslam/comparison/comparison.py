@@ -68,7 +68,6 @@ def compare_rows(
     rows: Sequence[Row],
     scans: Scans,
     settings: Config,
-    doppler_beta: float,
     notes: Sequence[str],
     engine: Engine,
     progress: Progress,
@@ -79,8 +78,7 @@ def compare_rows(
         recording: the recording.
         rows: front ends and given trajectories, those that failed too.
         scans: of the recording.
-        settings: all settings.
-        doppler_beta: range shift per closing speed [s].
+        settings: all settings, with the Doppler shift that is used.
         notes: what the reader has to know about how the data was understood.
         engine: where the rows are judged; the result does not depend on it.
         progress: called as the audits go on.
@@ -91,7 +89,8 @@ def compare_rows(
     ran = [row for row in rows if row.trajectory is not None]
     if not ran:
         raise EstimationError("; ".join(f"{row.name}: {row.failure}" for row in rows))
-    common, beam = take_common_scans(ran, scans), beam_of(settings.estimator, doppler_beta)
+    common, beta = take_common_scans(ran, scans), settings.sensor.doppler_beta or 0.0
+    beam = beam_of(settings.estimator, beta)
     shared = f"{len(common)} of {len(scans)} scans are in every trajectory; the rows are judged on those"
     places = find_places(common, [row.trajectory for row in ran if row.trajectory is not None], WINDOW)
     stations = pick_stations(common, WINDOW)
@@ -101,7 +100,7 @@ def compare_rows(
     return Comparison(
         recording=recording,
         settings=settings,
-        doppler_beta=doppler_beta,
+        doppler_beta=beta,
         rows=tuple(shown),
         judged=judged,
         best=best,
