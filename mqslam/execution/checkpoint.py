@@ -136,10 +136,9 @@ class Checkpoint:
                 untrusted.check_file(self._folder / kept.file).open("rb") as file,
                 np.load(file, allow_pickle=False) as found,
             ):
-                arrays = {name: found[name] for name in kept.names}
+                return kept.unpack(dict(found))
         except (DataError, OSError, EOFError, ValueError, KeyError, NotImplementedError, zipfile.BadZipFile):
             return None
-        return kept.unpack(arrays)
 
     def keep(self, kept: Kept[R], result: R) -> None:
         """Keeps the result of a kind.
