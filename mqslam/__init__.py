@@ -14,7 +14,7 @@ Public names, all typed and silent:
 - `Slam` is the method: it takes an open recording to its optimised map, in memory.
 - `psi_factors`, `loop_factors` and `refine` return measurements, loop closures and single scans among earlier passes as
   factors for a GTSAM graph of your own.
-- `Work`, `Runner` and `LocalEngine` say where work is done and who is told about it.
+- `Work`, `Runner` and `LocalEngine` say where work is done and what reports on it.
 - `Trajectory`, `Measurement` are what goes in and comes out; `MqslamError` is the base of all errors.
 """
 

@@ -30,8 +30,8 @@ def check(terminal: Terminal, **given: Any) -> None:
     with Terminal(quiet=terminal.quiet or terminal.as_json).open_work() as work:
         outcome = do(work=work, **given)
     if terminal.as_json:
-        told = {"suspicious": outcome.suspicious, "notes": outcome.notes, "read": outcome.read, "scans": outcome.scans}
-        typer.echo(to_json(told | {"checks": [asdict(finding) for finding in outcome.findings]}))
+        facts = {"suspicious": outcome.suspicious, "notes": outcome.notes, "read": outcome.read, "scans": outcome.scans}
+        typer.echo(to_json(facts | {"checks": [asdict(finding) for finding in outcome.findings]}))
     else:
         for finding in outcome.findings:
             echo(f"{finding.name:<24}{finding.verdict:<18}{show(finding.text)}")

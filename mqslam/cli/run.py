@@ -63,8 +63,8 @@ def run(
         terminal.print_notes(list_sensor_notes(summary))
         if config.sensor.doppler_beta is None and summary["doppler_beta"]:
             shift = f"{summary['doppler_beta']:.4f} ± {summary['doppler_sigma']:.4f} m of range per m/s of closing speed"
-            told = "wrong range bins or a range offset may be part of it"
-            terminal.print_notes([f"the Doppler shift, as psi measured it, is {shift}; {told}"])
+            causes = "wrong range bins or a range offset may be part of it"
+            terminal.print_notes([f"the Doppler shift, as psi measured it, is {shift}; {causes}"])
         Console(soft_wrap=True).print(tabulate_summary(summary))
         echo(f"report: {result.report}")
         if result.evo_command:

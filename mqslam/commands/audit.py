@@ -101,7 +101,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         mend: whether the trajectory is mended by what the audit finds, written as mended.tum with the stamps and in the
             frame of the given one, and audited in turn; the verdict stays that on the given one.
         force: whether what is at `out` is replaced.
-        work: where the work is done, and who is told about it.
+        work: where the work is done, and what reports on it.
 
     Returns:
         What the audit has left at `out`.
@@ -126,7 +126,9 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             raise ConfigError(
                 "covariances are those of the sensor's poses; extrinsics say otherwise; leave out one of the two"
             )
-        given, told = _read_given(trajectory, None if times is None else Path(times), topic, frame, time_offset_s, mount)
+        given, understood = _read_given(
+            trajectory, None if times is None else Path(times), topic, frame, time_offset_s, mount
+        )
         name = "given" if isinstance(trajectory, Trajectory) else str(trajectory)
         if of_cloud and mend and given is None:
             raise ConfigError(f"{data}: a cloud without its trajectory cannot be mended", Remedy.GIVE_TRAJECTORY)
@@ -140,7 +142,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             settings = choose_settings(config)
             recording = open_data(data, format, range_resolution, settings, span=(start_s, end_s))
             subject = _place_recording(*detect_radar(recording, given, name, settings, work), work)
-        sweeps, track, settings, notes = subject.sweeps, subject.track, subject.settings, [*subject.notes, *told]
+        sweeps, track, settings, notes = subject.sweeps, subject.track, subject.settings, [*subject.notes, *understood]
         if mount is not None:
             notes.append(f"the trajectory is carried to the sensor by its extrinsics: {_describe_mount(mount)}")
         if given is not None and sweeps.track is not None and not of_cloud:  # the points of a cloud are placed already
@@ -219,7 +221,7 @@ def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config
 
 
 def _place_recording(source: Source, track: Trajectory, settings: Config, work: Work) -> _Subject:
-    """Returns a recording under a trajectory; that its gyroscope agrees with the trajectory, or cannot tell, is told."""
+    """Returns a recording under a trajectory; what its gyroscope says is reported."""
     beam = beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
     sweeps, placing = place_source(source, track, beam)
     notes = [*source.notes, *placing]
@@ -309,7 +311,7 @@ def detect_radar(
         given: poses of the sensor; None takes those that the recording carries.
         name: of the trajectory that the recording carries.
         settings: all of them.
-        work: where the returns are detected, and who is told about it.
+        work: where the returns are detected, and what reports on it.
 
     Raises:
         MqslamError: a scan cannot be read, or the recording carries no such trajectory, or is not covered by it.

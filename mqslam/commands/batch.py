@@ -120,7 +120,7 @@ def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: W
         plan: the YAML file that lists the runs.
         out: folder of the results, one in it per run; what is finished there is kept.
         force: whether results that are there are replaced.
-        work: where the work is done, and who is told about it.
+        work: where the work is done, and what reports on it.
 
     Returns:
         What the batch has left at `out`.

@@ -29,7 +29,7 @@ def check(
         config: settings, or the path of a YAML file, or the name of one that ships; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
-        work: who is told about the work, which is done in this process.
+        work: what reports on the work, which is done in this process.
 
     Raises:
         ConfigError: the format is unknown, or the range resolution is not a length.

@@ -75,7 +75,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
         resume: whether an unfinished comparison at `out` is continued.
         force: whether what is at `out` is replaced.
-        work: where the work is done, and who is told about it.
+        work: where the work is done, and what reports on it.
 
     Returns:
         What the comparison has left at `out`.
@@ -92,11 +92,11 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         frontends = [name.strip() for name in frontends.split(",") if name.strip()]
     settings = _set_kiss_config(choose_settings(config), kiss_config)
     _check_names(frontends, odometry_only=odometry_only)
-    given, told = _make_given_rows(trajectories or {}, frontends)
+    given, understood = _make_given_rows(trajectories or {}, frontends)
     with claim_folder(out, force=force, resume=resume, sources=[data]):
         recording = open_data(data, format, range_resolution, settings, span=(start_s, end_s))
         track, notes = choose_odometry(recording, odometry, recording.mount)
-        notes += told
+        notes += understood
         chosen = _choose_gyroscope(recording, imu, frontends)
         sensors, notes = chosen.sensor, [*notes, *chosen.notes, *chosen.faults]
         for note in recording.notes:
@@ -193,7 +193,7 @@ def _make_given_rows(
         ConfigError: a name cannot be that of a folder, or is that of a front end.
         DataError: a file is not a trajectory.
     """
-    rows, told = [], []
+    rows, understood = [], []
     for name, given in trajectories.items():
         if not re.fullmatch(r"[\w.-]*\w", name):
             raise ConfigError(f"trajectory '{name}': give it a name in letters and digits")
@@ -205,6 +205,6 @@ def _make_given_rows(
             track, notes = (
                 read_with_notes(Path(given[0]), Path(given[1])) if isinstance(given, tuple) else read_with_notes(Path(given))
             )
-            told += [f"{name}: {note}" for note in notes]
+            understood += [f"{name}: {note}" for note in notes]
         rows.append(make_given_row(name, track))
-    return rows, told
+    return rows, understood

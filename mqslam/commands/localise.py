@@ -66,7 +66,7 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
         end_s: scans that begin then or later are left out, counted likewise.
         strict: whether a polar scan that cannot be read is an error, rather than being left out.
         force: whether what is at `out` is replaced.
-        work: where the work is done, and who is told about it.
+        work: where the work is done, and what reports on it.
 
     Returns:
         What the localisation has left at `out`.

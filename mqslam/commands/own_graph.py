@@ -155,7 +155,7 @@ def psi_factors(
         pose: `gtsam.Pose2`, or `gtsam.Pose3` for a graph of poses in space. There the factors state weak noise on z
             (0.1 m), roll and pitch (0.03 rad).
         submap_keys: returns the key of a submap by its number (0, 1, ...); by default `gtsam.symbol("m", j)`.
-        work: where the work is done, and who is told about it.
+        work: where the work is done, and what reports on it.
 
     Returns:
         A sequence of (factor, measurement). The measurement is what the factor states: the pose of its second key in the
@@ -191,7 +191,7 @@ def psi_factors(
     problem = Problem(measurements, edges)
     first_scans = problem.submaps.first_scans.tolist()
     own_keys = [int(submap_keys(j)) for j in range(len(first_scans))]
-    _check_apart([*scan_keys, *own_keys])
+    _require_distinct([*scan_keys, *own_keys])
     factors = [lift(factor) for factor in problem.make_factors(scan_keys.__getitem__, own_keys.__getitem__)]
     used = set_doppler_beta(settings, radar.doppler_beta)
     pairs = list(zip(factors, problem.list_statements(), strict=True))
@@ -219,7 +219,7 @@ def loop_factors(
 
     Passes of a place are compared as far around the trajectory as it may be wrong. A loop is a match by psi that the
     trajectory allows, that fits nowhere else, that agrees with its neighbours, and that makes the map of its two passes
-    better. How far the trajectory may be wrong is told by the graph whose optimum it is. Without a graph its steps are taken
+    better. The graph whose optimum the trajectory is says how far that may be wrong. Without a graph its steps are taken
     to be as good as odometry states itself (`odometry.sigma_travel`, `sigma_yaw_rate` and `sigma_rest_m` of the settings),
     as in a run with the front end `odometry`. A good trajectory is surer than that over a long way, and passes are left out
     that odometry would not know well enough.
@@ -235,7 +235,7 @@ def loop_factors(
             Loops are looked for whatever `loops.enabled` says.
         pose: what the poses of the graph are, where no values tell it: `gtsam.Pose2`, or `gtsam.Pose3`, whose factors state
             weak noise on z (0.1 m), roll and pitch (0.03 rad).
-        work: where the work is done, and who is told about it, also about pairs of passes that could not be tied.
+        work: where the work is done, and what reports on it, also on pairs of passes that could not be tied.
 
     Returns:
         A list with a (factor, loop) for each loop. The loop holds the numbers of its two scans, and the pose of the later
@@ -327,7 +327,7 @@ def refine(
         rounds: most rounds in which every scan is measured; it takes the place of `refinement.rounds` of the settings, with
             which a run leaves the refinement out by default.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
-        work: where the work is done, and who is told about it.
+        work: where the work is done, and what reports on it.
 
     Raises:
         ConfigError: a key, a value or a setting is wrong.
@@ -392,7 +392,7 @@ def _look_at(recording: Source, config: Config | Path | str | None, work: Work) 
     Args:
         recording: its path, the open recording, or its scans.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
-        work: where the work is done, and who is told about it.
+        work: where the work is done, and what reports on it.
 
     Raises:
         ConfigError: the settings hold a mistake.
@@ -424,11 +424,11 @@ def _list_keys(keys: Keys, count: int) -> list[int]:
     if not callable(keys) and len(keys) < count:
         raise ConfigError(f"keys: holds {len(keys)} keys for {count} scans; give one for every scan")
     listed = [int(keys(k) if callable(keys) else keys[k]) for k in range(count)]
-    _check_apart(listed)
+    _require_distinct(listed)
     return listed
 
 
-def _check_apart(keys: Sequence[int]) -> None:
+def _require_distinct(keys: Sequence[int]) -> None:
     """Checks that no two keys are the same.
 
     Raises:

@@ -83,7 +83,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
         strict: whether a polar scan that cannot be read is an error, rather than being left out.
         resume: whether an unfinished run at `out` is continued.
         force: whether what is at `out` is replaced.
-        work: where the work is done, and who is told about it.
+        work: where the work is done, and what reports on it.
 
     Returns:
         What the run has left at `out`.
@@ -177,7 +177,7 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
     Args:
         job: the run.
         out: folder of the results.
-        work: where it is done, and who is told about it.
+        work: where it is done, and what reports on it.
         resume: whether to go on where an unfinished run has stopped.
         how: how to go on after an error, for its message.
 

@@ -1,4 +1,4 @@
-"""Where a command does its work, and who is told about it."""
+"""Where a command does its work, and what reports on it."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ Tell = Callable[[str], None]
 
 
 def ignore(note: str) -> None:
-    """Does nothing: nobody is told."""
+    """Does nothing with a note."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """Where a command's work is done and who is told about it; the defaults work in this process, silently.
+    """Where a command's work is done and what reports on it; the defaults work in this process, silently.
 
     Args:
         engine: where the work is done; no result depends on it.

@@ -76,9 +76,9 @@ def keep_checkpoint(out: Path, key: str, *, resume: bool, how: str = Remedy.RESU
         yield checkpoint
     except (OutputError, ClusterError, WorkerError, FrontEndError) as error:
         if checkpoint.holds_anything:
-            told = type(error)(error.message, *error.remedies, how)
-            told.add_note(how)  # for an interrupt that code of others has turned into this error
-            raise told from error
+            resumable = type(error)(error.message, *error.remedies, how)
+            resumable.add_note(how)  # for an interrupt that code of others has turned into this error
+            raise resumable from error
         raise
     except MqslamError:
         if not resume:
