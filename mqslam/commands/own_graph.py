@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias, overload
+from typing import TypeAlias
 
 import gtsam
 import numpy as np
@@ -48,8 +48,7 @@ Stated = tuple[Between, Measurement]
 LoopFactor = tuple[gtsam.NonlinearFactor, Loop]
 
 
-@dataclass(frozen=True)
-class PsiFactors(Sequence[Stated]):
+class PsiFactors(list[Stated]):
     """The factors of a recording's measurements, each with the measurement that it states.
 
     Args:
@@ -62,30 +61,24 @@ class PsiFactors(Sequence[Stated]):
         first_scans: (J,) scan at whose start each submap has its frame.
     """
 
-    pairs: Sequence[Stated]
-    scans: Scans
-    config: Config
-    chained: se2.Array
-    scan_keys: Sequence[int]
-    submap_keys: Sequence[int]
-    first_scans: Sequence[int]
-
-    def __len__(self) -> int:
-        return len(self.pairs)
+    def __init__(
+        self,
+        pairs: Iterable[Stated],
+        scans: Scans,
+        config: Config,
+        chained: se2.Array,
+        scan_keys: Sequence[int],
+        submap_keys: Sequence[int],
+        first_scans: Sequence[int],
+    ) -> None:
+        super().__init__(pairs)
+        self.scans, self.config, self.chained = scans, config, chained
+        self.scan_keys, self.submap_keys, self.first_scans = scan_keys, submap_keys, first_scans
 
     def __repr__(self) -> str:
         scans, submaps = count_of(len(self.scan_keys), "scan"), count_of(len(self.submap_keys), "submap")
-        degenerate = sum(measurement.status is Status.DEGENERATE for _, measurement in self.pairs)
+        degenerate = sum(measurement.status is Status.DEGENERATE for _, measurement in self)
         return f"PsiFactors({count_of(len(self), 'factor')} of {scans} in {submaps}, {degenerate} of them degenerate)"
-
-    @overload
-    def __getitem__(self, k: int) -> Stated: ...
-
-    @overload
-    def __getitem__(self, k: slice) -> Sequence[Stated]: ...
-
-    def __getitem__(self, k: int | slice) -> Stated | Sequence[Stated]:
-        return self.pairs[k]
 
     def make_initial(self, values: gtsam.Values | None = None) -> gtsam.Values:
         """Returns starting values for the keys of all factors that a graph has no values for so far.
@@ -98,7 +91,7 @@ class PsiFactors(Sequence[Stated]):
                 own kind.
         """
         values = gtsam.Values() if values is None else values
-        is_planar = not self.pairs or isinstance(self.pairs[0][0], gtsam.BetweenFactorPose2)
+        is_planar = not self or isinstance(self[0][0], gtsam.BetweenFactorPose2)
         known = [k for k, key in enumerate(self.scan_keys) if values.exists(key)]
         anchors = np.maximum(np.searchsorted(known, np.arange(len(self.scan_keys)), side="right") - 1, 0)
 
@@ -194,7 +187,7 @@ def psi_factors(
     _require_distinct([*scan_keys, *own_keys])
     factors = [lift(factor) for factor in problem.make_factors(scan_keys.__getitem__, own_keys.__getitem__)]
     used = set_doppler_beta(settings, radar.doppler_beta)
-    pairs = list(zip(factors, problem.list_statements(), strict=True))
+    pairs = zip(factors, problem.list_statements(), strict=True)
     return PsiFactors(pairs, scans, used, se2.chain(m.pose for m in measurements), scan_keys, own_keys, first_scans)
 
 
