@@ -11,8 +11,8 @@ import os
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
 from mqslam.errors import OutputError, Remedy
 from mqslam.execution.files import blame_output, flush
@@ -40,14 +40,8 @@ _NAMES = (*_RESULTS.split(), *_RECORDINGS.split(), *_OF_CHECKPOINT.split())
 _UNFINISHED, _REPLACED = "unfinished", "replaced"  # suffixes of the folders beside a result, and the lock's words for them
 
 
-@dataclass(frozen=True, slots=True)
-class _Claim:
-    """A result folder that a command of this process writes.
-
-    Args:
-        lock: its lock.
-        replaceable: what lay in it at the command's start and may be replaced.
-    """
+class _Claim(NamedTuple):
+    """A result folder that a command of this process writes, and what lay in it at its start and may be replaced."""
 
     lock: Lock
     replaceable: Sequence[PurePosixPath]

@@ -17,7 +17,7 @@ from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
 from threading import Thread
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, TypeVar
 from weakref import finalize, ref
 
 from mqslam.core.engine import ignore_result
@@ -256,39 +256,25 @@ class WorkerProcesses:
         return path
 
 
-class _Held(NamedTuple):
-    """What a process calls for item after item.
-
-    Args:
-        path: the file that it was read from.
-        function: the function.
-        shared: its first argument.
-        maps: what of it lies in files.
-    """
-
-    path: Path
-    function: Callable[[Any, Any], Any]
-    shared: Any
-    maps: list[mmap.mmap]
-
-
-_held: _Held | None = None
+# what a process calls for item after item: its file, the function, the first argument, and what of it lies in files
+_held: tuple[Path, Callable[[Any, Any], Any], Any, list[mmap.mmap]] | None = None
 
 
 def _call(path: Path, item: Any) -> Any:
     """Returns the result of the function in a file for an item, in a process of `WorkerProcesses`."""
     global _held
-    if _held is None or _held.path != path:
+    if _held is None or _held[0] != path:
         _held = None  # it is released before the next one takes memory
         return_free_memory()
         paths, content = pickle.loads(path.read_bytes())
         maps = [_map_into_memory(array) for array in paths]
         function, shared = pickle.loads(content, buffers=maps)
-        _held = _Held(path, function, shared, maps)
+        _held = path, function, shared, maps
+    _, function, shared, maps = _held
     try:
-        return _held.function(_held.shared, item)
+        return function(shared, item)
     finally:
-        release(*_held.maps)
+        release(*maps)
 
 
 def _map_into_memory(path: Path) -> mmap.mmap:
