@@ -9,17 +9,17 @@ import numpy as np
 from pydantic import ValidationError
 
 from mqslam.commands.inputs import choose_settings, open_data
-from mqslam.config import Config, DetectorConfig, EstimatorConfig, PsiConfig
+from mqslam.config import Config, DetectorConfig, PsiConfig
 from mqslam.core import se2
-from mqslam.core.motion import CONSTANT_TWIST, CONSTANT_VELOCITY, MotionModel
+from mqslam.core.motion import CONSTANT_TWIST, CONSTANT_VELOCITY
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Returns
 from mqslam.detection.stage import detect_stretch
 from mqslam.errors import ConfigError, EstimationError
 from mqslam.psi.minimiser import final_scale, kernel_of, score_itself
-from mqslam.psi.place import Beam, beam_of, place
+from mqslam.psi.place import beam_of, place
 from mqslam.psi.published.equations import score as published
-from mqslam.psi.window import WindowMotion, drop_start, estimate_window
+from mqslam.psi.window import drop_start, estimate_window
 
 
 def score_window(  # noqa: PLR0913 - these are the options of a score, each with its default
@@ -60,24 +60,52 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
     model = CONSTANT_VELOCITY if len(motion) == 2 else CONSTANT_TWIST
     recording = open_data(Path(data), format, range_resolution, settings)
     returns, t0 = read_window(recording, settings.detector, start, scans)
-    beta = settings.sensor.doppler_beta or 0.0
-    beam = beam_of(settings.estimator, beta)
-    revolution_s = recording.revolution_s
+    beta, estimator, revolution_s = settings.sensor.doppler_beta or 0.0, settings.estimator, recording.revolution_s
+    beam, kernel = beam_of(estimator, beta), kernel_of(estimator, revolution_s)
+
+    def name(values: se2.Array) -> dict[str, float]:
+        """Returns values of the motion's parameters by their names."""
+        return dict(zip(model.parameters, values.tolist(), strict=True))
+
+    def score_motion(theta: se2.Array) -> dict[str, Any]:
+        """Returns the published score under a motion with its parts, and the estimator's at its final widths."""
+        points = drop_start(place(returns, t0, np.zeros(3), theta, model, beam))
+        whole = published(points.points, points.times, revolution_s, psi, points.jacobians)
+        own = score_itself(points, final_scale(estimator), kernel)
+        return {
+            "published": {
+                "psi": whole.psi,
+                "pair_sum": whole.pairs_psi,
+                "charge": whole.charge,
+                "pairs": whole.pairs,
+                "matched": float(whole.matched.mean()),
+                "psi_per_point": whole.psi / len(returns),
+                "gradient": name(whole.gradient),
+            },
+            "estimator": {
+                "psi": own.psi,
+                "psi_per_point": own.psi / len(returns),
+                "matched": float(own.matched.mean()),
+                "gradient": name(2.0 * own.gradient),
+            },
+        }
+
     tree: dict[str, Any] = {
         "window": {"t0": t0, "revolutions": scans, "revolution_s": revolution_s, "points": len(returns)},
         "doppler_beta": beta,
         "variant": psi.model_dump(include={"temporal", "numerator", "factor", "unmatched"}),
-        "motion": dict(zip(model.parameters, motion.tolist(), strict=True)),
-        **_score_motion(returns, t0, revolution_s, motion, model, settings.estimator, beam, psi),
+        "motion": name(motion),
+        **score_motion(motion),
     }
     if minimise:
         twist = motion if model.size == 3 else motion[[0, 0, 1]] * [1.0, 0.0, 1.0]
-        best = estimate_window(
-            returns, t0, kernel_of(settings.estimator, revolution_s), settings.estimator, beam, twist, model
-        )
-        tree["minimised"] = _describe_estimate(best, model) | _score_motion(
-            returns, t0, revolution_s, best.theta, model, settings.estimator, beam, psi
-        )
+        best = estimate_window(returns, t0, kernel, estimator, beam, twist, model)
+        tree["minimised"] = {
+            "motion": name(best.theta),
+            "standard_deviation": name(best.covariance.diagonal() ** 0.5),
+            "status": best.status.value,
+            **score_motion(best.theta),
+        }
     return tree
 
 
@@ -127,46 +155,3 @@ def read_window(recording: Recording, detector: DetectorConfig, start: float, sc
             f"{recording.path}: the {scans} scans from {start:g} s on hold no returns; lower detector.threshold"
         )
     return returns, float(times[first])
-
-
-def _score_motion(
-    returns: Returns,
-    t0: float,
-    revolution_s: float,
-    theta: se2.Array,
-    model: MotionModel,
-    config: EstimatorConfig,
-    beam: Beam,
-    variant: PsiConfig,
-) -> dict[str, Any]:
-    """Returns the published score of a window under a motion with its parts, and the estimator's at its final widths."""
-    points = drop_start(place(returns, t0, np.zeros(3), theta, model, beam))
-    whole = published(points.points, points.times, revolution_s, variant, points.jacobians)
-    own = score_itself(points, final_scale(config), kernel_of(config, revolution_s))
-    return {
-        "published": {
-            "psi": whole.psi,
-            "pair_sum": whole.pairs_psi,
-            "charge": whole.charge,
-            "pairs": whole.pairs,
-            "matched": float(whole.matched.mean()),
-            "psi_per_point": whole.psi / len(returns),
-            "gradient": dict(zip(model.parameters, whole.gradient.tolist(), strict=True)),
-        },
-        "estimator": {
-            "psi": own.psi,
-            "psi_per_point": own.psi / len(returns),
-            "matched": float(own.matched.mean()),
-            "gradient": dict(zip(model.parameters, (2.0 * own.gradient).tolist(), strict=True)),
-        },
-    }
-
-
-def _describe_estimate(best: WindowMotion, model: MotionModel) -> dict[str, Any]:
-    """Returns the estimated motion as a tree."""
-    deviations = best.covariance.diagonal() ** 0.5
-    return {
-        "motion": dict(zip(model.parameters, best.theta.tolist(), strict=True)),
-        "standard_deviation": dict(zip(model.parameters, deviations.tolist(), strict=True)),
-        "status": best.status.value,
-    }
