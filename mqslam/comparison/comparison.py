@@ -11,11 +11,11 @@ from mqslam.backend.loops import passes
 from mqslam.backend.loops.submap import TrackedRun
 from mqslam.comparison.best import Best, Standing, find_best
 from mqslam.comparison.judgement import (
+    Judge,
     JudgedRow,
     Place,
     compare_pairs,
     find_places,
-    judge_rows,
     pick_stations,
     take_common_scans,
 )
@@ -94,8 +94,8 @@ def compare_rows(
     shared = f"{len(common)} of {len(scans)} scans are in every trajectory; the rows are judged on those"
     places = find_places(common, [row.trajectory for row in ran if row.trajectory is not None], WINDOW)
     stations = pick_stations(common, WINDOW)
-    truth = recording.ground_truth
-    shown, judged = judge_rows(rows, common, truth, [*places, *stations], settings, beam, engine, progress)
+    judge = Judge(common, recording.ground_truth, [*places, *stations], settings, beam, engine, progress)
+    shown, judged = judge.judge_all(rows)
     best = find_best([Standing.of(row) for row in judged.values()])
     return Comparison(
         recording=recording,

@@ -147,72 +147,66 @@ def pick_stations(scans: Scans, size: int) -> list[Place]:
     return [Place(k, k + size, scans[k].t0, scans[k + size - 1].t1, 0.0) for k in chosen.tolist()]
 
 
-def judge_rows(
-    rows: Sequence[Row],
-    scans: Scans,
-    truth: Trajectory | None,
-    where: Sequence[Place],
-    settings: Config,
-    beam: Beam,
-    engine: Engine,
-    progress: Progress,
-) -> tuple[list[Row], dict[str, JudgedRow]]:
-    """Judges every row that has a trajectory; the arguments are those of `judge`.
-
-    Errors are taken from the first of the scans to the last, so that a short trajectory is not judged on an easier part than
-    a long one.
-
-    Returns:
-        the rows, with a failure where one could not be judged, and the judgement of the others by name.
-    """
-    judged: dict[str, JudgedRow] = {}
-    shown = []
-    truth = None if truth is None else _cut_to_scans(truth, scans)
-    for row in rows:
-        failure: list[str] = []
-        if row.trajectory is not None:
-            with tolerate("the judgement of its map", failure):
-                judged[row.name] = judge(row, scans, truth, where, settings, beam, engine, progress)
-        shown.append(replace(row, failure=failure[0]) if failure else row)
-    return shown, judged
-
-
-def judge(
-    row: Row,
-    scans: Scans,
-    truth: Trajectory | None,
-    where: Sequence[Place],
-    settings: Config,
-    beam: Beam,
-    engine: Engine,
-    progress: Progress,
-) -> JudgedRow:
-    """Judges one row.
+@dataclass(frozen=True)
+class Judge:
+    """What judges every row of a comparison in the same way.
 
     Args:
-        row: with a trajectory.
         scans: those that every row covers.
         truth: ground truth, or None.
         where: the places to crop.
         settings: all settings.
         beam: the sensor's errors.
-        engine: where the row is judged; the result does not depend on it.
-        progress: called as the audit goes on.
+        engine: where rows are judged; the result does not depend on it.
+        progress: called as the audits go on.
     """
-    assert row.trajectory is not None and row.odometry is not None
-    sweeps, _ = place_sweeps(scans, row.trajectory, beam)
-    rendered = render(scans, sweeps.poses, settings.estimator, beam, engine)
-    return JudgedRow(
-        row=row,
-        map=rendered.take(pick_thinned(rendered.points, _MAP_POINTS)),
-        psi_per_point=rendered.psi_per_point,
-        matched=rendered.matched_share,
-        audit=audit(sweeps, settings.audit, settings.estimator, settings.verdict, engine, progress),
-        before=None if truth is None else evaluate(row.odometry, truth),
-        after=None if truth is None else evaluate(row.trajectory, truth),
-        nees=None if truth is None else measure_nees(row.measurements, truth, scans.start_us),
-        crops=tuple(_crop(sweeps, place) for place in where),
-    )
+
+    scans: Scans
+    truth: Trajectory | None
+    where: Sequence[Place]
+    settings: Config
+    beam: Beam
+    engine: Engine
+    progress: Progress
+
+    def judge_all(self, rows: Sequence[Row]) -> tuple[list[Row], dict[str, JudgedRow]]:
+        """Judges every row that has a trajectory.
+
+        Errors are taken from the first of the scans to the last, so that a short trajectory is not judged on an easier part
+        than a long one.
+
+        Returns:
+            the rows, with a failure where one could not be judged, and the judgement of the others by name.
+        """
+        judged: dict[str, JudgedRow] = {}
+        shown = []
+        cut = replace(self, truth=None if self.truth is None else _cut_to_scans(self.truth, self.scans))
+        for row in rows:
+            failure: list[str] = []
+            if row.trajectory is not None:
+                with tolerate("the judgement of its map", failure):
+                    judged[row.name] = cut.judge(row)
+            shown.append(replace(row, failure=failure[0]) if failure else row)
+        return shown, judged
+
+    def judge(self, row: Row) -> JudgedRow:
+        """Judges a row that has a trajectory."""
+        assert row.trajectory is not None and row.odometry is not None
+        scans, truth, beam, engine = self.scans, self.truth, self.beam, self.engine
+        audit_config, estimator, verdict = self.settings.audit, self.settings.estimator, self.settings.verdict
+        sweeps, _ = place_sweeps(scans, row.trajectory, beam)
+        rendered = render(scans, sweeps.poses, estimator, beam, engine)
+        return JudgedRow(
+            row=row,
+            map=rendered.take(pick_thinned(rendered.points, _MAP_POINTS)),
+            psi_per_point=rendered.psi_per_point,
+            matched=rendered.matched_share,
+            audit=audit(sweeps, audit_config, estimator, verdict, engine, self.progress),
+            before=None if truth is None else evaluate(row.odometry, truth),
+            after=None if truth is None else evaluate(row.trajectory, truth),
+            nees=None if truth is None else measure_nees(row.measurements, truth, scans.start_us),
+            crops=tuple(_crop(sweeps, place) for place in self.where),
+        )
 
 
 def _cut_to_scans(truth: Trajectory, scans: Scans) -> Trajectory | None:
