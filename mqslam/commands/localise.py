@@ -11,7 +11,7 @@ from mqslam.commands.inputs import Inputs, choose_settings, name_extrinsics
 from mqslam.commands.result import LocaliseResult
 from mqslam.commands.run import Job, open_job
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config, forget_topics, load_config, set_doppler_beta
+from mqslam.config import Config, load_config, set_doppler_beta, set_sensor
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
 from mqslam.core.keyframes import KeyframeMap
@@ -125,7 +125,8 @@ def read_map_settings(map: Path) -> Config:
     """
     folder = find_keyframes(map)
     beside = None if folder is None else folder.parent / "config.yaml"
-    return forget_topics(load_config(beside)) if beside is not None and beside.is_file() else load_config()
+    settings = load_config(beside if beside is not None and beside.is_file() else None)
+    return set_sensor(settings, radar_topic=None, odometry_topic=None, truth_topic=None)
 
 
 def _find(job: Job, made: KeyframeMap, runner: Runner) -> tuple[Localised, dict[int, DataError]]:

@@ -61,7 +61,8 @@ def merge(
     with claim_folder(out, force=force, sources=folders):
         parts = [read_part(folder) for folder in folders]
         _check_recordings(parts)
-        settings = choose_settings(_find_settings(folders[0]) if config is None else config)
+        own = folders[0] / "config.yaml"
+        settings = choose_settings(own if config is None and own.is_file() else config)
         runner = Runner(work.engine, work.progress)
         with runner.time_stage("total"):
             merged = merge_parts(parts, settings, runner)
@@ -98,12 +99,6 @@ def read_part(folder: Path) -> Session:
     alone = folder / "trajectory.tum"
     tracks = [alone] if alone.is_file() else [folder / f"trajectory_{n}.tum" for n in range(1, count + 1)]
     return make_part(folder, kept, [read_tum(track).stamps_us for track in tracks], graph)
-
-
-def _find_settings(folder: Path) -> Path | None:
-    """Returns the settings that a result was made with; None where it does not hold them."""
-    settings = folder / "config.yaml"
-    return settings if settings.is_file() else None
 
 
 def _require_distinct(folders: Sequence[Path]) -> None:

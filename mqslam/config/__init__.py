@@ -403,11 +403,6 @@ def set_doppler_beta(config: Config, doppler_beta: float) -> Config:
     return set_sensor(config, doppler_beta=doppler_beta)
 
 
-def forget_topics(config: Config) -> Config:
-    """Returns the settings without the topics of a bag, as another recording needs them."""
-    return set_sensor(config, radar_topic=None, odometry_topic=None, truth_topic=None)
-
-
 def set_sensor(config: Config, **changed: float | str | None) -> Config:
     """Returns the settings with others of the section `sensor`, which are taken as they are."""
     return config.model_copy(update={"sensor": config.sensor.model_copy(update=changed)})
