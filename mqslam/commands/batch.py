@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from mqslam.commands.inputs import Inputs, read_extrinsics
 from mqslam.commands.result import Result
 from mqslam.commands.run import Job, execute, open_job
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import list_shipped, load_config
+from mqslam.config import Section, list_shipped, load_config
 from mqslam.config.yaml_file import parse_yaml
 from mqslam.core import frontend as frontends
 from mqslam.errors import ClusterError, ConfigError, MqslamError, describe_error, raise_interrupt, untrusted
@@ -30,10 +30,8 @@ _CHOICES = ("auto", "none")  # instead of a file, or of extrinsics
 _AGAIN = "the same command continues the batch"
 
 
-class PlannedRun(BaseModel):
+class PlannedRun(Section):
     """One entry of RUNS.yaml; its paths are relative to that file."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     data: Path = Field(description="the recording")
     name: str | None = Field(None, description="folder of its results; null takes the recording's own name")
@@ -46,10 +44,8 @@ class PlannedRun(BaseModel):
     config: str | None = Field(None, description="a YAML file of settings, or the name of one that ships")
 
 
-class Plan(BaseModel):
+class Plan(Section):
     """The content of RUNS.yaml."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     runs: list[PlannedRun] = Field(min_length=1, description="what to run")
 
