@@ -169,10 +169,3 @@ def test_force_replaces_an_unfinished_run(lap: Path, dead: Path, whole: dict[str
     (out / FOLDER / "measurements.npz").write_bytes(b"would be believed if it were not cleared")
     assert mqslam(*command(lap, out, "--force")).code == 0
     assert_as_whole(out, whole)
-
-
-@pytest.mark.slow
-def test_a_finished_run_is_not_resumed(lap: Path, whole: dict[str, bytes | None]) -> None:
-    shown = mqslam(*command(lap, lap / "out", "--resume"))
-    assert shown.code == 2 and "exists already" in shown.err and "--resume" not in shown.err
-    assert read_contents(lap / "out") == whole
