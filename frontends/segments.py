@@ -12,8 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from mqslam.config import TrackerConfig
-from mqslam.config.tracker_config import WARM_UP_SCANS
+from mqslam.config import WARM_UP_SCANS, TrackerConfig
 from mqslam.core import se2
 from mqslam.core.scans import Scan
 from mqslam.frontends.bidirectional import DirectedMotion, follows_at_once

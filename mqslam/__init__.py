@@ -14,7 +14,7 @@ Public names, all typed and silent:
 - `Slam` is the method: it takes an open recording to its optimised map, in memory.
 - `psi_factors`, `loop_factors` and `refine` return measurements, loop closures and single scans among earlier passes as
   factors for a GTSAM graph of your own.
-- `Work`, `Runner` and `LocalEngine` say where work is done and who is told about it.
+- `Work`, `Runner` and `LocalEngine` say where work is done and what reports on it.
 - `Trajectory`, `Measurement` are what goes in and comes out; `MqslamError` is the base of all errors.
 """
 
@@ -25,71 +25,51 @@ from typing import TYPE_CHECKING, Any
 
 from mqslam.execution.kernel_cache import choose_cache
 
-if TYPE_CHECKING:
-    from mqslam.commands.audit import audit
-    from mqslam.commands.compare import compare
-    from mqslam.commands.graphs.loop_factors import loop_factors
-    from mqslam.commands.graphs.psi_factors import psi_factors
-    from mqslam.commands.graphs.refine import refine
-    from mqslam.commands.maps.localise import localise
-    from mqslam.commands.maps.merge import merge
-    from mqslam.commands.run import run
-    from mqslam.commands.work import Work
-    from mqslam.config import Config, load_config
-    from mqslam.core.measurement import Measurement
-    from mqslam.core.trajectory import Trajectory
-    from mqslam.errors import MqslamError
-    from mqslam.execution.local_engine import LocalEngine
-    from mqslam.execution.runner import Runner
-    from mqslam.formats.recordings import open_recording
-    from mqslam.slam import Slam
-    from mqslam.version import __version__
-
-__all__ = [
-    "Config",
-    "LocalEngine",
-    "Measurement",
-    "MqslamError",
-    "Runner",
-    "Slam",
-    "Trajectory",
-    "Work",
-    "__version__",
-    "audit",
-    "compare",
-    "load_config",
-    "localise",
-    "loop_factors",
-    "merge",
-    "open_recording",
-    "psi_factors",
-    "refine",
-    "run",
-]
+if TYPE_CHECKING:  # each name as itself, which says that it is public
+    from mqslam.commands.audit import audit as audit
+    from mqslam.commands.compare import compare as compare
+    from mqslam.commands.localise import localise as localise
+    from mqslam.commands.merge import merge as merge
+    from mqslam.commands.own_graph import loop_factors as loop_factors
+    from mqslam.commands.own_graph import psi_factors as psi_factors
+    from mqslam.commands.own_graph import refine as refine
+    from mqslam.commands.run import run as run
+    from mqslam.commands.work import Work as Work
+    from mqslam.config import Config as Config
+    from mqslam.config import load_config as load_config
+    from mqslam.core.measurement import Measurement as Measurement
+    from mqslam.core.trajectory import Trajectory as Trajectory
+    from mqslam.errors import MqslamError as MqslamError
+    from mqslam.execution.local_engine import LocalEngine as LocalEngine
+    from mqslam.execution.runner import Runner as Runner
+    from mqslam.formats.recordings import open_recording as open_recording
+    from mqslam.slam import Slam as Slam
+    from mqslam.version import __version__ as __version__
 
 choose_cache()  # before any kernel is imported
 
 _MODULES = {
-    "Config": "config",
-    "LocalEngine": "execution.local_engine",
-    "Measurement": "core.measurement",
-    "MqslamError": "errors",
-    "Runner": "execution.runner",
-    "Slam": "slam",
-    "Trajectory": "core.trajectory",
-    "Work": "commands.work",
-    "__version__": "version",
     "audit": "commands.audit",
     "compare": "commands.compare",
-    "load_config": "config",
-    "localise": "commands.maps.localise",
-    "loop_factors": "commands.graphs.loop_factors",
-    "merge": "commands.maps.merge",
-    "open_recording": "formats.recordings",
-    "psi_factors": "commands.graphs.psi_factors",
-    "refine": "commands.graphs.refine",
+    "localise": "commands.localise",
+    "merge": "commands.merge",
+    "loop_factors": "commands.own_graph",
+    "psi_factors": "commands.own_graph",
+    "refine": "commands.own_graph",
     "run": "commands.run",
+    "Work": "commands.work",
+    "Config": "config",
+    "load_config": "config",
+    "Measurement": "core.measurement",
+    "Trajectory": "core.trajectory",
+    "MqslamError": "errors",
+    "LocalEngine": "execution.local_engine",
+    "Runner": "execution.runner",
+    "open_recording": "formats.recordings",
+    "Slam": "slam",
+    "__version__": "version",
 }
+__all__ = sorted(_MODULES)
 
 
 def __getattr__(name: str) -> Any:

@@ -59,20 +59,19 @@ def evaluate(estimate: Trajectory, truth: Trajectory) -> Evaluation | None:
     Returns:
         the errors, or None where the two share fewer than 3 stamps.
     """
-    shared = _share_stamps(estimate, truth)
-    if shared is None:
+    pair = pair_poses(estimate, truth)
+    if pair is None:
         return None
-    stamps_us, estimated, true = shared
-    placed = se2.transform(_fit_rigid_motion(estimated, true), estimated[:, :2])
-    drift = _measure_drift(estimated, true)
-    seconds = np.diff(stamps_us) * 1e-6
+    estimated, true = (track.poses for track in pair)
+    segments = _measure_segments(estimated, true)
+    seconds = np.diff(pair[1].stamps_us) * 1e-6
     step_errors = se2.between(estimated[:-1], estimated[1:]) - se2.between(true[:-1], true[1:])
     speed_errors = step_errors[:, 0] / seconds
     rate_errors = se2.wrap(step_errors[:, 2]) / seconds
     return Evaluation(
-        ate_rmse_m=_rms(np.hypot(*(placed - true[:, :2]).T)),
-        drift_percent=None if drift is None else 100.0 * drift[0],
-        drift_deg_per_100m=None if drift is None else 100.0 * float(np.rad2deg(drift[1])),
+        ate_rmse_m=_rms(_measure_distances(estimated, true)),
+        drift_percent=None if segments is None else 100.0 * float(segments[1].mean()),
+        drift_deg_per_100m=None if segments is None else 100.0 * float(np.rad2deg(float(segments[2].mean()))),
         rpe_v_rms=_rms(speed_errors),
         rpe_w_rms=_rms(rate_errors),
         rpe_v_bias=float(speed_errors.mean()),
@@ -107,8 +106,8 @@ def measure_drift_by_length(estimate: Trajectory, truth: Trajectory) -> DriftByL
     Returns:
         the errors; None where the two share no path of 100 m.
     """
-    shared = _share_stamps(estimate, truth)
-    segments = None if shared is None else _measure_segments(*shared[1:])
+    pair = pair_poses(estimate, truth)
+    segments = None if pair is None else _measure_segments(*(track.poses for track in pair))
     if segments is None:
         return None
     lengths_m, translation, rotation = segments
@@ -127,12 +126,11 @@ def trace_errors(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.fl
     Returns:
         the path (M,) [m] by ground truth, and the position error (M,) [m]; None where the two share fewer than 3 stamps.
     """
-    shared = _share_stamps(estimate, truth)
-    if shared is None:
+    pair = pair_poses(estimate, truth)
+    if pair is None:
         return None
-    _, estimated, true = shared
-    placed = se2.transform(_fit_rigid_motion(estimated, true), estimated[:, :2])
-    return se2.path_lengths(true), np.hypot(*(placed - true[:, :2]).T)
+    estimated, true = (track.poses for track in pair)
+    return se2.path_lengths(true), _measure_distances(estimated, true)
 
 
 def measure_nees(measurements: Sequence[Measurement], truth: Trajectory, start_us: int) -> float | None:
@@ -160,26 +158,29 @@ def measure_nees(measurements: Sequence[Measurement], truth: Trajectory, start_u
 
 
 def pair_poses(estimate: Trajectory, truth: Trajectory) -> tuple[Trajectory, Trajectory] | None:
-    """Returns the poses that `evaluate` compares: the estimate at the truth's stamps, and the truth; None below 3."""
-    shared = _share_stamps(estimate, truth)
-    return None if shared is None else (Trajectory(shared[0], shared[1]), Trajectory(shared[0], shared[2]))
+    """Returns the poses that are compared: those of the estimate at the truth's stamps in its span, and the truth's.
+
+    Two poses at almost the same time show no speed; one of them is left out. None where fewer than 3 poses are left.
+    """
+    first, last = estimate.stamps_us[0] - SLACK_US, estimate.stamps_us[-1] + SLACK_US
+    inside = np.flatnonzero((truth.stamps_us >= first) & (truth.stamps_us <= last))
+    inside = inside[se2.select_apart(truth.seconds(int(first))[inside])]
+    if len(inside) < 3:
+        return None
+    stamps_us = truth.stamps_us[inside]
+    return Trajectory(stamps_us, estimate.at(stamps_us)), Trajectory(stamps_us, truth.poses[inside])
 
 
 def align_positions(estimate: Trajectory, truth: Trajectory) -> se2.Array | None:
     """Returns the rigid motion (3,) that lays the estimate's positions best on the truth's; None below 3 shared stamps."""
-    shared = _share_stamps(estimate, truth)
-    return None if shared is None else _fit_rigid_motion(shared[1], shared[2])
+    pair = pair_poses(estimate, truth)
+    return None if pair is None else _fit_rigid_motion(*(track.poses for track in pair))
 
 
-def _share_stamps(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64], se2.Array, se2.Array] | None:
-    """Returns the truth's stamps (M,) that lie apart in the estimate's span, and both poses (M, 3); None if M < 3."""
-    first, last = estimate.stamps_us[0] - SLACK_US, estimate.stamps_us[-1] + SLACK_US
-    inside = np.flatnonzero((truth.stamps_us >= first) & (truth.stamps_us <= last))
-    inside = inside[se2.select_apart(truth.seconds(int(first))[inside])]  # two poses at almost the same time show no speed
-    if len(inside) < 3:
-        return None
-    stamps_us = truth.stamps_us[inside]
-    return stamps_us, estimate.at(stamps_us), truth.poses[inside]
+def _measure_distances(estimated: se2.Array, true: se2.Array) -> NDArray[np.float64]:
+    """Returns how far the positions (M,) [m] of poses (M, 3) are from the true ones after the best rigid alignment."""
+    placed = se2.transform(_fit_rigid_motion(estimated, true), estimated[:, :2])
+    return np.asarray(np.hypot(*(placed - true[:, :2]).T))
 
 
 def _fit_rigid_motion(estimated: se2.Array, true: se2.Array) -> se2.Array:
@@ -189,12 +190,6 @@ def _fit_rigid_motion(estimated: se2.Array, true: se2.Array) -> se2.Array:
     yaw = np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b))
     offset = target - se2.transform(np.array([0.0, 0.0, yaw]), centre[None])[0]
     return np.array([*offset, yaw])
-
-
-def _measure_drift(estimated: se2.Array, true: se2.Array) -> tuple[float, float] | None:
-    """Returns the mean translation [m/m] and rotation [rad/m] error over KITTI's segments; None where no segment fits."""
-    segments = _measure_segments(estimated, true)
-    return None if segments is None else (float(segments[1].mean()), float(segments[2].mean()))
 
 
 def _measure_segments(

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from mqslam.auditing.judge import audit_trajectory
+from mqslam.auditing.judge import Audit, audit_trajectory
 from mqslam.auditing.mending.along import straighten
 from mqslam.backend.loops.closing import find_loops
 from mqslam.backend.marginals import compute_all_marginals
@@ -21,7 +21,8 @@ from mqslam.backend.sensors.odometry import hold_odometry, make_odometry_edges, 
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
-from mqslam.core.measurement import LoopSearch, Refined
+from mqslam.core.measurement import LoopSearch, Measurement, Refined
+from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Scans
 from mqslam.core.sensors import NO_SENSORS, Sensors
@@ -31,7 +32,7 @@ from mqslam.errors import EstimationError, FewReturnsError
 from mqslam.execution.kept import LOOPS, REFINED
 from mqslam.execution.runner import Runner
 from mqslam.mapping.render import render_track
-from mqslam.psi.place import beam_of
+from mqslam.psi.place import Beam, beam_of
 from mqslam.solution import CHECK, Run, Solution
 
 PSI: Final = "psi"
@@ -58,7 +59,7 @@ class Slam:
         self._config, self._name, self._runner, self._strict = config or Config(), frontend, runner or Runner(), strict
 
     def run(self, recording: Recording, odometry: Trajectory | None = None, sensors: Sensors = NO_SENSORS) -> Run:
-        """Takes a recording to its optimised map.
+        """Takes a recording to its optimised map: detects returns, solves for the trajectory, renders and audits the map.
 
         Args:
             recording: the recording.
@@ -69,7 +70,7 @@ class Slam:
             DataError: more than half of the polar scans cannot be read, or any of them if strict.
             EstimationError: no motion can be estimated from the data.
         """
-        config, runner, estimator = self._config, self._runner, self._config.estimator
+        config, runner = self._config, self._runner
         with runner.time_stage("total"):
             context = Context.of(recording, config, odometry, sensors)
             frontends.create(self._name, context)  # raises before the recording is read, if it lacks anything
@@ -81,15 +82,8 @@ class Slam:
                 solution = self.solve(scans, found)
             except FewReturnsError as error:
                 raise EstimationError(f"{error}: {detected.counts.remedy}") from error
-            with runner.time_stage("render"):
-                tracks = {"the map before optimisation": solution.odometry, "the map": solution.optimised}
-                maps = [render_track(what, scans, track, estimator, solution.beam, runner) for what, track in tracks.items()]
-                before, after = runner.follow("render", maps, len(maps))
-            checked, kept = None, None
-            with runner.time_stage("check"), runner.tolerate(CHECK):
-                if len(scans) > 1:
-                    optimum = None if solution.covariances.failure else (solution.graph, solution.values)
-                    checked = audit_trajectory(scans, solution.optimised, config, solution.beam, runner, optimum)
+            before, after = self._render(scans, solution)
+            checked, kept = self._audit(scans, solution), None
             with runner.time_stage("render"), runner.tolerate("the keyframes of the map"):
                 kept = solution.keep_map(scans, recording, runner.engine)
         return Run(
@@ -103,7 +97,7 @@ class Slam:
         )
 
     def solve(self, scans: Scans, context: Context) -> Solution:
-        """Takes scans to the optimised trajectory.
+        """Takes scans to the optimised trajectory: tracks the motion, joins the sensors, closes loops, and optimises.
 
         Args:
             scans: scans of the recording.
@@ -114,11 +108,7 @@ class Slam:
         """
         config, runner, estimator = self._config, self._runner, self._config.estimator
         beam = beam_of(estimator, context.doppler_beta)
-        with runner.time_stage("windows"):
-            measurements = measure(self._name, scans, context, beam, runner)
-        with runner.time_stage("along"), runner.tolerate("the ties along the path"):
-            if self._name == PSI:
-                measurements = straighten(measurements, scans, config, beam, runner)
+        measurements = self._track(scans, context, beam)
         with runner.time_stage("optimise"):
             odometry, fault = hold_odometry(scans, context, self._name, measurements)
             edges = make_odometry_edges(odometry, measurements, config.odometry, context.sensors.mount)
@@ -127,10 +117,7 @@ class Slam:
             with runner.tolerate("the sensors beside the radar"):
                 sensors, velocities, start_us = context.sensors, context.velocities, scans.start_us
                 problem, used = join_sensors(problem, odometry, sensors, velocities, start_us, config.odometry, fault)
-        search = LoopSearch([], 0)
-        if config.loops.enabled:
-            with runner.time_stage("loops"), runner.tolerate("the search for loops"):
-                search = runner.make_once(LOOPS, lambda: find_loops(scans, problem, estimator, beam, runner))
+        search = self._close_loops(scans, problem, beam)
         refined, rounds = Refined(search.loops, []), config.refinement.rounds
         with runner.time_stage("refine"), runner.tolerate("the refinement"):
             refined = runner.make_once(
@@ -138,9 +125,10 @@ class Slam:
             )
         with runner.time_stage("optimise"):
             graph, optimum = problem.optimise(refined.loops, refined.ties)
+            poses = poses_of(optimum.values, graph.size)
             covariances = compute_all_marginals(graph, optimum.values)
             with runner.tolerate("how much each sensor contributes"):
-                used = used.weigh(problem, refined, poses_of(optimum.values, graph.size))
+                used = used.weigh(problem, refined, poses)
         runner.warnings += [*used.refusals, *search.warnings, *optimum.warnings, *covariances.warnings]
         return Solution(
             frontend=self._name,
@@ -149,7 +137,7 @@ class Slam:
             doppler_sigma=context.doppler_sigma,
             measurements=measurements,
             odometry=before,
-            optimised=Trajectory(scans.stamps_us, poses_of(optimum.values, graph.size)),
+            optimised=Trajectory(scans.stamps_us, poses),
             graph=graph,
             values=optimum.values,
             covariances=covariances,
@@ -161,3 +149,40 @@ class Slam:
             unoptimised=optimum.failure,
             warnings=tuple(runner.warnings),
         )
+
+    def _track(self, scans: Scans, context: Context, beam: Beam) -> list[Measurement]:
+        """Returns the front end's motions between successive scans; those of psi are held by ties along the path."""
+        runner = self._runner
+        with runner.time_stage("windows"):
+            measurements = measure(self._name, scans, context, beam, runner)
+        with runner.time_stage("along"), runner.tolerate("the ties along the path"):
+            if self._name == PSI:
+                measurements = straighten(measurements, scans, self._config, beam, runner)
+        return measurements
+
+    def _close_loops(self, scans: Scans, problem: Problem, beam: Beam) -> LoopSearch:
+        """Returns the loop closures that psi finds around the trajectory and the graph allows; none if none are wanted."""
+        runner, search = self._runner, LoopSearch([], 0)
+        if self._config.loops.enabled:
+            with runner.time_stage("loops"), runner.tolerate("the search for loops"):
+                estimator = self._config.estimator
+                search = runner.make_once(LOOPS, lambda: find_loops(scans, problem, estimator, beam, runner))
+        return search
+
+    def _render(self, scans: Scans, solution: Solution) -> tuple[PointMap, PointMap]:
+        """Returns the map under the trajectory before optimisation, and the map."""
+        runner, estimator = self._runner, self._config.estimator
+        with runner.time_stage("render"):
+            tracks = {"the map before optimisation": solution.odometry, "the map": solution.optimised}
+            maps = [render_track(what, scans, track, estimator, solution.beam, runner) for what, track in tracks.items()]
+            before, after = runner.follow("render", maps, len(maps))
+        return before, after
+
+    def _audit(self, scans: Scans, solution: Solution) -> Audit | None:
+        """Returns the optimised map judged; None where that cannot be done, or there is a single scan."""
+        runner = self._runner
+        with runner.time_stage("check"), runner.tolerate(CHECK):
+            if len(scans) > 1:
+                optimum = None if solution.covariances.failure else (solution.graph, solution.values)
+                return audit_trajectory(scans, solution.optimised, self._config, solution.beam, runner, optimum)
+        return None

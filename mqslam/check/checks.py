@@ -1,17 +1,22 @@
-"""All checks of a recording."""
+"""Checks of a recording against what was assumed to read it.
+
+The mirror image of a recording moves as the mirror image of its motion and makes the mirror image of its map, which is as
+crisp: psi cannot tell left from right, only odometry can. What psi can tell is whether the azimuths of a polar scan came in
+the order they are stored in, because in the other order they are corrected for motion the wrong way.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import wilcoxon
 
-from mqslam.check.finding import CheckFinding, CheckVerdict
-from mqslam.check.following import follow
-from mqslam.check.motion_checks import check_mirror, check_order, check_scale, check_stamp
-from mqslam.check.stretches import Stretch, read_stretches
-from mqslam.config import DetectorConfig, EstimatorConfig, TrackerConfig
+from mqslam.check.stretches import FEWEST_STEPS, FollowedStretches, Steps, Stretch, follow, read_stretches
+from mqslam.config import Config
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
@@ -32,6 +37,127 @@ _UNMEASURED_SHARE = 0.05
 _DOUBLED = 0.5
 # Number of turns that it takes to tell whether turns are steady.
 _FEWEST_TURNS = 3
+
+# Speed [m/s] above which the length of a range bin shows.
+LEAST_SPEED = 1.0
+# Share of the variance of the radar's yaw rate that odometry must explain to tell a shift of stamps.
+_EXPLAINED = 0.9
+
+# psi's preference for one order of the azimuths counts if it would come about by chance with a smaller probability than
+# this.
+_ORDER_CHANCE = 5e-3
+# Least logarithm of the ratio of psi in the two orders that counts. Simulated drives too slow to tell the order show up to
+# 0.010.
+_ORDER_GAIN = 0.02
+# Yaw rate [rad/s], root mean square, below which left and right cannot be told apart.
+_LEAST_TURN = 0.03
+# Least standard deviation of a measured yaw rate [rad/s].
+_YAW_RATE_FLOOR = 0.004
+# Largest shift of stamps that is tried [turns].
+_LARGEST_SHIFT = 1.5
+# A shift of stamps is only judged if three standard deviations of it are at most this [turns].
+_SHIFT_ERROR = 0.25
+# Smallest shift of stamps that is suspicious [turns].
+_SHIFT_OK = 0.5
+
+# A direction of rotation is right if the mean squared yaw rate error of the other one is this many times as large.
+_MIRRORED = 4.0
+# Number of shifts of stamps that are tried, from earliest to latest.
+_SHIFTS = 61
+# Relative difference between the radar's speed and odometry's that is suspicious.
+_WRONG_SCALE = 0.05
+
+_LEAST_SLOPE = 1e-9  # numerical [rad/s^2]: keeps the error of a shift finite where the yaw rate does not change
+_LEAST_RATIO = 0.1  # below this ratio of speeds the two have little in common, and no length of a range bin would fit
+
+
+class CheckVerdict(StrEnum):
+    """Whether the recording and the assumption agree."""
+
+    OK = "ok"
+    SUSPICIOUS = "suspicious"
+    UNTOLD = "cannot be told"
+
+
+@dataclass(frozen=True, slots=True)
+class CheckFinding:
+    """The outcome of one check.
+
+    Args:
+        name: what was checked.
+        verdict: whether the recording agrees with what was assumed.
+        text: why, and what to do about it.
+        numbers: the values that the verdict rests on, by name with unit.
+    """
+
+    name: str
+    verdict: CheckVerdict
+    text: str
+    numbers: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Check:
+    """The outcome of a check.
+
+    Args:
+        findings: one per check.
+        notes: what a user should know about how the recording was understood.
+        read: number of polar scans that were read.
+        scans: number of polar scans in the recording.
+    """
+
+    findings: tuple[CheckFinding, ...]
+    notes: tuple[str, ...]
+    read: int
+    scans: int
+
+    @property
+    def suspicious(self) -> bool:
+        """Whether anything contradicts what was assumed."""
+        return any(finding.verdict is CheckVerdict.SUSPICIOUS for finding in self.findings)
+
+    @property
+    def warning(self) -> str | None:
+        """A sentence for the user where most of the checks cannot be told; None where most can."""
+        untold = sum(finding.verdict is CheckVerdict.UNTOLD for finding in self.findings)
+        if 2 * untold <= len(self.findings):
+            return None
+        missed = f"{untold} of {len(self.findings)} checks cannot be told, so that most mistakes would go unnoticed here"
+        return f"{missed}; odometry and a longer drive with turns would tell more"
+
+
+Outcome = tuple[CheckVerdict, str, dict[str, float]]  # a finding without its name
+
+
+def check_recording(
+    recording: Recording,
+    odometry: Trajectory | None,
+    settings: Config,
+    beam: Beam,
+    notes: Sequence[str],
+    progress: Callable[[int, int], object],
+) -> Check:
+    """Checks whether a recording contradicts what was assumed to read it. Ground truth is not looked at.
+
+    Args:
+        recording: the recording, of which a few short stretches are read.
+        odometry: of the same clock, or None.
+        settings: all settings.
+        beam: the sensor's errors.
+        notes: what a user should know about how the recording was understood.
+        progress: called with (polar scans read, polar scans in all).
+    """
+    stretches = read_stretches(recording, odometry, settings.detector, progress)
+    followed = follow(recording, stretches, settings, beam)
+    findings = [check_stamps(recording, stretches), check_azimuths(stretches), check_order(followed)]
+    for name, (check, unseen) in _AGAINST_ODOMETRY.items():
+        if odometry is not None and len(followed.steps) >= FEWEST_STEPS:
+            findings.append(CheckFinding(name, *check(recording, followed.steps, odometry)))
+        else:
+            text = f"no odometry: {unseen}" if odometry is None else followed.shortage
+            findings.append(CheckFinding(name, CheckVerdict.UNTOLD, text))
+    return Check(tuple(findings), tuple(notes), sum(len(stretch.scans) for stretch in stretches), len(recording))
 
 
 def check_stamps(recording: Recording, stretches: Sequence[Stretch]) -> CheckFinding:
@@ -102,51 +228,106 @@ def check_azimuths(stretches: Sequence[Stretch]) -> CheckFinding:
     return CheckFinding("azimuths", CheckVerdict.OK, f"{many} in every turn, {share:.1%} of them not measured", numbers)
 
 
-class Checked(NamedTuple):
-    """What the checks of a recording have led to.
+def check_order(followed: FollowedStretches) -> CheckFinding:
+    """Checks whether psi prefers the azimuths of the polar scans in the order they are stored in.
 
     Args:
-        findings: one per check.
-        read: number of polar scans that were read for them.
+        followed: stretches of the recording as psi follows them.
     """
+    name = "order of azimuths"
+    usable = (followed.psi > 0.0) & (followed.psi_backward > 0.0)  # NaN where no motion was found
+    gain = np.log(followed.psi_backward[usable] / followed.psi[usable])
+    if len(gain) < FEWEST_STEPS:
+        return CheckFinding(name, CheckVerdict.UNTOLD, followed.shortage)
+    middle = float(np.median(gain))
+    chance = float(wilcoxon(gain).pvalue) if gain.any() else 1.0  # a test by ranks, since turns gain many times as much
+    psi, backward = float(followed.psi[usable].mean()), float(followed.psi_backward[usable].mean())
+    numbers = {"psi": psi, "psi_backward": backward, "log_ratio": middle, "chance": chance}
+    both = f"psi per point is {psi:.3f} as recorded and {backward:.3f} with every turn taken backward"
+    if abs(middle) < _ORDER_GAIN or chance > _ORDER_CHANCE:
+        return CheckFinding(
+            name,
+            CheckVerdict.UNTOLD,
+            f"{both}, which is about the same; a faster drive or one with turns would tell",
+            numbers,
+        )
+    if middle > 0.0:
+        return CheckFinding(name, CheckVerdict.OK, both, numbers)
+    remedy = "azimuths seem to be stored against the direction of rotation: store them in the order of measurement"
+    return CheckFinding(name, CheckVerdict.SUSPICIOUS, f"{both}; {remedy}", numbers)
 
-    findings: tuple[CheckFinding, ...]
-    read: int
+
+def _check_mirror(recording: Recording, steps: Steps, odometry: Trajectory) -> Outcome:
+    """Checks whether the radar turns left where odometry does."""
+    measured, _, given = _yaw_rates(recording, steps, odometry)
+    same, opposite = (float(np.min(np.mean((measured - sign * given) ** 2, axis=1))) for sign in (1.0, -1.0))
+    numbers = {"rms_as_assumed_rad_s": same**0.5, "rms_mirrored_rad_s": opposite**0.5}
+    turning = float(np.sqrt(np.mean(steps.of(odometry)[:, 2] ** 2)))
+    ratio = opposite / max(same, _YAW_RATE_FLOOR**2)
+    if turning < _LEAST_TURN or 1.0 / _MIRRORED < ratio < _MIRRORED:
+        text = f"odometry turns by {turning:.3f} rad/s, too little to tell or unlike the radar"
+        return CheckVerdict.UNTOLD, text, numbers
+    both = f"yaw rates differ from odometry's by {same**0.5:.3f} rad/s, mirrored by {opposite**0.5:.3f} rad/s"
+    if ratio > 1.0:
+        return CheckVerdict.OK, both, numbers
+    remedy = "the radar seems to turn the other way round: see sensor.clockwise, or odometry's sign of yaw"
+    return CheckVerdict.SUSPICIOUS, f"{both}; {remedy}", numbers
 
 
-class CheckSettings(NamedTuple):
-    """The sections of the settings that the checks take."""
+def _check_stamp(recording: Recording, steps: Steps, odometry: Trajectory) -> Outcome:
+    """Checks whether odometry's yaw rate fits the radar's best at the stamps as they are."""
+    measured, shifts, given = _yaw_rates(recording, steps, odometry)
+    given *= 1.0 if np.sum(given @ measured) >= 0.0 else -1.0  # another check looks for a mirrored recording
+    rest = given - measured
+    rest -= rest.mean(axis=1, keepdims=True)  # the gyro's bias
+    rms = np.sqrt(np.mean(rest**2, axis=1))
+    best = int(np.argmin(rms))
+    slope = float(np.std(np.gradient(given, shifts * 1e-6, axis=0)[best]))  # yaw rate per shift [rad/s^2]
+    shift = shifts[best] * 1e-6
+    error = max(float(rms[best]), _YAW_RATE_FLOOR) / max(slope, _LEAST_SLOPE) / np.sqrt(len(measured))
+    explained = 1.0 - float(rms[best]) ** 2 / max(float(np.var(measured)), _YAW_RATE_FLOOR**2)
+    numbers = {"shift_s": shift, "shift_error_s": error, "explained": explained}
+    unsure = 3.0 * error > _SHIFT_ERROR * recording.revolution_s or best in (0, len(shifts) - 1)
+    if explained < _EXPLAINED or unsure:
+        return CheckVerdict.UNTOLD, "odometry's yaw rate changes too little, or differs from the radar's", numbers
+    fits = f"odometry's yaw rate fits best {abs(shift):.2f} s {'later' if shift > 0.0 else 'earlier'}"
+    if abs(shift) < _SHIFT_OK * recording.revolution_s:
+        allowed = f"within {_SHIFT_OK:g} of a turn of {recording.revolution_s:.2f} s"
+        return CheckVerdict.OK, f"{fits}, {allowed}", numbers
+    meant = "the start of the turn, not the end" if shift > 0.0 else "the end of the turn, not the start"
+    remedy = f"stamps seem to mean {meant} (sensor.stamp), or the clocks differ"
+    return CheckVerdict.SUSPICIOUS, f"{fits}; {remedy}", numbers
 
-    detector: DetectorConfig
-    tracker: TrackerConfig
-    estimator: EstimatorConfig
+
+def _check_scale(recording: Recording, steps: Steps, odometry: Trajectory) -> Outcome:
+    """Checks whether the radar's speed is odometry's, which a wrong length of a range bin would change."""
+    measured, given = steps.twists[:, 0], steps.of(odometry)[:, 0]
+    fast = np.abs(given) > LEAST_SPEED
+    if np.count_nonzero(fast) < FEWEST_STEPS:
+        return CheckVerdict.UNTOLD, f"odometry is hardly ever faster than {LEAST_SPEED:g} m/s", {}
+    ratio = float(np.sum(measured[fast] * given[fast]) / np.sum(given[fast] ** 2))
+    bin_m = recording.range_resolution
+    numbers = {"speed_ratio": ratio, "range_resolution_m": bin_m}
+    speeds = f"the radar's speed is {ratio:.3f} times odometry's with bins of {bin_m:.4g} m"
+    if abs(ratio - 1.0) < _WRONG_SCALE:
+        return CheckVerdict.OK, speeds, numbers
+    fitting = f"bins of {bin_m / ratio:.4g} m would fit" if ratio > _LEAST_RATIO else "they have little in common"
+    remedy = "state the right length of a range bin, unless odometry's scale is off"
+    return CheckVerdict.SUSPICIOUS, f"{speeds}; {fitting}: {remedy}", numbers
 
 
-def check_recording(
-    recording: Recording,
-    odometry: Trajectory | None,
-    settings: CheckSettings,
-    beam: Beam,
-    progress: Callable[[int, int], object],
-) -> Checked:
-    """Checks whether a recording contradicts what was assumed to read it. Ground truth is not looked at.
+_AGAINST_ODOMETRY: dict[str, tuple[Callable[[Recording, Steps, Trajectory], Outcome], str]] = {
+    "direction of rotation": (_check_mirror, "psi is the same for a recording and its mirror image"),
+    "stamp convention": (_check_stamp, "only a motion measured by another clock shows a shift"),
+    "range resolution": (_check_scale, "psi is the same for a map and a scaled copy of it"),
+}
+"""The checks against odometry by name, and why each cannot be made without."""
 
-    Args:
-        recording: the recording, of which a few short stretches are read.
-        odometry: of the same clock, or None.
-        settings: of what a check runs.
-        beam: the sensor's errors.
-        progress: called with (polar scans read, polar scans in all).
-    """
-    detector, tracker, estimator = settings
-    stretches = read_stretches(recording, odometry, detector, progress)
-    followed = follow(recording, stretches, tracker, estimator, beam)
-    findings = (
-        check_stamps(recording, stretches),
-        check_azimuths(stretches),
-        check_order(followed),
-        check_mirror(recording, followed, odometry),
-        check_stamp(recording, followed, odometry),
-        check_scale(recording, followed, odometry),
-    )
-    return Checked(findings, sum(len(stretch.scans) for stretch in stretches))
+
+def _yaw_rates(
+    recording: Recording, steps: Steps, odometry: Trajectory
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+    """Returns yaw rates (S,) of the radar, the shifts (K,) [us] that are tried, and odometry's yaw rates (K, S) at them."""
+    turns = np.linspace(-_LARGEST_SHIFT, _LARGEST_SHIFT, _SHIFTS)
+    shifts = np.round(turns * recording.revolution_s * 1e6).astype(np.int64)
+    return steps.twists[:, 2], shifts, np.array([steps.of(odometry, shift)[:, 2] for shift in shifts.tolist()])

@@ -14,17 +14,16 @@ from mqslam.cli.compare import compare
 from mqslam.cli.config import config
 from mqslam.cli.convert import convert
 from mqslam.cli.info import info
-from mqslam.cli.maps.localise import localise
-from mqslam.cli.maps.merge import merge
-from mqslam.cli.maps.view import view
+from mqslam.cli.localise import localise
+from mqslam.cli.merge import merge
 from mqslam.cli.optimise import optimise
 from mqslam.cli.paper import paper
+from mqslam.cli.remedies import name_options
 from mqslam.cli.run import run
 from mqslam.cli.score import score
 from mqslam.cli.simulate import simulate
-from mqslam.cli.terminal.remedies import name_options
-from mqslam.errors import MqslamError
-from mqslam.errors.shown import show
+from mqslam.cli.view import view
+from mqslam.errors import MqslamError, show
 from mqslam.execution.interrupts import Interrupted, raise_interrupts
 
 app = typer.Typer(
@@ -34,19 +33,8 @@ app = typer.Typer(
     rich_markup_mode="markdown",  # joins the lines of a paragraph
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command()(run)
-app.command()(view)
-app.command()(compare)
-app.command()(batch)
-app.command()(merge)
-app.command()(audit)
-app.command()(localise)
-app.command()(info)
-app.command()(check)
-app.command()(convert)
-app.command()(simulate)
-app.command()(score)
-app.command()(optimise)
+for command in (run, view, compare, batch, merge, audit, localise, info, check, convert, simulate, score, optimise):
+    app.command()(command)
 app.add_typer(config, name="config")
 app.add_typer(paper, name="paper")
 

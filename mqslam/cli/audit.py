@@ -3,101 +3,76 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any, Literal
 
 import typer
 
-from mqslam.cli.terminal.echo import echo
-from mqslam.cli.terminal.fail_on import FailOn, choose_exit_code
-from mqslam.cli.terminal.options import (
-    CORES,
-    Cluster,
-    ConfigOption,
-    End,
-    Force,
-    Format,
-    Jobs,
-    Json,
-    Quiet,
-    RangeResolution,
-    Start,
-    Verbose,
-)
+from mqslam.cli.options import Options, argument, choose_exit_code, command, flag, option
+from mqslam.cli.remedies import name_options
+from mqslam.cli.terminal import Terminal, echo, format_rows, format_verdict
 
-
-def audit(
-    data: Annotated[
-        Path,
-        typer.Argument(metavar="DATA", help="A radar or lidar recording, or a point cloud with times (PLY, PCD, LAS, NPZ)."),
-    ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; it must not exist yet.")],
-    trajectory: Annotated[
+_OWN: Options = {
+    "data": argument(Path, ..., "DATA", "A radar or lidar recording, or a point cloud with times (PLY, PCD, LAS, NPZ)."),
+    "trajectory": option(
         str | None,
-        typer.Option(
-            "--trajectory",
-            "-t",
-            help=r"A file (TUM, a CSV whose header names t or timestamp, in a unit such as t\[us], x, y and yaw, KITTI with "
-            "--times, a bag), the folder of a result of mqslam, KISS-SLAM, CFEAR or "
-            "TBV, or one that DATA has: odometry, ground_truth or recording, which is a lidar log's own and the default.",
-        ),
-    ] = None,
-    times: Annotated[Path | None, typer.Option(help="File with the stamps of a KITTI trajectory, one per line.")] = None,
-    topic: Annotated[str | None, typer.Option(help="Topic of the trajectory, if it is in a bag.")] = None,
-    frame: Annotated[
-        str | None, typer.Option(help="Frame whose pose /tf gives, if the trajectory is in a bag's /tf.")
-    ] = None,
-    time_offset: Annotated[
+        None,
+        r"A file (TUM, a CSV whose header names t or timestamp, in a unit such as t\[us], x, y and yaw, KITTI with "
+        "--times, a bag), the folder of a result of mqslam, KISS-SLAM, CFEAR or "
+        "TBV, or one that DATA has: odometry, ground_truth or recording, which is a lidar log's own and the default.",
+        "--trajectory",
+        "-t",
+    ),
+    "times": option(Path | None, None, "File with the stamps of a KITTI trajectory, one per line."),
+    "topic": option(str | None, None, "Topic of the trajectory, if it is in a bag."),
+    "frame": option(str | None, None, "Frame whose pose /tf gives, if the trajectory is in a bag's /tf."),
+    "time_offset_s": option(
         float,
-        typer.Option(
-            metavar="SECONDS", help="Added to the stamps of the trajectory's file, if its clock is not that of DATA."
-        ),
-    ] = 0.0,
-    extrinsics: Annotated[
+        0.0,
+        "Added to the stamps of the trajectory's file, if its clock is not that of DATA.",
+        "--time-offset",
+        metavar="SECONDS",
+    ),
+    "extrinsics": option(
         str | None,
-        typer.Option(
-            metavar="X,Y,YAW",
-            help=r"Pose of the sensor in the frame of which the trajectory's file is, such as base_link: \[m] forward, \[m] "
-            r"to the left, \[degrees] to the left.",
-        ),
-    ] = None,
-    z_range: Annotated[
-        str | None,
-        typer.Option(metavar="LOW,HIGH", help=r"Lowest and highest points of a cloud to use \[m]; all by default."),
-    ] = None,
-    covariances: Annotated[
+        None,
+        r"Pose of the sensor in the frame of which the trajectory's file is, such as base_link: \[m] forward, \[m] "
+        r"to the left, \[degrees] to the left.",
+        metavar="X,Y,YAW",
+    ),
+    "z_range": option(
+        str | None, None, r"Lowest and highest points of a cloud to use \[m]; all by default.", metavar="LOW,HIGH"
+    ),
+    "covariances": option(
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Covariances of the trajectory's poses, as a run's covariances.csv, which revisits are held against; "
-            "those beside a run's own trajectory.tum are found by themselves.",
-        ),
-    ] = None,
-    false_alarms: Annotated[
+        None,
+        "Covariances of the trajectory's poses, as a run's covariances.csv, which revisits are held against; "
+        "those beside a run's own trajectory.tum are found by themselves.",
+        metavar="FILE",
+    ),
+    "false_alarms": option(
         float | None,
-        typer.Option(
-            metavar="RATE",
-            help="Probability, below 0.5, with which steps, spans, pooled corrections, shaking and revisits held against "
-            "covariances may together call a good recording's map bad; 0.01 by default.",
-        ),
-    ] = None,
-    fail_on: FailOn = None,
-    mend: Annotated[
-        bool,
-        typer.Option(
-            "--mend", help="Write the trajectory with the corrections put in as mended.tum, and judge that one, too."
-        ),
-    ] = False,
-    config: ConfigOption = None,
-    format: Format = None,
-    range_resolution: RangeResolution = None,
-    start: Start = None,
-    end: End = None,
-    jobs: Jobs = CORES,
-    cluster: Cluster = None,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+        None,
+        "Probability, below 0.5, with which steps, spans, pooled corrections, shaking and revisits held against "
+        "covariances may together call a good recording's map bad; 0.01 by default.",
+        metavar="RATE",
+    ),
+    "mend": flag("Write the trajectory with the corrections put in as mended.tum, and judge that one, too.", "--mend"),
+}
+
+
+@command(
+    "data out trajectory times topic frame time_offset_s extrinsics z_range covariances false_alarms fail_on mend config "
+    "format range_resolution start_s end_s jobs cluster force as_json quiet verbose",
+    _OWN,
+)
+def audit(
+    terminal: Terminal,
+    *,
+    out: Path,
+    trajectory: str | None,
+    z_range: str | None,
+    fail_on: Literal["warn", "fail"] | None,
+    **given: Any,
 ) -> None:
     """Judge the map that a recording makes under a trajectory, without ground truth.
 
@@ -107,51 +82,24 @@ def audit(
 
     Example: mqslam audit drive --trajectory result/trajectory.tum --out audited --fail-on fail
     """
-    from rich.console import Console
-
-    from mqslam.cli.terminal.console import set_up_work
-    from mqslam.cli.terminal.remedies import name_options
     from mqslam.commands.audit import audit as do
-    from mqslam.commands.inputs.extrinsics import parse_extrinsics
     from mqslam.errors import ConfigError
-    from mqslam.execution.files import to_json
 
-    of_file = times, topic, frame, extrinsics
-    if trajectory is None and (any(option is not None for option in of_file) or time_offset != 0.0):
+    of_file = ("times", "topic", "frame", "extrinsics")
+    if trajectory is None and (any(given[name] is not None for name in of_file) or given["time_offset_s"] != 0.0):
         options = "--times, --topic, --frame, --time-offset and --extrinsics"
         raise ConfigError(f"{options} belong to a trajectory from a file; give --trajectory FILE")
-    if trajectory is None and covariances is not None:
+    if trajectory is None and given["covariances"] is not None:
         raise ConfigError("--covariances belongs to a trajectory from a file; give --trajectory FILE")
     heights = _parse_heights(z_range)
-    mount = None if extrinsics is None else parse_extrinsics(extrinsics)
-    console = Console(stderr=True, markup=False)
-    with set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
-        result = do(
-            data,
-            out,
-            trajectory=trajectory or "recording",
-            times=times,
-            topic=topic,
-            frame=frame,
-            time_offset_s=time_offset,
-            extrinsics=mount,
-            heights=heights,
-            covariances=covariances,
-            false_alarms=false_alarms,
-            config=config,
-            format=format,
-            range_resolution=range_resolution,
-            start_s=start,
-            end_s=end,
-            mend=mend,
-            force=force,
-            work=work,
-        )
-    if as_json:
-        typer.echo(to_json(result.summary))
-    elif not quiet:
-        echo(name_options("\n".join(_format_lines(result.summary))))
+    with terminal.open_work() as work:
+        result = do(out=out, trajectory=trajectory or "recording", heights=heights, work=work, **given)
+
+    def show() -> None:
+        echo(name_options(_format_results(result.summary)))
         echo(f"results in {out}; open {result.report} in a browser")
+
+    terminal.print_results(result.summary, show)
     if fail_on is not None:
         raise typer.Exit(choose_exit_code(result.verdict, fail_on))
 
@@ -185,9 +133,8 @@ def _format_revisits(revisits: dict[str, Any] | None) -> str:
     return f"{revisits['torn']} of {revisits['sure']} torn, {revisits['count'] - revisits['sure']} not sure"
 
 
-def _format_lines(summary: dict[str, Any]) -> list[str]:
+def _format_results(summary: dict[str, Any]) -> str:
     """Returns the lines that a person reads first: the verdict, and what is torn worst."""
-    from mqslam.cli.terminal.console import format_verdict
     from mqslam.core.wording import list_judged
 
     windows, revisits = summary["windows"], summary["revisits"]
@@ -225,4 +172,4 @@ def _format_lines(summary: dict[str, Any]) -> list[str]:
             ("windows then", f"{windows['torn']} of {windows['count']} torn{_count_undecided(windows['undecided'])}"),
             ("revisits then", _format_revisits(mended["revisits"])),
         ]
-    return [f"{name:<14}{value}" for name, value in rows]
+    return format_rows(rows, 14)

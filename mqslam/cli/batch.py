@@ -3,31 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from mqslam.cli.terminal.echo import echo
-from mqslam.cli.terminal.options import CORES, Cluster, Force, Jobs, Json, Quiet, Verbose
-from mqslam.cli.terminal.remedies import name_options
-from mqslam.errors.shown import show
+from mqslam.cli.options import Options, argument, command, option
+from mqslam.cli.remedies import name_options
+from mqslam.cli.terminal import Terminal, echo
+from mqslam.errors import show
 
 if TYPE_CHECKING:
     from rich.table import Table
 
+_OWN: Options = {
+    "plan": argument(Path, ..., "RUNS.yaml", "The YAML file that lists the runs; the README shows one."),
+    "out": option(Path, ..., "Folder for the results; each run gets a folder in it.", "--out", "-o"),
+}
 
-def batch(
-    runs: Annotated[
-        Path, typer.Argument(metavar="RUNS.yaml", help="The YAML file that lists the runs; the README shows one.")
-    ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; each run gets a folder in it.")],
-    jobs: Jobs = CORES,
-    cluster: Cluster = None,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-) -> None:
+
+@command("plan out jobs cluster force as_json quiet verbose", _OWN)
+def batch(terminal: Terminal, **given: Any) -> None:
     """Run many recordings and report over all of them.
 
     They run one after the other, or on a cluster as many at a time as it has workers. If a run fails, its error is shown and
@@ -37,25 +32,23 @@ def batch(
 
     Example: mqslam batch runs.yaml --out results
     """
-    from rich.console import Console
-
-    from mqslam.cli.terminal.console import print_warnings, set_up_work
     from mqslam.commands.batch import run_batch
-    from mqslam.execution.files import to_json
 
-    console = Console(stderr=True, markup=False)
-    with set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
-        result = run_batch(runs, out, force=force, work=work)
+    with terminal.open_work() as work:
+        result = run_batch(work=work, **given)
     summary = result.summary
-    if as_json:
-        typer.echo(to_json(summary))
-    elif not quiet:
+
+    def print_table() -> None:
+        from rich.console import Console
+
         Console(soft_wrap=True).print(_tabulate(summary))
         echo(f"report: {result.report}")
-        print_warnings(console, summary["warnings"])
+        terminal.print_warnings(summary["warnings"])
+
+    terminal.print_results(summary, print_table)
     for run in summary["runs"]:
-        if run["failure"] and not as_json:
-            console.print(f"{run['name']} failed: {show(name_options(run['failure']))}", highlight=False, soft_wrap=True)
+        if run["failure"] and not terminal.as_json:
+            terminal.print(f"{run['name']} failed: {show(name_options(run['failure']))}")
     if summary["counts"]["failed"]:
         raise typer.Exit(1)
 

@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-import json
+from typing import Any
 
 import typer
 
-from mqslam.cli.terminal.echo import echo
-from mqslam.cli.terminal.options import ConfigOption, Data, Format, Json, Odometry, Quiet, RangeResolution, Verbose
-from mqslam.errors.shown import show
+from mqslam.cli.options import command
+from mqslam.cli.terminal import Terminal, echo
+from mqslam.errors import show
 
 
-def check(
-    data: Data,
-    config: ConfigOption = None,
-    odometry: Odometry = "auto",
-    format: Format = None,
-    range_resolution: RangeResolution = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-) -> None:
+@command("data config odometry format range_resolution as_json quiet verbose")
+def check(terminal: Terminal, **given: Any) -> None:
     """Check a recording against what was assumed to read it: stamps, azimuths, rotation, length of a range bin.
 
     The check reads three short stretches. With odometry it can also tell a mirrored recording, stamps that mean the other
@@ -32,18 +24,14 @@ def check(
     """
     from dataclasses import asdict
 
-    from rich.console import Console
-
-    from mqslam.cli.terminal.console import set_up_work
     from mqslam.commands.check import check as do
+    from mqslam.execution.files import to_json
 
-    silent = quiet or as_json
-    with set_up_work(Console(stderr=True, markup=False), None, 1, quiet=silent, silent=silent) as work:
-        outcome = do(data, odometry=odometry, config=config, format=format, range_resolution=range_resolution, work=work)
-    if as_json:
-        checks = [asdict(finding) for finding in outcome.findings]
-        told = {"suspicious": outcome.suspicious, "notes": outcome.notes, "read": outcome.read, "scans": outcome.scans}
-        typer.echo(json.dumps(told | {"checks": checks}, indent=1))
+    with Terminal(quiet=terminal.quiet or terminal.as_json).open_work() as work:
+        outcome = do(work=work, **given)
+    if terminal.as_json:
+        facts = {"suspicious": outcome.suspicious, "notes": outcome.notes, "read": outcome.read, "scans": outcome.scans}
+        typer.echo(to_json(facts | {"checks": [asdict(finding) for finding in outcome.findings]}))
     else:
         for finding in outcome.findings:
             echo(f"{finding.name:<24}{finding.verdict:<18}{show(finding.text)}")

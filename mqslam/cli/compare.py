@@ -3,76 +3,37 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Any
 
-import typer
-
-from mqslam.cli.terminal.echo import echo
-from mqslam.cli.terminal.options import (
-    CORES,
-    Cluster,
-    ConfigOption,
-    Data,
-    End,
-    Force,
-    Format,
-    Imu,
-    Jobs,
-    Json,
-    Odometry,
-    Quiet,
-    RangeResolution,
-    Start,
-    Topic,
-    Verbose,
-)
-from mqslam.cli.terminal.remedies import name_options
-from mqslam.cli.terminal.topics import state_topics
-from mqslam.errors.shown import show
+from mqslam.cli.options import Options, command, flag, option
+from mqslam.cli.remedies import name_options
+from mqslam.cli.terminal import Terminal, echo
+from mqslam.errors import show
 
 _ASCII_ARROWS = str.maketrans({"↓": "v", "↑": "^", "→": "->"})  # for terminals that know no other letters
-
-
-def compare(
-    data: Data,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; it must not exist yet.")],
-    frontends: Annotated[
+_OWN: Options = {
+    "frontends": option(
         str,
-        typer.Option(
-            help="Front ends, separated by commas, those of other packages too; `psi+gyro` has the gyroscope in its graph."
-        ),
-    ] = "psi,kiss_icp,open3d_icp,odometry",
-    trajectory: Annotated[
+        "psi,kiss_icp,open3d_icp,odometry",
+        "Front ends, separated by commas, those of other packages too; `psi+gyro` has the gyroscope in its graph.",
+    ),
+    "trajectory": option(
         list[str] | None,
-        typer.Option(
-            metavar="NAME=FILE",
-            help="A trajectory to compare with, which may be given several times: TUM, CSV, a bag, or KITTI as POSES,TIMES.",
-        ),
-    ] = None,
-    odometry_only: Annotated[
-        bool, typer.Option("--odometry-only", help="Only chain the front ends' motions, without pose graph and loops.")
-    ] = False,
-    kiss_config: Annotated[
-        Path | None, typer.Option("--kiss-config", help="YAML file with KISS-ICP's own settings.")
-    ] = None,
-    config: ConfigOption = None,
-    odometry: Odometry = "auto",
-    imu: Imu = "auto",
-    format: Format = None,
-    range_resolution: RangeResolution = None,
-    topic: Topic = None,
-    start: Start = None,
-    end: End = None,
-    jobs: Jobs = CORES,
-    cluster: Cluster = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Continue the unfinished comparison at --out, if there is one.")
-    ] = False,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-) -> None:
+        None,
+        "A trajectory to compare with, which may be given several times: TUM, CSV, a bag, or KITTI as POSES,TIMES.",
+        metavar="NAME=FILE",
+    ),
+    "odometry_only": flag("Only chain the front ends' motions, without pose graph and loops.", "--odometry-only"),
+    "kiss_config": option(Path | None, None, "YAML file with KISS-ICP's own settings.", "--kiss-config"),
+}
+
+
+@command(
+    "data out frontends trajectory odometry_only kiss_config config odometry imu format range_resolution topic start_s "
+    "end_s jobs cluster resume force as_json quiet verbose",
+    _OWN,
+)
+def compare(terminal: Terminal, *, out: Path, trajectory: list[str] | None, **given: Any) -> None:
     """Run several front ends on the same returns with the same back end, and judge the maps they make.
 
     Odometry is used by the row of that name only. The last line names the best row: the one with the least drift or ATE,
@@ -81,37 +42,13 @@ def compare(
 
     Example: mqslam compare drive --out compared --frontends psi,kiss_icp
     """
-    from rich.console import Console
-
-    from mqslam.cli.terminal.console import set_up_work
     from mqslam.commands.compare import compare as do
-    from mqslam.config import load_config
-    from mqslam.execution.files import to_json
 
-    console = Console(stderr=True, markup=False)
-    given, settings = _parse_trajectories(trajectory or []), state_topics(load_config(config), topic)
-    with set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
-        result = do(
-            data,
-            out,
-            frontends=frontends,
-            trajectories=given,
-            odometry_only=odometry_only,
-            kiss_config=kiss_config,
-            odometry=odometry,
-            imu=imu,
-            config=settings,
-            format=format,
-            range_resolution=range_resolution,
-            start_s=start,
-            end_s=end,
-            resume=resume,
-            force=force,
-            work=work,
-        )
-    if as_json:
-        typer.echo(to_json(result.summary))
-    elif not quiet:
+    trajectories = _parse_trajectories(trajectory or [])
+    with terminal.open_work() as work:
+        result = do(out=out, trajectories=trajectories, work=work, **given)
+
+    def print_table() -> None:
         _print_table(result.table, result.marked)
         for row in result.summary["rows"]:
             if row.get("verdict") in ("warn", "fail"):
@@ -119,6 +56,8 @@ def compare(
         echo(f"results in {out}; open {result.report} in a browser")
         if result.conclusion:
             echo(result.conclusion)
+
+    terminal.print_results(result.summary, print_table)
 
 
 def _parse_trajectories(texts: list[str]) -> dict[str, Path | tuple[Path, Path]]:

@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated
 
 import typer
 
-from mqslam.cli.terminal.echo import echo
-from mqslam.cli.terminal.options import ConfigName, Json
+from mqslam.cli.options import Options, argument, command, complete_config, flag
+from mqslam.cli.terminal import Terminal, echo
 
 config = typer.Typer(help="Show the settings, what a file changes, and their schema.", no_args_is_help=True)
 
 
+_SHOW: Options = {
+    "name": argument(
+        str | None, None, "NAME", "A YAML file, or the name of one that ships with mqslam.", autocompletion=complete_config
+    ),
+    "everything": flag("Also show the settings that only an expert would touch.", "--all"),
+}
+_DIFF: Options = {
+    "name": argument(
+        str, ..., "NAME", "A YAML file, such as a run's config.yaml, or the name of one that ships with mqslam."
+    ),
+    "other": argument(str | None, None, "OTHER", "The settings to compare it with; the defaults if not given."),
+}
+
+
 @config.command()
-def show(
-    name: ConfigName = None,
-    everything: Annotated[
-        bool, typer.Option("--all", help="Also show the settings that only an expert would touch.")
-    ] = False,
-    as_json: Json = False,
-) -> None:
+@command("name everything as_json", _SHOW)
+def show(terminal: Terminal, *, name: str | None, everything: bool) -> None:
     """Show the settings of a file, or the defaults, as YAML that --config reads, each with its unit and reason.
 
     Settings that only an expert would touch are shown with --all, with --json, and where the file changes them.
@@ -30,25 +38,15 @@ def show(
     from mqslam.config import explain_yaml, load_config
 
     settings = load_config(name)
-    if as_json:
+    if terminal.as_json:
         typer.echo(json.dumps(settings.model_dump(mode="json"), indent=1))
     else:
         echo(explain_yaml(settings, everything=everything), end="")
 
 
 @config.command()
-def diff(
-    name: Annotated[
-        str,
-        typer.Argument(
-            metavar="NAME", help="A YAML file, such as a run's config.yaml, or the name of one that ships with mqslam."
-        ),
-    ],
-    other: Annotated[
-        str | None, typer.Argument(metavar="OTHER", help="The settings to compare it with; the defaults if not given.")
-    ] = None,
-    as_json: Json = False,
-) -> None:
+@command("name other as_json", _DIFF)
+def diff(terminal: Terminal, *, name: str, other: str | None) -> None:
     """Show which settings a file changes.
 
     Example: mqslam config diff result/config.yaml
@@ -56,7 +54,7 @@ def diff(
     from mqslam.config import list_changes, load_config
 
     changes = list_changes(load_config(other), load_config(name))
-    if as_json:
+    if terminal.as_json:
         typer.echo(json.dumps({key: {"from": before, "to": after} for key, before, after in changes}, indent=1))
         return
     for key, before, after in changes:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING
 
-import typer
+from mqslam.cli.options import Options, argument, command, flag, option
+from mqslam.cli.terminal import Terminal
 
-from mqslam.cli.terminal.options import ConfigOption, Format, Quiet, RangeResolution, Topic, Verbose
-from mqslam.cli.terminal.topics import state_topics
+if TYPE_CHECKING:
+    from mqslam.config import Config
 
 
 class MessageKind(StrEnum):
@@ -20,32 +21,36 @@ class MessageKind(StrEnum):
     b_scan = "b_scan"
 
 
-def convert(
-    data: Annotated[
-        Path, typer.Argument(metavar="DATA", help="A recording in any layout, the folder of a finished run, or keyframes.")
-    ],
-    out: Annotated[
-        Path,
-        typer.Argument(metavar="OUT", help="The file (.bag, .mcap, .npz, .ply) or folder to write, not there yet."),
-    ],
-    to: Annotated[
+_OWN: Options = {
+    "data": argument(Path, ..., "DATA", "A recording in any layout, the folder of a finished run, or keyframes."),
+    "out": argument(Path, ..., "OUT", "The file (.bag, .mcap, .npz, .ply) or folder to write, not there yet."),
+    "to": option(
         str | None,
-        typer.Option(
-            help="Layout of OUT: oxford, boreas, mulran, mulran_oxford, radiate, rosbag1, mcap, rosbag2, rosbag2_mcap or "
-            "native. By default it is guessed from the suffix; a folder is written as oxford."
-        ),
-    ] = None,
-    message: Annotated[
+        None,
+        "Layout of OUT: oxford, boreas, mulran, mulran_oxford, radiate, rosbag1, mcap, rosbag2, rosbag2_mcap or "
+        "native. By default it is guessed from the suffix; a folder is written as oxford.",
+    ),
+    "message": option(
         MessageKind,
-        typer.Option(help="Messages of a bag: image (rows as in Oxford's images), or b_scan (navtech_msgs/RadarBScanMsg)."),
-    ] = MessageKind.image,
-    config: ConfigOption = None,
-    format: Format = None,
-    range_resolution: RangeResolution = None,
-    topic: Topic = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace whatever is at OUT.")] = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+        MessageKind.image,
+        "Messages of a bag: image (rows as in Oxford's images), or b_scan (navtech_msgs/RadarBScanMsg).",
+    ),
+    "force": flag("Replace whatever is at OUT.", "--force"),
+}
+
+
+@command("data out to message config format range_resolution topic force quiet verbose", _OWN)
+def convert(
+    terminal: Terminal,
+    *,
+    data: Path,
+    out: Path,
+    to: str | None,
+    message: MessageKind,
+    config: Config,
+    format: str | None,
+    range_resolution: float | None,
+    force: bool,
 ) -> None:
     """Write a recording in another layout, with the odometry, ground truth and sensors that mqslam writes there.
 
@@ -60,41 +65,31 @@ def convert(
 
     Example: mqslam convert result/keyframes keyframes.ply
     """
-    from rich.console import Console
-
-    from mqslam.cli.terminal.console import print_notes, show_progress
-    from mqslam.commands.inputs.opening import open_data
-    from mqslam.commands.maps.keyframe_cloud import SUFFIX, write_keyframe_cloud
-    from mqslam.config import load_config
+    from mqslam.commands.inputs import open_data
+    from mqslam.commands.keyframe_cloud import SUFFIX, write_keyframe_cloud
     from mqslam.errors import ConfigError
     from mqslam.formats.conversion import claim_target, find_target, write_recording
     from mqslam.formats.maps.keyframe_folder import find_keyframes
     from mqslam.formats.result_bags import is_run, write_results
 
-    console = Console(stderr=True, markup=False)
-    keyframes = find_keyframes(data)
+    keyframes, notes = find_keyframes(data), list[str]()
     if out.suffix == SUFFIX and to is None and (keyframes is not None or is_run(data)):
         write_keyframe_cloud(out, data, force=force)
-        if not quiet:
-            console.print(f"wrote {out}", highlight=False, soft_wrap=True)
-        return
-    if keyframes == data:
+    elif keyframes == data:
         raise ConfigError(f"{data}: holds keyframes, which become a point cloud; end OUT in {SUFFIX}, without --to")
-    target = find_target(out, to, message.value)
-    notes: list[str] = []
-    with claim_target(out, target, force=force, recording=data):
-        if is_run(data):
-            if not target.is_bag:
-                raise ConfigError(
-                    f"{data}: is a run, whose results become a bag; end OUT in .bag or .mcap, or give --to rosbag2"
-                )
-            write_results(out, data, target.name)
-        else:
-            settings = state_topics(load_config(config), topic)
-            recording = open_data(data, format, range_resolution, settings)
-            with show_progress(console, quiet) as show:
-                notes = write_recording(recording, out, target, partial(show, "converting"))
-            notes = [*recording.notes, *recording.faults, *notes]
-    if not quiet:
-        print_notes(console, notes)
-        console.print(f"wrote {out}", highlight=False, soft_wrap=True)
+    else:
+        target = find_target(out, to, message.value)
+        with claim_target(out, target, force=force, recording=data):
+            if not is_run(data):
+                recording = open_data(data, format, range_resolution, config)
+                with terminal.show_progress() as show:
+                    notes = write_recording(recording, out, target, partial(show, "converting"))
+                notes = [*recording.notes, *recording.faults, *notes]
+            elif target.is_bag:
+                write_results(out, data, target.name)
+            else:
+                instead = "end OUT in .bag or .mcap, or give --to rosbag2"
+                raise ConfigError(f"{data}: is a run, whose results become a bag; {instead}")
+    if not terminal.quiet:
+        terminal.print_notes(notes)
+        terminal.print(f"wrote {out}")

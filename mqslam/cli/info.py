@@ -2,50 +2,38 @@
 
 from __future__ import annotations
 
-import json
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import typer
+from mqslam.cli.options import command
+from mqslam.cli.remedies import name_options
+from mqslam.cli.terminal import Terminal, echo, format_rows
+from mqslam.errors import show
 
-from mqslam.cli.terminal.echo import echo
-from mqslam.cli.terminal.options import ConfigOption, Data, Format, Json, Quiet, RangeResolution, Topic, Verbose
-from mqslam.cli.terminal.remedies import name_options
-from mqslam.cli.terminal.topics import state_topics
-from mqslam.errors.shown import show
+if TYPE_CHECKING:
+    from mqslam.config import Config
 
 _LISTED = 5  # gaps that a person is shown one by one
 
 
-def info(
-    data: Data,
-    config: ConfigOption = None,
-    format: Format = None,
-    range_resolution: RangeResolution = None,
-    topic: Topic = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-) -> None:
+@command("data config format range_resolution topic as_json quiet verbose")
+def info(terminal: Terminal, *, data: Path, config: Config, format: str | None, range_resolution: float | None) -> None:
     """Show what a recording contains: scans, duration, turn rate, range bins, odometry, ground truth, other sensors, gaps.
 
     Example: mqslam info drive
     """
     from mqslam.commands.info import describe_lidar, describe_radar
-    from mqslam.commands.inputs.opening import open_data
-    from mqslam.config import load_config
+    from mqslam.commands.inputs import open_data
     from mqslam.formats import lidars
 
-    settings = state_topics(load_config(config), topic)
     if format is None and data.exists() and lidars.recognises(data):
-        facts = describe_lidar(lidars.read_lidar(data, settings.reading))
-        rows = _list_lidar_rows(facts)
+        facts = describe_lidar(lidars.read_lidar(data, config.reading))
+        list_rows = _list_lidar_rows
     else:
-        facts = describe_radar(open_data(data, format, range_resolution, settings))
-        rows = _list_radar_rows(facts)
-    if as_json:
-        typer.echo(json.dumps(facts, indent=1))
-    elif not quiet:
-        echo("\n".join(f"{name:<14}{show(value)}" for name, value in rows))
+        facts = describe_radar(open_data(data, format, range_resolution, config))
+        list_rows = _list_radar_rows
+    rows = ((name, show(value)) for name, value in list_rows(facts))
+    terminal.print_results(facts, lambda: echo(format_rows(rows, 14)))
 
 
 def _list_radar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:

@@ -4,25 +4,26 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from mqslam.cli.terminal.echo import echo
-from mqslam.cli.terminal.options import CORES, Force, Jobs, Json, Quiet, Verbose
+from mqslam.cli.options import Options, command, option
+from mqslam.cli.terminal import Terminal, echo
 
 paper = typer.Typer(help="Reproduce the paper's table and figures.", no_args_is_help=True)
+_TABLE: Options = {
+    "seeds": option(int, 3, "Number of seeds; each makes another yard and other noise.", min=1),
+    "revolutions": option(int, 4, "Length of a window, in scans.", min=2),
+}
+_FIGURES: Options = {
+    "out": option(Path, ..., "Folder for the figures; it must not exist yet.", "--out", "-o"),
+    "seed": option(int, 1, "Seed of the yard and the noise.", min=0),
+}
 
 
 @paper.command()
-def table1(
-    seeds: Annotated[int, typer.Option(min=1, help="Number of seeds; each makes another yard and other noise.")] = 3,
-    revolutions: Annotated[int, typer.Option(min=2, help="Length of a window, in scans.")] = 4,
-    jobs: Jobs = CORES,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-) -> None:
+@command("seeds revolutions jobs as_json quiet verbose", _TABLE)
+def table1(terminal: Terminal, *, seeds: int, revolutions: int) -> None:
     """Reproduce table I: three constant motions, found by exhaustive search of the published score and by our estimator.
 
     The paper's sensor (2 turns/s, steps of 0.5 degrees, bins of 0.25 m, range of 400 m) is simulated in a yard between
@@ -33,25 +34,16 @@ def table1(
 
     Example: mqslam paper table1 --seeds 1
     """
-    from rich.console import Console
-
-    from mqslam.cli.terminal.console import show_progress
     from mqslam.psi.published.paper import compute_table1, format_table
 
-    with show_progress(Console(stderr=True, markup=False), quiet or as_json) as show:
-        rows = compute_table1(seeds, revolutions, jobs, progress=show)
-    typer.echo(json.dumps([row.tree() for row in rows], indent=1) if as_json else format_table(rows))
+    with terminal.show_progress() as show:
+        rows = compute_table1(seeds, revolutions, terminal.jobs, progress=show)
+    typer.echo(json.dumps([row.tree() for row in rows], indent=1) if terminal.as_json else format_table(rows))
 
 
 @paper.command()
-def figures(
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the figures; it must not exist yet.")],
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the yard and the noise.")] = 1,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-) -> None:
+@command("out seed force as_json quiet verbose", _FIGURES)
+def figures(terminal: Terminal, *, out: Path, seed: int, force: bool) -> None:
     """Reproduce figures 2 and 3: a window under a bad, a better and a good motion, and the three cases before and after.
 
     Example: mqslam paper figures --out figures
@@ -61,7 +53,7 @@ def figures(
 
     with claim_folder(out, force=force):
         captions = write_figures(out, seed)
-    if as_json:
-        typer.echo(json.dumps([{"path": str(path), "text": text} for path, text in captions], indent=1))
-    elif not quiet:
-        echo("\n".join(f"{path}: {text}" for path, text in captions))
+    terminal.print_results(
+        [{"path": str(path), "text": text} for path, text in captions],
+        lambda: echo("\n".join(f"{path}: {text}" for path, text in captions)),
+    )

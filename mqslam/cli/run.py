@@ -5,80 +5,41 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
-from mqslam.cli.terminal.echo import echo
-from mqslam.cli.terminal.fail_on import FailOn, choose_exit_code
-from mqslam.cli.terminal.options import (
-    CORES,
-    Cluster,
-    ConfigOption,
-    Data,
-    End,
-    Extrinsics,
-    Force,
-    Format,
-    Frame,
-    Frontend,
-    Gnss,
-    Imu,
-    Jobs,
-    Json,
-    Odometry,
-    Quiet,
-    RangeResolution,
-    Start,
-    Topic,
-    Verbose,
-)
-from mqslam.cli.terminal.topics import state_topics
+from mqslam.cli.options import choose_exit_code, command, option
+from mqslam.cli.terminal import Terminal, echo, format_verdict
 
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from mqslam.config import Config
     from mqslam.execution.runner import Watch
 
 _VIEWER = "viewer"
+_LIVE = option(
+    str | None,
+    None,
+    "Show the map as it grows in Rerun's viewer, or record it in a file; this needs the extra `view`.",
+    metavar="viewer|FILE.rrd",
+)
 
 
+@command(
+    "data out frontend config odometry imu gnss extrinsics frame format range_resolution topic start_s end_s jobs cluster "
+    "strict live fail_on resume force as_json quiet verbose",
+    {"live": _LIVE},
+)
 def run(
-    data: Data,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; it must not exist yet.")],
-    frontend: Frontend = "psi",
-    config: ConfigOption = None,
-    odometry: Odometry = "auto",
-    imu: Imu = "auto",
-    gnss: Gnss = "auto",
-    extrinsics: Extrinsics = "auto",
-    frame: Frame = "radar",
-    format: Format = None,
-    range_resolution: RangeResolution = None,
-    topic: Topic = None,
-    start: Start = None,
-    end: End = None,
-    jobs: Jobs = CORES,
-    cluster: Cluster = None,
-    strict: Annotated[
-        bool,
-        typer.Option(
-            "--strict", help="Stop at the first scan that cannot be read, instead of leaving it out with a warning."
-        ),
-    ] = False,
-    live: Annotated[
-        str | None,
-        typer.Option(
-            metavar="viewer|FILE.rrd",
-            help="Show the map as it grows in Rerun's viewer, or record it in a file; this needs the extra `view`.",
-        ),
-    ] = None,
-    fail_on: FailOn = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Continue the unfinished run at --out, if there is one.")] = False,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    terminal: Terminal,
+    *,
+    config: Config,
+    live: str | None,
+    fail_on: Literal["warn", "fail"] | None,
+    force: bool,
+    **given: Any,
 ) -> None:
     """Estimate the trajectory and the map of a recording, and report how good the map is.
 
@@ -87,53 +48,29 @@ def run(
 
     Example: mqslam run drive --out result
     """
-    from rich.console import Console
-
-    from mqslam.cli.terminal.console import print_notes, print_warnings, set_up_work
     from mqslam.commands.run import run as do
-    from mqslam.config import load_config
-    from mqslam.core.wording import list_sensor_notes
-    from mqslam.execution.files import to_json
 
-    settings = state_topics(load_config(config), topic)
-    console = Console(stderr=True, markup=False)
-    with (
-        open_watch(live, force=force) as watch,
-        set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json, watch=watch) as work,
-    ):
-        result = do(
-            data,
-            out,
-            frontend=frontend,
-            odometry=odometry,
-            imu=imu,
-            gnss=gnss,
-            extrinsics=extrinsics,
-            frame=frame,
-            config=settings,
-            format=format,
-            range_resolution=range_resolution,
-            start_s=start,
-            end_s=end,
-            strict=strict,
-            resume=resume,
-            force=force,
-            work=work,
-        )
+    with open_watch(live, force=force) as watch, terminal.open_work(watch) as work:
+        result = do(config=config, force=force, work=work, **given)
     summary = result.summary
-    if as_json:
-        typer.echo(to_json(summary))
-    elif not quiet:
-        print_warnings(console, summary["warnings"])
-        print_notes(console, list_sensor_notes(summary))
-        if settings.sensor.doppler_beta is None and summary["doppler_beta"]:
+
+    def show() -> None:
+        from rich.console import Console
+
+        from mqslam.core.wording import list_sensor_notes
+
+        terminal.print_warnings(summary["warnings"])
+        terminal.print_notes(list_sensor_notes(summary))
+        if config.sensor.doppler_beta is None and summary["doppler_beta"]:
             shift = f"{summary['doppler_beta']:.4f} ± {summary['doppler_sigma']:.4f} m of range per m/s of closing speed"
-            told = "wrong range bins or a range offset may be part of it"
-            print_notes(console, [f"the Doppler shift, as psi measured it, is {shift}; {told}"])
+            causes = "wrong range bins or a range offset may be part of it"
+            terminal.print_notes([f"the Doppler shift, as psi measured it, is {shift}; {causes}"])
         Console(soft_wrap=True).print(tabulate_summary(summary))
         echo(f"report: {result.report}")
         if result.evo_command:
             echo(f"compare with evo: {result.evo_command}")
+
+    terminal.print_results(summary, show)
     if fail_on is not None:
         raise typer.Exit(choose_exit_code(result.verdict, fail_on))
 
@@ -167,7 +104,6 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
     from rich.table import Table
     from rich.text import Text
 
-    from mqslam.cli.terminal.console import format_verdict
     from mqslam.core.wording import describe_last_pose
 
     table = Table(title=None, show_edge=False, pad_edge=False)

@@ -2,55 +2,46 @@
 
 from __future__ import annotations
 
-import json
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from mqslam.cli.terminal.echo import echo
-from mqslam.cli.terminal.options import ConfigOption, Data, Format, Json, Quiet, RangeResolution, Verbose
+from mqslam.cli.options import Options, command, flag, option
+from mqslam.cli.terminal import Terminal, echo, format_rows
 
 if TYPE_CHECKING:
     from mqslam.core import se2
 
 _UNITS = {"v": "m/s", "vx": "m/s", "vy": "m/s", "omega": "rad/s"}
-
-
-def score(
-    data: Data,
-    start: Annotated[
-        float, typer.Option(help=r"The window begins with the first scan from this time on \[s since the start].")
-    ],
-    motion: Annotated[str, typer.Option(help=r"The motion: v,omega or vx,vy,omega \[m/s, rad/s].")],
-    revolutions: Annotated[int, typer.Option(min=2, help="Length of the window, in scans.")] = 3,
-    config: ConfigOption = None,
-    format: Format = None,
-    range_resolution: RangeResolution = None,
-    temporal: Annotated[
-        str | None,
-        typer.Option(help="Temporal kernel: plateau, or gaussian as printed in (8). Default: the settings' value."),
-    ] = None,
-    numerator: Annotated[
-        str | None,
-        typer.Option(help="Numerator of L: tau/2 as in (9), or tau as in Algorithm 1. Default: the settings' value."),
-    ] = None,
-    factor: Annotated[
-        str | None,
-        typer.Option(help="Factor of L: distance as in (10), or kappa as in Algorithm 1. Default: the settings' value."),
-    ] = None,
-    unmatched: Annotated[
+_VARIANT: Options = {
+    "temporal": option(
+        str | None, None, "Temporal kernel: plateau, or gaussian as printed in (8). Default: the settings' value."
+    ),
+    "numerator": option(
+        str | None, None, "Numerator of L: tau/2 as in (9), or tau as in Algorithm 1. Default: the settings' value."
+    ),
+    "factor": option(
+        str | None, None, "Factor of L: distance as in (10), or kappa as in Algorithm 1. Default: the settings' value."
+    ),
+    "unmatched": option(
         float | None,
-        typer.Option(
-            help="Charge for an unmatched point, in units of the dearest pair; 0 as printed. Default: the settings' value."
-        ),
-    ] = None,
-    minimise: Annotated[
-        bool, typer.Option("--minimise", help="Estimate the motion as well, starting from the one given.")
-    ] = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-) -> None:
+        None,
+        "Charge for an unmatched point, in units of the dearest pair; 0 as printed. Default: the settings' value.",
+    ),
+}
+_OWN: Options = {
+    "start": option(float, ..., r"The window begins with the first scan from this time on \[s since the start]."),
+    "motion": option(str, ..., r"The motion: v,omega or vx,vy,omega \[m/s, rad/s]."),
+    "revolutions": option(int, 3, "Length of the window, in scans.", min=2),
+    "minimise": flag("Estimate the motion as well, starting from the one given.", "--minimise"),
+    **_VARIANT,
+}
+
+
+@command(
+    "data start motion revolutions config format range_resolution temporal numerator factor unmatched minimise as_json "
+    "quiet verbose",
+    _OWN,
+)
+def score(terminal: Terminal, *, motion: str, revolutions: int, **given: Any) -> None:
     """Score a window of a recording under a motion: the published psi with its parts, and the estimator's psi.
 
     Ranges are corrected for the Doppler shift if the settings state it, as those of --config oxford do.
@@ -59,21 +50,9 @@ def score(
     """
     from mqslam.commands.score import score_window
 
-    scores = score_window(
-        data,
-        start,
-        parse_motion(motion),
-        scans=revolutions,
-        variant={"temporal": temporal, "numerator": numerator, "factor": factor, "unmatched": unmatched},
-        minimise=minimise,
-        config=config,
-        format=format,
-        range_resolution=range_resolution,
-    )
-    if as_json:
-        typer.echo(json.dumps(scores, indent=1))
-    elif not quiet:
-        echo("\n".join(_format_lines(scores)))
+    variant = {name: given.pop(name) for name in _VARIANT}
+    scores = score_window(motion=parse_motion(motion), scans=revolutions, variant=variant, **given)
+    terminal.print_results(scores, lambda: echo(_format_results(scores)))
 
 
 def parse_motion(text: str) -> se2.Array:
@@ -97,7 +76,7 @@ def parse_motion(text: str) -> se2.Array:
     return theta
 
 
-def _format_lines(scores: dict[str, Any]) -> list[str]:
+def _format_results(scores: dict[str, Any]) -> str:
     """Returns the scores as a person reads them."""
     window, variant, published, estimator = (scores[key] for key in ("window", "variant", "published", "estimator"))
     rows = [
@@ -132,7 +111,7 @@ def _format_lines(scores: dict[str, Any]) -> list[str]:
             ("  estimator's", f"psi {estimator['psi']:.6g} before, {best['estimator']['psi']:.6g} after"),
             ("  published", f"psi {published['psi']:.6g} before, {best['published']['psi']:.6g} after"),
         ]
-    return [f"{name:<16} {value}".rstrip() for name, value in rows]
+    return format_rows(rows, 17)
 
 
 def _format_motion(motion: dict[str, float], deviations: dict[str, float] | None = None) -> str:

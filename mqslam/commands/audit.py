@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import partial
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +23,8 @@ from mqslam.auditing.sources import (
     place_source,
 )
 from mqslam.auditing.sweeps import Sweeps, require_covered
-from mqslam.commands.inputs.extrinsics import read_extrinsics
-from mqslam.commands.inputs.opening import WHOLE, Span, carry_to_radar, choose_settings, open_data
+from mqslam.backend.marginals import RelativeCovariances
+from mqslam.commands.inputs import WHOLE, carry_to_radar, choose_settings, open_data, read_extrinsics
 from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, set_doppler_beta, set_false_alarms
@@ -101,7 +101,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         mend: whether the trajectory is mended by what the audit finds, written as mended.tum with the stamps and in the
             frame of the given one, and audited in turn; the verdict stays that on the given one.
         force: whether what is at `out` is replaced.
-        work: where the work is done, and who is told about it.
+        work: where the work is done, and what reports on it.
 
     Returns:
         What the audit has left at `out`.
@@ -115,39 +115,34 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     """
     data, out = Path(data), Path(out)
     with claim_folder(out, force=force, sources=[data]):
-        _check_options(data, format, false_alarms, (start_s, end_s))
+        if false_alarms is not None and not 0.0 < false_alarms < 0.5:
+            raise ConfigError(f"a rate of false alarms of {false_alarms:g} is not between 0 and 0.5; give one such as 0.01")
+        of_cloud = is_cloud(data)
+        of_lidar = not of_cloud and format is None and data.exists() and lidars.recognises(data)
+        if (of_cloud or of_lidar) and (start_s, end_s) != WHOLE:
+            raise ConfigError(f"{data}: a stretch can be chosen of a radar's recording only; audit all of this one")
         stated, mount = read_extrinsics(extrinsics)
         if mount is not None and covariances is not None:
             raise ConfigError(
                 "covariances are those of the sensor's poses; extrinsics say otherwise; leave out one of the two"
             )
-        given, told = _read_given(trajectory, None if times is None else Path(times), topic, frame, time_offset_s, mount)
-        name = (
-            trajectory if isinstance(trajectory, str) else "given" if isinstance(trajectory, Trajectory) else str(trajectory)
+        given, understood = _read_given(
+            trajectory, None if times is None else Path(times), topic, frame, time_offset_s, mount
         )
-        of_cloud, turning = is_cloud(data), None
+        name = "given" if isinstance(trajectory, Trajectory) else str(trajectory)
+        if of_cloud and mend and given is None:
+            raise ConfigError(f"{data}: a cloud without its trajectory cannot be mended", Remedy.GIVE_TRAJECTORY)
         if of_cloud:
-            if mend and given is None:
-                raise ConfigError(f"{data}: a cloud without its trajectory cannot be mended", Remedy.GIVE_TRAJECTORY)
-            cloud, track = read_cloud(data, heights), given
-            settings = choose_settings(config, None if cloud.is_of_radar else LIDAR_CONFIG)
-            sweeps = _divide(cloud, given, settings)
-            notes, kind, place = list(cloud.notes), data.suffix.lower()[1:], partial(_divide_moved, cloud, given, settings)
-        elif _is_lidar(data, format):
+            subject = _place_cloud(data, read_cloud(data, heights), given, config)
+        elif of_lidar:
             settings = choose_settings(config, LIDAR_CONFIG)
             source = make_lidar_source(lidars.read_lidar(data, settings.reading))
-            track = given or _pick_carried(data, source.tracks, name)
-            sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
-            place = partial(_place_alone, source, settings)
+            subject = _place_recording(source, given or _pick_carried(data, source.tracks, name), settings, work)
         else:
             settings = choose_settings(config)
-            source, track, settings = detect_radar(
-                open_data(data, format, range_resolution, settings, span=(start_s, end_s)), given, name, settings, work
-            )
-            sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
-            turning = _check_turns(source, track, notes, work)
-            place = partial(_place_alone, source, settings)
-        notes += told
+            recording = open_data(data, format, range_resolution, settings, span=(start_s, end_s))
+            subject = _place_recording(*detect_radar(recording, given, name, settings, work), work)
+        sweeps, track, settings, notes = subject.sweeps, subject.track, subject.settings, [*subject.notes, *understood]
         if mount is not None:
             notes.append(f"the trajectory is carried to the sensor by its extrinsics: {_describe_mount(mount)}")
         if given is not None and sweeps.track is not None and not of_cloud:  # the points of a cloud are placed already
@@ -161,23 +156,22 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             work.tell(note)
         if false_alarms is not None:
             settings = set_false_alarms(settings, false_alarms)
-        sections = settings.audit, settings.estimator, settings.verdict
-        judged = judge.audit(sweeps, *sections, work.engine, work.progress, stated=relative)
-        dataset = {"format": kind, "path": str(data)}
+
+        def judge_sweeps(shown: Sweeps, stated: RelativeCovariances | None = None) -> judge.Audit:
+            sections = settings.audit, settings.estimator, settings.verdict
+            return judge.audit(shown, *sections, work.engine, work.progress, stated=stated)
+
+        judged = judge_sweeps(sweeps, relative)
+        dataset = {"format": subject.format, "path": str(data)}
         origin = name if sweeps.track is not None else None
         summary = {
             **summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, notes, stated),
-            "gyroscope": None if turning is None else summarise_check(turning),
+            "gyroscope": None if subject.turning is None else summarise_check(subject.turning),
         }
         mended: Mended | None = None
         if mend and track is not None:
-
-            def judge_mended(shown: Sweeps) -> judge.Audit:
-                return judge.audit(shown, *sections, work.engine, work.progress)
-
-            mended = mend_trajectory(
-                AuditedTrajectory(track, sweeps, judged), place, judge_mended, settings, work.engine, work.progress
-            )
+            audited = AuditedTrajectory(track, sweeps, judged)
+            mended = mend_trajectory(audited, subject.place, judge_sweeps, settings, work.engine, work.progress)
             summary["mended"] = summarise_mended(mended, summary, settings)
         with write_folder_aside(out) as folder:
             write_audit(folder, settings, summary)
@@ -191,26 +185,54 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         return JudgedResult(out, summary)
 
 
-def _check_options(data: Path, format: str | None, false_alarms: float | None, span: Span) -> None:
-    """Raises ConfigError if the rate of false alarms is none, or a stretch is chosen of what is no radar's recording."""
-    _require_rate(false_alarms)
-    if span != WHOLE and (is_cloud(data) or _is_lidar(data, format)):
-        raise ConfigError(f"{data}: a stretch can be chosen of a radar's recording only; audit all of this one")
+@dataclass(frozen=True)
+class _Subject:
+    """What is audited.
 
-
-def _is_lidar(data: Path, format: str | None) -> bool:
-    """Returns whether the data is a lidar's recording."""
-    return format is None and data.exists() and lidars.recognises(data)
-
-
-def _require_rate(false_alarms: float | None) -> None:
-    """Checks a rate of false alarms that was asked for.
-
-    Raises:
-        ConfigError: it is no probability below a half.
+    Args:
+        sweeps: its points under the trajectory.
+        track: the trajectory of the sensor; None for a cloud that comes without it.
+        settings: all settings, with the Doppler shift that was used.
+        format: name of its layout.
+        notes: what a user should know about how it was understood.
+        place: returns its points under another trajectory with the same stamps.
+        turning: what its gyroscope says of the trajectory; None without one.
     """
-    if false_alarms is not None and not 0.0 < false_alarms < 0.5:
-        raise ConfigError(f"a rate of false alarms of {false_alarms:g} is not between 0 and 0.5; give one such as 0.01")
+
+    sweeps: Sweeps
+    track: Trajectory | None
+    settings: Config
+    format: str
+    notes: Sequence[str]
+    place: Callable[[Trajectory], Sweeps]
+    turning: GyroscopeCheck | None = None
+
+
+def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config: Config | Path | str | None) -> _Subject:
+    """Returns a cloud as the trajectory, if there is one, divides it."""
+    settings = choose_settings(config, None if cloud.is_of_radar else LIDAR_CONFIG)
+    beam = beam_of(settings.estimator, 0.0)
+
+    def move(mended: Trajectory) -> Sweeps:
+        return divide_cloud(cloud if given is None else move_cloud(cloud, given, mended), mended, beam)
+
+    sweeps = divide_cloud(cloud, given, beam)
+    return _Subject(sweeps, given, settings, data.suffix.lower()[1:], cloud.notes, move)
+
+
+def _place_recording(source: Source, track: Trajectory, settings: Config, work: Work) -> _Subject:
+    """Returns a recording under a trajectory; what its gyroscope says is reported."""
+    beam = beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
+    sweeps, placing = place_source(source, track, beam)
+    notes = [*source.notes, *placing]
+    turning = None if source.gyroscope is None else check_gyroscope(source.gyroscope, source.scans, track)
+    if turning is not None and turning.agrees is False:
+        notes.append(turning.statement)
+    elif turning is not None:
+        work.tell(turning.statement)
+    return _Subject(
+        sweeps, track, settings, source.format, notes, lambda mended: place_source(source, mended, beam)[0], turning
+    )
 
 
 def _describe_mount(mount: se2.Array) -> str:
@@ -275,42 +297,6 @@ def _pick_carried(path: Path, tracks: dict[str, Trajectory], name: str) -> Traje
     return tracks[name]
 
 
-def _divide(cloud: TimedCloud, trajectory: Trajectory | None, settings: Config) -> Sweeps:
-    """Returns the sweeps of a cloud."""
-    return divide_cloud(cloud, trajectory, beam_of(settings.estimator, 0.0))
-
-
-def _divide_moved(cloud: TimedCloud, given: Trajectory | None, settings: Config, mended: Trajectory) -> Sweeps:
-    """Returns the sweeps of a cloud that was made with one trajectory as another one makes it."""
-    return _divide(cloud if given is None else move_cloud(cloud, given, mended), mended, settings)
-
-
-def _place_alone(source: Source, settings: Config, track: Trajectory) -> Sweeps:
-    """Returns the sweeps of a recording under a trajectory, without what a user should know about them."""
-    return _render_sweeps(source, track, settings)[0]
-
-
-def _render_sweeps(source: Source, track: Trajectory, settings: Config) -> tuple[Sweeps, list[str]]:
-    """Returns the sweeps of a recording under a trajectory, and what a user should know about them."""
-    sweeps, notes = place_source(source, track, beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0))
-    return sweeps, [*source.notes, *notes]
-
-
-def _check_turns(source: Source, track: Trajectory, notes: list[str], work: Work) -> GyroscopeCheck | None:
-    """Returns what a recording's gyroscope says of a trajectory; None where there is none.
-
-    A contradiction is added to the notes, which become warnings. Agreement, or that there is too little to compare, is told.
-    """
-    if source.gyroscope is None:
-        return None
-    checked = check_gyroscope(source.gyroscope, source.scans, track)
-    if checked.agrees is False:
-        notes.append(checked.statement)
-    else:
-        work.tell(checked.statement)
-    return checked
-
-
 def detect_radar(
     recording: Recording,
     given: Trajectory | None,
@@ -325,7 +311,7 @@ def detect_radar(
         given: poses of the sensor; None takes those that the recording carries.
         name: of the trajectory that the recording carries.
         settings: all of them.
-        work: where the returns are detected, and who is told about it.
+        work: where the returns are detected, and what reports on it.
 
     Raises:
         MqslamError: a scan cannot be read, or the recording carries no such trajectory, or is not covered by it.

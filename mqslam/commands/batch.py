@@ -2,39 +2,36 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from mqslam.commands.inputs.extrinsics import parse_extrinsics, to_pose
-from mqslam.commands.inputs.opening import Inputs
+from mqslam.commands.inputs import Inputs, read_extrinsics
 from mqslam.commands.result import Result
-from mqslam.commands.run import Job, execute, find_finished, open_job
+from mqslam.commands.run import Job, execute, open_job
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import list_shipped, load_config
+from mqslam.config import Section, list_shipped, load_config
 from mqslam.config.yaml_file import parse_yaml
 from mqslam.core import frontend as frontends
-from mqslam.core.engine import Engine
 from mqslam.errors import ClusterError, ConfigError, MqslamError, describe_error, raise_interrupt, untrusted
 from mqslam.execution.folders import claim_folder
 from mqslam.execution.guards.locks import lock_output
 from mqslam.execution.local_engine import DIED, LocalEngine
-from mqslam.execution.progress import Progress
 from mqslam.report.batch_page import write_batch_pages
 from mqslam.results.batch_results import Order, RunOutcome, check_batch, summarise, write_batch
 from mqslam.results.summary_files import add_warnings
 
 _CHOICES = ("auto", "none")  # instead of a file, or of extrinsics
+_AGAIN = "the same command continues the batch"
 
 
-class PlannedRun(BaseModel):
+class PlannedRun(Section):
     """One entry of RUNS.yaml; its paths are relative to that file."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     data: Path = Field(description="the recording")
     name: str | None = Field(None, description="folder of its results; null takes the recording's own name")
@@ -47,10 +44,8 @@ class PlannedRun(BaseModel):
     config: str | None = Field(None, description="a YAML file of settings, or the name of one that ships")
 
 
-class Plan(BaseModel):
+class Plan(Section):
     """The content of RUNS.yaml."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     runs: list[PlannedRun] = Field(min_length=1, description="what to run")
 
@@ -92,14 +87,11 @@ def _prepare_order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
     frontends.find_entry_point(run.frontend)
     config = run.config if run.config is None or run.config in list_shipped() else folder / run.config
     if run.extrinsics not in _CHOICES:
-        to_pose(parse_extrinsics(run.extrinsics))
+        read_extrinsics(run.extrinsics)
     odometry, imu, gnss = (
         choice if choice in _CHOICES else str(folder / choice) for choice in (run.odometry, run.imu, run.gnss)
     )
     return Order(name, data, run.frontend, load_config(config), odometry, imu, gnss, run.extrinsics, run.frame)
-
-
-AGAIN = "the same command continues the batch"
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,79 +109,6 @@ class Terms:
     force: bool
 
 
-def run_all(orders: Sequence[Order], out: Path, engine: Engine, progress: Progress, *, force: bool) -> list[RunOutcome]:
-    """Does the runs that are not finished yet, and returns the outcome of each run.
-
-    Args:
-        orders: the runs.
-        out: folder of the batch, an absolute path.
-        engine: where they run.
-        progress: called as runs are done.
-        force: whether results that are there are replaced.
-
-    Raises:
-        ClusterError: the cluster is lost.
-    """
-    terms = Terms(out, engine.jobs, force)
-    before = [_find_kept(terms, order) for order in orders]
-    missing = [order for order, kept in zip(orders, before, strict=True) if kept is None]
-
-    def done(number: int, outcome: RunOutcome | None) -> None:
-        progress("runs", len(orders) - len(missing) + number, len(orders))
-
-    ran = iter(engine.map_apart(run_one, terms, missing, done))
-    return [
-        _check_outcome(out / order.name, kept or next(ran) or RunOutcome(failure=DIED))
-        for order, kept in zip(orders, before, strict=True)
-    ]
-
-
-def run_one(terms: Terms, order: Order) -> RunOutcome:
-    """Does a run in this process and returns its outcome, which is the error's text if it fails."""
-    out = terms.out / order.name
-    try:
-        kept = _find_kept(terms, order)  # a worker may have done it and died before it could report it
-        if kept is not None:
-            return kept
-        with claim_folder(out, force=terms.force, resume=True, sources=[order.data]):
-            job = _open_order(order)
-            with LocalEngine(terms.jobs) as engine:
-                summary = execute(job, out, Work(engine), resume=not terms.force, how=AGAIN)
-        return RunOutcome(summary)
-    except Exception as error:  # a front end may be anyone's code, and the others are to go on
-        raise_interrupt(error)
-        return RunOutcome(failure=describe_error(error))
-
-
-def _find_kept(terms: Terms, order: Order) -> RunOutcome | None:
-    """Returns the outcome of the same run if it was finished before, or None."""
-    out = terms.out / order.name
-    if terms.force or not (out / "summary.json").exists():
-        return None
-    try:
-        summary = find_finished(out, _open_order(order).key)
-    except MqslamError:
-        return None  # `run_one` fails in the same way and reports why
-    return None if summary is None else RunOutcome(summary, kept=True)
-
-
-def _open_order(order: Order) -> Job:
-    """Opens the recording of a run.
-
-    Raises:
-        MqslamError: the recording, its odometry, its sensors or its front end cannot be used.
-    """
-    inputs = Inputs(order.odometry, order.imu, order.gnss, order.extrinsics, order.frame)
-    return open_job(order.data, order.settings, order.frontend, inputs)
-
-
-def _check_outcome(out: Path, outcome: RunOutcome) -> RunOutcome:
-    """Returns an outcome, or a failure if its results cannot be seen from this machine."""
-    if outcome.summary is None or (out / "summary.json").is_file():
-        return outcome
-    return RunOutcome(failure=f"{out}: does not exist on this machine; choose an output folder that all machines share")
-
-
 def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: Work = QUIET) -> Result:
     """Runs many recordings and reports over all of them; if a run fails, the report says why and the others go on.
 
@@ -197,7 +116,7 @@ def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: W
         plan: the YAML file that lists the runs.
         out: folder of the results, one in it per run; what is finished there is kept.
         force: whether results that are there are replaced.
-        work: where the work is done, and who is told about it.
+        work: where the work is done, and what reports on it.
 
     Returns:
         What the batch has left at `out`.
@@ -210,20 +129,73 @@ def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: W
     plan, out = Path(plan), Path(out)
     orders, text = read_plan(plan)
     with lock_output(out.absolute()):
-        return _run_all(plan, orders, text, out, force=force, work=work)
+        check_batch(out, force=force)
+        try:
+            outcomes = _run_all(orders, Terms(out.absolute(), work.engine.jobs, force), work)
+        except ClusterError as error:
+            raise ClusterError(error.message, *error.remedies, _AGAIN) from error
+        except BaseException as error:
+            error.add_note(_AGAIN)
+            raise
+        summary = summarise(orders, outcomes)
+        write_batch(out, summary)
+        add_warnings(out / "batch.json", summary, write_batch_pages(out, plan.stem, summary, text))
+        return Result(out, summary)
 
 
-def _run_all(plan: Path, orders: Sequence[Order], text: str, out: Path, *, force: bool, work: Work) -> Result:
-    """Does the runs of a plan, as `run_batch` says, in a folder that nobody else writes."""
-    check_batch(out, force=force)
+def _run_all(orders: Sequence[Order], terms: Terms, work: Work) -> list[RunOutcome]:
+    """Does the runs that are not finished yet, and returns the outcome of each run."""
+    before = [_find_kept(terms, order) for order in orders]
+    missing = [order for order, kept in zip(orders, before, strict=True) if kept is None]
+
+    def done(number: int, outcome: RunOutcome | None) -> None:
+        work.progress("runs", len(orders) - len(missing) + number, len(orders))
+
+    ran = iter(work.engine.map_apart(run_one, terms, missing, done))
+    outcomes = []
+    for order, kept in zip(orders, before, strict=True):
+        outcome, folder = kept or next(ran) or RunOutcome(failure=DIED), terms.out / order.name
+        if outcome.summary is not None and not (folder / "summary.json").is_file():
+            failure = f"{folder}: does not exist on this machine; choose an output folder that all machines share"
+            outcome = RunOutcome(failure=failure)
+        outcomes.append(outcome)
+    return outcomes
+
+
+def run_one(terms: Terms, order: Order) -> RunOutcome:
+    """Does a run in this process and returns its outcome, which is the error's text if it fails."""
+    out = terms.out / order.name
     try:
-        outcomes = run_all(orders, out.absolute(), work.engine, work.progress, force=force)
-    except ClusterError as error:
-        raise ClusterError(error.message, *error.remedies, AGAIN) from error
-    except BaseException as error:
-        error.add_note(AGAIN)
-        raise
-    summary = summarise(orders, outcomes)
-    write_batch(out, summary)
-    add_warnings(out / "batch.json", summary, write_batch_pages(out, plan.stem, summary, text))
-    return Result(out, summary)
+        kept = _find_kept(terms, order)  # a worker may have done it and died before it could report it
+        if kept is not None:
+            return kept
+        with claim_folder(out, force=terms.force, resume=True, sources=[order.data]):
+            job = _open_order(order)
+            with LocalEngine(terms.jobs) as engine:
+                summary = execute(job, out, Work(engine), resume=not terms.force, how=_AGAIN)
+        return RunOutcome(summary)
+    except Exception as error:  # a front end may be anyone's code, and the others are to go on
+        raise_interrupt(error)
+        return RunOutcome(failure=describe_error(error))
+
+
+def _find_kept(terms: Terms, order: Order) -> RunOutcome | None:
+    """Returns the outcome of the same run if it was finished before, or None."""
+    path = terms.out / order.name / "summary.json"
+    if terms.force or not path.exists():
+        return None
+    try:
+        key, summary = _open_order(order).key, json.loads(untrusted.read_document(path))
+    except (MqslamError, OSError, ValueError):
+        return None  # `run_one` fails in the same way and reports why
+    return RunOutcome(summary, kept=True) if isinstance(summary, dict) and summary.get("run_key") == key else None
+
+
+def _open_order(order: Order) -> Job:
+    """Opens the recording of a run.
+
+    Raises:
+        MqslamError: the recording, its odometry, its sensors or its front end cannot be used.
+    """
+    inputs = Inputs(order.odometry, order.imu, order.gnss, order.extrinsics, order.frame)
+    return open_job(order.data, order.settings, order.frontend, inputs)

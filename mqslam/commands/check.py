@@ -2,47 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from mqslam.check.checks import CheckSettings, check_recording
-from mqslam.check.finding import CheckFinding, CheckVerdict
-from mqslam.commands.inputs.opening import choose_odometry, choose_settings, open_data
+from mqslam.check.checks import Check, check_recording
+from mqslam.commands.inputs import choose_odometry, choose_settings, open_data
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config
 from mqslam.psi.place import beam_of
-
-
-@dataclass(frozen=True)
-class Check:
-    """The outcome of a check.
-
-    Args:
-        findings: one per check.
-        notes: what a user should know about how the recording was understood.
-        read: number of polar scans that were read.
-        scans: number of polar scans in the recording.
-    """
-
-    findings: tuple[CheckFinding, ...]
-    notes: tuple[str, ...]
-    read: int
-    scans: int
-
-    @property
-    def suspicious(self) -> bool:
-        """Whether anything contradicts what was assumed."""
-        return any(finding.verdict is CheckVerdict.SUSPICIOUS for finding in self.findings)
-
-    @property
-    def warning(self) -> str | None:
-        """A sentence for the user where most of the checks cannot be told; None where most can."""
-        untold = sum(finding.verdict is CheckVerdict.UNTOLD for finding in self.findings)
-        if 2 * untold <= len(self.findings):
-            return None
-        missed = f"{untold} of {len(self.findings)} checks cannot be told, so that most mistakes would go unnoticed here"
-        return f"{missed}; odometry and a longer drive with turns would tell more"
 
 
 def check(
@@ -62,7 +29,7 @@ def check(
         config: settings, or the path of a YAML file, or the name of one that ships; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
-        work: who is told about the work, which is done in this process.
+        work: what reports on the work, which is done in this process.
 
     Raises:
         ConfigError: the format is unknown, or the range resolution is not a length.
@@ -74,11 +41,5 @@ def check(
     notes = [*recording.notes, *notes]
     for note in notes:
         work.tell(note)
-    findings, read = check_recording(
-        recording,
-        track,
-        CheckSettings(settings.detector, settings.tracker, settings.estimator),
-        beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0),
-        partial(work.progress, "detect"),
-    )
-    return Check(findings, tuple(notes), read, len(recording))
+    beam = beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
+    return check_recording(recording, track, settings, beam, notes, partial(work.progress, "detect"))

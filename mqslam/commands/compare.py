@@ -7,21 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from mqslam.auditing.sizes import WINDOW
-from mqslam.commands.inputs.opening import choose_gyroscope, choose_odometry, choose_settings, open_data
+from mqslam.commands.inputs import choose_gyroscope, choose_odometry, choose_settings, open_data
 from mqslam.commands.result import CompareResult
 from mqslam.commands.work import QUIET, Work
-from mqslam.comparison.best import Standing, find_best
-from mqslam.comparison.comparison import Comparison
-from mqslam.comparison.judgement import (
-    JudgeSettings,
-    compare_pairs,
-    find_places,
-    judge_rows,
-    pick_stations,
-    take_common_scans,
-)
-from mqslam.comparison.psi_across import measure_rows_across
+from mqslam.comparison.comparison import compare_rows
+from mqslam.comparison.judgement import take_common_scans
 from mqslam.comparison.rows import Row, make_given_row, run_front_ends, split_row
 from mqslam.config import Config, set_doppler_beta
 from mqslam.core import frontend as known_frontends
@@ -30,14 +20,13 @@ from mqslam.core.recording import Recording
 from mqslam.core.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
-from mqslam.errors import ConfigError, EstimationError, Remedy
+from mqslam.errors import ConfigError, Remedy
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.sensors.reading import Reading
 from mqslam.formats.trajectories import read_with_notes
 from mqslam.psi.doppler import choose_doppler
-from mqslam.psi.place import beam_of
 from mqslam.report.compare_page import write_compare_pages
 from mqslam.report.inputs.compare_report import report_comparison
 from mqslam.results.compare_results import summarise, tabulate, write_compare
@@ -86,7 +75,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
         resume: whether an unfinished comparison at `out` is continued.
         force: whether what is at `out` is replaced.
-        work: where the work is done, and who is told about it.
+        work: where the work is done, and what reports on it.
 
     Returns:
         What the comparison has left at `out`.
@@ -103,11 +92,11 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         frontends = [name.strip() for name in frontends.split(",") if name.strip()]
     settings = _set_kiss_config(choose_settings(config), kiss_config)
     _check_names(frontends, odometry_only=odometry_only)
-    given, told = _make_given_rows(trajectories or {}, frontends)
+    given, understood = _make_given_rows(trajectories or {}, frontends)
     with claim_folder(out, force=force, resume=resume, sources=[data]):
         recording = open_data(data, format, range_resolution, settings, span=(start_s, end_s))
         track, notes = choose_odometry(recording, odometry, recording.mount)
-        notes += told
+        notes += understood
         chosen = _choose_gyroscope(recording, imu, frontends)
         sensors, notes = chosen.sensor, [*notes, *chosen.notes, *chosen.faults]
         for note in recording.notes:
@@ -122,7 +111,6 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
             notes += [*recording.faults, *warn_of_unread(detected.unread)]
             beta = choose_doppler(scans, settings, work.engine).beta
             settings = set_doppler_beta(settings, beta)
-            beam = beam_of(settings.estimator, beta)
             radar_alone = Context.of(recording, settings, doppler_beta=beta)
             contexts = {
                 name: replace(
@@ -133,43 +121,14 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
                 for name in frontends
             }
             rows = run_front_ends(contexts, scans, work.engine, work.progress, back_end=not odometry_only) + given
-            ran = [row for row in rows if row.trajectory is not None]
-            if not ran:
-                raise EstimationError("; ".join(f"{row.name}: {row.failure}" for row in rows))
-            tracks = [row.trajectory for row in ran if row.trajectory is not None]
-            common = take_common_scans(ran, scans)
-            if len(common) < len(scans):
-                notes.append(f"{len(common)} of {len(scans)} scans are in every trajectory; the rows are judged on those")
-            where = find_places(common, tracks, WINDOW)
-            along = pick_stations(common, WINDOW)
-            judges = JudgeSettings(settings.audit, settings.estimator, settings.verdict)
-            rows, judged = judge_rows(
-                rows, common, recording.ground_truth, [*where, *along], judges, beam, work.engine, work.progress
-            )
-            best = find_best([Standing.of(row) for row in judged.values()])
-            notes += [f"{row.name}: {warning}" for row in rows for warning in row.warnings]
-            failures = [f"{row.name} could not run: {row.failure}" for row in rows if row.failure is not None]
-            comparison = Comparison(
-                recording=recording,
-                settings=settings,
-                doppler_beta=beta,
-                rows=tuple(rows),
-                judged=judged,
-                best=best,
-                psi_across=measure_rows_across(judged, best, common, settings.estimator, beam, work.engine),
-                compared=len(common),
-                places=tuple(where),
-                stations=tuple(along),
-                agreement=tuple(compare_pairs(ran)),
-                warnings=(*failures, *notes),
-            )
+            comparison = compare_rows(recording, rows, scans, settings, notes, work.engine, work.progress)
             summary = summarise(comparison)
             table, marked = tabulate(summary)
             report = report_comparison(comparison, summary, table, marked)
             with write_folder_aside(out) as folder:
                 write_compare(folder, comparison, summary)
                 add_warnings(folder / "compare.json", summary, write_compare_pages(folder, report))
-        for warning in summary["warnings"][len(failures) :]:
+        for warning in summary["warnings"][sum(row.failure is not None for row in comparison.rows) :]:
             work.tell(warning)
         return CompareResult(out, summary, table, marked)
 
@@ -234,7 +193,7 @@ def _make_given_rows(
         ConfigError: a name cannot be that of a folder, or is that of a front end.
         DataError: a file is not a trajectory.
     """
-    rows, told = [], []
+    rows, understood = [], []
     for name, given in trajectories.items():
         if not re.fullmatch(r"[\w.-]*\w", name):
             raise ConfigError(f"trajectory '{name}': give it a name in letters and digits")
@@ -246,6 +205,6 @@ def _make_given_rows(
             track, notes = (
                 read_with_notes(Path(given[0]), Path(given[1])) if isinstance(given, tuple) else read_with_notes(Path(given))
             )
-            told += [f"{name}: {note}" for note in notes]
+            understood += [f"{name}: {note}" for note in notes]
         rows.append(make_given_row(name, track))
-    return rows, told
+    return rows, understood

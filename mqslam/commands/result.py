@@ -35,7 +35,6 @@ class Result:
         return list(self.summary["warnings"])
 
 
-@dataclass(frozen=True)
 class JudgedResult(Result):
     """A result with a verdict on its map."""
 
@@ -50,9 +49,8 @@ class JudgedResult(Result):
         return list(self.summary["verdict"]["reasons"])
 
 
-@dataclass(frozen=True)
-class RunResult(JudgedResult):
-    """The result of a run."""
+class TrajectoryResult(Result):
+    """A result with a trajectory: a run's optimised one, or the poses in the frame of a map."""
 
     @property
     def evo_command(self) -> str:
@@ -60,7 +58,7 @@ class RunResult(JudgedResult):
         return name_evo_command(self.folder)
 
     def read_trajectory(self) -> Trajectory:
-        """Reads the optimised trajectory.
+        """Reads the trajectory.
 
         Raises:
             DataError: the file of the trajectory cannot be read.
@@ -68,22 +66,12 @@ class RunResult(JudgedResult):
         return read_trajectory(self.folder / "trajectory.tum")
 
 
-@dataclass(frozen=True)
-class LocaliseResult(Result):
+class RunResult(JudgedResult, TrajectoryResult):
+    """The result of a run."""
+
+
+class LocaliseResult(TrajectoryResult):
     """The result of a localisation."""
-
-    @property
-    def evo_command(self) -> str:
-        """The command by which evo computes the ATE of the report; empty where the recording has no ground truth."""
-        return name_evo_command(self.folder)
-
-    def read_trajectory(self) -> Trajectory:
-        """Reads the poses in the map's frame.
-
-        Raises:
-            DataError: the file of the poses cannot be read.
-        """
-        return read_trajectory(self.folder / "trajectory.tum")
 
 
 class MergeResult(Result):

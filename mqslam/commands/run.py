@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mqslam.commands.inputs.extrinsics import name_extrinsics
-from mqslam.commands.inputs.opening import (
+from mqslam.commands.inputs import (
     USUAL_INPUTS,
     WHOLE,
     Inputs,
@@ -17,6 +15,7 @@ from mqslam.commands.inputs.opening import (
     choose_odometry,
     choose_sensors,
     choose_settings,
+    name_extrinsics,
     open_data,
     place_truth,
 )
@@ -26,7 +25,7 @@ from mqslam.config import Config
 from mqslam.core.recording import Recording
 from mqslam.core.sensors import NO_SENSORS, RADAR, Sensors
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError, Remedy, tolerate, untrusted
+from mqslam.errors import Remedy, tolerate
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import claim_folder, write_folder_aside
@@ -83,7 +82,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
         strict: whether a polar scan that cannot be read is an error, rather than being left out.
         resume: whether an unfinished run at `out` is continued.
         force: whether what is at `out` is replaced.
-        work: where the work is done, and who is told about it.
+        work: where the work is done, and what reports on it.
 
     Returns:
         What the run has left at `out`.
@@ -177,7 +176,7 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
     Args:
         job: the run.
         out: folder of the results.
-        work: where it is done, and who is told about it.
+        work: where it is done, and what reports on it.
         resume: whether to go on where an unfinished run has stopped.
         how: how to go on after an error, for its message.
 
@@ -198,18 +197,13 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
             write_run(folder, shown, summary, recording.notes, recording.ground_truth)
             failures = write_run_pages(folder, shown, recording, summary)
             with tolerate("the file for the leaderboard of Boreas", failures):
-                write_for_leaderboard(folder, job.recording, result.optimised)
+                _write_for_leaderboard(folder, job.recording, result.optimised)
             add_warnings(folder, summary, recording.notes, failures)
     return summary
 
 
-def write_for_leaderboard(folder: Path, recording: Recording, trajectory: Trajectory) -> None:
+def _write_for_leaderboard(folder: Path, recording: Recording, trajectory: Trajectory) -> None:
     """Writes the odometry of a sequence of Boreas as its leaderboard takes it, named after the sequence; nothing of others.
-
-    Args:
-        folder: of the results.
-        recording: the recording.
-        trajectory: of its radar.
 
     Raises:
         OutputError: the file cannot be written.
@@ -218,12 +212,3 @@ def write_for_leaderboard(folder: Path, recording: Recording, trajectory: Trajec
         return
     sequence = find_image_folder(recording.path).resolve().parent.name
     write_boreas_odometry(folder / f"{sequence}.txt", trajectory, stamps_in_us(recording.names))
-
-
-def find_finished(out: Path, key: str) -> dict[str, Any] | None:
-    """Returns the summary of the run that `out` holds, if it is whole and has the same key, or None."""
-    try:
-        summary = json.loads(untrusted.read_document(out / "summary.json"))
-    except (OSError, ValueError, DataError):
-        return None
-    return summary if isinstance(summary, dict) and summary.get("run_key") == key else None

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from mqslam.commands.inputs.opening import choose_settings, open_data
+from mqslam.commands.inputs import choose_settings, open_data
 from mqslam.config import Config, DetectorConfig, PsiConfig
 from mqslam.core import se2
 from mqslam.core.motion import CONSTANT_TWIST, CONSTANT_VELOCITY, MotionModel

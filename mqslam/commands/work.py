@@ -1,12 +1,13 @@
-"""Where a command does its work, and who is told about it."""
+"""Where a command does its work, and what reports on it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from mqslam.core.engine import Engine
-from mqslam.execution.local_engine import HERE
+from mqslam.execution.local_engine import HERE, LocalEngine
 from mqslam.execution.progress import Progress, ignore_progress
 from mqslam.execution.runner import Watch
 
@@ -14,12 +15,12 @@ Tell = Callable[[str], None]
 
 
 def ignore(note: str) -> None:
-    """Does nothing: nobody is told."""
+    """Does nothing with a note."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """Where a command's work is done and who is told about it; the defaults work in this process, silently.
+    """Where a command's work is done and what reports on it; the defaults work in this process, silently.
 
     Args:
         engine: where the work is done; no result depends on it.
@@ -35,3 +36,24 @@ class Work:
 
 
 QUIET = Work()
+
+
+@contextmanager
+def choose_engine(cluster: str | None, jobs: int) -> Iterator[Engine]:
+    """Yields the workers of a cluster, or this machine's if no cluster is given.
+
+    Args:
+        cluster: address of a cluster, or None.
+        jobs: number of processes to use on this machine.
+
+    Raises:
+        ClusterError: the cluster cannot be used.
+    """
+    if cluster is None:
+        with LocalEngine(jobs) as here:
+            yield here
+    else:
+        from mqslam.execution.cluster import connect
+
+        with connect(cluster) as engine:
+            yield engine

@@ -106,42 +106,22 @@ def find_best(rows: Sequence[Standing]) -> Best | None:
         alike = [figure for figure in figures if figure.low <= figures[0].high]
         worse = [figure for figure in figures if figure not in alike]
         if len(alike) == 1:
-            return Best((alike[0].name,), criterion, _join(_say_best(criterion, alike[0], worse), ties))
+            best, others = alike[0], _list([f"{other.text} for {other.name}" for other in worse])
+            sentence = f"{best.name} is best: its {criterion} is {best.text}, against {others}."
+            return Best((best.name,), criterion, " ".join([sentence, *map(_explain, ties)]))
         ties.append(_Tie(criterion, alike, worse))
         left = [row for row in left if row.name in {figure.name for figure in alike}]
     names = tuple(row.name for row in left)
     undecided = f"{_list(names)} cannot be told apart"
     if not ties:
         undecided += ": neither ground truth nor windows nor revisits judge all of them"
-    return Best(names, None, _join(f"{undecided}.", ties))
+    return Best(names, None, " ".join([f"{undecided}.", *map(_explain, ties)]))
 
 
-def _find_drift(row: Standing) -> _Figure | None:
-    return None if row.drift_percent is None else _state_error(row.name, row.drift_percent, "%")
-
-
-def _find_ate(row: Standing) -> _Figure | None:
-    return None if row.ate_rmse_m is None else _state_error(row.name, row.ate_rmse_m, "m")
-
-
-def _find_torn_windows(row: Standing) -> _Figure | None:
-    return _state_share(row.name, row.windows)
-
-
-def _find_torn_revisits(row: Standing) -> _Figure | None:
-    return _state_share(row.name, row.revisits)
-
-
-_CRITERIA: Final[dict[str, Callable[[Standing], _Figure | None]]] = {
-    "drift": _find_drift,
-    "ATE": _find_ate,
-    "share of torn windows": _find_torn_windows,
-    "share of torn revisits": _find_torn_revisits,
-}
-
-
-def _state_error(name: str, error: float, unit: str) -> _Figure:
-    """Returns an error against ground truth as a figure that is known as exactly as it is shown."""
+def _state_error(name: str, error: float | None, unit: str) -> _Figure | None:
+    """Returns an error against ground truth as a figure that is known as exactly as it is shown; None without truth."""
+    if error is None:
+        return None
     text = f"{error:{_FIGURES}}"
     return _Figure(name, float(text), float(text), float(text), f"{text} {unit}")
 
@@ -155,15 +135,12 @@ def _state_share(name: str, share: Share) -> _Figure | None:
     return _Figure(name, value, share.lower_bound(CONFIDENCE), share.upper_bound(CONFIDENCE), text)
 
 
-def _say_best(criterion: str, best: _Figure, others: Sequence[_Figure]) -> str:
-    """Returns the sentence that names the best row."""
-    against = _list([f"{other.text} for {other.name}" for other in others])
-    return f"{best.name} is best: its {criterion} is {best.text}, against {against}."
-
-
-def _join(verdict: str, ties: Sequence[_Tie]) -> str:
-    """Returns the verdict, followed by what did not decide."""
-    return " ".join([verdict, *(_explain(tie) for tie in ties)])
+_CRITERIA: Final[dict[str, Callable[[Standing], _Figure | None]]] = {
+    "drift": lambda row: _state_error(row.name, row.drift_percent, "%"),
+    "ATE": lambda row: _state_error(row.name, row.ate_rmse_m, "m"),
+    "share of torn windows": lambda row: _state_share(row.name, row.windows),
+    "share of torn revisits": lambda row: _state_share(row.name, row.revisits),
+}
 
 
 def _explain(tie: _Tie) -> str:

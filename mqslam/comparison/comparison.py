@@ -1,15 +1,33 @@
-"""A finished comparison."""
+"""A finished comparison: every row judged on the same scans, the best of them, and how far they are apart."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
-from mqslam.comparison.best import Best
-from mqslam.comparison.judgement import JudgedRow, Place
+from mqslam.auditing.sizes import WINDOW
+from mqslam.backend.loops import passes
+from mqslam.backend.loops.passes import TrackedRun
+from mqslam.backend.refinement import SAMPLE_M, find_crossings, measure_psi_across
+from mqslam.comparison.best import Best, Standing, find_best
+from mqslam.comparison.judgement import (
+    Judge,
+    JudgedRow,
+    Place,
+    compare_pairs,
+    find_places,
+    pick_stations,
+    take_common_scans,
+)
 from mqslam.comparison.rows import Row
 from mqslam.config import Config
+from mqslam.core.engine import Engine
 from mqslam.core.recording import Recording
+from mqslam.core.scans import Scans
+from mqslam.errors import EstimationError
 from mqslam.evaluation import Evaluation
+from mqslam.execution.progress import Progress
+from mqslam.psi.place import Beam, beam_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,3 +61,90 @@ class Comparison:
     stations: tuple[Place, ...]
     agreement: tuple[tuple[str, str, Evaluation], ...]
     warnings: tuple[str, ...]
+
+
+def compare_rows(
+    recording: Recording,
+    rows: Sequence[Row],
+    scans: Scans,
+    settings: Config,
+    notes: Sequence[str],
+    engine: Engine,
+    progress: Progress,
+) -> Comparison:
+    """Judges rows on the scans that all of them cover, and finds the best.
+
+    Args:
+        recording: the recording.
+        rows: front ends and given trajectories, those that failed too.
+        scans: of the recording.
+        settings: all settings, with the Doppler shift that is used.
+        notes: what the reader has to know about how the data was understood.
+        engine: where the rows are judged; the result does not depend on it.
+        progress: called as the audits go on.
+
+    Raises:
+        EstimationError: no row ran, or the rows share too few scans.
+    """
+    ran = [row for row in rows if row.trajectory is not None]
+    if not ran:
+        raise EstimationError("; ".join(f"{row.name}: {row.failure}" for row in rows))
+    common, beta = take_common_scans(ran, scans), settings.sensor.doppler_beta or 0.0
+    beam = beam_of(settings.estimator, beta)
+    shared = f"{len(common)} of {len(scans)} scans are in every trajectory; the rows are judged on those"
+    places = find_places(common, [row.trajectory for row in ran if row.trajectory is not None], WINDOW)
+    stations = pick_stations(common, WINDOW)
+    judge = Judge(common, recording.ground_truth, [*places, *stations], settings, beam, engine, progress)
+    shown, judged = judge.judge_all(rows)
+    best = find_best([Standing.of(row) for row in judged.values()])
+    return Comparison(
+        recording=recording,
+        settings=settings,
+        doppler_beta=beta,
+        rows=tuple(shown),
+        judged=judged,
+        best=best,
+        psi_across=measure_rows_across(judged, best, common, settings, beam, engine),
+        compared=len(common),
+        places=tuple(places),
+        stations=tuple(stations),
+        agreement=tuple(compare_pairs(ran)),
+        warnings=(
+            *(f"{row.name} could not run: {row.failure}" for row in shown if row.failure is not None),
+            *notes,
+            *([shared] if len(common) < len(scans) else []),
+            *(f"{row.name}: {warning}" for row in shown for warning in row.warnings),
+        ),
+    )
+
+
+def measure_rows_across(
+    judged: Mapping[str, JudgedRow], best: Best | None, scans: Scans, settings: Config, beam: Beam, engine: Engine
+) -> dict[str, float]:
+    """Measures psi per point across passes of every row.
+
+    The psi of different places cannot be compared. So one row says where a place is passed twice, and all are measured
+    there: the best row, or the first of those that cannot be told apart, or the only one.
+
+    Args:
+        judged: the rows that were judged, by their names.
+        best: the best of them; None for one row alone.
+        scans: those that every row covers.
+        settings: all settings.
+        beam: the sensor's errors.
+        engine: where the points are scored; the result does not depend on it.
+
+    Returns:
+        psi per point by row; empty where no place is passed twice.
+    """
+    tracks = {name: row.row.trajectory for name, row in judged.items()}
+    poses = {name: track.at(scans.stamps_us) for name, track in tracks.items() if track is not None}
+    if not poses:
+        return {}
+    drive = TrackedRun.of(scans, poses[best.rows[0] if best else next(iter(poses))])
+    crossings = find_crossings(drive, SAMPLE_M, passes.LEAST_PATH_M)
+    across = {
+        name: measure_psi_across(replace(drive, poses=own), crossings, settings.estimator, beam, engine)
+        for name, own in poses.items()
+    }
+    return {name: psi for name, psi in across.items() if psi is not None}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from mqslam.auditing.sizes import WINDOW
 from mqslam.auditing.sweeps import Sweeps, find_covered, place_sweeps
 from mqslam.auditing.windows.inflation import centre_window
 from mqslam.comparison.rows import Row
-from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
+from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.point_map import PointMap, pick_thinned
@@ -39,14 +39,6 @@ _LEVER_M = 20.0
 _STATIONS: Final = 60  # places along the way that can be looked at
 _MAP_POINTS: Final = 60_000  # points of a row's map that are kept to be looked at
 _CROP_M: Final = 60.0  # half side of a crop [m]
-
-
-class JudgeSettings(NamedTuple):
-    """The sections of the settings that the judges take."""
-
-    audit: AuditConfig
-    estimator: EstimatorConfig
-    verdict: VerdictConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,16 +95,15 @@ def take_common_scans(rows: Sequence[Row], scans: Scans) -> Scans:
     Raises:
         EstimationError: they are fewer than a window.
     """
-    fewest = WINDOW
     by_row = {row.name: find_covered(scans, row.trajectory) for row in rows if row.trajectory is not None}
     inside = set(range(len(scans))).intersection(*by_row.values())
-    if len(scans) < fewest:
+    if len(scans) < WINDOW:
         too_few = f"{count_of(len(scans), 'scan')} {is_or_are(len(scans))} too few to compare on"
-        raise EstimationError(f"{too_few}; give a recording of at least {fewest}")
-    if len(inside) < fewest:
+        raise EstimationError(f"{too_few}; give a recording of at least {WINDOW}")
+    if len(inside) < WINDOW:
         each = ", ".join(f"{name} covers {len(covered)}" for name, covered in by_row.items())
         raise EstimationError(
-            f"the rows share {len(inside)} of {count_of(len(scans), 'scan')} ({each}), and {fewest} are needed; "
+            f"the rows share {len(inside)} of {count_of(len(scans), 'scan')} ({each}), and {WINDOW} are needed; "
             "leave out the rows that cover too little"
         )
     return scans.take(sorted(inside))
@@ -156,80 +147,66 @@ def pick_stations(scans: Scans, size: int) -> list[Place]:
     return [Place(k, k + size, scans[k].t0, scans[k + size - 1].t1, 0.0) for k in chosen.tolist()]
 
 
-def judge_rows(
-    rows: Sequence[Row],
-    scans: Scans,
-    truth: Trajectory | None,
-    where: Sequence[Place],
-    settings: JudgeSettings,
-    beam: Beam,
-    engine: Engine,
-    progress: Progress,
-) -> tuple[list[Row], dict[str, JudgedRow]]:
-    """Judges every row that has a trajectory, as `judge` does.
+@dataclass(frozen=True)
+class Judge:
+    """What judges every row of a comparison in the same way.
 
     Args:
-        rows: all rows.
-        scans: those that every row covers.
-        truth: ground truth, or None. Errors are taken from the first of the scans to the last, so that a short trajectory
-            is not judged on an easier part than a long one.
-        where: the places to crop.
-        settings: of the judges.
-        beam: the sensor's errors.
-        engine: where the rows are judged; the result does not depend on it.
-        progress: called as the audits go on.
-
-    Returns:
-        the rows, with a failure where one could not be judged, and the judgement of the others by name.
-    """
-    judged: dict[str, JudgedRow] = {}
-    shown = []
-    truth = None if truth is None else _cut_to_scans(truth, scans)
-    for row in rows:
-        failure: list[str] = []
-        if row.trajectory is not None:
-            with tolerate("the judgement of its map", failure):
-                judged[row.name] = judge(row, scans, truth, where, settings, beam, engine, progress)
-        shown.append(replace(row, failure=failure[0]) if failure else row)
-    return shown, judged
-
-
-def judge(
-    row: Row,
-    scans: Scans,
-    truth: Trajectory | None,
-    where: Sequence[Place],
-    settings: JudgeSettings,
-    beam: Beam,
-    engine: Engine,
-    progress: Progress,
-) -> JudgedRow:
-    """Judges one row.
-
-    Args:
-        row: with a trajectory.
         scans: those that every row covers.
         truth: ground truth, or None.
         where: the places to crop.
-        settings: of the judges.
+        settings: all settings.
         beam: the sensor's errors.
-        engine: where the row is judged; the result does not depend on it.
-        progress: called as the audit goes on.
+        engine: where rows are judged; the result does not depend on it.
+        progress: called as the audits go on.
     """
-    assert row.trajectory is not None and row.odometry is not None
-    sweeps, _ = place_sweeps(scans, row.trajectory, beam)
-    rendered = render(scans, sweeps.poses, settings.estimator, beam, engine)
-    return JudgedRow(
-        row=row,
-        map=rendered.take(pick_thinned(rendered.points, _MAP_POINTS)),
-        psi_per_point=rendered.psi_per_point,
-        matched=rendered.matched_share,
-        audit=audit(sweeps, settings.audit, settings.estimator, settings.verdict, engine, progress),
-        before=None if truth is None else evaluate(row.odometry, truth),
-        after=None if truth is None else evaluate(row.trajectory, truth),
-        nees=None if truth is None else measure_nees(row.measurements, truth, scans.start_us),
-        crops=tuple(_crop(sweeps, place) for place in where),
-    )
+
+    scans: Scans
+    truth: Trajectory | None
+    where: Sequence[Place]
+    settings: Config
+    beam: Beam
+    engine: Engine
+    progress: Progress
+
+    def judge_all(self, rows: Sequence[Row]) -> tuple[list[Row], dict[str, JudgedRow]]:
+        """Judges every row that has a trajectory.
+
+        Errors are taken from the first of the scans to the last, so that a short trajectory is not judged on an easier part
+        than a long one.
+
+        Returns:
+            the rows, with a failure where one could not be judged, and the judgement of the others by name.
+        """
+        judged: dict[str, JudgedRow] = {}
+        shown = []
+        cut = replace(self, truth=None if self.truth is None else _cut_to_scans(self.truth, self.scans))
+        for row in rows:
+            failure: list[str] = []
+            if row.trajectory is not None:
+                with tolerate("the judgement of its map", failure):
+                    judged[row.name] = cut.judge(row)
+            shown.append(replace(row, failure=failure[0]) if failure else row)
+        return shown, judged
+
+    def judge(self, row: Row) -> JudgedRow:
+        """Judges a row that has a trajectory."""
+        assert row.trajectory is not None and row.odometry is not None
+        scans, truth, beam, engine = self.scans, self.truth, self.beam, self.engine
+        audit_config, estimator, verdict = self.settings.audit, self.settings.estimator, self.settings.verdict
+        sweeps, _ = place_sweeps(scans, row.trajectory, beam)
+        rendered = render(scans, sweeps.poses, estimator, beam, engine)
+        return JudgedRow(
+            row=row,
+            map=rendered.take(pick_thinned(rendered.points, _MAP_POINTS)),
+            psi_per_point=rendered.psi_per_point,
+            matched=rendered.matched_share,
+            audit=audit(sweeps, audit_config, estimator, verdict, engine, self.progress),
+            before=None if truth is None else evaluate(row.odometry, truth),
+            after=None if truth is None else evaluate(row.trajectory, truth),
+            nees=None if truth is None else measure_nees(row.measurements, truth, scans.start_us),
+            crops=tuple(_crop(sweeps, place) for place in self.where),
+        )
 
 
 def _cut_to_scans(truth: Trajectory, scans: Scans) -> Trajectory | None:

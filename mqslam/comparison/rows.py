@@ -109,35 +109,26 @@ def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
     try:
         begin = time.perf_counter()
         if not task.back_end:
-            measurements = list(frontends.measure_motions(name, context, task.scans))
-            chained = Trajectory(task.scans.stamps_us, se2.chain(m.pose for m in measurements))
-            return Row(
-                row,
-                None,
-                chained,
-                chained,
-                tuple(measurements),
-                measure_s=time.perf_counter() - begin,
-                back_end_s=0.0,
-                peak_rss_mb=find_peak_mb(),
-            )
+            motions = tuple(frontends.measure_motions(name, context, task.scans))
+            chained = Trajectory(task.scans.stamps_us, se2.chain(m.pose for m in motions))
+            measure_s, peak_mb = time.perf_counter() - begin, find_peak_mb()
+            return Row(row, None, chained, chained, motions, measure_s=measure_s, back_end_s=0.0, peak_rss_mb=peak_mb)
         with LocalEngine(task.jobs) as engine:
             runner = Runner(engine)
             solution = Slam(context.config, name, runner).solve(task.scans, context)
         spent = runner.runtime_s
         return Row(
             row,
-            None,
-            solution.odometry,
-            solution.optimised,
-            tuple(solution.measurements),
-            len(solution.loops),
-            solution.loops_rejected,
-            spent["windows"],
-            spent["optimise"] + spent["loops"] + spent["refine"],
-            find_peak_mb(),
-            (*solution.warnings, *solution.sensors.notes),
-            solution.covariances,
+            odometry=solution.odometry,
+            trajectory=solution.optimised,
+            measurements=tuple(solution.measurements),
+            loops=len(solution.loops),
+            loops_rejected=solution.loops_rejected,
+            measure_s=spent["windows"],
+            back_end_s=spent["optimise"] + spent["loops"] + spent["refine"],
+            peak_rss_mb=find_peak_mb(),
+            warnings=(*solution.warnings, *solution.sensors.notes),
+            covariances=solution.covariances,
         )
     except Exception as error:  # a front end may be anyone's code, and the others are to go on
         raise_interrupt(error)

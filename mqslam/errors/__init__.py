@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import difflib
 import logging
+import re
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 
-from mqslam.errors.shown import show
-
 _log = logging.getLogger(__name__)
+_COMMANDS = r"\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ufff9-\ufffb\ud800-\udfff"
+"""Control characters, those without width, those of direction, and bytes of a path that are no UTF-8."""
+_IN_LINE = re.compile(f"[\\t\\n{_COMMANDS}]")
+_IN_TEXT = re.compile(f"(?!\\r\\n)[{_COMMANDS}]")
 _LONGEST = 800  # characters of a message; what it quotes from a damaged file may be of any length
 
 
@@ -182,6 +185,21 @@ def suggest(name: str, known: Collection[str]) -> str:
     """Returns what to write in place of an unknown name: the nearest known one, or all of them where none is near."""
     near = find_near(name, known)
     return f"did you mean {near}?" if near else f"choose one of {', '.join(known)}"
+
+
+def show(name: str) -> str:
+    """Returns a text in one line, fit to be shown."""
+    return _IN_LINE.sub(_escape, name)
+
+
+def show_lines(text: str) -> str:
+    """Returns a text of lines, fit to be shown."""
+    return _IN_TEXT.sub(_escape, text)
+
+
+def _escape(match: re.Match[str]) -> str:
+    """Returns a character as Python writes it in a text."""
+    return match[0].encode("unicode_escape").decode("ascii")
 
 
 def _shorten(message: str) -> str:

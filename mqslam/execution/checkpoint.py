@@ -11,7 +11,7 @@ import contextlib
 import hashlib
 import json
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -24,8 +24,8 @@ from mqslam.core.recording import Recording
 from mqslam.core.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ClusterError, DataError, FrontEndError, MqslamError, OutputError, Remedy, WorkerError, untrusted
-from mqslam.execution.files import write_aside, write_text
-from mqslam.execution.guards.written import CHECKPOINT, remove_checkpoint
+from mqslam.execution.files import blame_output, write_aside, write_text
+from mqslam.execution.folders import CHECKPOINT, remove_checkpoint
 from mqslam.execution.kept import Kept
 from mqslam.version import __version__
 
@@ -45,13 +45,6 @@ def hash_run(
     digest.update(recording.stamps_us.tobytes())
     if odometry is not None:
         digest.update(odometry.stamps_us.tobytes() + odometry.poses.tobytes())
-    for name, arrays in _list_arrays(sensors).items():
-        digest.update(name.encode() + b"".join(array.tobytes() for array in arrays))
-    return digest.hexdigest()
-
-
-def _list_arrays(sensors: Sensors) -> dict[str, tuple[NDArray[Any], ...]]:
-    """Lists the numbers that the sensors of a run state, by the sensors that there are."""
     arrays: dict[str, tuple[NDArray[Any], ...]] = {}
     if sensors.gyroscope is not None:
         arrays["gyroscope"] = (sensors.gyroscope.stamps_us, sensors.gyroscope.rates)
@@ -59,7 +52,9 @@ def _list_arrays(sensors: Sensors) -> dict[str, tuple[NDArray[Any], ...]]:
         arrays["fixes"] = (fixes.stamps_us, fixes.latitudes, fixes.longitudes, fixes.sigmas_m)
     if sensors.mount is not None:
         arrays["mount"] = (sensors.mount.pose,)
-    return arrays
+    for name, numbers in arrays.items():
+        digest.update(name.encode() + b"".join(array.tobytes() for array in numbers))
+    return digest.hexdigest()
 
 
 @contextmanager
@@ -81,9 +76,9 @@ def keep_checkpoint(out: Path, key: str, *, resume: bool, how: str = Remedy.RESU
         yield checkpoint
     except (OutputError, ClusterError, WorkerError, FrontEndError) as error:
         if checkpoint.holds_anything:
-            told = type(error)(error.message, *error.remedies, how)
-            told.add_note(how)  # for an interrupt that code of others has turned into this error
-            raise told from error
+            resumable = type(error)(error.message, *error.remedies, how)
+            resumable.add_note(how)  # for an interrupt that code of others has turned into this error
+            raise resumable from error
         raise
     except MqslamError:
         if not resume:
@@ -136,8 +131,14 @@ class Checkpoint:
 
     def find(self, kept: Kept[R]) -> R | None:
         """Returns the result of a kind, or None if it was not kept or its file is damaged."""
-        arrays = self._load(kept.file, kept.names)
-        return None if arrays is None else kept.unpack(arrays)
+        try:
+            with (
+                untrusted.check_file(self._folder / kept.file).open("rb") as file,
+                np.load(file, allow_pickle=False) as found,
+            ):
+                return kept.unpack(dict(found))
+        except (DataError, OSError, EOFError, ValueError, KeyError, NotImplementedError, zipfile.BadZipFile):
+            return None
 
     def keep(self, kept: Kept[R], result: R) -> None:
         """Keeps the result of a kind.
@@ -145,27 +146,9 @@ class Checkpoint:
         Raises:
             OutputError: the file cannot be written.
         """
-        self._save(kept.file, kept.pack(result))
-
-    def _load(self, name: str, arrays: Sequence[str]) -> dict[str, NDArray[Any]] | None:
-        """Returns the arrays of a file by name, or None if it is missing or damaged."""
-        try:
-            with untrusted.check_file(self._folder / name).open("rb") as file, np.load(file, allow_pickle=False) as kept:
-                return {key: kept[key] for key in arrays}
-        except (DataError, OSError, EOFError, ValueError, KeyError, NotImplementedError, zipfile.BadZipFile):
-            return None
-
-    def _save(self, name: str, arrays: dict[str, NDArray[Any]]) -> None:
-        """Writes arrays to a file.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
-        try:
+        with blame_output(self._folder, "made", Remedy.CHOOSE_OUTPUT):
             self._folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"{self._folder}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
         if not (self._folder / "run.json").exists():
             write_text(self._folder / "run.json", json.dumps({"key": self._key}))
-        with write_aside(self._folder / name) as aside, aside.open("wb") as file:
-            np.savez(file, **arrays)  # type: ignore[arg-type]
+        with write_aside(self._folder / kept.file) as aside, aside.open("wb") as file:
+            np.savez(file, **kept.pack(result))  # type: ignore[arg-type]

@@ -123,14 +123,6 @@ class DaskEngine:
         done: Callable[[int, R], None] = ignore_result,
     ) -> list[R]:
         """Calls the function as `Engine.map` does."""
-
-        def take(future: Future) -> tuple[list[R], Exception | None]:
-            try:
-                result: tuple[list[R], Exception | None] = self._wait_for(future)
-            except KilledWorker as error:
-                raise ClusterError(f"{self._address}: workers died of a task; give each worker more memory") from error
-            return result
-
         size = choose_group_size(len(items), self._count_workers())
         groups = [items[begin : begin + size] for begin in range(0, len(items), size)]
         results: list[R] = []
@@ -142,7 +134,7 @@ class DaskEngine:
             if group[1] is not None:
                 raise group[1]
 
-        self._collect(partial(_call_each, function), shared, groups, take, take_apart)
+        self._collect(partial(_call_each, function), shared, groups, take_apart, may_die=False)
         return results
 
     @contextmanager
@@ -171,32 +163,37 @@ class DaskEngine:
         done: Callable[[int, R | None], None] = ignore_result,
     ) -> list[R | None]:
         """Calls the function as `Engine.map_apart` does, as many at a time as there are workers."""
-
-        def take(future: Future) -> R | None:
-            try:
-                result: R = self._wait_for(future)
-            except KilledWorker:
-                return None
-            return result
-
-        return self._collect(function, shared, items, take, done)
+        return self._collect(function, shared, items, done, may_die=True)
 
     def _collect(
         self,
         function: Callable[[S, T], Any],
         shared: S,
         items: Sequence[T],
-        take: Callable[[Future], R],
-        done: Callable[[int, R], None],
-    ) -> list[R]:
-        """Returns the tasks' results; if the workers that held `shared` have died, the missing tasks are sent again."""
-        results: list[R] = []
+        done: Callable[[int, Any], None],
+        *,
+        may_die: bool,
+    ) -> list[Any]:
+        """Returns the tasks' results; if the workers that held `shared` have died, the missing tasks are sent again.
+
+        The result of a task that has killed its workers is None if it may die.
+
+        Raises:
+            ClusterError: the cluster is lost, or a task that may not die has killed its workers.
+        """
+        results: list[Any] = []
         losses = 0
         while len(results) < len(items):
             futures = self._send(function, shared, items[len(results) :])
             try:
                 for future in futures:
-                    result = take(future)
+                    try:
+                        result = self._wait_for(future)
+                    except KilledWorker as error:
+                        if not may_die:
+                            remedy = "give each worker more memory"
+                            raise ClusterError(f"{self._address}: workers died of a task", remedy) from error
+                        result = None
                     losses = 0
                     results.append(result)
                     done(len(results), result)

@@ -14,8 +14,20 @@ from typing import Any
 
 import numpy as np
 
-from mqslam.errors import OutputError, Remedy
-from mqslam.errors.shown import show_lines
+from mqslam.errors import OutputError, Remedy, show_lines
+
+
+@contextlib.contextmanager
+def blame_output(path: Path, done: str, remedy: Remedy) -> Iterator[None]:
+    """Turns an error of the system in the block into one about an output that cannot be `done`: made, or written.
+
+    Raises:
+        OutputError: the system refused something.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be {done} ({error.strerror})", remedy) from error
 
 
 @contextlib.contextmanager
@@ -27,28 +39,23 @@ def write_aside(path: Path) -> Iterator[Path]:
     Raises:
         OutputError: the folder cannot be written to, or the disk is full.
     """
-    try:
+    with blame_output(path, "written", Remedy.CHOOSE_OUTPUT):
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
         os.close(handle)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
     aside = Path(name)
     try:
-        yield aside
-        aside.chmod(0o666 & ~_read_umask())
-        flush(aside)
-        aside.replace(path)
-        flush(path.parent)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror})", Remedy.FREE_SPACE) from error
+        with blame_output(path, "written", Remedy.FREE_SPACE):
+            yield aside
+            aside.chmod(0o666 & ~_read_umask())
+            flush(aside)
+            aside.replace(path)
+            flush(path.parent)
     finally:
         aside.unlink(missing_ok=True)
 
 
 def flush(path: Path) -> None:
-    """Has the system write a file, or the names in a folder, to the disk; folders only where the system can do so."""
-    if path.is_dir() and os.name == "nt":
-        return
+    """Has the system write a file, or the names in a folder, to the disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

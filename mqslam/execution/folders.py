@@ -1,40 +1,47 @@
 """Result folders: each is claimed beforehand, written beside its place and renamed: it is whole or absent.
 
-While a command works, nobody else writes the folder. What others put into it meanwhile is kept.
+While a command works, nobody else writes the folder. What others put into it meanwhile is kept: only what bears the name of
+something that mqslam writes is ever removed.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
 from mqslam.errors import OutputError, Remedy
-from mqslam.execution.files import flush
+from mqslam.execution.files import blame_output, flush
 from mqslam.execution.guards.locks import Lock, lock_output
-from mqslam.execution.guards.written import (
-    CHECKPOINT,
-    carry_over,
-    list_entries,
-    list_written,
-    remove_checkpoint,
-    remove_entries,
-)
 
+CHECKPOINT = "checkpoint"  # folder in a result, of a run that is not finished
+_RESULTS = """
+    summary.json audit.json compare.json batch.json config.yaml run.log report.html
+    trajectory.tum trajectory_*.tum odometry.tum ground_truth.tum mended.tum trajectory_at_truth.tum trajectory.geojson
+    measurements.csv covariances.csv poses.csv graph.g2o graph.csv links.csv changes.csv compare.csv batch.csv
+    audit.csv steps.csv spans.csv revisits.csv bad_places.csv bad_places.geojson heatmap.png overlay.png
+    map.ply map.pgm map.yaml map.tif map.rrd keyframes/index.json keyframes/*.npy figure2.png figure3.png boreas-*.txt
+"""
+_ROWS = "*/trajectory.tum */trajectory.kitti */times.txt */odometry.tum */measurements.csv */covariances.csv"  # of compare
+_RECORDINGS = """
+    radar.timestamps radar/*.png gt/radar_odometry.csv gt/poses_tum.txt odom.csv imu.csv gnss.csv recording.json
+    simulation.json applanix/radar_poses.csv calib/*.txt global_pose.csv sensor_data/radar/polar/*.png
+    sensor_data/radar/polar_oxford_form/*.png Navtech_Polar.txt Navtech_Polar/*.png metadata.yaml *.db3
+"""
+_OF_CHECKPOINT = """
+    checkpoint/run.json checkpoint/returns-*-*.npz checkpoint/measurements.npz checkpoint/loops.npz
+    checkpoint/refinement.npz checkpoint/along.npz checkpoint/.run.json.* checkpoint/.*.npz.*
+"""
+_NAMES = (*_RESULTS.split(), *_RECORDINGS.split(), *_OF_CHECKPOINT.split())
 _UNFINISHED, _REPLACED = "unfinished", "replaced"  # suffixes of the folders beside a result, and the lock's words for them
 
 
-@dataclass(frozen=True, slots=True)
-class _Claim:
-    """A result folder that a command of this process writes.
-
-    Args:
-        lock: its lock.
-        replaceable: what lay in it at the command's start and may be replaced.
-    """
+class _Claim(NamedTuple):
+    """A result folder that a command of this process writes, and what lay in it at its start and may be replaced."""
 
     lock: Lock
     replaceable: Sequence[PurePosixPath]
@@ -90,17 +97,17 @@ def write_folder_aside(out: Path) -> Iterator[Path]:
     for left in _list_left(place, claim.lock, _UNFINISHED):
         shutil.rmtree(left, ignore_errors=True)
     aside = _name_beside(place, _UNFINISHED)
-    try:
+    with blame_output(out, "made", Remedy.CHOOSE_OUTPUT):
         claim.lock.note(f"{_UNFINISHED} {aside.name}")
         aside.mkdir(parents=True)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
     try:
-        yield aside
-        _flush_all(aside)
-        _put(aside, place, claim)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be written ({error.strerror})", Remedy.FREE_SPACE) from error
+        with blame_output(out, "written", Remedy.FREE_SPACE):
+            yield aside
+            for root, _, files in os.walk(aside):
+                for name in files:
+                    flush(Path(root) / name)
+                flush(Path(root))
+            _put(aside, place, claim)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
 
@@ -149,14 +156,6 @@ def _name_beside(out: Path, word: str) -> Path:
         number += 1
         path = out.with_name(f".{out.name}.{word}.{number}")
     return path
-
-
-def _flush_all(folder: Path) -> None:
-    """Has the system write all that is below a folder to the disk."""
-    for root, _, files in os.walk(folder):
-        for name in files:
-            flush(Path(root) / name)
-        flush(Path(root))
 
 
 def _check_place(out: Path, recording: Path | None) -> None:
@@ -209,8 +208,61 @@ def make_folder(path: Path) -> Path:
     """
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise OutputError(f"{path}: exists already", Remedy.CHOOSE_OR_REMOVE_OUTPUT)
-    try:
+    with blame_output(path, "made", Remedy.CHOOSE_OUTPUT):
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
     return path
+
+
+def list_entries(folder: Path) -> list[PurePosixPath]:
+    """Lists the files, links and empty folders below a folder, relative to it; no link is followed."""
+    entries = []
+    for root, folders, files in os.walk(folder):
+        inside = PurePosixPath(Path(root).relative_to(folder).as_posix())
+        links = [name for name in folders if (Path(root) / name).is_symlink()]
+        entries += [inside / name for name in (*files, *links)]
+        if not folders and not files and Path(root) != folder:
+            entries.append(inside)
+    return entries
+
+
+def list_written(folder: Path, entries: Iterable[PurePosixPath]) -> list[PurePosixPath]:
+    """Returns those of a folder's entries that bear the names of what mqslam writes."""
+    names = (*_NAMES, *_ROWS.split()) if (folder / "compare.json").is_file() else _NAMES
+    return [entry for entry in entries if any(_matches(entry, name) for name in names)]
+
+
+def remove_entries(folder: Path, entries: Iterable[PurePosixPath]) -> None:
+    """Removes files below a folder, as far as they are there, and the folders between that hold nothing any more."""
+    for entry in entries:
+        with contextlib.suppress(OSError):
+            (folder / entry).unlink()
+        for parent in entry.parents[:-1]:
+            with contextlib.suppress(OSError):
+                (folder / parent).rmdir()
+
+
+def remove_checkpoint(out: Path) -> None:
+    """Removes what an unfinished run has kept in its result folder."""
+    inside = [PurePosixPath(CHECKPOINT) / entry for entry in list_entries(out / CHECKPOINT)]
+    remove_entries(out, list_written(out, inside))
+    with contextlib.suppress(OSError):
+        (out / CHECKPOINT).rmdir()
+
+
+def carry_over(folder: Path, out: Path) -> None:
+    """Moves all that is below a folder to the same place in another; where that is taken, `.kept` is added to the name."""
+    for entry in list_entries(folder):
+        target = out / entry
+        while os.path.lexists(target):
+            target = target.with_name(f"{target.name}.kept")
+        with contextlib.suppress(OSError):  # it stays where it is
+            target.parent.mkdir(parents=True, exist_ok=True)
+            (folder / entry).rename(target)
+        remove_entries(folder, [entry / "moved"])  # the folders that are empty now
+    with contextlib.suppress(OSError):
+        folder.rmdir()
+
+
+def _matches(entry: PurePosixPath, name: str) -> bool:
+    """Returns whether an entry bears a name, in which `*` stands for a part of a file's or a folder's name."""
+    return len(entry.parts) == name.count("/") + 1 and entry.match(name)

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Interrupted", "raise_interrupts", "shield_from_interrupts"]
 
-_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-_HAS_ALARMS = hasattr(signal, "SIGALRM")  # which Windows has not
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _AGAIN_S = 0.05  # after which it is seen whether an interrupt was lost, again and again
 
 
@@ -28,11 +27,11 @@ def raise_interrupts() -> Iterator[None]:
 
     A signal that is ignored, as shells do for their background jobs, stays ignored. An interrupt that is raised while an
     object is deleted or while compiled code calls Python may be dropped there, or be turned into an error that somebody
-    handles. It is raised again a moment later, where the system has alarms, unless the cleaning up that it causes is under
+    handles. It is raised again a moment later, unless the cleaning up that it causes is under
     way; at the latest it is raised at the end of the block.
     """
     hook = sys.unraisablehook
-    alarm = signal.getsignal(signal.SIGALRM) if _HAS_ALARMS else None
+    alarm = signal.getsignal(signal.SIGALRM)
     before = {number: signal.getsignal(number) for number in _SIGNALS}
     taken = [number for number in _SIGNALS if before[number] is not signal.SIG_IGN]
     received: list[int] = []
@@ -43,9 +42,8 @@ def raise_interrupts() -> Iterator[None]:
             signal.signal(other, signal.SIG_IGN)  # a second signal would stop the cleaning up
         for worker in active_children():
             worker.terminate()
-        if _HAS_ALARMS:
-            signal.signal(signal.SIGALRM, stop_again)
-            signal.setitimer(signal.ITIMER_REAL, _AGAIN_S, _AGAIN_S)
+        signal.signal(signal.SIGALRM, stop_again)
+        signal.setitimer(signal.ITIMER_REAL, _AGAIN_S, _AGAIN_S)
         raise Interrupted(number)
 
     def stop_again(number: int, frame: FrameType | None) -> None:
@@ -73,7 +71,7 @@ def raise_interrupts() -> Iterator[None]:
         raise
     finally:
         sys.unraisablehook = hook
-        if _HAS_ALARMS and received:
+        if received:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             signal.signal(signal.SIGALRM, alarm)
         for number in taken:
@@ -83,9 +81,6 @@ def raise_interrupts() -> Iterator[None]:
 @contextmanager
 def shield_from_interrupts() -> Iterator[None]:
     """Hides SIGINT from processes that the block starts: the terminal sends it to all, but the main process ends them."""
-    if not hasattr(signal, "pthread_sigmask"):  # as on Windows
-        yield
-        return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -29,21 +29,18 @@ class Kept(Generic[R]):
 
     Args:
         file: name of its file.
-        names: names of the arrays in it.
-        pack: makes the arrays from the result.
-        unpack: makes the result from the arrays.
+        pack: makes arrays, by name, from the result.
+        unpack: makes the result from these arrays; it raises KeyError if one is missing.
     """
 
     file: str
-    names: Sequence[str]
     pack: Callable[[R], Arrays]
     unpack: Callable[[Arrays], R]
 
 
 def describe_kept_stretch(begin: int, end: int) -> Kept[Detected]:
     """Returns the kind that keeps the returns of the polar scans begin <= k < end, and the sensor's velocities."""
-    names = [*_list_fields(Returns), "ends", "unread", "why", "counts", *_VELOCITIES.values()]
-    return Kept(f"returns-{begin:06d}-{end:06d}.npz", names, _pack_detected, _unpack_detected)
+    return Kept(f"returns-{begin:06d}-{end:06d}.npz", _pack_detected, _unpack_detected)
 
 
 def _pack_detected(detected: Detected) -> Arrays:
@@ -130,7 +127,7 @@ def _list_fields(kind: type) -> list[str]:
     return [f.name for f in fields(kind)]
 
 
-MEASURED = Kept("measurements.npz", [*_list_fields(Measurement), *_DOPPLER], _pack_measured, _unpack_measured)
-ALONG = Kept("along.npz", _list_fields(Loop), _stack_loops, _split_loops)
-LOOPS = Kept("loops.npz", [*_list_fields(Loop), *_COUNTS], _pack_loops, _unpack_loops)
-REFINED = Kept("refinement.npz", [*_list_fields(Loop), "staying", "psi_across", "refused"], _pack_refined, _unpack_refined)
+MEASURED = Kept("measurements.npz", _pack_measured, _unpack_measured)
+ALONG = Kept("along.npz", _stack_loops, _split_loops)
+LOOPS = Kept("loops.npz", _pack_loops, _unpack_loops)
+REFINED = Kept("refinement.npz", _pack_refined, _unpack_refined)

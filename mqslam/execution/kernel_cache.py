@@ -21,11 +21,11 @@ def choose_cache() -> None:
 
 def _list_user_caches() -> list[Path]:
     """Returns the folder that numba takes for a user's cache; none for a user without a home, as containers have them."""
-    named = os.environ.get("LOCALAPPDATA" if os.name == "nt" else "XDG_CACHE_HOME")
+    named = os.environ.get("XDG_CACHE_HOME")
     if named:
         return [Path(named)]
     try:
-        return [Path.home() if os.name == "nt" else Path.home() / ".cache"]
+        return [Path.home() / ".cache"]
     except RuntimeError:
         return []
 
@@ -38,11 +38,11 @@ def _is_writable(folder: Path) -> bool:
 
 def _make_folder() -> Path:
     """Returns a folder for temporary files that nobody else can write to: what lies in it is executed."""
-    own = Path(tempfile.gettempdir()) / f"mqslam-kernels-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
+    own = Path(tempfile.gettempdir()) / f"mqslam-kernels-{os.getuid()}"
     try:
         own.mkdir(mode=0o700, exist_ok=True)
         found = own.lstat()
-        is_private = not hasattr(os, "getuid") or (found.st_uid == os.getuid() and not found.st_mode & 0o077)
+        is_private = found.st_uid == os.getuid() and not found.st_mode & 0o077
     except OSError:
         is_private = False
     return own if is_private and own.is_dir() and not own.is_symlink() else Path(tempfile.mkdtemp(prefix="mqslam-kernels-"))

@@ -1,24 +1,38 @@
-"""The engine of one machine: it calls pure functions in this process or in several, to the same result."""
+"""The engine of one machine: it calls pure functions in this process or in several, to the same result.
+
+The processes stay for many calls, and read what the calls share from files that all of them map into memory.
+"""
 
 from __future__ import annotations
 
+import mmap
+import os
+import pickle
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import get_context
-from typing import Final, TypeVar
+from multiprocessing import get_context, parent_process
+from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
+from threading import Thread
+from typing import Any, Final, TypeVar
+from weakref import finalize, ref
 
 from mqslam.core.engine import ignore_result
+from mqslam.core.stored import release
 from mqslam.errors import WorkerError
+from mqslam.execution.guards.memory import return_free_memory
 from mqslam.execution.interrupts import raise_interrupts, shield_from_interrupts
-from mqslam.execution.worker_processes import WorkerProcesses, end_with_parent
 
 S = TypeVar("S")
 T = TypeVar("T")
 R = TypeVar("R")
 
 DIED = "its process died: memory ran out, a library crashed, or the program that started it has no __main__ guard"
+_LARGE = 1_000_000  # bytes; a smaller array is copied with what holds it
+_PIECE = 1 << 24  # bytes of an array in a file that are in memory at a time while it is copied: a matter of memory only
 _WORTH_PROCESSES = 5  # for fewer items, starting processes takes longer than it saves
 
 
@@ -143,3 +157,141 @@ def _call_interruptibly(function: Callable[[S, T], R], shared: S, item: T) -> R:
     """Returns function(shared, item); processes that the function starts end with this one."""
     with raise_interrupts():
         return function(shared, item)
+
+
+class WorkerProcesses:
+    """Processes that call functions. They start with the first call, which takes a second or two, and end with this object.
+
+    A large array is written to a file once and mapped by every process, so that many processes hold it in memory once.
+    Arrays that calls share must therefore never change.
+
+    Args:
+        count: number of processes.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._folder = Path(mkdtemp(prefix="mqslam-"))
+        end: dict[str, Any] = {"initializer": end_with_parent, "initargs": (self._folder,)}
+        self._executor = ProcessPoolExecutor(count, mp_context=get_context("spawn"), **end)
+        self._remove = finalize(self, rmtree, self._folder, ignore_errors=True)
+        self._written: dict[int, tuple[ref[Any], Path]] = {}  # by the array's id, as long as that array lives
+        self._files = 0
+
+    def submit(self, function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> list[Future[R]]:
+        """Has function(shared, item) called for each item, the first ones first.
+
+        Raises:
+            OSError: what they share cannot be written, for example because the disk is full.
+            BrokenProcessPool: a process has died.
+        """
+        if not items:
+            return []
+        call, arrays = self._write((function, shared))
+        with shield_from_interrupts():  # the processes start now
+            futures = [self._executor.submit(_call, call, item) for item in items]
+        waiting = set(futures)
+
+        def release(future: Future[R]) -> None:
+            waiting.discard(future)
+            if not waiting:
+                call.unlink(missing_ok=True)
+                arrays.clear()
+
+        for future in futures:
+            future.add_done_callback(release)
+        return futures
+
+    def close(self) -> None:
+        """Ends the processes at once, with whatever they are calling."""
+        for process in list((self._executor._processes or {}).values()):  # Python 3.14 has a method for it
+            process.terminate()
+        self._executor.shutdown(cancel_futures=True)
+        self._remove()
+
+    def _write(self, what: Any) -> tuple[Path, list[Any]]:
+        """Writes an object to a file, and its large arrays to files of their own, which last as long as the arrays do.
+
+        Returns:
+            The file, and the arrays.
+        """
+        arrays: list[Any] = []
+        paths: list[Path] = []
+
+        def keep(buffer: pickle.PickleBuffer) -> bool:
+            """Returns whether an array is so small that it is copied with what holds it."""
+            with buffer.raw() as raw:
+                if raw.nbytes < _LARGE:
+                    return True
+                paths.append(self._write_once(raw))
+                arrays.append(raw.obj)
+            return False
+
+        content = pickle.dumps(what, protocol=5, buffer_callback=keep)
+        return self._write_bytes(pickle.dumps((paths, content))), arrays
+
+    def _write_once(self, raw: memoryview) -> Path:
+        """Writes the bytes of an array to a file, unless they are in one."""
+        for key, (array, path) in list(self._written.items()):
+            if array() is None:
+                del self._written[key]
+                path.unlink(missing_ok=True)
+        known = self._written.get(id(raw.obj))
+        if known is None:
+            known = self._written[id(raw.obj)] = ref(raw.obj), self._write_bytes(raw)
+        return known[1]
+
+    def _write_bytes(self, content: bytes | memoryview) -> Path:
+        """Writes a new file; where there is no room for all of it, none of it stays."""
+        self._files += 1
+        path = self._folder / str(self._files)
+        view = memoryview(content)
+        try:
+            with path.open("wb") as file:
+                for begin in range(0, len(view), _PIECE):
+                    file.write(view[begin : begin + _PIECE])
+                    release(view)
+        except OSError:
+            path.unlink(missing_ok=True)
+            raise
+        return path
+
+
+# what a process calls for item after item: its file, the function, the first argument, and what of it lies in files
+_held: tuple[Path, Callable[[Any, Any], Any], Any, list[mmap.mmap]] | None = None
+
+
+def _call(path: Path, item: Any) -> Any:
+    """Returns the result of the function in a file for an item, in a process of `WorkerProcesses`."""
+    global _held
+    if _held is None or _held[0] != path:
+        _held = None  # it is released before the next one takes memory
+        return_free_memory()
+        paths, content = pickle.loads(path.read_bytes())
+        maps = [_map_into_memory(array) for array in paths]
+        function, shared = pickle.loads(content, buffers=maps)
+        _held = path, function, shared, maps
+    _, function, shared, maps = _held
+    try:
+        return function(shared, item)
+    finally:
+        release(*maps)
+
+
+def _map_into_memory(path: Path) -> mmap.mmap:
+    """Returns the bytes of a file; what a call wrote to them would be its own, and gone after it."""
+    with path.open("rb") as file:
+        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
+
+
+def end_with_parent(folder: Path | None = None) -> None:
+    """Ends this process when its parent ends, even if that is killed, and removes a folder of the parent's."""
+    parent = parent_process()
+
+    def end() -> None:
+        if parent is not None:
+            parent.join()
+        if folder is not None:
+            rmtree(folder, ignore_errors=True)
+        os._exit(1)
+
+    Thread(target=end, daemon=True).start()

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from mqslam.core.wording import list_judged
-from mqslam.errors.shown import show
+from mqslam.errors import show
 from mqslam.execution.extras import list_versions
 
 

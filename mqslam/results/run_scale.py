@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.verdict import Finding, VerdictStatus
 from mqslam.backend.sensors.gnss import FixUse
-from mqslam.check.following import FEWEST_STEPS
-from mqslam.check.motion_checks import LEAST_SPEED
+from mqslam.check.checks import LEAST_SPEED
+from mqslam.check.stretches import FEWEST_STEPS
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import Remedy

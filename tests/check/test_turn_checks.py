@@ -13,12 +13,9 @@ from support.conversions import convert, spinning
 from support.layouts import left_turn
 from support.recordings import START_US, TURN_US, oxford_rows, with_metadata, write_oxford, write_png
 
-from mqslam.check.checks import check_azimuths, check_stamps
-from mqslam.check.finding import CheckFinding, CheckVerdict
-from mqslam.check.following import FollowedStretches, Steps, follow
-from mqslam.check.motion_checks import check_order
-from mqslam.check.stretches import read_stretches
-from mqslam.config import Config, DetectorConfig
+from mqslam.check.checks import CheckFinding, CheckVerdict, check_azimuths, check_order, check_stamps
+from mqslam.check.stretches import FollowedStretches, Steps, Stretch, follow, read_stretches
+from mqslam.config import Config
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.recordings import open_recording
@@ -29,8 +26,12 @@ CONFIG = Config()
 BEAM = beam_of(CONFIG.estimator, 0.0)
 
 
+def stretches_of(recording: Recording, odometry: Trajectory | None = None) -> list[Stretch]:
+    return read_stretches(recording, odometry, CONFIG.detector, lambda done, total: None)
+
+
 def findings(recording: Recording) -> tuple[CheckFinding, CheckFinding]:
-    stretches = read_stretches(recording, None, DetectorConfig(), lambda done, total: None)
+    stretches = stretches_of(recording)
     return check_stamps(recording, stretches), check_azimuths(stretches)
 
 
@@ -124,13 +125,13 @@ def test_azimuths_that_were_not_measured_are_counted(tmp_path: Path) -> None:
 
 def test_stretches_are_short_few_and_apart_and_lie_where_odometry_turns(tmp_path: Path) -> None:
     recording = open_recording(write_oxford(tmp_path / "d", polar_scans=80, skip=(60,)))
-    spans = [[w.t0 for w in s.scans] for s in read_stretches(recording, None, DetectorConfig(), lambda done, total: None)]
+    spans = [[w.t0 for w in s.scans] for s in stretches_of(recording)]
     assert len(spans) == 3 and all(len(span) == 12 for span in spans)
     assert all(np.allclose(np.diff(span), 0.25) for span in spans)
     assert all(one[-1] < other[0] for one, other in itertools.pairwise(spans))
     turn = np.cumsum(np.where(np.arange(80) == 30, 0.5, 0.0))
     track = Trajectory(START_US + TURN_US * np.arange(80), np.column_stack([2.0 * np.arange(80), np.zeros(80), turn]))
-    spans = [[w.t0 for w in s.scans] for s in read_stretches(recording, track, DetectorConfig(), lambda done, total: None)]
+    spans = [[w.t0 for w in s.scans] for s in stretches_of(recording, track)]
     assert any(span[0] < 29 * 0.25 < span[-1] for span in spans)
 
 
@@ -141,7 +142,7 @@ def test_where_gaps_leave_no_long_stretch_the_longest_is_looked_at(tmp_path: Pat
         ("all", tuple(range(1, 16, 2)), [range(k, k + 1) for k in (2, 8, 12)]),
     ):
         recording = open_recording(write_oxford(tmp_path / name, polar_scans=16, skip=skip))
-        stretches = read_stretches(recording, None, DetectorConfig(), lambda done, total: None)
+        stretches = stretches_of(recording)
         assert all(len(stretch.turns) == len(stretch.scans) == len(expected[0]) for stretch in stretches)
         if len(expected) == 1:
             assert [w.t0 / 0.25 for w in stretches[0].scans] == pytest.approx(list(expected[0]))
@@ -154,11 +155,11 @@ def test_where_gaps_leave_no_long_stretch_the_longest_is_looked_at(tmp_path: Pat
 def test_one_and_two_polar_scans_say_what_they_cannot_tell(tmp_path: Path, skip: tuple[int, ...]) -> None:
     for polar_scans in (1, 5 if skip else 2):
         recording = open_recording(write_oxford(tmp_path / f"{polar_scans}", polar_scans=polar_scans, skip=skip))
-        stretches = read_stretches(recording, None, DetectorConfig(), lambda done, total: None)
+        stretches = stretches_of(recording)
         stamps, azimuths = findings(recording)
         assert azimuths.verdict is CheckVerdict.OK
         assert "too few to tell how steady turns are" in stamps.text or recording.gaps()
-        order = check_order(follow(recording, stretches, CONFIG.tracker, CONFIG.estimator, BEAM))
+        order = check_order(follow(recording, stretches, CONFIG, BEAM))
         longest = 1 if skip else min(polar_scans, 2)
         assert order.verdict is CheckVerdict.UNTOLD
         assert order.text == f"it takes 7 polar scans without a gap to tell, and there are no more than {longest}"
@@ -184,6 +185,6 @@ def test_few_short_stretches_are_too_few_to_tell(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr("mqslam.check.stretches.STRETCHES", 2)
     monkeypatch.setattr("mqslam.check.stretches.STRETCH_SCANS", 5)
     monkeypatch.setattr("mqslam.check.checks._FEWEST_TURNS", 30)
-    stretches = read_stretches(recording, None, DetectorConfig(), lambda done, total: None)
+    stretches = stretches_of(recording)
     assert [len(stretch.scans) for stretch in stretches] == [5, 5]
     assert "too few to tell how steady turns are" in check_stamps(recording, stretches).text

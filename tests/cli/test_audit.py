@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.commands import mqslam, read_contents
+from support.commands import mqslam
 
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.trajectories import write_kitti
@@ -106,14 +106,6 @@ def test_the_numbers_are_printed_as_json(street: Path, tracks: Path, quick: Path
     assert json.loads(result.out) == json.loads((tmp_path / "a" / "audit.json").read_text())
 
 
-@pytest.fixture(scope="module")
-def finished(street: Path, quick: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A finished run of the street along its odometry, whose recording counts its time from 1970."""
-    out = tmp_path_factory.mktemp("finished") / "run"
-    assert mqslam("run", street, "--out", out, "--frontend", "odometry", "--config", quick, "--quiet").code == 0
-    return out
-
-
 def test_the_map_and_the_trajectory_of_a_run_fit_together(finished: Path, tmp_path: Path) -> None:
     summary = audited(finished / "map.ply", tmp_path / "a", "--trajectory", finished / "trajectory.tum")
     track = read_tum(finished / "trajectory.tum")
@@ -144,34 +136,3 @@ def test_a_trajectory_of_another_clock_takes_an_offset(finished: Path, tmp_path:
     assert shifted["per_window"] == right["per_window"]
     result = mqslam(*words, "--out", tmp_path / "d", "--time-offset", "1e15")
     assert result.code == 2 and "beyond any clock" in result.err
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ((), "has no trajectory of its own (it carries odometry, ground_truth); give --trajectory FILE"),
-        (("--trajectory", "nowhere.tum"), "nowhere.tum: "),
-        (("--trajectory", "ground_trut"), "ground_trut: does not exist; check the path, or did you mean ground_truth?"),
-        (("--time-offset", "2.5"), "belong to a trajectory from a file"),
-        (("--trajectory", "ground_truth", "--time-offset", "2.5"), "belong to a trajectory from a file"),
-        (("--trajectory", "odometry", "--times", "t.txt"), "belong to a trajectory from a file"),
-        (("--trajectory", "ground_truth", "--config", "nothing"), "no such configuration"),
-        (("--covariances", "c.csv"), "belongs to a trajectory from a file"),
-        (("--trajectory", "ground_truth", "--covariances", "c.csv"), "belong to a trajectory from a file"),
-        (("--trajectory", "ground_truth", "--false-alarms", "0"), "a rate of false alarms of 0 is not between 0 and 0.5"),
-        (("--trajectory", "ground_truth", "--false-alarms", "0.5"), "a rate of false alarms of 0.5 is not between 0 and"),
-        (("--trajectory", "ground_truth", "--false-alarms", "nan"), "a rate of false alarms of nan is not between 0 and"),
-    ],
-)
-def test_mistakes_are_one_line_and_leave_nothing(street: Path, tmp_path: Path, options: tuple[str, ...], said: str) -> None:
-    result = mqslam("audit", street, "--out", tmp_path / "a", "--quiet", *options)
-    assert result.code == 2 and said in result.err and len(result.err.splitlines()) == 1
-    assert read_contents(tmp_path) == {}
-
-
-def test_results_are_not_replaced_unasked(street: Path, tmp_path: Path) -> None:
-    (tmp_path / "a").mkdir()
-    (tmp_path / "a" / "mine").write_text("kept")
-    result = mqslam("audit", street, "-t", "ground_truth", "--out", tmp_path / "a")
-    assert result.code == 2 and "exists already" in result.err
-    assert read_contents(tmp_path) == {"a": None, "a/mine": b"kept"}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.commands import mqslam, read_contents
+from support.commands import mqslam
 from support.laser_drive import drive_truth, write_laser_bag
 
 import mqslam as package
@@ -74,16 +74,16 @@ def test_the_remedy_for_a_turned_mount_of_a_radar_mends_it(quick: Path, tmp_path
     assert mended.verdict == "pass", mended.reasons
 
 
-def test_results_of_other_slams_and_frames_of_a_bag_are_audited(street: Path, quick: Path, tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    assert mqslam("run", street, "--out", run, "--frontend", "odometry", "--config", quick, "--quiet").code == 0
-    assert mqslam("convert", run, tmp_path / "run.mcap", "--quiet").code == 0
+def test_results_of_other_slams_and_frames_of_a_bag_are_audited(
+    street: Path, quick: Path, finished: Path, tmp_path: Path
+) -> None:
+    assert mqslam("convert", finished, tmp_path / "run.mcap", "--quiet").code == 0
     (tmp_path / "cfear" / "est").mkdir(parents=True)
-    write_kitti(tmp_path / "cfear" / "est" / "00.txt", read_tum(run / "trajectory.tum"))
-    write_tum(tmp_path / "cfear" / "est" / "tum_00.txt", read_tum(run / "trajectory.tum"))
+    write_kitti(tmp_path / "cfear" / "est" / "00.txt", read_tum(finished / "trajectory.tum"))
+    write_tum(tmp_path / "cfear" / "est" / "tum_00.txt", read_tum(finished / "trajectory.tum"))
     medians = {}
     for name, options in {
-        "tum": (run / "trajectory.tum",),
+        "tum": (finished / "trajectory.tum",),
         "cfear": (tmp_path / "cfear",),
         "tf": (tmp_path / "run.mcap", "--frame", "radar"),
     }.items():
@@ -93,36 +93,6 @@ def test_results_of_other_slams_and_frames_of_a_bag_are_audited(street: Path, qu
         medians[name] = audited["windows"]["inflation_median"]
     assert medians["cfear"] == pytest.approx(medians["tum"], rel=1e-3)
     assert medians["tf"] == pytest.approx(medians["tum"], rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (
-            ("--extrinsics", "1,2"),
-            "extrinsics 1,2: are not three numbers; give --extrinsics as metres forward, metres",
-        ),
-        (("--extrinsics", "1,2,left"), "extrinsics 1,2,left: are not three numbers"),
-        (("--extrinsics", "1500,0,0"), "extrinsics of 1500, 0, 0 are beyond any vehicle; give --extrinsics as metres"),
-        (("--extrinsics", "0,0,nan"), "extrinsics of 0, 0, nan are beyond any vehicle"),
-        (("--extrinsics", "0,0,1", "--trajectory", "ground_truth"), "belong to a trajectory from a file; give --trajectory"),
-        (("--frame", "base_link", "--trajectory", "odometry"), "belong to a trajectory from a file; give --trajectory"),
-        (("--frame", "base_link", "--trajectory", "TRUTH"), "is no bag, and holds neither topics nor frames"),
-    ],
-)
-def test_mistakes_are_one_line_and_leave_nothing(street: Path, tmp_path: Path, options: tuple[str, ...], said: str) -> None:
-    truth = street / "gt" / "poses_tum.txt"
-    given = () if "--trajectory" in options else ("--trajectory", "TRUTH")
-    words = [truth if word == "TRUTH" else word for word in (*given, *options)]
-    result = mqslam("audit", street, "--out", tmp_path / "a", "--quiet", *words)
-    assert result.code == 2 and said in result.err and len(result.err.splitlines()) == 1
-    assert read_contents(tmp_path) == {}
-
-
-@pytest.mark.parametrize("option", [("--extrinsics", "0,0,1"), ("--frame", "base_link")])
-def test_what_belongs_to_a_trajectory_needs_one(street: Path, tmp_path: Path, option: tuple[str, str]) -> None:
-    result = mqslam("audit", street, "--out", tmp_path / "a", "--quiet", *option)
-    assert result.code == 2 and "--extrinsics belong to a trajectory from a file; give --trajectory FILE" in result.err
 
 
 @pytest.mark.parametrize(("begin", "end"), [(0.0, 0.5), (0.2, 1.0)], ids=["first-half", "without-its-beginning"])

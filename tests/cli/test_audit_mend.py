@@ -50,18 +50,8 @@ def test_the_audit_stays_and_the_mended_trajectory_stands_beside_it(
     assert mended["sentence"] in page and "As it was given" in page
     assert f"The mended trajectory is judged {mended['verdict']['status']}: " in page
     assert all(reason in html.unescape(page) for reason in mended["verdict"]["reasons"])
-    again = mqslam(
-        "audit",
-        street,
-        "--trajectory",
-        tmp_path / "mended" / "mended.tum",
-        "--config",
-        quick,
-        "--out",
-        tmp_path / "again",
-        "-q",
-    )
-    assert again.code == 0
+    given = ("--trajectory", tmp_path / "mended" / "mended.tum", "--config", quick)
+    assert mqslam("audit", street, *given, "--out", tmp_path / "again", "-q").code == 0
     alone = json.loads((tmp_path / "again" / "audit.json").read_text())
     assert alone["verdict"] == mended["verdict"]
     assert [w["dx"] for w in alone["per_window"]] == pytest.approx([w["dx"] for w in mended["per_window"]], abs=1e-3)
@@ -91,16 +81,13 @@ def test_a_trajectory_that_is_mended_in_its_scale_is_said_to_be(stretch: float) 
     assert (f"makes the path {stretch:.3f} times as long" in sentence) is (stretch != 1.0)
 
 
-def test_the_trajectory_of_a_cloud_is_mended_and_a_cloud_alone_cannot_be(street: Path, quick: Path, tmp_path: Path) -> None:
-    run = mqslam("run", street, "--out", tmp_path / "run", "--frontend", "odometry", "--config", quick, "--quiet")
-    assert run.code == 0
-    cloud = tmp_path / "run" / "map.ply"
+def test_the_trajectory_of_a_cloud_is_mended_and_a_cloud_alone_cannot_be(finished: Path, tmp_path: Path) -> None:
+    cloud, track = finished / "map.ply", finished / "trajectory.tum"
     alone = mqslam("audit", cloud, "--out", tmp_path / "a", "--mend", "--quiet")
     assert (
         alone.code == 2 and "map.ply: a cloud without its trajectory cannot be mended; give --trajectory FILE" in alone.err
     )
     assert not (tmp_path / "a").exists()
-    track = tmp_path / "run" / "trajectory.tum"
     result = mqslam("audit", cloud, "--trajectory", track, "--out", tmp_path / "b", "--mend", "--quiet")
     assert (result.code, result.err) == (0, "")
     assert read_tum(tmp_path / "b" / "mended.tum").stamps_us.tolist() == read_tum(track).stamps_us.tolist()

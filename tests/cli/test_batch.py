@@ -161,29 +161,6 @@ def test_runs_on_a_cluster_leave_the_same_trajectories(work: Path, tmp_path: Pat
     assert tracks(tmp_path / "out") == tracks(work / "out")
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("runs: [{dta: drive}]", "unknown setting runs.0.dta; did you mean data?"),
-        ("rnus: []", "unknown setting rnus; did you mean runs?"),
-        ("runs: []", "runs: List should have at least 1 item"),
-        ("runs: [{name: drive}]", "runs.0.data: Field required"),
-        ("runs: [{data: drive}, {data: drive}]", "runs.1: name drive: is the name of another run too; give one"),
-        ("runs: [{data: drive, name: ../up}]", "runs.0: name '../up': cannot be the name of a folder"),
-        ("runs: [{data: drive, frontend: kissicp}]", "runs.0: front end kissicp: unknown; did you mean kiss_icp?"),
-        ("runs: [{data: drive, config: oxfrod}]", "oxfrod: no such configuration and no such file; did you mean oxford?"),
-        ("runs: [", "is not a readable YAML file"),
-        ("- drive", "must hold settings"),
-    ],
-)
-def test_a_mistake_in_the_list_is_one_line_before_anything_runs(tmp_path: Path, text: str, message: str) -> None:
-    (tmp_path / "runs.yaml").write_text(text)
-    shown = batch(tmp_path, tmp_path / "out")
-    assert shown.code == 2 and message in shown.err and shown.err.count("\n") == 1, shown.err
-    assert shown.err.startswith(f"mqslam: error: {tmp_path / 'runs.yaml'}: ")
-    assert [path.name for path in tmp_path.iterdir()] == ["runs.yaml"]
-
-
 def test_a_folder_with_other_results_is_left_alone(work: Path, tmp_path: Path) -> None:
     before = read_contents(work / "out" / "drive")
     shown = batch(work, work / "out" / "drive")

@@ -188,12 +188,6 @@ def test_a_person_reads_a_line_per_check_and_nothing_is_written(oxford: Path, tm
     assert read_contents(tmp_path) == before
 
 
-def test_an_error_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
-    shown = mqslam("check", tmp_path / "nowhere")
-    assert shown.code == 2 and shown.out == "" and shown.err.count("\n") == 1
-    assert shown.err.startswith(f"mqslam: error: {tmp_path / 'nowhere'}: does not exist")
-
-
 def test_one_polar_scan_is_enough_to_be_checked(tmp_path: Path) -> None:
     short = drive(make_yard_scene(1), ConstantDrive(1.0, 0.0), 0.25)
     write_native(tmp_path / "drive.npz", replace(short, ground_truth=None))

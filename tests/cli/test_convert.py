@@ -15,7 +15,7 @@ from rosbags.highlevel import AnyReader
 from support.commands import mqslam, read_contents
 from support.conversions import EVEN, STAMPED
 from support.layouts import assert_alike, left_turn, write_radiate
-from support.recordings import START_US, TURN_US, assert_same, write_oxford
+from support.recordings import START_US, TURN_US, assert_same
 
 from mqslam.formats.recordings import list_targets, open_recording
 from mqslam.formats.tum import read_tum
@@ -104,60 +104,12 @@ def test_help_names_every_layout_and_shows_examples(monkeypatch: pytest.MonkeyPa
         assert f"Example: mqslam convert {example}" in shown
 
 
-def missing(folder: Path) -> list[str | Path]:
-    return [folder / "nowhere", folder / "out.bag"]
-
-
-def no_recording(folder: Path) -> list[str | Path]:
-    (folder / "notes").mkdir()
-    (folder / "notes" / "notes.txt").write_text("hello")
-    return [folder / "notes", folder / "out"]
-
-
-def broken(folder: Path) -> list[str | Path]:
-    drive = write_oxford(folder / "drive")
-    image = drive / "radar" / f"{START_US + 3 * TURN_US}.png"
+def test_a_recording_that_cannot_be_read_leaves_no_file(oxford: Path, tmp_path: Path) -> None:
+    image = oxford / "radar" / f"{START_US + 3 * TURN_US}.png"
     image.write_bytes(image.read_bytes()[:2000])
-    return [drive, folder / "out.mcap"]
-
-
-def onto(name: str, *words: str) -> Any:
-    def build(folder: Path) -> list[str | Path]:
-        (folder / "kept.bag").write_text("kept")
-        (folder / "kept").mkdir()
-        (folder / "kept" / "mine").write_text("kept")
-        return [write_oxford(folder / "drive"), folder / name, *words]
-
-    return build
-
-
-CASES = {
-    "missing": (missing, "nowhere: does not exist"),
-    "no recording": (no_recording, "notes: is no recording in a known layout"),
-    "broken": (broken, f"{START_US + 3 * TURN_US}.png: is not a readable PNG"),
-    "unknown suffix": (onto("out.png"), "out.png: '.png' is the suffix of no layout; end it in .bag, .mcap or .npz"),
-    "unknown layout": (onto("out", "--to", "borea"), "layout 'borea': is unknown; did you mean boreas?"),
-    "other suffix": (onto("out.bag", "--to", "mcap"), "out.bag: mcap is a file that ends in .mcap"),
-    "no suffix": (onto("out", "--to", "native"), "out: native is a file that ends in .npz"),
-    "file there": (onto("kept.bag"), "kept.bag: exists already; choose another OUT or give --force"),
-    "folder there": (onto("kept"), "kept: exists already"),
-    "folder for a file": (onto("kept", "--to", "rosbag2"), "kept: exists already"),
-    "below a file": (onto("kept.bag/out.npz"), "kept.bag/out.npz: cannot be made"),
-    "the recording": (onto("drive", "--to", "boreas", "--force"), "drive: holds the recording"),
-    "above the recording": (onto(".", "--to", "boreas", "--force"), "choose another"),
-}
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_an_error_is_one_line_and_nothing_is_written(tmp_path: Path, case: str) -> None:
-    build, message = CASES[case]
-    arguments = build(tmp_path)
     before = read_contents(tmp_path)
-    shown = mqslam("convert", *arguments, "--quiet")
-    assert shown.code == 2 and shown.out == ""
-    assert shown.err.startswith("mqslam: error: ") and shown.err.count("\n") == 1, shown.err
-    assert message in shown.err
-    assert read_contents(tmp_path) == before
+    shown = mqslam("convert", oxford, tmp_path / "out.mcap", "--quiet")
+    assert shown.code == 2 and f"{image.name}: is not a readable PNG" in shown.err and read_contents(tmp_path) == before
 
 
 def test_a_file_is_never_converted_onto_itself(oxford: Path, tmp_path: Path) -> None:
@@ -189,16 +141,6 @@ def test_force_replaces_what_is_there_once_the_new_one_is_whole(oxford: Path, tm
     assert shown.code == 2 and read_contents(tmp_path) == before
     assert mqslam("convert", oxford, out, "--force", "--quiet").code == 0
     assert_same(open_recording(oxford), open_recording(out))
-
-
-@pytest.fixture(scope="module")
-def finished(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a finished run."""
-    folder = tmp_path_factory.mktemp("run")
-    (folder / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
-    words = ("--frontend", "odometry", "--config", folder / "quick.yaml", "--jobs", 1, "--quiet")
-    assert mqslam("run", street, "--out", folder / "result", *words).code == 0
-    return folder / "result"
 
 
 @pytest.mark.parametrize("words", [["r.bag"], ["r.mcap"], ["r", "--to", "rosbag2"], ["r", "--to", "rosbag2_mcap"]])

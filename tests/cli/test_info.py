@@ -100,14 +100,6 @@ def test_paths_with_brackets_are_shown_as_they_are(tmp_path: Path) -> None:
     assert table_of(mqslam("info", drive).out)["path"] == str(drive)
 
 
-def test_what_is_no_recording_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
-    (tmp_path / "notes.txt").write_text("hello")
-    for path in (tmp_path, tmp_path / "nowhere"):
-        shown = mqslam("info", path)
-        assert shown.code == 2 and shown.out == ""
-        assert shown.err.startswith(f"mqslam: error: {path}: ") and shown.err.count("\n") == 1
-
-
 def test_a_lidars_log_is_described_and_sent_to_the_audit(tmp_path: Path) -> None:
     log = tmp_path / "scans.log"
     scan = " ".join(["2.5"] * 180)

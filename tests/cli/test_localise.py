@@ -7,6 +7,7 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,16 +31,8 @@ from mqslam.formats.tum import read_tum
 from mqslam.mapping.keyframing import make_keyframes
 from mqslam.psi.place import beam_of
 
-FILES = {
-    "trajectory.tum",
-    "covariances.csv",
-    "poses.csv",
-    "config.yaml",
-    "summary.json",
-    "run.log",
-    "report.html",
-    "ground_truth.tum",
-}
+NAMES = "trajectory.tum covariances.csv poses.csv config.yaml summary.json run.log report.html ground_truth.tum"
+FILES = set(NAMES.split())
 
 
 @pytest.fixture(scope="module")
@@ -156,51 +149,36 @@ def test_another_town_is_refused_with_what_was_tried(mapped: Path, tmp_path: Pat
     assert not (tmp_path / "out").exists()
 
 
-def _remove(folder: Path) -> None:
-    shutil.rmtree(folder / "keyframes")
+def change_index(**changes: Any) -> Callable[[Path], object]:
+    """Returns a function that changes the index of a map: its values, and what it says its places are described with."""
+
+    def spoil(folder: Path) -> None:
+        path = folder / "keyframes" / "index.json"
+        index = json.loads(path.read_text())
+        index["described_with"] |= changes.pop("described_with", {})
+        path.write_text(json.dumps(index | changes))
+
+    return spoil
 
 
-def _make_newer(folder: Path) -> None:
-    path = folder / "keyframes" / "index.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"version": 99}))
-
-
-def _truncate(folder: Path) -> None:
+def truncate(folder: Path) -> None:
     path = folder / "keyframes" / "points.npy"
     path.write_bytes(path.read_bytes()[:-100])
-
-
-def _describe_otherwise(folder: Path) -> None:
-    path = folder / "keyframes" / "index.json"
-    index = json.loads(path.read_text())
-    index["described_with"]["rings"] = 7
-    path.write_text(json.dumps(index))
-
-
-def _describe_by_unknown(folder: Path) -> None:
-    path = folder / "keyframes" / "index.json"
-    index = json.loads(path.read_text())
-    index["described_with"]["colour"] = "red"
-    path.write_text(json.dumps(index))
-
-
-def _break_settings(folder: Path) -> None:
-    (folder / "config.yaml").write_text("nonsense: {}\n")
 
 
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (_remove, "holds no map"),
-        (_make_newer, "is of version 99"),
-        (_truncate, "points.npy"),
-        (_describe_otherwise, "do not fit its index"),
-        (_describe_by_unknown, "settings that are not known"),
-        (_break_settings, "nonsense"),
+        (lambda folder: shutil.rmtree(folder / "keyframes"), "holds no map"),
+        (change_index(version=99), "is of version 99"),
+        (truncate, "points.npy"),
+        (change_index(described_with={"rings": 7}), "do not fit its index"),
+        (change_index(described_with={"colour": "red"}), "settings that are not known"),
+        (lambda folder: (folder / "config.yaml").write_text("nonsense: {}\n"), "nonsense"),
     ],
 )
 def test_a_map_that_cannot_be_used_is_named(
-    street: Path, mapped: Path, tmp_path: Path, spoil: Callable[[Path], None], message: str
+    street: Path, mapped: Path, tmp_path: Path, spoil: Callable[[Path], object], message: str
 ) -> None:
     result_folder = tmp_path / "result"
     shutil.copytree(mapped, result_folder)

@@ -97,38 +97,3 @@ def test_a_graph_that_gtsam_has_written_is_optimised_with_all_its_factors(tmp_pa
     assert "2 poses in the plane, 2 factors\n" in shown.out and "without 1 factor that is no edge between poses" in shown.out
     lines = (tmp_path / "optimised.g2o").read_text().splitlines()
     np.testing.assert_allclose([float(line.split()[2]) for line in lines[:2]], [3.0, 4.0], atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["none.g2o"], "none.g2o: does not exist; check the path"),
-        (["poses.tum"], "poses.tum: is no g2o graph, but looks like a trajectory; give a graph of VERTEX_SE2 and EDGE_SE2"),
-        (["table.txt"], "table.txt: is no g2o graph, but looks like a table of numbers; give a graph of"),
-        (["prose.txt"], "prose.txt: is no g2o graph; give a graph of"),
-        (["graph.g2o", "--out", "poses.csv"], "poses.csv: ends in none of .g2o, .tum; name the output so"),
-        (
-            ["graph.g2o", "--out", "graph.g2o"],
-            "graph.g2o: exists already; choose another --out or give --force to replace it",
-        ),
-        (["graph.g2o", "--out", "none/poses.g2o"], "none/poses.g2o: cannot be written"),
-        (["graph.g2o", "--out", "other.tum"], "graph.g2o: has no trajectory.tum beside it"),
-        (["graph.g2o", "--values", "graph.g2o"], "graph.g2o: is not needed: graph.g2o holds its own values; leave it out"),
-        (["graph.txt", "--values", "none.txt"], "none.txt: does not exist; check the path"),
-        (["graph.txt"], "graph.txt: is a graph that GTSAM has written, without its values; give --values FILE"),
-    ],
-)
-def test_a_mistake_is_one_line_and_nothing_is_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], message: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    graph, values = square(gtsam.Pose2)
-    Path("graph.g2o").write_text(format_poses_and_edges(graph, values, range(SIDES + 1)))
-    Path("graph.txt").write_text(graph.serialize())
-    Path("poses.tum").write_text("# a trajectory\n1600000000.022921 0 0 0 0 0 0 1\n")
-    Path("table.txt").write_text("1 2 3\n")
-    Path("prose.txt").write_text("A graph of poses.\n")
-    before = sorted(tmp_path.iterdir())
-    shown = mqslam("optimise", *words)
-    assert shown.code == 2 and shown.err.startswith(f"mqslam: error: {message}") and shown.err.count("\n") == 1
-    assert sorted(tmp_path.iterdir()) == before

@@ -142,31 +142,25 @@ def dead(lap: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return killed(lap, tmp_path_factory.mktemp("dead"), MOMENTS["the first returns"])
 
 
-def refused(lap: Path, dead: Path, *more: str | Path) -> str:
-    """Returns the error of a run over an unfinished one, and checks that the unfinished one stays as it was."""
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ((), "--resume"),
+        (("--resume", "--config", "other.yaml"), "unfinished run of other data or settings"),
+        (("--resume", "--frontend", "kiss_icp"), "unfinished run of other data or settings"),
+        (("--resume", "--odometry", "auto"), "unfinished run of other data or settings"),
+    ],
+)
+def test_an_unfinished_run_is_neither_overwritten_unasked_nor_resumed_as_another(
+    lap: Path, dead: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: tuple[str, ...], said: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("other.yaml").write_text("sensor: {doppler_beta: 0.01}\n")
     before = read_contents(dead.parent)
     shown = mqslam(*command(lap, dead, *more))
-    assert shown.code == 2 and shown.out == ""
+    assert shown.code == 2 and shown.out == "" and said in shown.err
     assert shown.err.startswith(f"mqslam: error: {dead}: ") and shown.err.count("\n") == 1, shown.err
     assert read_contents(dead.parent) == before
-    return shown.err
-
-
-def test_an_unfinished_run_is_not_overwritten_unasked(lap: Path, dead: Path) -> None:
-    assert "--resume" in refused(lap, dead)
-
-
-def test_an_unfinished_run_is_not_resumed_with_other_settings(lap: Path, dead: Path, tmp_path: Path) -> None:
-    (tmp_path / "other.yaml").write_text("sensor: {doppler_beta: 0.01}\n")
-    assert "unfinished run of other data or settings" in refused(lap, dead, "--resume", "--config", tmp_path / "other.yaml")
-
-
-def test_an_unfinished_run_is_not_resumed_by_another_front_end(lap: Path, dead: Path) -> None:
-    assert "unfinished run of other data or settings" in refused(lap, dead, "--resume", "--frontend", "kiss_icp")
-
-
-def test_an_unfinished_run_is_not_resumed_with_other_odometry(lap: Path, dead: Path) -> None:
-    assert "unfinished run of other data or settings" in refused(lap, dead, "--resume", "--odometry", "auto")
 
 
 @pytest.mark.slow
@@ -175,10 +169,3 @@ def test_force_replaces_an_unfinished_run(lap: Path, dead: Path, whole: dict[str
     (out / FOLDER / "measurements.npz").write_bytes(b"would be believed if it were not cleared")
     assert mqslam(*command(lap, out, "--force")).code == 0
     assert_as_whole(out, whole)
-
-
-@pytest.mark.slow
-def test_a_finished_run_is_not_resumed(lap: Path, whole: dict[str, bytes | None]) -> None:
-    shown = mqslam(*command(lap, lap / "out", "--resume"))
-    assert shown.code == 2 and "exists already" in shown.err and "--resume" not in shown.err
-    assert read_contents(lap / "out") == whole

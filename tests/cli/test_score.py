@@ -111,29 +111,6 @@ def test_only_the_windows_scans_are_read(street: Path, tmp_path: Path) -> None:
     assert again == whole
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--start", 99, "--motion", "1,0"], "no 3 scans begin at 99 s"),
-        (["--start", -1, "--motion", "1,0"], "no 3 scans begin at -1 s"),
-        (["--start", "nan", "--motion", "1,0"], "give a start of 0 to 11.25"),
-        (["--start", 0, "--motion", "1,0", "--revolutions", 500], "holds only 48"),
-        (["--start", 0, "--motion", "1"], "--motion 1: is not a motion; give v,omega or vx,vy,omega"),
-        (["--start", 0, "--motion", "1,2,3,4"], "is not a motion"),
-        (["--start", 0, "--motion", "fast,0"], "--motion fast,0: is not a motion"),
-        (["--start", 0, "--motion", "nan,0"], "is not a motion"),
-        (["--start", 0, "--motion", "1,0", "--temporal", "box"], "temporal box: Input should be 'plateau' or 'gaussian'"),
-        (["--start", 0, "--motion", "1,0", "--numerator", "2"], "numerator 2: "),
-        (["--start", 0, "--motion", "1,0", "--unmatched", -1], "unmatched -1.0: "),
-    ],
-)
-def test_a_mistake_is_one_line_and_exit_code_2(street: Path, words: list[str | float], message: str) -> None:
-    result = mqslam("score", street, *words)
-    assert (result.code, result.out) == (2, "")
-    assert result.err.startswith("mqslam: error: ") and result.err.count("\n") == 1
-    assert message in result.err
-
-
 def test_the_last_window_can_be_scored_and_nothing_is_written(street: Path) -> None:
     before = read_contents(street)
     assert shown(street, "--start", 11.25, "--motion", "9,0")["window"]["t0"] == 11.25

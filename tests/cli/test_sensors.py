@@ -81,14 +81,13 @@ def test_sensors_that_contradict_the_radar_are_refused_without_a_trace(street: P
         assert (out / name).read_bytes() == (alone / name).read_bytes(), name
 
 
-def test_what_is_told_of_a_sensors_file_is_printed_once(street: Path, tmp_path: Path) -> None:
+def test_what_is_told_of_a_sensors_file_is_printed_once(street: Path, quick: Path, tmp_path: Path) -> None:
     imu, gnss = (np.genfromtxt(street / name, delimiter=",", names=True) for name in ("imu.csv", "gnss.csv"))
     rows = (f"{t:.0f},0,0,{rate}" for t, rate in zip(imu["t"], np.degrees(imu["wz"]).tolist(), strict=True))
     write_imu_csv(tmp_path / "degrees.csv", *rows)
     clocks = [datetime.fromtimestamp(t * 1e-6, UTC).strftime("%H%M%S.%f") for t in gnss["t"].tolist()]
     write_lines(tmp_path / "log.nmea", *(gga(clock) for clock in clocks))
-    (tmp_path / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
-    words = ("--frontend", "odometry", "--config", tmp_path / "quick.yaml", "--jobs", "1", "--out", tmp_path / "out")
+    words = ("--frontend", "odometry", "--config", quick, "--jobs", "1", "--out", tmp_path / "out")
     shown = mqslam("run", street, *words, "--imu", tmp_path / "degrees.csv", "--gnss", tmp_path / "log.nmea")
     assert shown.code == 0, shown.err
     lines = shown.err.splitlines() + (tmp_path / "out" / "run.log").read_text().splitlines()

@@ -60,30 +60,7 @@ def test_progress_and_the_place_are_told_unless_quiet(tmp_path: Path) -> None:
     assert (quiet.out, quiet.err) == ("", "")
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["--scene", "moon"],
-        ["--scene", "queue"],
-        ["--seed", "-1"],
-        ["--scene", "corridor", "--movers", "2"],
-    ],
-)
-def test_an_impossible_wish_is_one_line_and_nothing_is_made(tmp_path: Path, words: list[str]) -> None:
-    shown = mqslam("simulate", tmp_path / "drive", *SMALL, *words)
-    assert shown.code == 2 and shown.out == ""
-    assert shown.err.startswith("mqslam: error: ") and shown.err.count("\n") == 1
-    assert read_contents(tmp_path) == {}
-
-
 @pytest.mark.parametrize("scene", ["street", "yard", "corridor"])
 def test_every_scene_can_be_had_by_its_name_alone(tmp_path: Path, scene: str) -> None:
     shown = mqslam("simulate", tmp_path / "drive", *SMALL, "--scene", scene)
     assert shown.code == 0, shown.err
-
-
-def test_a_folder_with_content_is_left_alone(tmp_path: Path) -> None:
-    (tmp_path / "mine").write_text("kept")
-    shown = mqslam("simulate", tmp_path, *SMALL)
-    assert shown.code == 2 and "exists already" in shown.err and shown.err.count("\n") == 1
-    assert read_contents(tmp_path) == {"mine": b"kept"}

@@ -13,16 +13,15 @@ from rich.console import Console
 from support.commands import mqslam
 
 from mqslam.cli.run import describe_pace, tabulate_summary
-from mqslam.cli.terminal.console import show_progress
+from mqslam.cli.terminal import show_progress
 
 COMMAND = Path(sys.executable).with_name("mqslam")
 
 
-def test_verbose_says_what_each_stage_found_and_took(street: Path, tmp_path: Path) -> None:
-    (tmp_path / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
-    quick = ("--frontend", "odometry", "--config", tmp_path / "quick.yaml")
-    shown = mqslam("run", street, "--out", tmp_path / "loud", "-v", *quick)
-    silent = mqslam("run", street, "--out", tmp_path / "silent", "-q", *quick)
+def test_verbose_says_what_each_stage_found_and_took(street: Path, quick: Path, tmp_path: Path) -> None:
+    words = ("--frontend", "odometry", "--config", quick)
+    shown = mqslam("run", street, "--out", tmp_path / "loud", "-v", *words)
+    silent = mqslam("run", street, "--out", tmp_path / "silent", "-q", *words)
     assert (shown.code, silent.code) == (0, 0)
     assert "mqslam.detection.stage: " in shown.err and "returns in 48 polar scans, 0 of them unread" in shown.err
     assert "mqslam.execution.runner: render took " in shown.err

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.commands import mqslam
 from support.recordings import START_US
 from support.sensors import a_gyroscope, some_fixes, stamps, write_gnss_csv, write_imu_csv
 
 from mqslam.commands.batch import read_plan
-from mqslam.commands.inputs.opening import Inputs, choose_fixes, choose_gyroscope, choose_mount
+from mqslam.commands.inputs import Inputs, choose_fixes, choose_gyroscope, choose_mount
 from mqslam.commands.run import open_job
 from mqslam.config import Config
 from mqslam.core.recording import Recording
@@ -139,23 +138,6 @@ def test_a_batch_takes_them_beside_its_file(tmp_path: Path) -> None:
     first, second = read_plan(tmp_path / "runs.yaml")[0]
     assert (first.imu, first.gnss, first.extrinsics) == (str(tmp_path / "a" / "imu.csv"), "none", "1.2,0,-90")
     assert (second.imu, second.gnss, second.extrinsics, second.odometry) == ("auto",) * 4
-    (tmp_path / "runs.yaml").write_text("runs: [{data: drive, extrinsics: '1.2,0'}]")
-    with pytest.raises(ConfigError, match=r"runs\.0: extrinsics 1\.2,0: are not three numbers"):
-        read_plan(tmp_path / "runs.yaml")
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (("--imu", "nowhere.csv"), "nowhere.csv: does not exist"),
-        (("--gnss", "nowhere.csv"), "nowhere.csv: does not exist"),
-        (("--extrinsics", "1,2"), "extrinsics 1,2: are not three numbers; give --extrinsics as metres forward"),
-    ],
-)
-def test_mistakes_of_a_run_are_one_line_and_leave_nothing(oxford: Path, options: tuple[str, str], said: str) -> None:
-    shown = mqslam("run", oxford, "--out", oxford.parent / "out", "--quiet", *options)
-    assert shown.code == 2 and said in shown.err and shown.err.count("\n") == 1
-    assert not (oxford.parent / "out").exists()
 
 
 @pytest.mark.parametrize(

@@ -13,12 +13,12 @@ from mqslam.auditing.verdict import VerdictStatus
 from mqslam.backend.loops import passes
 from mqslam.backend.loops.passes import TrackedRun
 from mqslam.backend.refinement import find_crossings, measure_psi_across
-from mqslam.comparison import psi_across
+from mqslam.comparison import comparison
 from mqslam.comparison.best import Best
+from mqslam.comparison.comparison import measure_rows_across
 from mqslam.comparison.judgement import JudgedRow
-from mqslam.comparison.psi_across import measure_rows_across
 from mqslam.comparison.rows import make_given_row
-from mqslam.config import EstimatorConfig
+from mqslam.config import Config
 from mqslam.core.point_map import PointMap
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
@@ -26,7 +26,7 @@ from mqslam.execution.local_engine import HERE
 
 EARLIER = street_pass(-25.0, LANE_Y, 0.0, 1)
 LATER = street_pass(-22.0, LANE_Y, 0.0, 2)
-ESTIMATOR = EstimatorConfig()
+CONFIG = Config()
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -34,7 +34,7 @@ def near_passes() -> Iterator[None]:
     """Lets passes follow each other so soon that those of the tests count: each is 40 m long."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(passes, "LEAST_PATH_M", 35.0)
-        patch.setattr(psi_across, "SAMPLE_M", 5.0)
+        patch.setattr(comparison, "SAMPLE_M", 5.0)
         yield
 
 
@@ -47,7 +47,7 @@ def judged(name: str, scans: Scans, poses: np.ndarray) -> JudgedRow:
 def measured(drive: TrackedRun, best: Best | None, **poses: np.ndarray) -> dict[str, float]:
     scans = Scans(tuple(drive.scans), 0, 0.25)
     rows = {name: judged(name, scans, own) for name, own in poses.items()}
-    return measure_rows_across(rows, best, scans, ESTIMATOR, BEAM, HERE)
+    return measure_rows_across(rows, best, scans, CONFIG, BEAM, HERE)
 
 
 def moved_apart(drive: TrackedRun, aside_m: float) -> np.ndarray:
@@ -65,7 +65,7 @@ def test_a_row_whose_passes_do_not_lie_on_each_other_has_more_psi() -> None:
 def test_it_is_that_of_a_run_at_the_same_places() -> None:
     drive = joined(EARLIER, LATER)
     crossings = find_crossings(drive, 5.0, 35.0)
-    psi = measure_psi_across(drive, crossings, ESTIMATOR, BEAM, HERE)
+    psi = measure_psi_across(drive, crossings, CONFIG.estimator, BEAM, HERE)
     assert measured(drive, None, right=drive.poses)["right"] == pytest.approx(psi, rel=1e-6)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from support.drives import street_drive
 
 from mqslam.comparison import judgement
-from mqslam.comparison.judgement import JudgeSettings, compare_pairs, find_places, judge, judge_rows, take_common_scans
+from mqslam.comparison.judgement import Judge, compare_pairs, find_places, take_common_scans
 from mqslam.comparison.rows import FrontEndTask, Row, make_given_row, run_front_end, run_front_ends
 from mqslam.config import Config, SensorConfig
 from mqslam.core import se2
@@ -22,7 +23,6 @@ from mqslam.psi.place import beam_of
 
 CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
 BEAM = beam_of(CONFIG.estimator, 0.0)
-JUDGES = JudgeSettings(CONFIG.audit, CONFIG.estimator, CONFIG.verdict)
 
 
 def context(odometry: Trajectory | None = None) -> Context:
@@ -92,7 +92,8 @@ def test_rows_are_judged_by_truth_and_without_it() -> None:
     assert len(common) == len(scans)
     where = find_places(common, tracks, 6)
     assert where and all(a.apart_m >= b.apart_m for a, b in itertools.pairwise(where))
-    result = [judge(r, common, truth, where, JUDGES, BEAM, HERE, lambda *_: None) for r in rows]
+    judge = Judge(common, truth, where, CONFIG, BEAM, HERE, lambda *_: None)
+    result = [judge.judge(r) for r in rows]
     psi, best, shaken = result
     inflation = [np.median([w.bend.inflation for w in f.audit.windows]) for f in result]
     assert inflation[2] > 3.0 * inflation[1]
@@ -115,10 +116,11 @@ def test_errors_are_those_of_the_part_that_every_row_covers() -> None:
         make_given_row("part", Trajectory(truth.stamps_us[:16], truth.poses[:16])),
     ]
     common = take_common_scans(rows, scans)
-    _, judged = judge_rows(rows, common, truth, [], JUDGES, BEAM, HERE, lambda *_: None)
+    judge = Judge(common, truth, [], CONFIG, BEAM, HERE, lambda *_: None)
+    _, judged = judge.judge_all(rows)
     assert [row.after.ate_rmse_m for row in judged.values()] == pytest.approx([0.0, 0.0], abs=1e-6)
     elsewhere = Trajectory(truth.stamps_us + 10**12, truth.poses)
-    _, judged = judge_rows(rows, common, elsewhere, [], JUDGES, BEAM, HERE, lambda *_: None)
+    _, judged = replace(judge, truth=elsewhere).judge_all(rows)
     assert [row.after for row in judged.values()] == [None, None]
 
 

@@ -1,14 +1,17 @@
-"""Settings: every one is explained, a wrong one is refused by name, and a file reads back what was written."""
+"""Settings: every one is explained, a wrong one is refused by name, and `mqslam config` shows what files change."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from pydantic import BaseModel, ValidationError
+import yaml
+from pydantic import BaseModel, Field, ValidationError, create_model
+from support.commands import mqslam
 
-from mqslam.config import Config, dump_yaml, list_shipped, load_config
+from mqslam.config import EXPERT, Config, MapConfig, dump_yaml, list_shipped, load_config
 from mqslam.errors import ConfigError
 
 
@@ -31,10 +34,12 @@ def refusal(tmp_path: Path, text: str) -> str:
     return str(caught.value).removeprefix(f"{file}: ")
 
 
-def test_every_setting_says_what_it_is() -> None:
+def test_every_setting_says_what_it_is_for_and_its_unit() -> None:
     described = dict(settings(Config))
     assert len(described) > 30
-    assert [name for name, description in described.items() if not description] == []
+    for name, reason in described.items():
+        unit = {"_m": "[m", "_rad": "[rad"}.get("_" + name.rpartition("_")[2])
+        assert reason is not None and len(reason.split()) >= 3 and (unit is None or unit in reason), name
 
 
 def test_no_file_and_the_shipped_default_are_the_defaults() -> None:
@@ -81,33 +86,15 @@ def test_what_is_written_is_read_back_equal(tmp_path: Path, name: str) -> None:
     [
         ("psi: {bta_s: 1}", "unknown setting psi.bta_s; did you mean beta_s?"),
         ("trackr: {}", "unknown setting trackr; did you mean tracker?"),
-        ("map: {zzzz: 1}", "unknown setting map.zzzz; choose one of cell_m"),
         ("map: {cell_m: -1}", "map.cell_m: Input should be greater than 0"),
         ("map: {cell_m: wide}", "map.cell_m: Input should be a valid number"),
-        (
-            "map: {stop_s: 3, cell_m: -1}",
-            "map.stop_s is no setting any more, but fixed: nobody had a reason to change it; leave it out",
-        ),
-        ("recognition: {row: 4}", "recognition.row is no setting any more, but fixed: nobody had a reason to change it"),
-        (
-            "reading: {alike: 1.3, track_slack_s: 1}",
-            "reading.alike, reading.track_slack_s are no setting any more, but fixed",
-        ),
-        (
-            "sensor: {doppler_steps: 3}",
-            "sensor.doppler_steps is no setting any more, but fixed: nobody had a reason to change",
-        ),
-        ("{localisation: {}}", "localisation is no setting any more, but fixed: nobody had a reason to change it"),
-        ("recognition: {rwo: 4}", "recognition is no setting any more, but fixed: nobody had a reason to change it"),
-        ("{detector: {join_bins: 2}, tracker: {beside_turn: 1}}", "detector.join_bins, tracker.beside_turn are no setting"),
+        ("map: {stop_s: 3, cell_m: -1}", "unknown setting map.stop_s; choose one of cell_m, or leave it out"),
+        ("{detector: {join_bins: 2}, recognition: {row: 4}}", "unknown settings detector.join_bins, recognition; correct"),
+        ("map: {a: 1, b: 1, c: 1, d: 1, e: 1, f: 1, g: 1}", "map.a, map.b, map.c, map.d, map.e and 2 others; correct them"),
         ("map: 3", "map: Input should be"),
         ("sensor: {doppler_beta: 5}", "sensor.doppler_beta: Input should be less than or equal to 1"),
         ("detector: {min_range_m: 3, max_range_m: 2}", "detector: max_range_m (2.0) must be larger than min_range_m (3.0)"),
         ("tracker: {segment_scans: 71}", "tracker.segment_scans: must be 0 or at least 72"),
-        (
-            "graph: {huber: 2}",
-            "graph.huber is no setting any more, but fixed: nobody had a reason to change it; leave it out",
-        ),
         ("1: 2", "Keys should be strings"),
         ("- map", "must hold settings"),
         ("map", "must hold settings"),
@@ -137,3 +124,68 @@ def test_an_unknown_name_is_answered_with_the_nearest_or_all_that_ship(name: str
 def test_settings_do_not_change_after_they_were_read() -> None:
     with pytest.raises(ValidationError):
         Config().map.cell_m = 1.0  # type: ignore[misc]
+
+
+def shown_in(text: str) -> set[tuple[str, str]]:
+    """Returns section and name of every setting that a YAML text names."""
+    return {(name, key) for name, section in yaml.safe_load(text).items() for key in section}
+
+
+def test_what_is_shown_is_read_back_the_same_and_explains_itself(tmp_path: Path) -> None:
+    shown = mqslam("config", "show", "oxford")
+    assert shown.code == 0
+    (tmp_path / "mine.yaml").write_text(shown.out)
+    assert load_config(tmp_path / "mine.yaml") == load_config("oxford")
+    assert (
+        f"  # Change of yaw acceleration per 0.25 s [rad/s^2].\n  sigma_alpha: {Config().tracker.sigma_alpha}\n" in shown.out
+    )
+    assert json.loads(mqslam("config", "show", "--json").out) == Config().model_dump(mode="json")
+
+
+def test_an_expert_setting_is_shown_on_request_and_where_a_file_changes_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fields = {"finesse": (float, Field(2.0, gt=0.0, description="how fine it is", json_schema_extra=EXPERT))}
+    section = create_model("Section", __base__=MapConfig, __doc__="The map.", **fields)
+    settings = create_model("Settings", __base__=Config, map=(section, section()))
+    monkeypatch.setattr("mqslam.config.Config", settings)
+    kinds = {name: type(kind).model_fields for name, kind in settings()}
+    experts = {
+        (name, key) for name, fields in kinds.items() for key, field in fields.items() if field.json_schema_extra == EXPERT
+    }
+    assert ("map", "finesse") in experts
+    usual, everything = mqslam("config", "show").out, mqslam("config", "show", "--all").out
+    assert shown_in(everything) == {(name, key) for name, fields in kinds.items() for key in fields}
+    assert shown_in(usual) == shown_in(everything) - experts
+    assert "  # how fine it is\n  finesse: 2.0\n" in everything
+    assert json.loads(mqslam("config", "show", "--json").out)["map"]["finesse"] == 2.0
+    (tmp_path / "mine.yaml").write_text("map: {finesse: 3.0}\n")
+    assert "  finesse: 3.0\n" in mqslam("config", "show", tmp_path / "mine.yaml").out
+    (tmp_path / "same.yaml").write_text("map: {finesse: 2.0}\n")
+    assert mqslam("config", "show", tmp_path / "same.yaml").out == usual
+
+
+def test_the_difference_of_files_is_what_they_change(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text("tracker: {sigma_alpha: 0.3}\nsensor: {doppler_beta: 0.049}\n")
+    shown = mqslam("config", "diff", tmp_path / "mine.yaml")
+    assert shown.out.splitlines() == [
+        "sensor.doppler_beta: null -> 0.049",
+        f"tracker.sigma_alpha: {Config().tracker.sigma_alpha} -> 0.3",
+    ]
+    against = json.loads(mqslam("config", "diff", tmp_path / "mine.yaml", "oxford", "--json").out)
+    assert against == {
+        "sensor.range_resolution_m": {"from": 0.0438, "to": None},
+        "tracker.sigma_alpha": {"from": Config().tracker.sigma_alpha, "to": 0.3},
+    }
+    assert mqslam("config", "diff", "default").out == ""
+    wrong = mqslam("config", "diff", "oxfrod")
+    assert wrong.code == 2 and "oxfrod: no such configuration and no such file; did you mean oxford?" in wrong.err
+
+
+def test_the_schema_knows_every_setting_and_refuses_others() -> None:
+    schema = json.loads(mqslam("config", "schema").out)
+    for section, kind in ((name, type(value)) for name, value in Config()):
+        described = schema["$defs"][schema["properties"][section]["$ref"].rpartition("/")[2]]
+        assert issubclass(kind, BaseModel) and list(described["properties"]) == list(kind.model_fields)
+        assert described["additionalProperties"] is False
+    assert yaml.safe_load(mqslam("config", "show", "--all").out).keys() == schema["properties"].keys()

@@ -17,7 +17,7 @@ from rosbags.highlevel import anyreader
 from rosbags.rosbag1 import reader as first
 from rosbags.rosbag2 import reader as second
 from rosbags.rosbag2 import storage_mcap
-from support.recordings import START_US, Bag, bag_path, bag_writer, write_bag, write_oxford
+from support.recordings import START_US, bag_path, bag_writer, write_bag, write_oxford
 
 from mqslam.errors import DataError
 from mqslam.execution.guards.bag_bounds import bound_rosbags
@@ -37,6 +37,13 @@ def unpackers() -> dict[str, list[Callable[[bytes], bytes]]]:
         "lz4": [first.decompressors["lz4"], lambda packed: mcap["lz4"](packed, 0)],
         "zstd": [second.zstd.decompress, lambda packed: mcap["zstd"](packed, 0)],
     }
+
+
+def write_database(folder: Path) -> tuple[Path, Path]:
+    """Writes a small bag of ROS 2, and returns its folder and its database."""
+    bag = write_bag(open_recording(write_oxford(folder / "drive")), bag_path(folder, "ros2"), "ros2")
+    (file,) = bag.glob("*.db3")
+    return bag, file
 
 
 @pytest.mark.parametrize("kind", PACKERS)
@@ -73,8 +80,7 @@ def test_what_is_packed_has_a_size(kind: str) -> None:
     ids=["computed column", "endless view"],
 )
 def test_a_database_has_no_more_than_its_file(tmp_path: Path, change: str, said: str) -> None:
-    bag = write_bag(open_recording(write_oxford(tmp_path / "drive")), bag_path(tmp_path, "ros2"), "ros2")
-    (file,) = bag.glob("*.db3")
+    bag, file = write_database(tmp_path)
     with contextlib.closing(sqlite3.connect(file)) as database:
         database.executescript(change)
     with pytest.raises(DataError, match=f"is not a readable bag .*{said}"):
@@ -82,8 +88,7 @@ def test_a_database_has_no_more_than_its_file(tmp_path: Path, change: str, said:
 
 
 def test_descriptions_in_yaml_are_small_or_are_not_parsed(tmp_path: Path) -> None:
-    bag = write_bag(open_recording(write_oxford(tmp_path / "drive")), bag_path(tmp_path, "ros2"), "ros2")
-    (file,) = bag.glob("*.db3")
+    bag, file = write_database(tmp_path)
     with contextlib.closing(sqlite3.connect(file)) as database:
         database.execute("update topics set offered_qos_profiles = ?", ["[" + "[" * 3_000_000])
         database.commit()
@@ -95,8 +100,7 @@ def test_descriptions_in_yaml_are_small_or_are_not_parsed(tmp_path: Path) -> Non
 
 
 def test_a_bag_whose_files_are_packed_has_a_size(tmp_path: Path) -> None:
-    bag = write_bag(open_recording(write_oxford(tmp_path / "drive")), bag_path(tmp_path, "ros2"), "ros2")
-    (file,) = bag.glob("*.db3")
+    bag, file = write_database(tmp_path)
     (bag / f"{file.name}.zstd").write_bytes(zstd.compress(file.read_bytes()))
     metadata = (bag / "metadata.yaml").read_text().replace(file.name, f"{file.name}.zstd")
     for name, value in (("format", "zstd"), ("mode", "FILE")):
@@ -142,15 +146,12 @@ def test_usual_definitions_pass() -> None:
     assert "a/msg/I" in anyreader.get_types_from_idl(text)
 
 
-@pytest.mark.parametrize(("height", "width", "problem"), [(5000, 5000, "too large"), (70_000, 12, "too large")])
-def test_a_raw_image_is_no_larger_than_a_polar_scan(tmp_path: Path, height: int, width: int, problem: str) -> None:
-    def image(bag: Bag, stamp_us: int) -> object:
-        return bag.image(stamp_us, np.zeros((height, width), np.uint8))
-
+@pytest.mark.parametrize(("height", "width"), [(5000, 5000), (70_000, 12)])
+def test_a_raw_image_is_no_larger_than_a_polar_scan(tmp_path: Path, height: int, width: int) -> None:
     path = tmp_path / "drive.mcap"
     with bag_writer(path, "mcap") as bag:
         topic = bag.topic("/Navtech/Polar", "sensor_msgs/msg/Image")
         for k in range(2):
-            bag.write(topic, START_US + 250_000 * k, image(bag, START_US + 250_000 * k))
-    with pytest.raises(DataError, match=problem):
+            bag.write(topic, START_US + 250_000 * k, bag.image(START_US + 250_000 * k, np.zeros((height, width), np.uint8)))
+    with pytest.raises(DataError, match="too large"):
         open_recording(path)

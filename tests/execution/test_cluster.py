@@ -18,16 +18,7 @@ from mqslam.execution.cluster import connect
 from mqslam.execution.local_engine import HERE, LocalEngine
 from mqslam.simulator import SensorModel, simulate
 
-SAME = (
-    "trajectory.tum",
-    "odometry.tum",
-    "measurements.csv",
-    "covariances.csv",
-    "graph.g2o",
-    "map.ply",
-    "map.pgm",
-    "config.yaml",
-)
+SAME = "trajectory.tum odometry.tum measurements.csv covariances.csv graph.g2o map.ply map.pgm config.yaml"
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +63,7 @@ def test_a_worker_killed_while_loops_are_verified_changes_no_byte(
     shown = run(lap, tmp_path / "out", "--cluster", crew.address)
     assert (shown.code, shown.err) == (0, "")
     assert left[0] >= 3 and crew.workers[0].wait() == -signal.SIGKILL and crew.workers[1].poll() is None
-    for name in SAME:
+    for name in SAME.split():
         assert (tmp_path / "out" / name).read_bytes() == (alone / name).read_bytes(), name
 
 

@@ -14,9 +14,8 @@ from support.commands import read_contents
 
 from mqslam.errors import OutputError
 from mqslam.execution.checkpoint import FOLDER
-from mqslam.execution.folders import claim_folder, write_folder_aside
+from mqslam.execution.folders import claim_folder, list_entries, list_written, write_folder_aside
 from mqslam.execution.guards.locks import lock_output
-from mqslam.execution.guards.written import list_entries, list_written
 
 _KILLED = """
 import os, signal, sys

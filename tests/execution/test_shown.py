@@ -7,12 +7,9 @@ import pickle
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
-from mqslam.cli.terminal.console import format_verdict, print_notes, print_warnings
-from mqslam.cli.terminal.echo import echo
-from mqslam.errors import DataError, Remedy
-from mqslam.errors.shown import show, show_lines
+from mqslam.cli.terminal import Terminal, echo, format_verdict
+from mqslam.errors import DataError, Remedy, show, show_lines
 from mqslam.execution.files import to_json, write_text
 from mqslam.results.run_log import format_log
 
@@ -33,9 +30,9 @@ def test_errors_show_escapes() -> None:
 
 
 def test_the_terminal_shows_escapes(capsys: pytest.CaptureFixture[str]) -> None:
-    console = Console(stderr=True, markup=False)
-    print_notes(console, [HOSTILE])
-    print_warnings(console, [HOSTILE])
+    terminal = Terminal()
+    terminal.print_notes([HOSTILE])
+    terminal.print_warnings([HOSTILE])
     echo(HOSTILE)
     shown = capsys.readouterr()
     assert shown.err == f"note: {SHOWN}\nwarning: {SHOWN}\n" and shown.out == SHOWN.replace(r"\n", "\n") + "\n"

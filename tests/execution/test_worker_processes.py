@@ -16,9 +16,8 @@ from support.clusters import add_to, fatal, full_disk, sleep_for, slow_sum, sum_
 from support.commands import list_processes
 
 from mqslam.errors import WorkerError
-from mqslam.execution import worker_processes
-from mqslam.execution.local_engine import HERE, LocalEngine
-from mqslam.execution.worker_processes import WorkerProcesses
+from mqslam.execution import local_engine
+from mqslam.execution.local_engine import HERE, LocalEngine, WorkerProcesses
 
 LARGE = np.arange(400_000, dtype=np.float64)
 
@@ -34,7 +33,7 @@ def test_processes_stay_and_no_call_sees_what_another_writes_to_a_shared_array()
 
 
 def test_a_large_array_is_written_once_and_kept_as_long_as_it_lives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(worker_processes, "mkdtemp", lambda prefix: str(tmp_path))
+    monkeypatch.setattr(local_engine, "mkdtemp", lambda prefix: str(tmp_path))
     workers, array = WorkerProcesses(2), LARGE.copy()
 
     def list_large() -> list[int]:
@@ -57,14 +56,14 @@ def test_a_large_array_is_written_once_and_kept_as_long_as_it_lives(tmp_path: Pa
 
 
 def test_a_disk_without_room_is_an_error_that_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(worker_processes, "mkdtemp", lambda prefix: str(tmp_path))
+    monkeypatch.setattr(local_engine, "mkdtemp", lambda prefix: str(tmp_path))
     workers = WorkerProcesses(2)
 
     def fill(piece: memoryview) -> None:
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as full, pytest.raises(OSError, match="No space left"):
-        full.setattr(worker_processes, "release", fill)  # called after each piece that is written
+        full.setattr(local_engine, "release", fill)  # called after each piece that is written
         workers.submit(add_to, (LARGE, 0.0), range(5))
     assert list(tmp_path.iterdir()) == []
 
@@ -100,7 +99,7 @@ def test_a_call_is_started_beside_where_there_is_another_process_and_ends_with_t
 
 
 def test_no_items_leave_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(worker_processes, "mkdtemp", lambda prefix: str(tmp_path))
+    monkeypatch.setattr(local_engine, "mkdtemp", lambda prefix: str(tmp_path))
     assert WorkerProcesses(2).submit(add_to, (LARGE, 0.0), []) == [] and list(tmp_path.iterdir()) == []
 
 

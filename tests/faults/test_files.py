@@ -18,7 +18,7 @@ from support.recordings import START_US, TURN_US, bag_path, write_bag, write_oxf
 from mqslam.config import Config
 from mqslam.detection import stage as detection
 from mqslam.detection.stage import detect_all
-from mqslam.execution import local_engine, worker_processes
+from mqslam.execution import local_engine
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.runner import Runner
 from mqslam.formats import images as images_module
@@ -94,7 +94,7 @@ def test_workers_are_sent_a_recordings_index_once(lane: Path, monkeypatch: pytes
             return super().submit(work, *words, **named)
 
     alone, _ = detect_all(open_recording(lane), Config().detector)
-    monkeypatch.setattr(worker_processes, "ProcessPoolExecutor", Spied)
+    monkeypatch.setattr(local_engine, "ProcessPoolExecutor", Spied)
     monkeypatch.setattr(local_engine, "_WORTH_PROCESSES", 1)
     monkeypatch.setattr(detection, "_CHUNK", 4)
     scans, _ = detect_all(open_recording(lane), Config().detector, Runner(LocalEngine(2)))

@@ -24,8 +24,8 @@ PAGES = [
     "mqslam.commands.run.write_run_pages",
     "mqslam.commands.audit.write_audit_pages",
     "mqslam.commands.compare.write_compare_pages",
-    "mqslam.commands.maps.localise.write_localise_page",
-    "mqslam.commands.maps.merge.write_merge_page",
+    "mqslam.commands.localise.write_localise_page",
+    "mqslam.commands.merge.write_merge_page",
 ]
 SELDOM = {"audit of a cloud": 4, "audit of a trajectory": 4}  # other ways of calling a command get one in so many inputs
 COMMANDS = {  # what is damaged, and the words of the command

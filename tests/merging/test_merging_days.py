@@ -16,7 +16,7 @@ from support.day_results import write_day
 from support.reported import find_faults
 
 import mqslam
-from mqslam.commands.maps.merge import read_part
+from mqslam.commands.merge import read_part
 from mqslam.core import se2
 from mqslam.errors import ConfigError, DataError, EstimationError
 from mqslam.execution.local_engine import LocalEngine

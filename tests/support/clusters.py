@@ -89,7 +89,7 @@ def at(monkeypatch: pytest.MonkeyPatch, stage: str, happens: Callable[[], None])
 
         yield show
 
-    monkeypatch.setattr("mqslam.cli.terminal.console.show_progress", watched)
+    monkeypatch.setattr("mqslam.cli.terminal.show_progress", watched)
     return left
 
 

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import median_abs_deviation
 
-from mqslam.check.following import track_scans
-from mqslam.check.stretches import choose_spans
-from mqslam.commands.inputs.opening import choose_settings, open_data
+from mqslam.check.stretches import choose_spans, track_scans
+from mqslam.commands.inputs import choose_settings, open_data
 from mqslam.config import Config, DetectorConfig, EstimatorConfig, TrackerConfig
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording

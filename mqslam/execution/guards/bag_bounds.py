@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Mapping
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 from mqslam.errors.untrusted import bound_unpacked
 
@@ -20,21 +20,6 @@ _LONGEST_QUALITIES = 4000  # characters: a profile takes 300
 _LONGEST_DEFINITION = 1_000_000  # characters
 _LONGEST_ARRAY = 1000  # strings or messages in an array of fixed length, for each of which rosbags writes code
 _LARGE_CONSTANT = re.compile(r"<<|\bconst\b[^;]*=[^;]*\*")  # a few of these make numbers that fill the memory
-
-
-class _Unpacker(Protocol):
-    """What bz2, lz4 and zstd have in common."""
-
-    @property
-    def eof(self) -> bool:
-        """Whether the end of the packed data is reached."""
-
-    @property
-    def unused_data(self) -> bytes | None:
-        """What follows behind that end."""
-
-    def decompress(self, data: bytes, max_length: int) -> bytes:
-        """Unpacks data to at most so many bytes."""
 
 
 @cache
@@ -94,8 +79,8 @@ class _BoundedFile:
         return content
 
 
-def _unpack(make: Callable[[], _Unpacker], packed: bytes) -> bytes:
-    """Unpacks one or several streams, one behind the other.
+def _unpack(make: Callable[[], Any], packed: bytes) -> bytes:
+    """Unpacks one or several streams, one behind the other, by an unpacker of bz2, lz4 or zstd for each.
 
     Raises:
         ValueError: they unpack to more than is allowed, or end too early.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import os
 import socket
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -116,11 +116,7 @@ def _take(path: Path, out: Path, opened: contextlib.ExitStack) -> Lock:
 
 
 def _try_to_lock(handle: int) -> bool:
-    """Locks a file; returns False if it is locked. Where the system or the file system has no locks, nothing is locked."""
-    if sys.platform == "win32":
-        return True
-    import fcntl
-
+    """Locks a file; returns False if it is locked. Where the file system has no locks, nothing is locked."""
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

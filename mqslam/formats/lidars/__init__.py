@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mqslam.config.reading_config import USUAL_READING, ReadingConfig
+from mqslam.config import USUAL_READING, ReadingConfig
 from mqslam.core.recording import LidarRecording
 from mqslam.errors import untrusted
 from mqslam.formats import bags

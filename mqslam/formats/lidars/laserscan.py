@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config.reading_config import USUAL_READING, ReadingConfig
+from mqslam.config import USUAL_READING, ReadingConfig
 from mqslam.core import se2
 from mqslam.core.recording import LidarRecording, stamp_scans
 from mqslam.core.scans import Returns

@@ -13,7 +13,7 @@ from evo.core.trajectory import PoseTrajectory3D
 from mqslam.auditing import judge
 from mqslam.auditing.sources import place_source
 from mqslam.commands.audit import detect_radar
-from mqslam.commands.inputs.opening import choose_settings, open_data
+from mqslam.commands.inputs import choose_settings, open_data
 from mqslam.commands.work import Work
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory

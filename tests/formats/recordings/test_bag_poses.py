@@ -10,7 +10,7 @@ import pytest
 from support.recordings import START_US, TURN_US, circle
 
 from mqslam.commands.audit import detect_radar
-from mqslam.commands.inputs.opening import choose_odometry, open_data
+from mqslam.commands.inputs import choose_odometry, open_data
 from mqslam.commands.work import QUIET
 from mqslam.config import Config
 from mqslam.core import se2

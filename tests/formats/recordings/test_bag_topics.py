@@ -189,7 +189,7 @@ def test_python_takes_paths_as_text(oxford: Path) -> None:
 
 @pytest.mark.parametrize("given", ["1,2,90", (1.0, 2.0, 90.0)])
 def test_python_takes_extrinsics_as_text_and_as_numbers(given: Any) -> None:
-    from mqslam.commands.inputs.extrinsics import name_extrinsics, read_extrinsics
+    from mqslam.commands.inputs import name_extrinsics, read_extrinsics
 
     for stated in (given, name_extrinsics(given)):
         numbers, pose = read_extrinsics(stated)

@@ -1,19 +1,20 @@
-"""Progress of long stages: a bar with rate and remaining time on a terminal, plain lines elsewhere."""
+"""The terminal of a command: its results, notes, warnings and progress, in which nothing from a file can command it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
+import typer
 
-from mqslam.cli.terminal.remedies import name_options
-from mqslam.core.wording import list_judged
-from mqslam.errors.shown import show
+from mqslam.cli.remedies import name_options
+from mqslam.errors import show, show_lines
 from mqslam.execution.progress import Progress, ignore_progress
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.progress import Progress as Bars
     from rich.progress import Task
 
@@ -48,21 +49,78 @@ _LINE_EVERY_S = 10.0
 _LEAST_TIMED_S = 0.5  # a stage that reports only at its end has no rate
 
 
-def print_notes(console: Console, notes: Iterable[str]) -> None:
-    """Prints what a user should know, one unwrapped line per note, so that programs can read it too.
+class Terminal:
+    """The terminal of a command, and where its work is done.
 
     Args:
-        console: the terminal.
-        notes: texts whose remedies are put in the words of the command line.
+        quiet: whether only errors are printed.
+        as_json: whether the results are printed as JSON, without progress.
+        jobs: processes to use on this machine.
+        cluster: address of a cluster to work on instead, or None.
     """
-    for note in notes:
-        console.print(f"note: {show(name_options(note))}", highlight=False, soft_wrap=True)
+
+    def __init__(self, *, quiet: bool = False, as_json: bool = False, jobs: int = 1, cluster: str | None = None) -> None:
+        self.quiet, self.as_json, self.jobs, self._cluster = quiet, as_json, jobs, cluster
+
+    @cached_property
+    def console(self) -> Console:
+        """What prints on stderr."""
+        from rich.console import Console
+
+        return Console(stderr=True, markup=False)
+
+    @contextmanager
+    def open_work(self, watch: Watch | None = None) -> Iterator[Work]:
+        """Yields where the command's work is done, and what reports about it here.
+
+        Args:
+            watch: called with every scan once its motion is measured.
+
+        Raises:
+            ClusterError: the cluster cannot be used.
+        """
+        from mqslam.commands.work import Work, choose_engine, ignore
+
+        tell = ignore if self.quiet else lambda note: self.print_notes([note])
+        with choose_engine(self._cluster, self.jobs) as engine, self.show_progress() as shown:
+            yield Work(engine, shown, tell, watch)
+
+    def show_progress(self) -> AbstractContextManager[Progress]:
+        """Yields a callable (stage, done, total) that shows how far a stage has come."""
+        return show_progress(self.console, self.quiet or self.as_json)
+
+    def print(self, line: str, style: str | None = None) -> None:
+        """Prints a line on stderr, unwrapped, so that programs can read it too."""
+        self.console.print(line, style=style, highlight=False, soft_wrap=True)
+
+    def print_notes(self, notes: Iterable[str]) -> None:
+        """Prints what a user should know, one line per note, with remedies in the words of the command line."""
+        for note in notes:
+            self.print(f"note: {show(name_options(note))}")
+
+    def print_warnings(self, warnings: Iterable[str]) -> None:
+        """Prints what a user should know before the numbers, like notes, in the colour of warnings."""
+        for warning in warnings:
+            self.print(f"warning: {show(name_options(warning))}", style="yellow")
+
+    def print_results(self, results: Any, print_for_people: Callable[[], None]) -> None:
+        """Prints results as JSON if that is asked for, or else as people read them, unless the command is to be quiet."""
+        if self.as_json:
+            from mqslam.execution.files import to_json
+
+            typer.echo(to_json(results))
+        elif not self.quiet:
+            print_for_people()
 
 
-def print_warnings(console: Console, warnings: Iterable[str]) -> None:
-    """Prints what a user should know before the numbers, like notes, in the colour of warnings."""
-    for warning in warnings:
-        console.print(f"warning: {show(name_options(warning))}", style="yellow", highlight=False, soft_wrap=True)
+def echo(text: str, *, end: str = "\n") -> None:
+    """Prints lines on stdout."""
+    typer.echo(show_lines(text) + end, nl=False)
+
+
+def format_rows(rows: Iterable[tuple[str, str]], width: int) -> str:
+    """Returns named values as lines, the values in a column of their own."""
+    return "\n".join(f"{name:<{width}}{value}" if value else name for name, value in rows)
 
 
 def format_verdict(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -71,37 +129,12 @@ def format_verdict(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     Args:
         summary: content of audit.json or summary.json.
     """
+    from mqslam.core.wording import list_judged
+
     verdict, unjudged = summary["verdict"], summary["not_judged"]
     reasons = show(name_options("; ".join(list_judged(verdict["reasons"], unjudged))))
     lines = [("verdict", f"{verdict['status']}: {reasons}")]
     return [*lines, ("not judged", show("; ".join(unjudged)))] if unjudged else lines
-
-
-@contextmanager
-def set_up_work(
-    console: Console, cluster: str | None, jobs: int, *, quiet: bool, silent: bool, watch: Watch | None = None
-) -> Iterator[Work]:
-    """Yields where a command's work is done, and what reports about it on a terminal.
-
-    Args:
-        console: the terminal.
-        cluster: address of a cluster, or None for this machine.
-        jobs: processes to use on this machine.
-        quiet: whether notes are kept back.
-        silent: whether progress is kept back.
-        watch: called with every scan once its motion is measured.
-
-    Raises:
-        ClusterError: the cluster cannot be used.
-    """
-    from mqslam.commands.work import Work, ignore
-    from mqslam.execution.workers import choose_engine
-
-    def tell(note: str) -> None:
-        print_notes(console, [note])
-
-    with choose_engine(cluster, jobs) as engine, show_progress(console, silent) as show:
-        yield Work(engine, show, ignore if quiet else tell, watch)
 
 
 @contextmanager

@@ -1,15 +1,17 @@
-"""The recording, the settings, the odometry and the sensors that a command was given."""
+"""What a command was given: the recording, the settings, odometry and sensors, and where the radar sits on the vehicle."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.commands.inputs.extrinsics import parse_extrinsics, to_pose
 from mqslam.config import Config, load_config
+from mqslam.core import se2
 from mqslam.core.recording import Recording
 from mqslam.core.sensors import RADAR, VEHICLE, Fixes, Gyroscope, Mount, Sensors, describe_offset, find_offset
 from mqslam.core.trajectory import Trajectory
@@ -21,6 +23,11 @@ from mqslam.formats.sensors import read_fixes, read_gyroscope
 from mqslam.formats.sensors.reading import Reading
 from mqslam.formats.stamps import guess_stated_unit
 from mqslam.formats.trajectories import read_odometry
+
+S = TypeVar("S", Gyroscope, Fixes)
+Extrinsics = tuple[float, float, float]  # [m] forward, [m] to the left, [degrees] to the left
+_LARGEST = np.array([100.0, 100.0, 360.0])  # beyond any vehicle [m, m, degrees]: in other units, or no numbers
+_FORM = f"{Remedy.GIVE_EXTRINSICS} as metres forward, metres to the left and degrees to the left"
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,12 +168,34 @@ def place_truth(recording: Recording, mount: Mount | None) -> Recording:
     return replace(recording, ground_truth=mount.carry_to_radar(recording.ground_truth), truth_on_vehicle=False)
 
 
+def read_extrinsics(given: Extrinsics | str | None) -> tuple[Extrinsics | None, se2.Array | None]:
+    """Returns extrinsics that are given as three numbers or as a text X,Y,YAW, and the pose (3,) [m, m, rad] that they are.
+
+    Raises:
+        ConfigError: the text is not made of three numbers, or they are beyond any vehicle or turn.
+    """
+    if given is None:
+        return None, None
+    if isinstance(given, str):
+        try:
+            x, y, yaw = (float(part) for part in given.split(","))
+        except ValueError:
+            raise ConfigError(f"extrinsics {given}: are not three numbers; {_FORM}, such as 1.2,0,-90") from None
+        given = x, y, yaw
+    pose = np.asarray(given, dtype=np.float64)
+    if pose.shape != (3,) or not np.all(np.abs(pose) <= _LARGEST):
+        listed = ", ".join(f"{value:g}" for value in pose.ravel())
+        raise ConfigError(f"extrinsics of {listed} are beyond any vehicle; {_FORM}")
+    return given, np.array([pose[0], pose[1], np.radians(pose[2])])
+
+
+def name_extrinsics(given: Extrinsics | str) -> str:
+    """Returns extrinsics as a text X,Y,YAW; `auto` and `none` are one already."""
+    return given if isinstance(given, str) else ",".join(repr(float(value)) for value in given)
+
+
 def choose_sensors(recording: Recording, inputs: Inputs) -> Reading[Sensors]:
     """Returns the sensors that a run uses, how files that were named are understood, and what is not used of them.
-
-    Args:
-        recording: the recording.
-        inputs: what the run takes.
 
     Raises:
         ConfigError: the extrinsics are no pose on a vehicle.
@@ -188,45 +217,39 @@ def choose_gyroscope(recording: Recording, choice: str) -> Reading[Gyroscope | N
     Raises:
         DataError: the file cannot be read, or shares no time with the recording.
     """
-    if choice == "none":
-        return Reading(None)
-    if choice != "auto":
-        reading = read_gyroscope(Path(choice))
-        _require_overlap(recording, reading.sensor.stamps_us, choice)
-        return reading
-    own = recording.gyroscope
-    if own is not None and not _overlaps(recording, own.stamps_us):
-        why = _explain_clock(recording, own.stamps_us)
-        return Reading(None, faults=(f"the recording's gyroscope shares no time with the radar and is not used{why}",))
-    return Reading(own)
+    unused = "the recording's gyroscope shares no time with the radar and is not used"
+    return _choose_sensor(recording, choice, read_gyroscope, recording.gyroscope, unused)
 
 
 def choose_fixes(recording: Recording, choice: str) -> Reading[Fixes | None]:
-    """Returns the GNSS fixes that a run uses; the notes and faults of the recording's own are with the recording.
+    """Returns the GNSS fixes that a run uses, as `choose_gyroscope` does.
 
     Fixes that the ground truth was made from are used only if their file is named: an evaluation of what they have a part in
     would prove nothing.
 
-    Args:
-        recording: the recording.
-        choice: `auto` (the recording's own, if it has any), `none`, or the path of a file.
-
     Raises:
         DataError: the file cannot be read, or shares no time with the recording.
     """
+    own = recording.fixes
+    if choice == "auto" and own is not None and own.made_truth:
+        why = f"the GNSS fixes in {own.source} are not used, since the recording's ground truth was made from them; "
+        return Reading(None, faults=(f"{why}name the file to use them",))
+    unused = "the recording's GNSS fixes share no time with the radar and are not used"
+    return _choose_sensor(recording, choice, lambda path: read_fixes(path, recording.start_us), own, unused)
+
+
+def _choose_sensor(
+    recording: Recording, choice: str, read: Callable[[Path], Reading[S]], own: S | None, unused: str
+) -> Reading[S | None]:
+    """Returns the readings of a file, the recording's own, or none."""
     if choice == "none":
         return Reading(None)
     if choice != "auto":
-        reading = read_fixes(Path(choice), recording.start_us)
+        reading = read(Path(choice))
         _require_overlap(recording, reading.sensor.stamps_us, choice)
-        return reading
-    own = recording.fixes
-    if own is not None and own.made_truth:
-        why = f"the GNSS fixes in {own.source} are not used, since the recording's ground truth was made from them; "
-        return Reading(None, faults=(f"{why}name the file to use them",))
+        return Reading(reading.sensor, reading.notes, reading.faults)
     if own is not None and not _overlaps(recording, own.stamps_us):
-        why = _explain_clock(recording, own.stamps_us)
-        return Reading(None, faults=(f"the recording's GNSS fixes share no time with the radar and are not used{why}",))
+        return Reading(None, faults=(f"{unused}{_explain_clock(recording, own.stamps_us)}",))
     return Reading(own)
 
 
@@ -241,11 +264,10 @@ def choose_mount(recording: Recording, choice: str) -> Mount | None:
     Raises:
         ConfigError: the choice is neither, or no pose on a vehicle.
     """
-    if choice == "none":
-        return None
-    if choice != "auto":
-        return Mount(to_pose(parse_extrinsics(choice)), "given", given=True)
-    return recording.mount
+    if choice == "auto":
+        return recording.mount
+    pose = None if choice == "none" else read_extrinsics(choice)[1]
+    return None if pose is None else Mount(pose, "given", given=True)
 
 
 def _overlaps(recording: Recording, stamps_us: NDArray[np.int64]) -> bool:
@@ -266,11 +288,8 @@ def _require_overlap(recording: Recording, stamps_us: NDArray[np.int64], name: s
         return
     first, last = int(stamps_us[0]), int(stamps_us[-1])
     problem = f"spans {first} to {last} us, which shares no time with the recording"
-    remedy = f"give one of {recording.start_us} to {recording.end_us} us in the radar's clock"
+    span = f"{recording.start_us} to {recording.end_us} us in the radar's clock"
     unit = guess_stated_unit(first, last, recording.start_us, recording.end_us)
-    if unit:
-        problem += f": its stamps look like {unit}"
-        remedy = f"give them in microseconds, of {recording.start_us} to {recording.end_us} us in the radar's clock"
     if not unit:
-        problem += _explain_clock(recording, stamps_us)
-    raise DataError(name, problem, remedy)
+        raise DataError(name, f"{problem}{_explain_clock(recording, stamps_us)}", f"give one of {span}")
+    raise DataError(name, f"{problem}: its stamps look like {unit}", f"give them in microseconds, of {span}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from mqslam.commands.inputs.opening import choose_settings
+from mqslam.commands.inputs import choose_settings
 from mqslam.commands.result import MergeResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config
@@ -44,24 +44,25 @@ def merge(
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes those of the
             first result.
         force: whether what is at `out` is replaced.
-        work: where the work is done, and who is told about it.
+        work: where the work is done, and what reports on it.
 
     Returns:
         What the merge has left at `out`; it can be merged again.
 
     Raises:
-        MqslamError: a result cannot be used, or shares no place with the others that can be told for sure; nothing is left.
+        MqslamError: a result cannot be used, or shares no place with the others for sure; nothing is left.
 
     Example:
         >>> merged = mqslam.merge(["monday", "friday"], "both")  # doctest: +SKIP
         >>> print(merged.summary["links"]["count"], merged.report)  # doctest: +SKIP
     """
     folders, out = [Path(result) for result in results], Path(out)
-    _check_apart(folders)
+    _require_distinct(folders)
     with claim_folder(out, force=force, sources=folders):
         parts = [read_part(folder) for folder in folders]
         _check_recordings(parts)
-        settings = choose_settings(_find_settings(folders[0]) if config is None else config)
+        own = folders[0] / "config.yaml"
+        settings = choose_settings(own if config is None and own.is_file() else config)
         runner = Runner(work.engine, work.progress)
         with runner.time_stage("total"):
             merged = merge_sessions(parts, settings, runner)
@@ -100,13 +101,7 @@ def read_part(folder: Path) -> Session:
     return make_session(folder, kept, [read_tum(track).stamps_us for track in tracks], graph)
 
 
-def _find_settings(folder: Path) -> Path | None:
-    """Returns the settings that a result was made with; None where it does not hold them."""
-    settings = folder / "config.yaml"
-    return settings if settings.is_file() else None
-
-
-def _check_apart(folders: Sequence[Path]) -> None:
+def _require_distinct(folders: Sequence[Path]) -> None:
     """Raises ConfigError unless there are two results or more, and each is given once."""
     if len(folders) < 2:
         raise ConfigError(f"{len(folders)} result: a merge takes two or more; name the folders of all of them")

@@ -16,7 +16,7 @@ from mqslam.backend.loops import passes
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
 from mqslam.backend.sensors.odometry import reckon
-from mqslam.commands.graphs.refine import RefinedGraph, refine
+from mqslam.commands.own_graph import RefinedGraph, refine
 from mqslam.config import Config, SensorConfig
 from mqslam.core.measurement import Loop, Refined
 from mqslam.core.scans import Scans

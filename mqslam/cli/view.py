@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from mqslam.cli.terminal.echo import echo
-from mqslam.cli.terminal.options import Quiet, Verbose
+from mqslam.cli.options import Options, argument, command, flag, option
+from mqslam.cli.terminal import Terminal, echo
 
 
 class Colour(StrEnum):
@@ -20,15 +17,15 @@ class Colour(StrEnum):
     time = "time"
 
 
-def view(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder of a finished run, or of keyframes.")],
-    colour: Annotated[Colour, typer.Option(help="What colours the points at first.")] = Colour.psi,
-    rerun: Annotated[
-        bool, typer.Option("--rerun", help="Write OUT/map.rrd and open it in Rerun's viewer; this needs the extra `view`.")
-    ] = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-) -> None:
+_OWN: Options = {
+    "out": argument(Path, ..., "OUT", "The folder of a finished run, or of keyframes."),
+    "colour": option(Colour, Colour.psi, "What colours the points at first."),
+    "rerun": flag("Write OUT/map.rrd and open it in Rerun's viewer; this needs the extra `view`.", "--rerun"),
+}
+
+
+@command("out colour rerun quiet verbose", _OWN)
+def view(terminal: Terminal, *, out: Path, colour: Colour, rerun: bool) -> None:
     """Show the map of a run in a window, with its trajectory (white) and its loops (pink).
 
     Bright points have a high psi, a high intensity or a late time. In the window, the keys P, I and T choose between psi,
@@ -56,5 +53,5 @@ def view(
     if has_display():
         open_viewer(path)
         outcome = "opened in Rerun's viewer"
-    if not quiet:
+    if not terminal.quiet:
         echo(f"{path}: {outcome}")

@@ -10,7 +10,7 @@ import pytest
 from gtsam.symbol_shorthand import A, B
 
 from mqslam.backend.pose_graph import poses_of
-from mqslam.commands.graphs.psi_factors import PsiFactors, psi_factors
+from mqslam.commands.own_graph import PsiFactors, psi_factors
 from mqslam.config import Config, LoopConfig, SensorConfig
 from mqslam.core import se2
 from mqslam.core.frontend import Context
@@ -87,8 +87,8 @@ def test_factors_are_printed_in_a_line(street: Street) -> None:
     submaps = len(factors.submap_keys)
     assert repr(factors) == f"PsiFactors({len(factors)} factors of {SCANS} scans in {submaps} submaps, 0 of them degenerate)"
     factor, measurement = factors[0]
-    blind = replace(factors, pairs=[(factor, replace(measurement, status=Status.DEGENERATE)), *factors[1:]])
-    assert repr(blind).endswith("submaps, 1 of them degenerate)")
+    factors[0] = factor, replace(measurement, status=Status.DEGENERATE)
+    assert repr(factors).endswith("submaps, 1 of them degenerate)")
 
 
 def test_poses_in_space_lie_where_the_planar_ones_do_and_are_as_sure(street: Street) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from mqslam.core.point_map import PointMap
 from mqslam.errors import DataError, OutputError, Remedy
+from mqslam.execution.files import blame_output
 from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
 from mqslam.formats.ply import MapClock, write_ply
 from mqslam.mapping.keyframing import render_keyframes
@@ -39,8 +40,6 @@ def write_keyframe_cloud(out: Path, folder: Path, *, force: bool = False) -> Non
     shown, first = render_keyframes(keyframes), keyframes.recordings[0]
     unknown, unmatched = np.full(len(shown.points), np.nan), np.zeros(len(shown.points), dtype=np.bool_)
     clock = MapClock(first.start_us, round(1e6 * first.revolution_s))
-    try:
+    with blame_output(out, "made", Remedy.CHOOSE_OUTPUT):
         out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
     write_ply(out, PointMap(shown.points, shown.times, shown.intensities, unknown, unmatched), clock)

@@ -9,9 +9,7 @@ from gtsam.symbol_shorthand import A, B
 from support.drives import block_drive
 
 from mqslam.backend.pose_graph import poses_of
-from mqslam.commands.graphs.loop_factors import loop_factors
-from mqslam.commands.graphs.psi_factors import psi_factors
-from mqslam.commands.graphs.refine import refine
+from mqslam.commands.own_graph import loop_factors, psi_factors, refine
 from mqslam.config import Config, RefinementConfig, SensorConfig
 from mqslam.core.frontend import Context
 from mqslam.factors.between import prior

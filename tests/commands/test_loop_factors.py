@@ -15,7 +15,7 @@ from mqslam.backend.loops import passes
 from mqslam.backend.loops.closing import find_loops
 from mqslam.backend.loops.passes import TrackedRun
 from mqslam.backend.problem import Problem
-from mqslam.commands.graphs.loop_factors import loop_factors
+from mqslam.commands.own_graph import loop_factors
 from mqslam.commands.work import Work
 from mqslam.config import Config, OdometryConfig, SensorConfig
 from mqslam.core import se2

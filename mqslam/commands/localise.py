@@ -7,18 +7,16 @@ from pathlib import Path
 
 from mqslam.backend.loops.recognition import DESCRIBED_WITH
 from mqslam.backend.measuring import measure
-from mqslam.commands.inputs.extrinsics import name_extrinsics
-from mqslam.commands.inputs.opening import Inputs, choose_settings
+from mqslam.commands.inputs import Inputs, choose_settings, name_extrinsics
 from mqslam.commands.result import LocaliseResult
 from mqslam.commands.run import Job, open_job
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config, forget_topics, load_config, set_doppler_beta
+from mqslam.config import Config, load_config, set_doppler_beta, set_sensor
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.detection.stage import detect_all, warn_of_unread
 from mqslam.errors import DataError, EstimationError, FewReturnsError, NotInMapError, Remedy
-from mqslam.execution.files import write_json
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
@@ -27,6 +25,7 @@ from mqslam.localisation.localise import localise as find_in_map
 from mqslam.psi.place import beam_of
 from mqslam.report.maps.localise_page import write_localise_page
 from mqslam.results.maps.localise_results import summarise, write_localised
+from mqslam.results.summary_files import add_warnings
 
 _MAP_REMEDY = "give the folder of a result that `mqslam run` has written"
 
@@ -67,7 +66,7 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
         end_s: scans that begin then or later are left out, counted likewise.
         strict: whether a polar scan that cannot be read is an error, rather than being left out.
         force: whether what is at `out` is replaced.
-        work: where the work is done, and who is told about it.
+        work: where the work is done, and what reports on it.
 
     Returns:
         What the localisation has left at `out`.
@@ -82,8 +81,10 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
     """
     data, out, map = Path(data), Path(out), Path(map)
     with claim_folder(out, force=force, sources=[data]):
-        made = open_map(map)
-        settings = _choose_settings(config, map, made)
+        made = _open_map(map)
+        settings = read_map_settings(map) if config is None else choose_settings(config)
+        if settings.sensor.doppler_beta is None:
+            settings = set_doppler_beta(settings, made.keyframes.recordings[-1].doppler_beta)
         inputs = Inputs(str(odometry), str(imu), "none", name_extrinsics(extrinsics))
         job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=(start_s, end_s))
         for note in job.recording.notes:
@@ -96,13 +97,11 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
         with write_folder_aside(out) as folder:
             write_localised(folder, localised, settings, made.keyframes.georeference, summary, job.recording)
             failures = write_localise_page(folder, localised, made, settings, summary)
-            if failures:
-                summary["warnings"] += failures
-                write_json(folder / "summary.json", summary)
+            add_warnings(folder / "summary.json", summary, failures)
         return LocaliseResult(out, summary)
 
 
-def open_map(path: Path) -> KeyframeMap:
+def _open_map(path: Path) -> KeyframeMap:
     """Opens the map of a result.
 
     Raises:
@@ -126,19 +125,8 @@ def read_map_settings(map: Path) -> Config:
     """
     folder = find_keyframes(map)
     beside = None if folder is None else folder.parent / "config.yaml"
-    return forget_topics(load_config(beside)) if beside is not None and beside.is_file() else load_config()
-
-
-def _choose_settings(config: Config | Path | str | None, map: Path, made: KeyframeMap) -> Config:
-    """Returns the settings that were given, or those of the map, with the Doppler shift that is used.
-
-    Raises:
-        ConfigError: a file does not exist or holds a mistake.
-    """
-    settings = read_map_settings(map) if config is None else choose_settings(config)
-    if settings.sensor.doppler_beta is not None:
-        return settings
-    return set_doppler_beta(settings, made.keyframes.recordings[-1].doppler_beta)
+    settings = load_config(beside if beside is not None and beside.is_file() else None)
+    return set_sensor(settings, radar_topic=None, odometry_topic=None, truth_topic=None)
 
 
 def _find(job: Job, made: KeyframeMap, runner: Runner) -> tuple[Localised, dict[int, DataError]]:

@@ -1,0 +1,91 @@
+"""`mqslam localise`: finds the poses of a recording in the map of an earlier run."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mqslam.cli.options import Options, command, complete_config, option, state_topics
+from mqslam.cli.terminal import Terminal, echo
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+_OWN: Options = {
+    "map": option(
+        Path,
+        ...,
+        "Result of an earlier run of the same streets, which keeps its map in keyframes/.",
+        "--map",
+        "-m",
+        metavar="RESULT",
+    ),
+    "config": option(
+        str | None,
+        None,
+        "Settings: a YAML file or a shipped name; by default those that the map was made with.",
+        "--config",
+        "-c",
+        autocompletion=complete_config,
+    ),
+}
+
+
+@command(
+    "data map out frontend config odometry imu extrinsics format range_resolution topic start_s end_s jobs cluster strict "
+    "force as_json quiet verbose",
+    _OWN,
+)
+def localise(terminal: Terminal, *, map: Path, config: str | None, topic: list[str] | None, **given: Any) -> None:
+    """Find the poses of a recording in the map of an earlier run, without a guess of where it begins.
+
+    Places of the map are recognised in the recording, and every scan is followed from there: psi lays it on the map around
+    it. Each pose has a covariance against the map around it, and a status: converged, degenerate, lost or outside.
+
+    Example: mqslam localise second_drive --map result --out localised
+    """
+    from mqslam.commands.localise import localise as do
+    from mqslam.commands.localise import read_map_settings
+
+    settings = state_topics(read_map_settings(map) if config is None else config, topic)
+    with terminal.open_work() as work:
+        result = do(map=map, config=settings, work=work, **given)
+
+    def show() -> None:
+        from rich.console import Console
+
+        terminal.print_warnings(result.warnings)
+        Console(soft_wrap=True).print(_tabulate(result.summary))
+        echo(f"report: {result.report}")
+        if result.evo_command:
+            echo(f"compare with evo: {result.evo_command}")
+
+    terminal.print_results(result.summary, show)
+
+
+def _tabulate(summary: dict[str, Any]) -> Table:
+    """Returns the table that a person reads first: how many scans lie on the map, and how sure their poses are."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=None, show_edge=False, pad_edge=False, show_header=False)
+    table.add_column("")
+    table.add_column("", justify="right")
+    for status, number in summary["scans"].items():
+        table.add_row(f"scans {status}", str(number))
+    sigma = summary["median_sigma"]
+    table.add_row(
+        "usual sigma against the map around, along and across", f"{sigma['along_m']:.3f} m, {sigma['across_m']:.3f} m"
+    )
+    table.add_row("usual sigma of the heading", f"{math.degrees(sigma['yaw_rad']):.3f} deg")
+    table.add_row("matched points", f"{summary['matched']:.1%}")
+    if summary["evaluation"]:
+        table.add_row("ATE after alignment, all scans", f"{summary['evaluation']['ate_rmse_m']:.3f} m")
+    dataset, total = summary["dataset"], summary["runtime_s"]["total"]
+    speed = dataset["duration_s"] / max(total, 1e-9)
+    table.caption = Text(
+        f"{dataset['scans']} scans, {dataset['duration_s']:.1f} s; {total:.1f} s of computing, {speed:.1f} times real time"
+    )
+    table.caption_justify = "left"
+    return table

@@ -1,0 +1,50 @@
+"""`mqslam merge`: makes one map of the results of several recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from mqslam.cli.options import Options, argument, command
+from mqslam.cli.terminal import Terminal, echo, format_rows
+
+_OWN: Options = {
+    "results": argument(
+        list[Path], ..., "OUT1 OUT2 ...", "Folders of results of `mqslam run` or `mqslam merge`, two or more."
+    ),
+}
+
+
+@command("results out config jobs cluster force as_json quiet verbose", _OWN)
+def merge(terminal: Terminal, *, out: Path, **given: Any) -> None:
+    """Make one map of several recordings, and show what changed between them.
+
+    Places that the recordings share are found without a guess of where they are, and psi lays them on each other. Where
+    several places fit, nothing is merged. The map is in the frame of the first result, and can be merged again.
+
+    Example: mqslam merge monday friday --out both
+    """
+    from mqslam.commands.merge import merge as do
+
+    with terminal.open_work() as work:
+        result = do(out=out, work=work, **given)
+
+    def show() -> None:
+        echo(_format_results(result.summary))
+        echo(f"results in {out}; open {result.report} in a browser")
+
+    terminal.print_results(result.summary, show)
+
+
+def _format_results(summary: dict[str, Any]) -> str:
+    """Returns the lines that a person reads first."""
+    from mqslam.core.wording import count_of
+
+    links, psi, changes = summary["links"], summary["psi"], summary["changes"]
+    rows = [
+        ("merged", summary["conclusion"]),
+        ("links", f"{links['count']}, with a median residual of {links['residual_median']:.2f} standard deviations"),
+        ("psi across", f"{psi['across_before']:.4f} per point before, {psi['across_after']:.4f} after"),
+        ("changes", f"{count_of(len(changes), 'object')} that one recording shows and another contradicts"),
+    ]
+    return format_rows(rows, 12)

@@ -1,0 +1,252 @@
+"""The options of all commands, each declared once, and the decorator that gives a command those that it names."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import wraps
+from importlib import import_module
+from inspect import Parameter, Signature
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import typer
+
+from mqslam.cli.terminal import Terminal
+from mqslam.errors import show_lines
+
+if TYPE_CHECKING:
+    from mqslam.auditing.verdict import VerdictStatus
+    from mqslam.config import Config
+
+Options = Mapping[str, tuple[Any, Any]]
+"""Type and declaration of options by the name of the argument that they become."""
+
+_TOPICS: Final = {"radar": "radar_topic", "odometry": "odometry_topic", "truth": "truth_topic"}
+
+
+def argument(kind: Any, default: Any, metavar: str, help: str, **more: Any) -> tuple[Any, Any]:
+    """Declares an argument; more is what `typer.Argument` takes besides."""
+    return kind, typer.Argument(default, metavar=metavar, help=help, **more)
+
+
+def option(kind: Any, default: Any, help: str, *names: str, **more: Any) -> tuple[Any, Any]:
+    """Declares an option, whose name is that of its argument where no names are given; more is as in `typer.Option`."""
+    return kind, typer.Option(default, *names, help=help, **more)
+
+
+def flag(help: str, *names: str) -> tuple[Any, Any]:
+    """Declares an option that switches something on."""
+    return option(bool, False, help, *names)
+
+
+def command(names: str, own: Options | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Returns a decorator that gives a function options, by which it becomes a command.
+
+    The function takes the command's terminal, and the value of each option by its name. Values that the terminal needs stay
+    with it: `jobs`, `cluster`, `as_json`, `quiet` and `verbose`. The topics of a bag go into the settings, unless a command
+    declares either of the two itself.
+
+    Args:
+        names: names of the options, in the order of the help.
+        own: declarations of options that only this command has.
+    """
+    declared = {**OPTIONS, **(own or {})}
+    parameters = [
+        Parameter(name, Parameter.KEYWORD_ONLY, annotation=declared[name][0], default=declared[name][1])
+        for name in names.split()
+    ]
+
+    def decorate(do: Callable[..., None]) -> Callable[..., None]:
+        @wraps(do)
+        def run(**given: Any) -> None:
+            of_terminal = {name: given.pop(name) for name in ("jobs", "cluster", "as_json", "quiet") if name in given}
+            given.pop("verbose", None)
+            if "topic" in given and declared["topic"] is OPTIONS["topic"] and declared["config"] is OPTIONS["config"]:
+                given["config"] = state_topics(given["config"], given.pop("topic"))
+            do(Terminal(**of_terminal), **given)
+
+        run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+        return run
+
+    return decorate
+
+
+def choose_exit_code(status: VerdictStatus, fail_on: Literal["warn", "fail"]) -> int:
+    """Returns the exit code of --fail-on; a map that could not be judged has a code of its own."""
+    from mqslam.auditing.verdict import VerdictStatus
+
+    if status is VerdictStatus.NOT_JUDGED:
+        return 3
+    return int(status is VerdictStatus.FAIL or (status is VerdictStatus.WARN and fail_on == "warn"))
+
+
+def state_topics(config: str | Config | None, topics: Sequence[str] | None) -> Config:
+    """Returns settings that name the topics of a bag.
+
+    Args:
+        config: the settings, or their name.
+        topics: TOPIC for the radar's, or radar=TOPIC, odometry=TOPIC or truth=TOPIC; None names none.
+
+    Raises:
+        ConfigError: a topic is of nothing known, is empty, or is named twice; or the settings are wrong.
+    """
+    from mqslam.config import Config, load_config, set_sensor
+    from mqslam.errors import ConfigError, suggest
+
+    settings = config if isinstance(config, Config) else load_config(config)
+    named: dict[str, str] = {}
+    for text in topics or ():
+        of, equals, topic = text.partition("=")
+        if not equals:
+            of, topic = "radar", text
+        if of not in _TOPICS:
+            raise ConfigError(f"--topic {text}: is of nothing that is read; {suggest(of, _TOPICS)}")
+        if not topic or _TOPICS[of] in named:
+            problem = "names the topic twice" if topic else "names no topic"
+            raise ConfigError(f"--topic {text}: {problem}; give each as {of}=TOPIC, once")
+        named[_TOPICS[of]] = topic
+    return set_sensor(settings, **named)
+
+
+def _complete(module: str, find: Callable[[Any], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Returns a function that completes names, for the shell; the module that knows them is imported when it is called."""
+
+    def complete(incomplete: str) -> list[str]:
+        return [name for name in find(import_module(module)) if name.startswith(incomplete)]
+
+    return complete
+
+
+complete_config = _complete("mqslam.config", lambda module: module.list_shipped())
+
+
+class _Shown(logging.Formatter):
+    """Log lines in which nothing from a file can command the terminal."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Returns the lines of a record."""
+        return show_lines(super().format(record))
+
+
+def _set_verbosity(verbose: bool) -> bool:
+    """Sends the package's log lines to stderr, or keeps them back, and returns which of the two."""
+    log = logging.getLogger("mqslam")
+    for handler in [h for h in log.handlers if isinstance(h, logging.StreamHandler)]:
+        log.removeHandler(handler)
+    if verbose:
+        handler = logging.StreamHandler()
+        handler.setFormatter(_Shown("%(name)s: %(message)s"))
+        log.addHandler(handler)
+    log.setLevel(logging.INFO if verbose else logging.WARNING)
+    return verbose
+
+
+OPTIONS: Final[Options] = {
+    "data": argument(
+        Path,
+        ...,
+        "DATA",
+        "The recording: a folder in the layout of Oxford Radar RobotCar, Boreas, MulRan or RADIATE, a ROS bag "
+        "(.bag, .mcap, or the folder of a ROS 2 bag), or an .npz file of `convert`.",
+    ),
+    "out": option(Path, ..., "Folder for the results; it must not exist yet.", "--out", "-o"),
+    "frontend": option(
+        str,
+        "psi",
+        "Front end: psi, kiss_icp, open3d_icp, odometry, or one that you have installed.",
+        autocompletion=_complete("mqslam.core.frontend", lambda module: module.list_front_ends()),
+    ),
+    "config": option(
+        str | None,
+        None,
+        "Settings: a YAML file, or the name of one that ships with mqslam: boreas, default, lidar, mulran, oxford "
+        "or radiate. Without it the layout tells bins, stamps and direction, and psi measures the radar's Doppler shift.",
+        "--config",
+        "-c",
+        metavar="FILE|NAME",
+        autocompletion=complete_config,
+    ),
+    "odometry": option(
+        str, "auto", r"auto (the recording's own, if it has one), none, or a file (TUM, or CSV with t\[us],v,omega)."
+    ),
+    "imu": option(
+        str,
+        "auto",
+        r"Gyroscope: auto (the recording's own, if it has one), none, or a file (CSV with t\[us],wx,wy,wz in rad/s, "
+        "or one that Oxford, Boreas or MulRan has).",
+    ),
+    "gnss": option(
+        str,
+        "auto",
+        "GNSS fixes: auto (the recording's own, unless its ground truth was made from them), none, or a file (NMEA, "
+        r"CSV with t\[us],lat,lon in degrees and optionally sigma_m, or one that Oxford, Boreas or MulRan has).",
+    ),
+    "extrinsics": option(
+        str,
+        "auto",
+        r"Where the radar sits on the vehicle: auto (what the recording states, if it does), none, or \[m] forward, "
+        r"\[m] to the left, \[degrees] to the left.",
+        metavar="auto|none|X,Y,YAW",
+    ),
+    "frame": option(
+        str,
+        "radar",
+        "Whose poses are written, in the frame of its first one; the vehicle's need --extrinsics, or DATA states them.",
+        metavar="radar|vehicle",
+    ),
+    "format": option(
+        str | None,
+        None,
+        "Layout of DATA: boreas, mulran, radiate, oxford, rosbag or native; it is guessed from the path by default.",
+        "--format",
+        metavar="LAYOUT",
+        autocompletion=_complete("mqslam.formats.recordings", lambda module: module.FORMATS),
+    ),
+    "range_resolution": option(float | None, None, r"Length of a range bin \[m], if DATA does not state it or is wrong."),
+    "topic": option(
+        list[str] | None,
+        None,
+        "Topic of the radar in a bag, where its type and name do not tell; odometry=TOPIC and truth=TOPIC name "
+        "those of odometry and ground truth. Repeat it for several.",
+        "--topic",
+        metavar="TOPIC",
+    ),
+    "start_s": option(
+        float | None,
+        None,
+        "Leave out scans that begin earlier, counted from the start of DATA.",
+        "--start",
+        metavar="SECONDS",
+    ),
+    "end_s": option(
+        float | None, None, "Leave out scans that begin then or later, counted likewise.", "--end", metavar="SECONDS"
+    ),
+    "strict": flag("Stop at the first scan that cannot be read, instead of leaving it out with a warning.", "--strict"),
+    "fail_on": option(
+        Literal["warn", "fail"] | None,
+        None,
+        "Exit with 1 if the verdict is this or worse (in an audit, on the trajectory as it is given), and with 3 if "
+        "the map could not be judged.",
+    ),
+    "resume": flag("Continue the unfinished work at --out, if there is any.", "--resume"),
+    "force": flag("Replace whatever is at --out.", "--force"),
+    "jobs": option(
+        int, os.cpu_count() or 1, "Number of processes to use; the result does not depend on it.", "--jobs", "-j", min=1
+    ),
+    "cluster": option(
+        str | None,
+        None,
+        "Work on a Dask cluster instead: tcp://host:port, or local:N for N worker processes on this machine.",
+        "--cluster",
+        metavar="ADDRESS",
+    ),
+    "as_json": flag("Print the results as JSON.", "--json"),
+    "quiet": flag("Print errors only.", "--quiet", "-q"),
+    "verbose": option(
+        bool, False, "Log on stderr what each stage found and how long it took.", "--verbose", "-v", callback=_set_verbosity
+    ),
+}
+"""The options that several commands have."""

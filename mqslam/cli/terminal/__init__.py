@@ -1,1 +1,0 @@
-"""What the commands share: options, progress, and the words of remedies."""

@@ -1,1 +1,0 @@
-"""What commands are given: recordings, settings, trajectories, mounts and covariances."""

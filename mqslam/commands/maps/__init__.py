@@ -1,1 +1,0 @@
-"""Commands that take maps which runs have left."""

@@ -1,0 +1,473 @@
+"""Factors of a recording for a GTSAM graph of one's own: of its measurements, its loops, and its single scans."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import M, X
+
+from mqslam.auditing.mending.along import straighten
+from mqslam.backend import refinement
+from mqslam.backend.loops.closing import find_loops
+from mqslam.backend.pose_graph import pose_of
+from mqslam.backend.problem import GivenGraph, GraphProblem, Problem
+from mqslam.backend.sensors.odometry import ODOMETRY, hold_odometry, make_odometry_edges
+from mqslam.commands.inputs import choose_settings, open_data
+from mqslam.commands.work import QUIET, Work
+from mqslam.config import Config, set_doppler_beta
+from mqslam.core import se2
+from mqslam.core.frontend import Context, find_entry_point, measure_motions
+from mqslam.core.measurement import Loop, Measurement, Status
+from mqslam.core.recording import Recording
+from mqslam.core.scans import Scans
+from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of
+from mqslam.detection.stage import detect_all, warn_of_unread
+from mqslam.errors import ConfigError, EstimationError, FewReturnsError
+from mqslam.execution.runner import Runner
+from mqslam.factors.between import lifted_between, loop_between
+from mqslam.psi.doppler import choose_doppler
+from mqslam.psi.place import Beam, beam_of
+from mqslam.slam import PSI
+
+Source: TypeAlias = Path | str | Recording | Scans
+"""A recording: its path, the open recording, or the scans that were detected in it before."""
+Keys: TypeAlias = Callable[[int], int] | Sequence[int]
+"""GTSAM's key of each scan by its number: a function, or a sequence with a key for every scan."""
+Pose: TypeAlias = type[gtsam.Pose2] | type[gtsam.Pose3]
+Between: TypeAlias = gtsam.BetweenFactorPose2 | gtsam.BetweenFactorPose3
+Stated = tuple[Between, Measurement]
+LoopFactor = tuple[gtsam.NonlinearFactor, Loop]
+
+
+class PsiFactors(list[Stated]):
+    """The factors of a recording's measurements, each with the measurement that it states.
+
+    Args:
+        pairs: the factors, and what each states about the pose of its second key in the frame of its first.
+        scans: of the recording, for `loop_factors` and `refine`, which then need not detect them again.
+        config: all settings, with the Doppler shift that was used, which then need not be measured again.
+        chained: (N, 3) pose of every scan in the frame of the first one, by the measurements alone [m, m, rad].
+        scan_keys: (N,) key of every scan.
+        submap_keys: (J,) key of every submap.
+        first_scans: (J,) scan at whose start each submap has its frame.
+    """
+
+    def __init__(
+        self,
+        pairs: Iterable[Stated],
+        scans: Scans,
+        config: Config,
+        chained: se2.Array,
+        scan_keys: Sequence[int],
+        submap_keys: Sequence[int],
+        first_scans: Sequence[int],
+    ) -> None:
+        super().__init__(pairs)
+        self.scans, self.config, self.chained = scans, config, chained
+        self.scan_keys, self.submap_keys, self.first_scans = scan_keys, submap_keys, first_scans
+
+    def __repr__(self) -> str:
+        scans, submaps = count_of(len(self.scan_keys), "scan"), count_of(len(self.submap_keys), "submap")
+        degenerate = sum(measurement.status is Status.DEGENERATE for _, measurement in self)
+        return f"PsiFactors({count_of(len(self), 'factor')} of {scans} in {submaps}, {degenerate} of them degenerate)"
+
+    def make_initial(self, values: gtsam.Values | None = None) -> gtsam.Values:
+        """Returns starting values for the keys of all factors that a graph has no values for so far.
+
+        A scan without a value lies where the measurements lead from the scan with one before it, or behind it where there is
+        none before it; without any, the first scan lies at the origin. A submap has the pose of its first scan.
+
+        Args:
+            values: what the graph has so far; None stands for nothing. It is not changed, and holds poses of the factors'
+                own kind.
+        """
+        values = gtsam.Values() if values is None else values
+        is_planar = not self or isinstance(self[0][0], gtsam.BetweenFactorPose2)
+        known = [k for k, key in enumerate(self.scan_keys) if values.exists(key)]
+        anchors = np.maximum(np.searchsorted(known, np.arange(len(self.scan_keys)), side="right") - 1, 0)
+
+        def find_pose(k: int) -> gtsam.Pose2 | gtsam.Pose3:
+            """Returns the pose of a scan."""
+            if not known:
+                start = gtsam.Pose2(*self.chained[k])
+                return start if is_planar else gtsam.Pose3(start)
+            anchor = known[anchors[k]]
+            motion = gtsam.Pose2(*se2.between(self.chained[anchor], self.chained[k]))
+            if is_planar:
+                return values.atPose2(self.scan_keys[anchor]).compose(motion)
+            return values.atPose3(self.scan_keys[anchor]).compose(gtsam.Pose3(motion))
+
+        added = gtsam.Values()
+        poses = [*enumerate(self.scan_keys), *zip(self.first_scans, self.submap_keys, strict=True)]
+        for k, key in poses:
+            if not values.exists(key):
+                added.insert(key, find_pose(k))
+        return added
+
+
+def psi_factors(
+    recording: Source,
+    keys: Keys = X,
+    *,
+    config: Config | Path | str | None = None,
+    frontend: str = "psi",
+    odometry: Trajectory | None = None,
+    pose: Pose = gtsam.Pose2,
+    submap_keys: Callable[[int], int] = M,
+    work: Work = QUIET,
+) -> PsiFactors:
+    """Measures the motion in a recording and returns the factors of a run for a GTSAM graph of one's own.
+
+    The factors are those of the graph of a run without loops, so that the same optimum and the same marginals come out. A
+    gyroscope and a GNSS receiver that the recording has take no part: those are for factors of one's own.
+    A scan is measured in a *submap*, a piece of the running map, and not against the scan before it: if one scan is placed
+    too far ahead, the motion to it is too long and the next one too short by as much. A factor between each two successive
+    scans would take these errors for independent and be far too unsure of the way as a whole. The submaps are therefore
+    poses of the graph, with keys of their own and factors to their scans and to each other; to eliminate them instead would
+    tie every scan to all others of the drive, and would have no place for the robust losses. No factor holds the trajectory
+    as a whole: that is left to a prior, or to other factors.
+
+    Args:
+        recording: a recording's path, the open recording, or the scans that were detected in it before.
+        keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
+            each; by default `gtsam.symbol("x", k)`.
+            The pose is the sensor's at the start of the scan (`scans.stamps_us` of the result), REP 103.
+        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
+        frontend: name of the front end.
+        odometry: dead-reckoned poses that cover the recording, or None. They guide the front end, and their motions,
+            calibrated by psi, come as factors too, as in a run. Leave them out of a graph with factors of the same wheels.
+        pose: `gtsam.Pose2`, or `gtsam.Pose3` for a graph of poses in space. There the factors state weak noise on z
+            (0.1 m), roll and pitch (0.03 rad).
+        submap_keys: returns the key of a submap by its number (0, 1, ...); by default `gtsam.symbol("m", j)`.
+        work: where the work is done, and what reports on it.
+
+    Returns:
+        A sequence of (factor, measurement). The measurement is what the factor states: the pose of its second key in the
+        frame of its first [m, m, rad], with the covariance (3, 3) of x, y and yaw in that frame. `make_initial` returns
+        starting values, those of the submaps among them.
+
+    Raises:
+        ConfigError: a key or a setting is wrong, or there is no such front end.
+        DataError: the recording cannot be used.
+        EstimationError: no motion can be estimated from the data.
+
+    Example:
+        >>> factors = mqslam.psi_factors("drive", lambda k: gtsam.symbol("x", k))  # doctest: +SKIP
+        >>> for factor, measurement in factors:  # doctest: +SKIP
+        ...     graph.push_back(factor)
+        >>> values.insert(factors.make_initial(values))  # doctest: +SKIP
+    """
+    find_entry_point(frontend)  # raises before the recording is read
+    with _look_at(recording, config, work) as radar:
+        settings, scans = radar.config, radar.scans
+        lift, scan_keys = _choose_lift(pose), _list_keys(keys, len(scans))
+        context = radar.make_context(odometry)
+        measurements = list(radar.runner.follow("windows", measure_motions(frontend, context, scans), len(scans) - 1))
+        if frontend == PSI:
+            with radar.runner.tolerate("the ties along the path"):
+                measurements = straighten(measurements, scans, settings, radar.beam, radar.runner)
+            for warning in radar.runner.warnings:
+                work.tell(warning)
+        motions, fault = hold_odometry(scans, context, frontend, measurements)
+        if fault is not None:
+            work.tell(fault.statement)
+        edges = make_odometry_edges(motions, measurements, settings.odometry)
+    problem = Problem(measurements, edges)
+    first_scans = problem.submaps.first_scans.tolist()
+    own_keys = [int(submap_keys(j)) for j in range(len(first_scans))]
+    _require_distinct([*scan_keys, *own_keys])
+    factors = [lift(factor) for factor in problem.make_factors(scan_keys.__getitem__, own_keys.__getitem__)]
+    used = set_doppler_beta(settings, radar.doppler_beta)
+    pairs = zip(factors, problem.list_statements(), strict=True)
+    return PsiFactors(pairs, scans, used, se2.chain(m.pose for m in measurements), scan_keys, own_keys, first_scans)
+
+
+class LoopFactors(list[tuple[Between, Loop]]):
+    """The factors of loop closures, each with the loop that it states."""
+
+    def __repr__(self) -> str:
+        return f"LoopFactors({count_of(len(self), 'loop')})"
+
+
+def loop_factors(
+    recording: Source,
+    trajectory: Trajectory | gtsam.Values,
+    keys: Keys = X,
+    *,
+    graph: gtsam.NonlinearFactorGraph | None = None,
+    config: Config | Path | str | None = None,
+    pose: Pose = gtsam.Pose2,
+    work: Work = QUIET,
+) -> LoopFactors:
+    """Searches a recording for loop closures around a trajectory, as a run does, and returns their factors.
+
+    Passes of a place are compared as far around the trajectory as it may be wrong. A loop is a match by psi that the
+    trajectory allows, that fits nowhere else, that agrees with its neighbours, and that makes the map of its two passes
+    better. The graph whose optimum the trajectory is says how far that may be wrong. Without a graph its steps are taken
+    to be as good as odometry states itself (`odometry.sigma_travel`, `sigma_yaw_rate` and `sigma_rest_m` of the settings),
+    as in a run with the front end `odometry`. A good trajectory is surer than that over a long way, and passes are left out
+    that odometry would not know well enough.
+
+    Args:
+        recording: a recording's path, the open recording, or its scans, such as those of `psi_factors`.
+        trajectory: poses of the sensor over time that cover the recording, or values with a pose (`gtsam.Pose2` or
+            `gtsam.Pose3`) for the start of every scan.
+        keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
+            each; by default `gtsam.symbol("x", k)`.
+        graph: all factors of the values but those of loops; they determine every variable. It is not changed.
+        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
+            Loops are looked for whatever `loops.enabled` says.
+        pose: what the poses of the graph are, where no values tell it: `gtsam.Pose2`, or `gtsam.Pose3`, whose factors state
+            weak noise on z (0.1 m), roll and pitch (0.03 rad).
+        work: where the work is done, and what reports on it, also on pairs of passes that could not be tied.
+
+    Returns:
+        A list with a (factor, loop) for each loop. The loop holds the numbers of its two scans, and the pose of the later
+        one in the frame of the earlier one with its covariance [m, m, rad]. To that the factor adds what submaps bend
+        (0.05 m, 0.0015 rad), and a Cauchy loss that keeps a wrong loop from bending the graph.
+
+    Raises:
+        ConfigError: a key, a value or a setting is wrong.
+        DataError: the recording cannot be used.
+        EstimationError: the trajectory does not cover the recording, or the graph does not determine it.
+
+    Example:
+        >>> for factor, loop in mqslam.loop_factors("drive", values, keys, graph=graph):  # doctest: +SKIP
+        ...     closed.push_back(factor)
+    """
+    with _look_at(recording, config, work) as radar:
+        settings, scans, runner = radar.config, radar.scans, radar.runner
+        listed = _list_keys(keys, len(scans))
+        if isinstance(trajectory, gtsam.Values):
+            poses = _read_poses(trajectory, listed)
+            pose = _find_pose_kind(trajectory, listed[0])
+        lift = _choose_lift(pose)
+        problem: GraphProblem
+        if graph is None:
+            track = Trajectory(scans.stamps_us, poses) if isinstance(trajectory, gtsam.Values) else trajectory
+            motions = measure_motions(ODOMETRY, radar.make_context(track), scans)  # its steps err as odometry does
+            problem = Problem(list(motions), [])
+        elif isinstance(trajectory, gtsam.Values):
+            problem = GivenGraph(graph, trajectory, listed, lift)
+        else:
+            raise ConfigError("graph: comes without the values that it is optimised at; give gtsam.Values as the trajectory")
+        search = find_loops(scans, problem, settings.estimator, radar.beam, runner, recognising=False)
+    for warning in search.warnings:
+        work.tell(warning)
+    return LoopFactors((lift(loop_between(listed[loop.earlier], listed[loop.later], loop)), loop) for loop in search.loops)
+
+
+@dataclass(frozen=True)
+class RefinedGraph:
+    """A graph whose passes are tied scan by scan, and its optimum.
+
+    Args:
+        graph: the given factors, those of the loops that stay, and those of the ties.
+        values: the optimum of this graph.
+        loops: the loops that stay, since no tie measures their returns, each with its factor.
+        ties: poses of single scans among the earlier passes around them, in the frame of the nearest scan of these, each
+            with its factor.
+        psi_before: psi per point of the later passes' returns among those of the earlier ones, at the given values; None
+            where no place is passed twice.
+        psi_loops: the same at the optimum with all loops, before any scan was measured.
+        psi_after: the same at the optimum of this graph.
+    """
+
+    graph: gtsam.NonlinearFactorGraph
+    values: gtsam.Values
+    loops: Sequence[LoopFactor]
+    ties: Sequence[LoopFactor]
+    psi_before: float | None
+    psi_loops: float | None
+    psi_after: float | None
+
+
+def refine(
+    graph: gtsam.NonlinearFactorGraph,
+    values: gtsam.Values,
+    recording: Source,
+    keys: Keys = X,
+    *,
+    loops: Sequence[LoopFactor],
+    rounds: int = 2,
+    config: Config | Path | str | None = None,
+    work: Work = QUIET,
+) -> RefinedGraph:
+    """Measures every scan anew by psi among the earlier passes around it, where a graph of one's own has them.
+
+    The factors of these measurements, *ties*, stand in the place of the loops between the same passes, which lay one rigid
+    submap on another; a return counts once. Only passes that a loop ties are looked at. The graph is optimised again, and
+    the scans are measured once more where they have come to lie. The ties stay only if psi across passes becomes no larger:
+    otherwise the graph comes back with its loops.
+
+    Args:
+        graph: all factors but those of loops; they determine every variable. It is not changed.
+        values: of all variables, with a pose (`gtsam.Pose2` or `gtsam.Pose3`) for the start of every scan. The optimisation
+            starts from them. They are not changed.
+        recording: a recording's path, the open recording, or its scans, such as those of `psi_factors`.
+        keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
+            each; by default `gtsam.symbol("x", k)`.
+        loops: the loops and their factors, as `loop_factors` returns them.
+        rounds: most rounds in which every scan is measured; it takes the place of `refinement.rounds` of the settings, with
+            which a run leaves the refinement out by default.
+        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
+        work: where the work is done, and what reports on it.
+
+    Raises:
+        ConfigError: a key, a value or a setting is wrong.
+        DataError: the recording cannot be used.
+        EstimationError: the graph cannot be optimised, or does not determine its poses.
+
+    Example:
+        >>> refined = mqslam.refine(graph, values, "drive", keys, loops=loops)  # doctest: +SKIP
+        >>> print(refined.psi_loops, refined.psi_after, len(refined.ties))  # doctest: +SKIP
+    """
+    with _look_at(recording, config, work) as radar:
+        scans, settings = radar.scans, radar.config
+        listed = _list_keys(keys, len(scans))
+        before = Trajectory(scans.stamps_us, _read_poses(values, listed))
+        lift = _choose_lift(_find_pose_kind(values, listed[0]))
+        problem = GivenGraph(graph, values, listed, lift)
+        found = [loop for _, loop in loops]
+        refined = refinement.refine(before, problem, found, scans, rounds, settings.estimator, radar.beam, radar.runner)
+    whole, optimum = problem.optimise(refined.loops, refined.ties)
+    return RefinedGraph(
+        graph=whole.factors,
+        values=optimum.values,
+        loops=list(zip(problem.make_loop_factors(refined.loops), refined.loops, strict=True)),
+        ties=list(zip(problem.make_tie_factors(refined.ties), refined.ties, strict=True)),
+        psi_before=refined.psi_before,
+        psi_loops=refined.psi_loops,
+        psi_after=refined.psi_across,
+    )
+
+
+@dataclass(frozen=True)
+class _Radar:
+    """What the radar of a recording saw, and how it is looked at.
+
+    Args:
+        scans: of the recording.
+        config: all settings.
+        doppler_beta: range shift per closing speed [s], as the settings state it or as psi measured it.
+        runner: does the work.
+    """
+
+    scans: Scans
+    config: Config
+    doppler_beta: float
+    runner: Runner
+
+    @property
+    def beam(self) -> Beam:
+        """The sensor model that returns are placed with."""
+        return beam_of(self.config.estimator, self.doppler_beta)
+
+    def make_context(self, odometry: Trajectory | None) -> Context:
+        """Returns what a front end may know besides the scans."""
+        start_us, turn_s, engine = self.scans.start_us, self.scans.revolution_s, self.runner.engine
+        return Context(self.config, turn_s, start_us, odometry, doppler_beta=self.doppler_beta, engine=engine)
+
+
+@contextmanager
+def _look_at(recording: Source, config: Config | Path | str | None, work: Work) -> Iterator[_Radar]:
+    """Yields what the radar of a recording saw.
+
+    Args:
+        recording: its path, the open recording, or its scans.
+        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
+        work: where the work is done, and what reports on it.
+
+    Raises:
+        ConfigError: the settings hold a mistake.
+        DataError: the recording cannot be used.
+        EstimationError: the scans hold too few returns, for the block too.
+    """
+    settings, runner, remedy = choose_settings(config), Runner(work.engine, work.progress), ""
+    if isinstance(recording, Path | str):
+        recording = open_data(Path(recording), None, None, settings)
+    if isinstance(recording, Recording):
+        for note in (*recording.notes, *recording.faults):
+            work.tell(note)
+        recording, detected = detect_all(recording, settings.detector, runner)
+        remedy = detected.counts.remedy
+        for warning in warn_of_unread(detected.unread):
+            work.tell(warning)
+    try:
+        yield _Radar(recording, settings, choose_doppler(recording, settings, runner.engine).beta, runner)
+    except FewReturnsError as error:
+        raise EstimationError(error.message, *error.remedies, remedy) from error
+
+
+def _list_keys(keys: Keys, count: int) -> list[int]:
+    """Returns the keys of a number of scans.
+
+    Raises:
+        ConfigError: there are too few, or two of them are the same.
+    """
+    if not callable(keys) and len(keys) < count:
+        raise ConfigError(f"keys: holds {len(keys)} keys for {count} scans; give one for every scan")
+    listed = [int(keys(k) if callable(keys) else keys[k]) for k in range(count)]
+    _require_distinct(listed)
+    return listed
+
+
+def _require_distinct(keys: Sequence[int]) -> None:
+    """Checks that no two keys are the same.
+
+    Raises:
+        ConfigError: two of them are.
+    """
+    seen: set[int] = set()
+    for key in keys:
+        if key in seen:
+            name = gtsam.DefaultKeyFormatter(key)
+            raise ConfigError(f"keys: two poses have the key {name}; give every scan and submap a key of its own")
+        seen.add(key)
+
+
+def _choose_lift(pose: Pose) -> Callable[[gtsam.BetweenFactorPose2], Between]:
+    """Returns what makes a factor between planar poses one between poses of the graph.
+
+    Args:
+        pose: what the poses of the graph are.
+
+    Raises:
+        ConfigError: they are neither planar poses nor poses in space.
+    """
+    if pose is gtsam.Pose2:
+        return lambda factor: factor
+    if pose is gtsam.Pose3:
+        return lifted_between
+    raise ConfigError(f"pose: {pose} is no pose of a scan; give gtsam.Pose2 or gtsam.Pose3")
+
+
+def _read_poses(values: gtsam.Values, keys: Sequence[int]) -> se2.Array:
+    """Returns the poses (N, 3) of keys, x [m], y [m], yaw [rad], the yaw unwrapped; those in space as seen from above.
+
+    Raises:
+        ConfigError: a key has no value, or one that is no pose.
+    """
+    poses = np.empty((len(keys), 3))
+    for k, key in enumerate(keys):
+        name = gtsam.DefaultKeyFormatter(key)
+        if not values.exists(key):
+            raise ConfigError(f"values: holds no pose for scan {k} (key {name}); give every scan a pose")
+        try:
+            poses[k] = pose_of(values, key)
+        except RuntimeError as error:
+            raise ConfigError(f"values: {name}, the key of scan {k}, is no pose; give a Pose2 or a Pose3") from error
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    return poses
+
+
+def _find_pose_kind(values: gtsam.Values, key: int) -> Pose:
+    """Returns whether a pose is planar or one in space."""
+    return gtsam.Pose3 if values.dims()[key] == 6 else gtsam.Pose2
