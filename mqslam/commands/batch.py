@@ -24,9 +24,9 @@ from mqslam.execution.folders import claim_folder
 from mqslam.execution.guards.locks import lock_output
 from mqslam.execution.local_engine import DIED, LocalEngine
 from mqslam.execution.progress import Progress
-from mqslam.report.batch_page import write_batch_pages
+from mqslam.report.batch_page import write_batch_page
 from mqslam.results.batch_results import Order, RunOutcome, check_batch, summarise, write_batch
-from mqslam.results.summary_files import add_warnings
+from mqslam.results.files import add_warnings
 
 _CHOICES = ("auto", "none")  # instead of a file, or of extrinsics
 
@@ -225,5 +225,5 @@ def _run_all(plan: Path, orders: Sequence[Order], text: str, out: Path, *, force
         raise
     summary = summarise(orders, outcomes)
     write_batch(out, summary)
-    add_warnings(out / "batch.json", summary, write_batch_pages(out, plan.stem, summary, text))
+    add_warnings(out / "batch.json", summary, write_batch_page(out, plan.stem, summary, text))
     return Result(out, summary)

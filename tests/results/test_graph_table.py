@@ -18,7 +18,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.factors.loop_between import loop_between
 from mqslam.factors.psi_between import psi_between
 from mqslam.formats.graphs.g2o import format_g2o
-from mqslam.results.graph_table import format_graph_table
+from mqslam.results.run_results import format_graph_table
 
 CONFIG = Config()
 POSE, COVARIANCE = np.array([1.0, 0.0, 0.0]), 1e-2 * np.eye(3)

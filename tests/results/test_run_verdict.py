@@ -17,8 +17,15 @@ from mqslam.config import Config
 from mqslam.core.measurement import Measurement, Refined, Status
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
-from mqslam.results.run_scale import list_unknown_scale, measure_ratio
-from mqslam.results.run_verdict import _warn_of_gaps, _warn_of_stretches, find_stops, judge_run, list_warnings
+from mqslam.results.run_verdict import (
+    _warn_of_gaps,
+    _warn_of_stretches,
+    find_stops,
+    judge_run,
+    list_unknown_scale,
+    list_warnings,
+    measure_ratio,
+)
 
 PASS, WARN, FAIL, NOT_JUDGED = VerdictStatus
 

@@ -37,7 +37,7 @@ def view(
 
     Example: mqslam view result --colour time
     """
-    from mqslam.viewer.finished_run import read_scene
+    from mqslam.viewer.scene import read_scene
 
     scene = read_scene(out)
     by = colour.value if colour.value in scene.values else Colour.intensity.value
@@ -46,8 +46,8 @@ def view(
 
         show(scene, by)
         return
-    from mqslam.viewer.display import has_display
     from mqslam.viewer.rerun_log import open_viewer, record
+    from mqslam.viewer.scene import has_display
 
     path = out / "map.rrd"
     with record(path) as log:

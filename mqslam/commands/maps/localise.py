@@ -18,15 +18,15 @@ from mqslam.core.frontend import Context
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.detection.stage import detect_all, warn_of_unread
 from mqslam.errors import DataError, EstimationError, FewReturnsError, NotInMapError, Remedy
-from mqslam.execution.files import write_json
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
 from mqslam.localisation.localised import Localised
 from mqslam.localisation.recording_in_map import localise as find_in_map
 from mqslam.psi.place import beam_of
-from mqslam.report.maps.localise_page import write_localise_page
-from mqslam.results.maps.localise_results import summarise, write_localised
+from mqslam.report.localise_page import write_localise_page
+from mqslam.results.files import add_warnings
+from mqslam.results.localise_results import summarise, write_localised
 
 _MAP_REMEDY = "give the folder of a result that `mqslam run` has written"
 
@@ -96,9 +96,7 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
         with write_folder_aside(out) as folder:
             write_localised(folder, localised, settings, made.keyframes.georeference, summary, job.recording)
             failures = write_localise_page(folder, localised, made, settings, summary)
-            if failures:
-                summary["warnings"] += failures
-                write_json(folder / "summary.json", summary)
+            add_warnings(folder / "summary.json", summary, failures)
         return LocaliseResult(out, summary)
 
 
