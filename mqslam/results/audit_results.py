@@ -234,11 +234,12 @@ def describe_mended(mended: Mended, given: Mapping[str, Any]) -> str:
         mended: the trajectory and its audit.
         given: content of audit.json on the trajectory as it was given.
     """
-    before, after = given["verdict"]["status"], mended.result.audit.status
+    before = given["verdict"]["status"]
     if not mended.rounds and before == VerdictStatus.NOT_JUDGED:
         return "The audit could not judge enough to mend anything: the trajectory is as it was given."
     if not mended.rounds:
         return "The audit found nothing to mend: the trajectory is as it was given."
+    after = mended.result.audit.status
     if mended.is_worse:
         return (
             f"Mending failed: the mended trajectory is judged worse ({after}) than the given one ({before}). Keep that one."

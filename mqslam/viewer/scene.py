@@ -1,4 +1,4 @@
-"""What the viewers share: a finished run or the keyframes of a map, colours on dark ground, and whether there is a screen."""
+"""What the viewers share: a finished run or the keyframes of a map, colours, and whether there is a screen."""
 
 from __future__ import annotations
 
