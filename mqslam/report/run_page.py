@@ -347,8 +347,9 @@ def _crop_windows(pointmap: PointMap, track: Trajectory, windows: Sequence[Windo
     poses = [track.poses[min((window.begin + window.end) // 2, len(track) - 1)] for window in windows]
     crops: list[list[list[Points]]] = [[[np.empty((0, 2))], [np.empty((0, 2))]] for _ in windows]
     for block in pointmap.blocks() if windows else ():
-        around = cKDTree(block.points).query_ball_point(np.array(poses)[:, :2], _REACH_M, return_sorted=True)
-        for window, pose, near, crop in zip(windows, poses, around, crops, strict=True):
+        tree = cKDTree(block.points)
+        for window, pose, crop in zip(windows, poses, crops, strict=True):
+            near = tree.query_ball_point(pose[:2], _REACH_M, return_sorted=True)
             seen = se2.transform(se2.inverse(pose), block.points[near])
             inside = np.abs(seen).max(axis=1, initial=0.0) <= _HALF_SIDE_M
             own = np.abs(block.times[near] - 0.5 * (window.t0 + window.t1)) <= _SAME_PASS_S
@@ -451,13 +452,10 @@ def _chart_sigmas(run: Run) -> list[Figure]:
         return []
     sigmas = np.sqrt(np.maximum(np.diagonal(sure.covariances, axis1=1, axis2=2), 0.0))
     path = se2.path_lengths(run.optimised.poses)[sure.indices]
-    left = [Curve(name, colour, over(path, sigmas[:, k])) for k, (name, colour) in enumerate(_ALONG_AND_ACROSS)]
+    left = [Curve("along", BLUE, over(path, sigmas[:, 0])), Curve("across", ORANGE, over(path, sigmas[:, 1]))]
     heading = Curve("heading", PURPLE, over(path, np.rad2deg(sigmas[:, 2])), "--", beside=True)
     caption = "one standard deviation in the pose's own frame, with the first pose held fixed"
     return [_chart_both("Covariance along the path", caption, "position, 1σ [m]", left, "heading, 1σ [°]", heading)]
-
-
-_ALONG_AND_ACROSS: Final = (("along", BLUE), ("across", ORANGE))
 
 
 def _list_numbers(run: Run, summary: Mapping[str, Any]) -> Section:
