@@ -22,7 +22,7 @@ from support.clusters import Cluster, cluster
 from support.recordings import write_oxford
 
 from mqslam.detection import stage as detection
-from mqslam.report.figures import canvas
+from mqslam.report import canvas
 from mqslam.simulator import simulate
 
 REPORTS = Path(__file__).parent / "report"

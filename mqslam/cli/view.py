@@ -34,7 +34,7 @@ def view(terminal: Terminal, *, out: Path, colour: Colour, rerun: bool) -> None:
 
     Example: mqslam view result --colour time
     """
-    from mqslam.viewer.finished_run import read_scene
+    from mqslam.viewer.scene import read_scene
 
     scene = read_scene(out)
     by = colour.value if colour.value in scene.values else Colour.intensity.value
@@ -43,8 +43,8 @@ def view(terminal: Terminal, *, out: Path, colour: Colour, rerun: bool) -> None:
 
         show(scene, by)
         return
-    from mqslam.viewer.display import has_display
     from mqslam.viewer.rerun_log import open_viewer, record
+    from mqslam.viewer.scene import has_display
 
     path = out / "map.rrd"
     with record(path) as log:

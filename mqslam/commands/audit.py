@@ -43,10 +43,10 @@ from mqslam.formats.trajectories import read_with_notes
 from mqslam.formats.tum import write_tum
 from mqslam.psi.doppler import choose_doppler
 from mqslam.psi.place import beam_of
-from mqslam.report.audit_page import write_audit_pages
+from mqslam.report.audit_page import write_audit_page
 from mqslam.results.audit_results import summarise, summarise_mended, write_audit
-from mqslam.results.sensor_results import summarise_check
-from mqslam.results.summary_files import add_warnings
+from mqslam.results.files import add_warnings
+from mqslam.results.run_results import summarise_check
 
 _LONGEST_OFFSET_S = 1e11  # beyond any clock, three thousand years: such an offset is in another unit, or no number
 CARRIED = ("recording", "odometry", "ground_truth")  # the names of trajectories that a recording may carry
@@ -178,7 +178,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             if mended is not None:
                 write_tum(folder / "mended.tum", _give_back(mended.result.trajectory, time_offset_s, mount))
             after = None if mended is None else mended.result
-            failures = write_audit_pages(folder, data.resolve().name, judged, sweeps, settings, summary, after)
+            failures = write_audit_page(folder, data.resolve().name, judged, sweeps, settings, summary, after)
             add_warnings(folder / "audit.json", summary, failures)
         for warning in summary["warnings"][len(notes) :]:
             work.tell(warning)

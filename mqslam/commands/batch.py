@@ -22,9 +22,9 @@ from mqslam.errors import ClusterError, ConfigError, MqslamError, describe_error
 from mqslam.execution.folders import claim_folder
 from mqslam.execution.guards.locks import lock_output
 from mqslam.execution.local_engine import DIED, LocalEngine
-from mqslam.report.batch_page import write_batch_pages
+from mqslam.report.batch_page import write_batch_page
 from mqslam.results.batch_results import Order, RunOutcome, check_batch, summarise, write_batch
-from mqslam.results.summary_files import add_warnings
+from mqslam.results.files import add_warnings
 
 _CHOICES = ("auto", "none")  # instead of a file, or of extrinsics
 _AGAIN = "the same command continues the batch"
@@ -139,7 +139,7 @@ def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: W
             raise
         summary = summarise(orders, outcomes)
         write_batch(out, summary)
-        add_warnings(out / "batch.json", summary, write_batch_pages(out, plan.stem, summary, text))
+        add_warnings(out / "batch.json", summary, write_batch_page(out, plan.stem, summary, text))
         return Result(out, summary)
 
 

@@ -27,10 +27,9 @@ from mqslam.execution.runner import Runner
 from mqslam.formats.sensors.reading import Reading
 from mqslam.formats.trajectories import read_with_notes
 from mqslam.psi.doppler import choose_doppler
-from mqslam.report.compare_page import write_compare_pages
-from mqslam.report.inputs.compare_report import report_comparison
+from mqslam.report.compare_page import write_compare_page
 from mqslam.results.compare_results import summarise, tabulate, write_compare
-from mqslam.results.summary_files import add_warnings
+from mqslam.results.files import add_warnings
 
 FRONT_ENDS = ("psi", "kiss_icp", "open3d_icp", "odometry")
 _KISS = "kiss_icp"
@@ -124,10 +123,10 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
             comparison = compare_rows(recording, rows, scans, settings, notes, work.engine, work.progress)
             summary = summarise(comparison)
             table, marked = tabulate(summary)
-            report = report_comparison(comparison, summary, table, marked)
             with write_folder_aside(out) as folder:
                 write_compare(folder, comparison, summary)
-                add_warnings(folder / "compare.json", summary, write_compare_pages(folder, report))
+                failed = write_compare_page(folder, comparison, summary, table, marked)
+                add_warnings(folder / "compare.json", summary, failed)
         for warning in summary["warnings"][sum(row.failure is not None for row in comparison.rows) :]:
             work.tell(warning)
         return CompareResult(out, summary, table, marked)

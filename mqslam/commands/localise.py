@@ -23,9 +23,9 @@ from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
 from mqslam.localisation.localise import Localised
 from mqslam.localisation.localise import localise as find_in_map
 from mqslam.psi.place import beam_of
-from mqslam.report.maps.localise_page import write_localise_page
-from mqslam.results.maps.localise_results import summarise, write_localised
-from mqslam.results.summary_files import add_warnings
+from mqslam.report.localise_page import write_localise_page
+from mqslam.results.files import add_warnings
+from mqslam.results.localise_results import summarise, write_localised
 
 _MAP_REMEDY = "give the folder of a result that `mqslam run` has written"
 

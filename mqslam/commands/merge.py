@@ -18,9 +18,9 @@ from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
 from mqslam.formats.tum import read_tum
 from mqslam.merging.merge import merge_sessions
 from mqslam.merging.sessions import Session, make_session
-from mqslam.report.maps.merge_page import write_merge_page
-from mqslam.results.maps.merge_results import summarise_merge, write_merge
-from mqslam.results.summary_files import add_warnings
+from mqslam.report.merge_page import write_merge_page
+from mqslam.results.files import add_warnings
+from mqslam.results.merge_results import summarise_merge, write_merge
 
 _REMEDY = "give the folder of a result as `mqslam run` or `mqslam merge` has written it"
 

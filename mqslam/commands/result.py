@@ -9,7 +9,7 @@ from typing import Any
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.trajectories import read_trajectory
-from mqslam.results.truth_files import name_evo_command
+from mqslam.results.files import name_evo_command
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ from mqslam.formats.recordings.azimuths import stamps_in_us
 from mqslam.formats.recordings.oxford import find_image_folder
 from mqslam.formats.recordings.row_images import RowImageRecording
 from mqslam.formats.trajectories import write_boreas_odometry
-from mqslam.report.run_page import write_run_pages
+from mqslam.report.run_page import write_run_page
 from mqslam.results.run_results import add_warnings, summarise, write_run
 from mqslam.results.run_verdict import list_warnings
 from mqslam.slam import Slam
@@ -195,7 +195,7 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
         summary: dict[str, Any] = to_json_values({**summarise(shown, recording), "warnings": warnings, "run_key": job.key})
         with write_folder_aside(out) as folder:
             write_run(folder, shown, summary, recording.notes, recording.ground_truth)
-            failures = write_run_pages(folder, shown, recording, summary)
+            failures = write_run_page(folder, shown, recording, summary)
             with tolerate("the file for the leaderboard of Boreas", failures):
                 _write_for_leaderboard(folder, job.recording, result.optimised)
             add_warnings(folder, summary, recording.notes, failures)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,34 +11,33 @@ import numpy as np
 
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.rounds import AuditedTrajectory
-from mqslam.auditing.revisits import share_torn_revisits
+from mqslam.auditing.revisits import RevisitAudit, share_torn_revisits
 from mqslam.auditing.sizes import TORN_INFLATION, WINDOW
 from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.windows import share_torn
-from mqslam.config import Config, dump_yaml
+from mqslam.config import AuditConfig, Config, dump_yaml
+from mqslam.core.statistics import pick_evenly
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_bytes
 from mqslam.mapping.measures import Measures
-from mqslam.report.content import (
-    Figure,
-    Frame,
-    Gallery,
-    Numbers,
-    PagePart,
-    Section,
-    Table,
-    TableRow,
-    Tile,
+from mqslam.report.canvas import BLUE, GREY, RED, Chart, Curve, draw_chart, join_lines, mix_shades, over
+from mqslam.report.crops import draw_crop, make_crop
+from mqslam.report.explorer import EXPECTED, LEAST_M, Layer, Place, chart_inflation, explain_torn, explore
+from mqslam.report.heat_map import draw_heat_map
+from mqslam.report.page import Card, Explorer, Figure, Page, Section, Table, tabulate_tests
+from mqslam.report.spots import (
+    BAD_PLACES,
+    Spot,
+    find_worst_spots,
+    list_bad_places,
+    list_unmatched,
+    rank_spot,
+    spot_of_window,
+    spots_of_torn_pairs,
+    write_bad_places,
 )
-from mqslam.report.explorers.audit_explorer import explore_audit
-from mqslam.report.explorers.scene_data import ExplorerScene, make_scene
-from mqslam.report.figures.audit_figures import EXPECTED, draw_heat_map, draw_inflation, draw_revisits
-from mqslam.report.formatting import ABSENT, format_length, format_three_digits, format_value
-from mqslam.report.inputs.audit_report import AuditReport
-from mqslam.report.page import collect, name_values, section_of, tabulate_tests, verdict_in, version_in, write_page
-from mqslam.report.places.bad_places import list_bad_places, write_bad_places
-from mqslam.report.places.spots import rank_spot, spot_of_window
-from mqslam.report.sections.audit_places import list_unmatched, list_worst, show_crops
+from mqslam.report.words import ABSENT, format_length, format_three_digits, format_value, list_values, part_of
 
 _MEASURES: Final = {
     "map_entropy": ("mean map entropy", " nat"),
@@ -46,48 +45,6 @@ _MEASURES: Final = {
     "joint_entropy": ("joint less separate entropy", " nat"),
     "grid_entropy": ("entropy per grid cell", " nat"),
 }
-
-
-def list_numbers(report: AuditReport) -> Numbers:
-    """Returns the tables at the end of an audit's page."""
-    summary = report.summary
-    dataset = dict(section_of(summary, "dataset"))
-    if isinstance(summary.get("trajectory"), str):
-        dataset["trajectory"] = summary["trajectory"]
-    cards = (
-        name_values("Recording", dataset),
-        name_values("Windows", section_of(summary, "windows")),
-        name_values("Steps", section_of(summary, "steps")),
-        name_values("Spans", section_of(summary, "spans")),
-        name_values("Pooled corrections", section_of(summary, "pooled")),
-        name_values("Revisits", section_of(summary, "revisits")),
-    )
-    note = "The usual measures of a map depend on the place as much as on the trajectory: none judges a map by itself."
-    return Numbers("Measures", _tabulate_measures(report.audit), note, cards)
-
-
-def _tabulate_measures(audit: Audit) -> Table | None:
-    windows = audit.windows
-    if not windows:
-        return None
-    rows = [
-        TableRow("ψ per point", _list_quantiles([w.bend.psi for w in windows], "")),
-        TableRow("ψ per point at its best", _list_quantiles([w.bend.psi_best for w in windows], "")),
-        TableRow("points matched", _list_quantiles([100.0 * w.bend.matched for w in windows], " %")),
-    ]
-    for field in fields(Measures):
-        label, unit = _MEASURES[field.name]
-        rows.append(TableRow(label, _list_quantiles([getattr(w.measures, field.name) for w in windows], unit)))
-    return Table(("of the windows", "5 %", "median", "95 %"), tuple(rows))
-
-
-def _list_quantiles(values: list[float], unit: str) -> tuple[str, ...]:
-    """Returns the 5 % quantile, median and 95 % quantile of the values that are known, as text."""
-    known = [v for v in values if np.isfinite(v)]
-    quantiles = np.quantile(known, [0.05, 0.5, 0.95]).tolist() if known else [None] * 3
-    return tuple(format_value(quantile, unit) for quantile in quantiles)
-
-
 _COMPARED: Final = (  # what is shown before and after mending: its name, where the summary has it, and its unit
     ("windows torn", "windows", "torn", ""),
     ("median inflation", "windows", "inflation_median", ""),
@@ -97,24 +54,20 @@ _COMPARED: Final = (  # what is shown before and after mending: its name, where 
     ("revisits torn", "revisits", "torn", ""),
     ("median offset of two passes", "revisits", "median_m", " m"),
 )
+_CARDS: Final = {
+    "dataset": "Recording",
+    "windows": "Windows",
+    "steps": "Steps",
+    "spans": "Spans",
+    "pooled": "Pooled corrections",
+    "revisits": "Revisits",
+}
+_PLACE_HEAD: Final = ("", "what", "time", "place", "off by", "correction", "inflation", "verdict")
+_FINE: Final = "The largest corrections of what is not torn"
+_MOST_WINDOWS, _MOST_PAIRS = 120, 40  # windows, and what else is torn, that can be clicked: limits of the page's size
 
 
-@dataclass(frozen=True, slots=True)
-class AuditParts:
-    """The parts of the page, as audit.html shows them."""
-
-    tiles: PagePart[tuple[Tile, ...]]
-    tests: PagePart[Section]
-    mended: PagePart[Section]
-    map: PagePart[Section]
-    explorer: PagePart[ExplorerScene]
-    worst: PagePart[Section]
-    unmatched: PagePart[Section]
-    crops: PagePart[Gallery]
-    numbers: PagePart[Numbers]
-
-
-def write_audit_pages(
+def write_audit_page(
     folder: Path,
     title: str,
     audit: Audit,
@@ -131,153 +84,276 @@ def write_audit_pages(
         audit: the windows and revisits, judged.
         sweeps: what was judged.
         config: all settings.
-        summary: content of audit.json.
+        summary: content of audit.json; what is absent or None is shown as not available.
         mended: the mended trajectory and its audit; None where none was asked for.
 
     Returns:
-        what could not be made, and why.
+        what could not be made, and why; the page says it too.
 
     Raises:
         OutputError: a file cannot be written.
     """
-    failures: list[str] = []
-    with tolerate("heatmap.png", failures):
+    settings, turns = config.audit, summary.get("gyroscope")
+    notes = () if turns is None or turns["agrees"] is False else (turns["statement"],)
+    page = Page(title, summary, dump_yaml(config), notes=notes)
+    with tolerate("heatmap.png", page.failures):
         write_bytes(folder / "heatmap.png", draw_heat_map(sweeps, audit))
-    with tolerate("the files of the bad places", failures):
-        write_bad_places(folder, list_bad_places(sweeps, audit, config.audit))
-    with tolerate("report.html", failures):
-        warnings = (*summary["warnings"], *failures)
-        report = AuditReport(title, summary, sweeps, audit, config, warnings, dump_yaml(config), mended)
-        failures += write_audit_report(folder / "report.html", report)
-    return failures
-
-
-def write_audit_report(path: Path, report: AuditReport) -> list[str]:
-    """Writes an audit's page as one HTML file that opens without a network.
-
-    Args:
-        path: the file.
-        report: the audit as the page shows it.
-
-    Returns:
-        the parts that could not be drawn, and why; the page says it too.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    failures: list[str] = []
-    sweeps, audit, settings = report.sweeps, report.audit, report.config.audit
-    parts = AuditParts(
-        mended=collect("the mended trajectory", lambda: _show_mended(report), failures),
-        map=collect("the pictures of the map", lambda: _show_map(report), failures),
-        tests=collect("the tests", lambda: tabulate_tests(report.summary), failures),
-        tiles=collect("the first numbers", lambda: _make_tiles(report), failures),
-        explorer=collect("the map to move in", lambda: make_scene(explore_audit(sweeps, audit, settings)), failures),
-        worst=collect("the worst places", lambda: list_worst(report), failures),
-        unmatched=collect("what could not be judged", lambda: list_unmatched(report), failures),
-        crops=collect("the pictures of the worst places", lambda: show_crops(report), failures),
-        numbers=collect("the tables", lambda: list_numbers(report), failures),
+    with tolerate("the files of the bad places", page.failures):
+        write_bad_places(folder, list_bad_places(sweeps, audit, settings))
+    page.add("the first numbers", lambda: _make_tiles(audit, sweeps))
+    page.add("the tests", lambda: tabulate_tests(summary))
+    page.add("the mended trajectory", lambda: _show_mended(audit, sweeps, summary, mended))
+    page.add_explorer(
+        lambda: explore_audit(sweeps, audit, settings),
+        [("the pictures of the map", lambda: _show_map(sweeps, audit, settings))],
     )
-    frame = Frame(
-        title=report.title,
-        settings_yaml=report.settings_yaml,
-        version=version_in(report.summary),
-        warnings=(*report.warnings, *failures),
-        notes=report.notes,
-        verdict=verdict_in(report.summary),
-    )
-    write_page(path, "audit.html", frame, parts)
-    return failures
+    page.add("the worst places", lambda: _list_worst(sweeps, audit, settings))
+    page.add("what could not be judged", lambda: _list_unmatched(sweeps, audit, summary))
+    page.add("the pictures of the worst places", lambda: _show_crops(sweeps, audit, settings))
+    page.add("the tables", lambda: _list_numbers(audit, summary))
+    return page.write(folder)
 
 
-def _make_tiles(report: AuditReport) -> tuple[Tile, ...]:
-    return (*_make_window_tiles(report), *_make_revisit_tiles(report))
+def _make_tiles(audit: Audit, sweeps: Sweeps) -> Section:
+    return Section("", tiles=[*_make_window_tiles(audit), *_make_revisit_tiles(audit, sweeps)])
 
 
-def _make_window_tiles(report: AuditReport) -> tuple[Tile, ...]:
-    windows = report.audit.windows
+def _make_window_tiles(audit: Audit) -> list[tuple[str, str]]:
+    windows = audit.windows
     if not windows:
-        return ()
+        return []
     torn = share_torn(windows)
     median = float(np.median([w.bend.inflation for w in windows]))
     decided = [window for window in windows if window.undecided is None]
     worst = max(map(spot_of_window, decided or windows), key=rank_spot).off_m
-    share = Tile(ABSENT, f"of windows torn: none of {len(windows):,} could be decided")
+    share = (ABSENT, f"of windows torn: none of {len(windows):,} could be decided")
     if torn.total:
-        share = Tile(
-            f"{100.0 * torn.count / torn.total:.1f} %",
-            f"of windows torn: {torn.count:,} of {torn.total:,}, so that the true share may be {torn.describe_range()}",
-        )
-    return (
+        counts = f"{torn.count:,} of {torn.total:,}, so that the true share may be {torn.describe_range()}"
+        share = (f"{100.0 * torn.count / torn.total:.1f} %", f"of windows torn: {counts}")
+    return [
         share,
-        Tile(
+        (
             format_three_digits(median),
             f"median inflation of a window, {EXPECTED:.2f} expected of a map that is right",
         ),
-        Tile(format_length(worst), "worst window: how far its correction moves its points (RMS)"),
-    )
+        (format_length(worst), "worst window: how far its correction moves its points (RMS)"),
+    ]
 
 
-def _make_revisit_tiles(report: AuditReport) -> tuple[Tile, ...]:
-    revisits = report.audit.revisits
-    sure = [r for r in revisits if r.revisit.sure]
-    if not sure:
+def _make_revisit_tiles(audit: Audit, sweeps: Sweeps) -> list[tuple[str, str]]:
+    revisits = audit.revisits
+    distances = [r.revisit.distance_m for r in revisits if r.revisit.sure]
+    if not distances:
         reason = "it comes back to no place that would show its drift"
-        if report.sweeps.track is None:
+        if sweeps.track is None:
             reason = "without a trajectory nobody knows where it comes back"
         elif revisits:
             reason = f"of {len(revisits):,} places passed twice none is sure enough to judge"
-        return (Tile(ABSENT, f"revisits torn: {reason}"),)
+        return [(ABSENT, f"revisits torn: {reason}")]
     torn = share_torn_revisits(revisits)
-    return (
-        Tile(
-            f"{torn.count:,} of {torn.total:,}",
-            f"revisits torn, of those that are sure, so that the true share may be {torn.describe_range()}",
-        ),
-        Tile(format_length(float(np.median([r.revisit.distance_m for r in sure]))), "median offset of two passes"),
-    )
+    told = f"revisits torn, of those that are sure, so that the true share may be {torn.describe_range()}"
+    median = format_length(float(np.median(distances)))
+    return [(f"{torn.count:,} of {torn.total:,}", told), (median, "median offset of two passes")]
 
 
-def _show_map(report: AuditReport) -> Section:
-    settings, audit = report.config.audit, report.audit
+def _show_map(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section:
     caption = (
         "the map in grey, the path in the colour of its windows' inflation: blue up to the threshold "
         f"{TORN_INFLATION:.1f}, orange beyond it; red where two passes of a place are off each other"
     )
     if any(window.undecided is not None for window in audit.windows):
         caption += "; grey where nothing could be decided"
-    heat_map = Figure(draw_heat_map(report.sweeps, audit, opaque=False), "Heat map", caption)
+    heat_map = Figure(draw_heat_map(sweeps, audit, opaque=False), "Heat map", caption)
     charts = []
     if audit.windows:
         bend = format_length(settings.bend_m)
         caption = f"torn are windows beyond the threshold that a correction moves by more than {bend}"
-        charts.append(Figure(draw_inflation(audit), "Inflation of the windows", caption))
+        charts.append(Figure(draw_chart(chart_inflation(audit.windows)), "Inflation of the windows", caption))
     if audit.revisits:
         caption = f"torn beyond the tolerance, or turned by more than {np.rad2deg(settings.torn_rad):.2g}°, where sure"
         if any(revisit.stated_covariance is not None for revisit in audit.revisits):
             caption = "torn where neither the measurement nor what the trajectory claims to know explains the offset"
-        charts.append(Figure(draw_revisits(report.sweeps, audit, settings), "Offset of the revisits", caption))
+        chart = _chart_revisits(audit.revisits, settings, sweeps.travelled, "path [m]")
+        charts.append(Figure(draw_chart(chart), "Offset of the revisits", caption))
     note = (
         f"Every {WINDOW} sweeps are compared with the best map that the same returns can make. Inflation is the "
         "correction that leads there, squared, in units of its own covariance. No ground truth takes part."
     )
-    return Section("Map", (note,), (heat_map,), tuple(charts))
+    return Section("Map", [note], figures=[heat_map], stacked=charts)
 
 
-def _show_mended(report: AuditReport) -> Section | None:
-    """Returns the given trajectory and the mended one side by side; None where none was asked for."""
-    before, after = report.summary, section_of(report.summary, "mended")
-    if report.mended is None or not after:
-        return None
-    figures = (
-        Figure(draw_heat_map(report.sweeps, report.audit, opaque=False), "As it was given"),
-        Figure(draw_heat_map(report.mended.sweeps, report.mended.audit, opaque=False), "Mended"),
+def _chart_revisits(revisits: Sequence[RevisitAudit], settings: AuditConfig, x: np.ndarray, x_title: str) -> Chart:
+    """Returns how far the two passes of every revisit are apart.
+
+    Args:
+        revisits: the revisits, judged.
+        settings: of the audit.
+        x: (N,) of every sweep, over which they are drawn.
+        x_title: title of that axis.
+    """
+    kinds = (
+        ("not sure", GREY, "s", [r.revisit for r in revisits if not r.revisit.sure]),
+        ("revisits", BLUE, "o", [r.revisit for r in revisits if r.revisit.sure and not r.torn]),
+        ("revisits: torn", RED, "^", [r.revisit for r in revisits if r.revisit.sure and r.torn]),
     )
-    rows = [TableRow("verdict", tuple(section_of(shown, "verdict")["status"] for shown in (before, after)))]
-    for label, section, key, unit in _COMPARED:
-        values = (section_of(shown, section).get(key) for shown in (before, after))
-        rows.append(TableRow(label, tuple(format_value(value, unit) for value in values)))
-    table = Table(("", "as it was given", "mended"), tuple(rows))
-    verdict = section_of(after, "verdict")
+    curves = []
+    for name, colour, mark, some in kinds:
+        points = over([x[r.later] for r in some], np.maximum([r.distance_m for r in some], LEAST_M))
+        if some:
+            curves.append(Curve(f"{name} ({len(some)})", colour, points, mark, 4.0))
+    level = (f"tolerance {settings.torn_m:g} m", settings.torn_m, RED)
+    return Chart("revisits apart [m]", tuple(curves), (level,), log=("y",), x_title=x_title)
+
+
+def _show_mended(
+    audit: Audit, sweeps: Sweeps, summary: Mapping[str, Any], mended: AuditedTrajectory | None
+) -> Section | None:
+    """Returns the given trajectory and the mended one side by side; None where none was asked for."""
+    after = part_of(summary, "mended")
+    if mended is None or not after:
+        return None
+    figures = [
+        Figure(draw_heat_map(sweeps, audit, opaque=False), "As it was given"),
+        Figure(draw_heat_map(mended.sweeps, mended.audit, opaque=False), "Mended"),
+    ]
+    rows = [("verdict", *(VerdictStatus(shown["verdict"]["status"]) for shown in (summary, after)))]
+    for label, part, key, unit in _COMPARED:
+        rows.append((label, *(format_value(part_of(shown, part).get(key), unit) for shown in (summary, after))))
+    verdict = after["verdict"]
     why = f"The mended trajectory is judged {verdict['status']}: {'; '.join(verdict['reasons'])}."
-    return Section("Mended", (str(after["sentence"]), why), figures, table=table)
+    table = Table(("", "as it was given", "mended"), rows)
+    return Section("Mended", [str(after["sentence"]), why], figures=figures, table=table)
+
+
+def explore_audit(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explorer | None:
+    """Returns the map, its windows' inflation and its revisits over time, and crops before and after their corrections.
+
+    Args:
+        sweeps: what was judged.
+        audit: the windows and revisits, judged.
+        settings: settings of the audit.
+    """
+    times = sweeps.times[0] + (sweeps.turns - sweeps.numbers[0]) * sweeps.revolution_s
+    layer = Layer("trajectory", BLUE, sweeps.times, sweeps.poses[:, :2], sweeps.points, {"time": times})
+    spots = _choose_spots(sweeps, audit, settings)
+    torn = [sweeps.poses[[r.revisit.earlier, r.revisit.later], :2] for r in audit.revisits if r.torn]
+    charts = [chart_inflation(audit.windows)] if audit.windows else []
+    sure = [r for r in audit.revisits if r.revisit.sure]
+    if sure:
+        charts.append(_chart_revisits(sure, settings, sweeps.times, "time [s]"))
+    return explore(
+        [layer],
+        charts,
+        [_show_spot(sweeps, spot) for spot in spots],
+        (
+            "Click a dot to see the place as it is and corrected: what was seen first blue, what was seen last orange.",
+            explain_torn(settings),
+        ),
+        lines=[Curve(f"torn revisits ({len(torn)})", RED, join_lines(torn), width=2.0)],
+        first=max(range(len(spots)), key=lambda k: rank_spot(spots[k]), default=0),
+        is_calm=audit.status is VerdictStatus.PASS,
+    )
+
+
+def _choose_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[Spot]:
+    """Returns windows, all torn ones and others evenly spread, and what else is torn, in the order of time."""
+    torn = [w for w in audit.windows if w.torn][:_MOST_WINDOWS]
+    fine = [w for w in audit.windows if not w.torn]
+    fine = [fine[k] for k in pick_evenly(len(fine), _MOST_WINDOWS - len(torn))]
+    off = spots_of_torn_pairs(sweeps, audit, settings)
+    spots = [spot_of_window(w) for w in [*torn, *fine]] + [off[k] for k in pick_evenly(len(off), _MOST_PAIRS)]
+    return sorted(spots, key=lambda spot: spot.t1)
+
+
+def _show_spot(sweeps: Sweeps, spot: Spot) -> Place:
+    """Returns what is shown of a spot when it is clicked."""
+    before, after = make_crop(sweeps, spot)
+    colours = mix_shades(len(before))
+    t0 = spot.t0 if spot.kind == "window" else spot.t1 - sweeps.revolution_s
+    views = (("as it is", before, colours), ("corrected", after, colours))
+    return Place(t0, spot.t1, spot.title, spot.text, views, spot.torn, spot.undecided is not None)
+
+
+def _number_worst(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[list[tuple[int, Spot]]]:
+    """Returns the worst places with their numbers: those that are torn, and the others."""
+    spots = list(enumerate(find_worst_spots(sweeps, audit, settings), 1))
+    return [[(k, spot) for k, spot in spots if spot.torn is wanted] for wanted in (True, False)]
+
+
+def _list_worst(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section | None:
+    """Returns the worst places as a table: torn ones at once, the others unfold."""
+    torn, fine = _number_worst(sweeps, audit, settings)
+    if not torn and not fine:
+        return None
+    notes = (
+        "Torn places come first, by how far they are off." if torn else "No place is torn.",
+        "After them come the windows of the largest inflation; all are well apart.",
+        "A correction, as seen from the sensor, moves the end of a window or span against its begin, what follows a jump, "
+        "or the later pass of a revisit.",
+        f"{' and '.join(BAD_PLACES)} beside this page hold all places that are torn or of which nothing could be decided.",
+    )
+    tables = [
+        Table(_PLACE_HEAD, [(str(k), *spot.cells) for k, spot in some], True) if some else None for some in (torn, fine)
+    ]
+    folded = Section(_FINE, table=tables[1]) if fine else None
+    return Section("Worst places", notes, table=tables[0], folded=folded)
+
+
+def _list_unmatched(sweeps: Sweeps, audit: Audit, summary: Mapping[str, Any]) -> Section | None:
+    """Returns what could not be judged, where it is, and where to look; None where all could be judged."""
+    rows = list_unmatched(sweeps, audit)
+    blind = [str(line) for line in summary.get("not_judged") or ()]
+    if not rows and not blind:
+        return None
+    table = Table(("what", "time", "place", "why", "where to look"), rows, holds_words=True) if rows else None
+    notes = ("Nothing is said of these places: they are neither good nor bad.", *blind)
+    return Section("What could not be matched", notes, table=table)
+
+
+def _show_crops(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section | None:
+    """Returns pictures of the worst places before and after their corrections: torn ones at once, the others unfold."""
+    torn, fine = ([_show_crop(sweeps, k, spot) for k, spot in some] for some in _number_worst(sweeps, audit, settings))
+    note = (
+        "The points where the correction shows the most, seen from the sensor, ahead to the right. Blue is what was "
+        "seen first, orange what was seen last: a wall in two colours is doubled."
+    )
+    folded = Section(_FINE, cards=fine) if fine else None
+    return Section("Before and after", [note], cards=torn, folded=folded) if torn or fine else None
+
+
+def _show_crop(sweeps: Sweeps, number: int, spot: Spot) -> Card:
+    title = f"{number}. {spot.title}"
+    before, after = draw_crop(make_crop(sweeps, spot))
+    shown = (("as it is", before, "before"), ("corrected", after, "after"))
+    figures = [Figure(picture, name, description=f"{title}, {when}") for name, picture, when in shown]
+    return Card(title, spot.text, figures=figures)
+
+
+def _list_numbers(audit: Audit, summary: Mapping[str, Any]) -> Section:
+    """Returns the tables at the end of an audit's page."""
+    note = "The usual measures of a map depend on the place as much as on the trajectory: none judges a map by itself."
+    cards = [Card("Measures", note, table=_tabulate_measures(audit))] if audit.windows else []
+    for part, heading in _CARDS.items():
+        values = list_values(part, part_of(summary, part))
+        if part == "dataset" and isinstance(summary.get("trajectory"), str):
+            values.append(("trajectory", summary["trajectory"]))
+        if values:
+            cards.append(Card(heading, values=values))
+    return Section("Numbers", cards=cards, folds=True)
+
+
+def _tabulate_measures(audit: Audit) -> Table:
+    """Returns the 5 % quantile, median and 95 % quantile of each measure over the windows where it is known."""
+    windows = audit.windows
+    measured = [
+        ("ψ per point", "", [w.bend.psi for w in windows]),
+        ("ψ per point at its best", "", [w.bend.psi_best for w in windows]),
+        ("points matched", " %", [100.0 * w.bend.matched for w in windows]),
+        *((*_MEASURES[one.name], [getattr(w.measures, one.name) for w in windows]) for one in fields(Measures)),
+    ]
+    rows = []
+    for label, unit, values in measured:
+        known = [value for value in values if np.isfinite(value)]
+        quantiles = np.quantile(known, [0.05, 0.5, 0.95]).tolist() if known else [None] * 3
+        rows.append((label, *(format_value(quantile, unit) for quantile in quantiles)))
+    return Table(("of the windows", "5 %", "median", "95 %"), rows)

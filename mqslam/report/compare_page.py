@@ -1,52 +1,200 @@
-"""The page of a comparison."""
+"""The page of a comparison: every row has its own colour and line style in all pictures."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
+from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.windows import WindowAudit
+from mqslam.comparison.best import Standing, find_best
+from mqslam.comparison.comparison import Comparison
 from mqslam.comparison.judgement import JudgedRow, Place
+from mqslam.config import dump_yaml
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
+from mqslam.evaluation import Evaluation, align_positions
 from mqslam.execution.files import write_bytes
 from mqslam.mapping.render import TRAVEL_M, TRAVEL_RAD
-from mqslam.report.content import (
-    Figure,
-    Frame,
-    Gallery,
-    Numbers,
-    PagePart,
-    RankedCard,
-    Section,
-    Table,
-    TableRow,
-    Thumbnail,
-    ThumbnailCard,
-    Values,
-)
-from mqslam.report.explorers.explorer import Chart, Explorer, ExplorerCurve, ExplorerPlace, Layer, Lines, PlaceView, Points
-from mqslam.report.explorers.run_explorer import list_levels
-from mqslam.report.explorers.scene_data import ExplorerScene, make_scene
-from mqslam.report.figures.compare_figures import (
-    TRUTH_COLOUR,
-    draw_inflation,
-    draw_overlay,
-    draw_place,
-    draw_revisits,
-    find_common_frame,
-    smooth_inflation,
-    style_of,
-)
-from mqslam.report.formatting import ABSENT, format_length
-from mqslam.report.inputs.compare_report import CompareReport
-from mqslam.report.page import collect, name_values, section_of, version_in, write_page
+from mqslam.report import explorer
+from mqslam.report.canvas import PATH_SHAPE, TRUTH_GREY, Chart, Curve, Drawing, Points, draw_chart, draw_world, over
+from mqslam.report.crops import draw_dots, find_heaviest_square, measure_distances
+from mqslam.report.explorer import LEAST_M, LEVELS, Layer, explore, trace_inflation, values_of
+from mqslam.report.page import Card, Cell, Explorer, Figure, Page, Section, Table
+from mqslam.report.words import ABSENT, format_length, list_values, part_of
+
+# the looks of the page; no result depends on them
+_COLOURS: Final = ("#0b5fb0", "#d55e00", "#00886a", "#a8327e", "#7a5c00", "#3aa5dd")
+_STYLES: Final[tuple[Any, ...]] = ("-", "--", "-.", ":", (0, (6, 1.5, 1, 1.5, 1, 1.5)))
+_MEDIAN_OF = 15  # windows of the running median
+_HALF_SIDE_M = 30.0  # half the side of what the map to move in shows of a place
+_CLOSE_M, _FAR_M = 20.0, 100.0  # shortest and longest side of a crop
+_SIDE = 25.0  # side of a crop per length by which the rows are apart
+_MOST_M = 1.0  # largest weight of a point when the place of a crop is looked for
+
+
+def write_compare_page(
+    folder: Path, comparison: Comparison, summary: Mapping[str, Any], table: Sequence[Sequence[str]], marked: frozenset[Any]
+) -> list[str]:
+    """Writes a comparison's picture of all trajectories and its page into an existing folder.
+
+    Args:
+        folder: the folder.
+        comparison: the finished comparison.
+        summary: content of compare.json.
+        table: head and rows as the terminal shows them.
+        marked: line and column in the table of the best values.
+
+    Returns:
+        what could not be made, and why; the page says it too.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    recording = comparison.recording
+    rows = list(comparison.judged.values())
+    page = Page(
+        recording.path.resolve().name,
+        summary,
+        dump_yaml(comparison.settings),
+        notes=recording.notes,
+        conclusion=str(part_of(summary, "best").get("sentence", "")),
+    )
+    with tolerate("overlay.png", page.failures):
+        write_bytes(folder / "overlay.png", draw_overlay(rows, recording.ground_truth))
+    page.add("the table", lambda: _tabulate_rows(comparison, table, marked))
+    page.add_explorer(
+        lambda: explore_comparison(comparison),
+        [("the pictures of the trajectories", lambda: _show_trajectories(comparison))],
+    )
+    page.add("where the rows differ", lambda: _show_places(comparison))
+    page.add("the numbers", lambda: _list_numbers(comparison, summary))
+    return page.write(folder)
+
+
+def rank_rows(rows: Sequence[JudgedRow]) -> dict[str, int]:
+    """Ranks rows: the best of all is 1, then the best of those that are left, and so on.
+
+    Args:
+        rows: those that ran.
+
+    Returns:
+        the rank of each by its name, the best first; rows that cannot be told apart share one.
+    """
+    left = [Standing.of(row) for row in rows]
+    ranks: dict[str, int] = {}
+    while left:
+        best = find_best(left)
+        ranks |= dict.fromkeys(best.rows if best is not None else (left[0].name,), len(ranks) + 1)
+        left = [standing for standing in left if standing.name not in ranks]
+    return ranks
+
+
+def _tabulate_rows(comparison: Comparison, table: Sequence[Sequence[str]], marked: frozenset[Any]) -> Section:
+    """Returns the rows as the terminal shows them, the best first, with their ranks."""
+    (_, *head), *lines = table
+    ranks = rank_rows(list(comparison.judged.values()))
+    rows: list[tuple[str | Cell, ...]] = []
+    for number, (name, *values) in sorted(enumerate(lines, 1), key=lambda line: ranks.get(line[1][0], len(lines) + 1)):
+        if name not in ranks:
+            rows.append((name, values[0]))
+            continue
+        cells = [Cell(value, best=True) if (number, k) in marked else value for k, value in enumerate(values, 1)]
+        if "verdict" in head:
+            at = head.index("verdict")
+            cells[at] = VerdictStatus(values[at])
+        rows.append((name, str(ranks[name]), *cells))
+    judges = "without ground truth" if comparison.recording.ground_truth is None else "against ground truth and without it"
+    note = f"The same returns and the same judges for every row, {judges}. "
+    note += "The best value of a column is bold and green; ↓ less is better, ↑ more, → 1 nearer to 1."
+    told = "Rows that cannot be told apart share a rank."
+    return Section("Rows", [note, told], table=Table(("", "rank", *head), rows))
+
+
+def _style_of(k: int) -> tuple[str, Any]:
+    """Returns colour and style of the line of row k."""
+    return _COLOURS[k % len(_COLOURS)], _STYLES[k % len(_STYLES)]
+
+
+def _show_trajectories(comparison: Comparison) -> Section | None:
+    rows, truth = list(comparison.judged.values()), comparison.recording.ground_truth
+    if not rows:
+        return None
+    caption = "all starting from one pose, as far as they have one start in common"
+    if truth is not None:
+        caption = "each laid on the ground truth by the best rigid motion"
+    trajectories = Figure(draw_overlay(rows, truth, opaque=False), "Trajectories", caption)
+    caption = "running median over the windows in which the radar moved: how far a window's map is from its own best"
+    charts = [Figure(draw_chart(_chart_inflation(comparison)), "Inflation of the windows", caption)]
+    curves = []
+    for k, row in enumerate(rows):
+        offsets = np.sort([r.revisit.distance_m for r in row.audit.revisits if r.revisit.sure])
+        if len(offsets):
+            colour, style = _style_of(k)
+            reached = over(np.maximum(offsets, LEAST_M), 100.0 * np.arange(1, len(offsets) + 1) / len(offsets))
+            stairs = np.repeat(reached, 2, axis=0)
+            steps = np.column_stack([stairs[1:, 0], stairs[:-1, 1]])
+            curves.append(Curve(f"{row.row.name} ({len(offsets)})", colour, steps, style, 1.6))
+    if curves:
+        caption = "share of the revisits whose two passes are off each other by less, with their number in brackets"
+        chart = Chart("revisits [%]", tuple(curves), x_title="offset less than [m]", top=102.0, log=("x",))
+        charts.append(Figure(draw_chart(chart), "Offset of the revisits", caption))
+    return Section("Trajectories", figures=[trajectories], stacked=charts)
+
+
+def draw_overlay(rows: Sequence[JudgedRow], truth: Trajectory | None, *, opaque: bool = True) -> bytes:
+    """Draws all trajectories over each other.
+
+    Args:
+        rows: the rows that ran.
+        truth: ground truth, on which each is laid by the best rigid motion; without it all start from one pose.
+        opaque: whether it is drawn on white, to be looked at by itself, rather than on a transparent ground, for a page.
+    """
+    tracks = {row.row.name: row.row.trajectory for row in rows if row.row.trajectory is not None}
+    motions, shown = _find_common_frame(list(tracks.values()), truth)
+    curves = [] if shown is None else [Curve("ground truth", TRUTH_GREY, shown, width=5.0, alpha=0.6)]
+    for k, ((name, track), motion) in enumerate(zip(tracks.items(), motions, strict=True)):
+        colour, style = _style_of(k)
+        curves.append(Curve(name, colour, se2.compose(motion, track.poses)[:, :2], style, 1.6))
+    return draw_world([Drawing((), curves)], PATH_SHAPE, opaque=opaque)[0]
+
+
+def _find_common_frame(tracks: Sequence[Trajectory], truth: Trajectory | None) -> tuple[list[se2.Array], Points | None]:
+    """Finds one frame for all trajectories: that of the ground truth, or that of their common start.
+
+    Returns:
+        motions (3,) that bring every trajectory into the frame, and positions (N, 2) [m] of the part of the truth that
+        they cover; None where there is no truth on which all of them can be laid.
+    """
+    if truth is not None:
+        motions = [motion for track in tracks if (motion := align_positions(track, truth)) is not None]
+        if tracks and len(motions) == len(tracks):
+            first, last = min(t.stamps_us[0] for t in tracks), max(t.stamps_us[-1] for t in tracks)
+            covered = (truth.stamps_us >= first) & (truth.stamps_us <= last)
+            return motions, truth.poses[covered, :2]
+    begin = np.array([max((t.stamps_us[0] for t in tracks), default=0)])
+    return [se2.inverse(t.at(begin)[0]) for t in tracks], None
+
+
+def _chart_inflation(comparison: Comparison) -> Chart:
+    """Returns the running median of the inflation of all rows' windows over time, where the radar moved."""
+    rows, curves = list(comparison.judged.values()), []
+    for k, (row, windows) in enumerate(zip(rows, select_moving_windows(rows, comparison.recording.start_us), strict=True)):
+        if windows:
+            curves.append(Curve(row.row.name, _style_of(k)[0], smooth_inflation(windows), _style_of(k)[1], 1.6))
+    return Chart("inflation, running median", tuple(curves), LEVELS, log=("y",))
+
+
+def smooth_inflation(windows: Sequence[WindowAudit]) -> Points:
+    """Returns the middles [s] of windows and the running median of their inflation (W, 2)."""
+    times, inflation = trace_inflation(windows).T
+    return over(times, median_filter(inflation, min(_MEDIAN_OF, len(inflation)), mode="nearest"))
 
 
 def select_moving_windows(rows: Sequence[JudgedRow], start_us: int) -> list[list[WindowAudit]]:
@@ -60,14 +208,13 @@ def select_moving_windows(rows: Sequence[JudgedRow], start_us: int) -> list[list
     for row in rows:
         windows = list(row.audit.windows)
         if row.row.trajectory is not None and windows:
-            spans = np.array([(window.t0, window.t1) for window in windows])
-            moves = _are_moving(row.row.trajectory, spans, start_us)
+            moves = _are_moving(row.row.trajectory, [(window.t0, window.t1) for window in windows], start_us)
             windows = [window for window, moved in zip(windows, moves, strict=True) if moved]
         selected.append(windows)
     return selected
 
 
-def select_moving_places(rows: Sequence[JudgedRow], places: Sequence[Place], start_us: int) -> tuple[int, ...]:
+def select_moving_places(rows: Sequence[JudgedRow], places: Sequence[Place], start_us: int) -> list[int]:
     """Returns the numbers of the places in which the trajectory of any row moves on.
 
     Args:
@@ -77,15 +224,15 @@ def select_moving_places(rows: Sequence[JudgedRow], places: Sequence[Place], sta
     """
     tracks = [row.row.trajectory for row in rows if row.row.trajectory is not None]
     if not places or not tracks:
-        return tuple(range(len(places)))
-    spans = np.array([(place.t0, place.t1) for place in places])
+        return list(range(len(places)))
+    spans = [(place.t0, place.t1) for place in places]
     moves = np.any([_are_moving(track, spans, start_us) for track in tracks], axis=0)
-    return tuple(np.flatnonzero(moves).tolist())
+    return [int(k) for k in np.flatnonzero(moves)]
 
 
-def _are_moving(track: Trajectory, spans: NDArray[np.float64], start_us: int) -> NDArray[np.bool_]:
-    """Returns in which spans (N, 2) of time [s] a trajectory moves or turns on (N,); it begins and ends as its ends do."""
-    stamps = start_us + np.round(1e6 * spans).astype(np.int64)
+def _are_moving(track: Trajectory, spans: Sequence[tuple[float, float]], start_us: int) -> NDArray[np.bool_]:
+    """Returns in which spans (N) of time [s] a trajectory moves or turns on (N,); it begins and ends as its ends do."""
+    stamps = start_us + np.round(1e6 * np.array(spans)).astype(np.int64)
     begins, ends = np.clip(stamps, track.stamps_us[0], track.stamps_us[-1]).T
     before, after = track.at(begins), track.at(ends)
     moved = np.hypot(*(after - before)[:, :2].T) >= TRAVEL_M
@@ -93,242 +240,96 @@ def _are_moving(track: Trajectory, spans: NDArray[np.float64], start_us: int) ->
     return np.asarray(moved | turned)
 
 
-_HALF_SIDE_M = 30.0  # half the side of what is shown of a place
-
-
-def explore_comparison(
-    rows: Sequence[JudgedRow],
-    places: Sequence[Place],
-    shown: Sequence[int],
-    windows: Sequence[Sequence[WindowAudit]],
-    truth: Trajectory | None,
-    start_us: int,
-) -> Explorer:
-    """Returns the maps and trajectories of all rows, their windows' inflation over time, and crops of every row.
-
-    Args:
-        rows: the rows that ran.
-        places: places in the order of the rows' crops, the one where the rows differ most first.
-        shown: numbers of the places that can be looked at.
-        windows: of each row, those whose inflation is drawn.
-        truth: ground truth, on which all are laid; without it they start from one pose.
-        start_us: stamp of the recording's start [us].
-    """
+def explore_comparison(comparison: Comparison) -> Explorer | None:
+    """Returns the maps and trajectories of all rows, their windows' inflation over time, and crops of every row."""
+    rows, start_us = list(comparison.judged.values()), comparison.recording.start_us
     tracks = [row.row.trajectory for row in rows if row.row.trajectory is not None]
-    motions, true = find_common_frame(tracks, truth)
-    colours = [style_of(k)["color"] for k in range(len(rows))]
+    motions, true = _find_common_frame(tracks, comparison.recording.ground_truth)
+    colours = [_style_of(k)[0] for k in range(len(rows))]
     layers: list[Layer] = []
     for row, track, motion, colour in zip(rows, tracks, motions, colours, strict=True):
-        times = track.seconds(start_us)
-        values = {"time": row.map.times, "psi": row.map.psi, "intensity": row.map.intensities}
-        points = se2.transform(motion, row.map.points)
-        path = se2.compose(motion, track.poses)[:, :2]
+        path, points = se2.compose(motion, track.poses)[:, :2], se2.transform(motion, row.map.points)
+        times, values = track.seconds(start_us), values_of(row.map)
         layers.append(Layer(row.row.name, colour, times, path, points, values, shown=not layers, ink=colour))
-    order = sorted(shown, key=lambda k: places[k].t0)
-    shown_places = []
-    for k in order:
-        place = places[k]
-        views = tuple(PlaceView(r.row.name, (_crop_close(r.crops[k]),), (c,)) for r, c in zip(rows, colours, strict=True))
-        title = f"{place.t0:.1f} s to {place.t1:.1f} s"
-        text = "the points of one window under every row"
-        if place.apart_m:
-            text = f"here the rows differ by up to {format_length(place.apart_m)}"
-        shown_places.append(ExplorerPlace(place.t0, place.t1, title, text, False, views))
-    curves = tuple(
-        ExplorerCurve(row.row.name, colour, *smooth_inflation(some))
-        for row, colour, some in zip(rows, colours, windows, strict=True)
-        if some
-    )
-    chart = Chart("inflation, running median", curves, list_levels(), log=True)
-    return Explorer(
-        layers=tuple(layers),
-        charts=(chart,) if curves else (),
-        places=tuple(shown_places),
-        lines=(Lines("ground truth", TRUTH_COLOUR, np.asarray(true), 4.0),) if true is not None and len(true) else (),
-        first=order.index(min(order)) if order else 0,
-        explained=(
+    places = (*comparison.places, *comparison.stations)
+    order = sorted(select_moving_places(rows, places, start_us), key=lambda k: places[k].t0)
+    chart = _chart_inflation(comparison)
+    return explore(
+        layers,
+        [chart] if chart.curves else [],
+        [_show_place(places[k], [(r.row.name, r.crops[k], c) for r, c in zip(rows, colours, strict=True)]) for k in order],
+        (
             "Click a dot to see one window under every row: the crisper map has the better motion.",
             "A window is seen from the sensor, ahead to the right. Places where the radar stood still are left out.",
         ),
+        lines=[] if true is None else [Curve("ground truth", TRUTH_GREY, true, width=4.0)],
+        first=order.index(min(order)) if order else 0,
     )
 
 
-def _crop_close(points: Points) -> Points:
-    """Returns the points of a crop (M, 2) [m] that are near its middle."""
-    return np.asarray(points[np.abs(points).max(axis=1, initial=0.0) <= _HALF_SIDE_M])
+def _show_place(place: Place, crops: Sequence[tuple[str, Points, str]]) -> explorer.Place:
+    """Returns what is shown of a place when it is clicked: the name, the points (M, 2) [m] and the colour of each row."""
+    text = "the points of one window under every row"
+    if place.apart_m:
+        text = f"here the rows differ by up to {format_length(place.apart_m)}"
+    views = [
+        (name, [points[np.abs(points).max(axis=1, initial=0.0) <= _HALF_SIDE_M]], (colour,))
+        for name, points, colour in crops
+    ]
+    return explorer.Place(place.t0, place.t1, f"{place.t0:.1f} s to {place.t1:.1f} s", text, views)
 
 
-_VERDICT: Final = "verdict"
-_RANKED_BY: Final = ("drift", "ATE", "windows torn", "revisits apart", "time")  # how the columns on a card begin
-
-
-@dataclass(frozen=True, slots=True)
-class CompareParts:
-    """The parts of the page, as compare.html shows them."""
-
-    ranks: PagePart[tuple[RankedCard, ...]]
-    rows: PagePart[Section]
-    trajectories: PagePart[Section]
-    explorer: PagePart[ExplorerScene]
-    places: PagePart[Gallery]
-    numbers: PagePart[Numbers]
-
-
-def write_compare_pages(folder: Path, report: CompareReport) -> list[str]:
-    """Writes a comparison's picture of all trajectories and its page into an existing folder.
-
-    Args:
-        folder: the folder.
-        report: the comparison as the page shows it.
-
-    Returns:
-        what could not be made, and why.
-
-    Raises:
-        OutputError: a file cannot be written.
-    """
-    failures: list[str] = []
-    with tolerate("overlay.png", failures):
-        write_bytes(folder / "overlay.png", draw_overlay(report.rows, report.ground_truth))
-    with tolerate("report.html", failures):
-        shown = replace(report, warnings=(*report.warnings, *failures))
-        failures += write_compare_report(folder / "report.html", shown)
-    return failures
-
-
-def write_compare_report(path: Path, report: CompareReport) -> list[str]:
-    """Writes a comparison's page as one HTML file that opens without a network.
-
-    Args:
-        path: the file.
-        report: the comparison as the page shows it.
-
-    Returns:
-        the parts that could not be drawn, and why; the page says it too.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    failures: list[str] = []
-    parts = CompareParts(
-        trajectories=collect("the pictures of the trajectories", lambda: _show_trajectories(report), failures),
-        ranks=collect("the ranking", lambda: _rank_rows(report), failures),
-        rows=collect("the table", lambda: _tabulate_rows(report), failures),
-        explorer=collect("the map to move in", lambda: _make_scene(report), failures),
-        places=collect("where the rows differ", lambda: _show_places(report), failures),
-        numbers=collect("the numbers", lambda: _list_numbers(report), failures),
-    )
-    frame = Frame(
-        title=report.title,
-        settings_yaml=report.settings_yaml,
-        version=version_in(report.summary),
-        warnings=(*report.warnings, *failures),
-        notes=report.notes,
-        conclusion=str(section_of(report.summary, "best").get("sentence", "")),
-    )
-    write_page(path, "compare.html", frame, parts)
-    return failures
-
-
-def _make_scene(report: CompareReport) -> ExplorerScene | None:
-    places = (*report.places, *report.stations)
-    moving = select_moving_windows(report.rows, report.start_us)
-    shown = select_moving_places(report.rows, places, report.start_us)
-    explorer = explore_comparison(report.rows, places, shown, moving, report.ground_truth, report.start_us)
-    return make_scene(explorer)
-
-
-def _rank_rows(report: CompareReport) -> tuple[RankedCard, ...] | None:
-    """Returns a card per row, the best first; None where the rows are not ranked."""
-    head, *lines = report.table or ((),)
-    cards = []
-    for k, names in enumerate(report.ranks):
-        rank = 1 + sum(map(len, report.ranks[:k]))
-        for number, line in enumerate(lines, 1):
-            if line[0] not in names:
-                continue
-            cells = dict(zip(head, line, strict=False))
-            verdict = next((value for name, value in cells.items() if name.startswith(_VERDICT)), None)
-            shown = [
-                (name, line[column], (number, column) in report.marked)
-                for column, name in enumerate(head)
-                if name.startswith(_RANKED_BY) and column < len(line) and line[column] not in ("", ABSENT, "-")
-            ]
-            cards.append(RankedCard(rank, line[0], verdict, tuple(shown)))
-    return tuple(cards) or None
-
-
-def _tabulate_rows(report: CompareReport) -> Section | None:
-    if not report.table:
-        return None
-    head, *lines = report.table
-    rows = []
-    for k, (name, *values) in enumerate(lines, 1):
-        rows.append(TableRow(name, tuple(values), best=frozenset(column - 1 for line, column in report.marked if line == k)))
-    judges = "against ground truth and without it" if report.ground_truth is not None else "without ground truth"
-    note = f"The same returns and the same judges for every row, {judges}. "
-    note += "The best value of a column is bold and green; ↓ less is better, ↑ more, → 1 nearer to 1."
-    table = Table(head, tuple(rows))
-    return Section("Rows", (note,), table=table, turned=table.turn())
-
-
-def _show_trajectories(report: CompareReport) -> Section | None:
-    if not report.rows:
-        return None
-    caption = "all starting from one pose, as far as they have one start in common"
-    if report.ground_truth is not None:
-        caption = "each laid on the ground truth by the best rigid motion"
-    trajectories = Figure(draw_overlay(report.rows, report.ground_truth, opaque=False), "Trajectories", caption)
-    caption = "running median over the windows in which the radar moved: how far a window's map is from its own best"
-    moving = select_moving_windows(report.rows, report.start_us)
-    charts = [Figure(draw_inflation(report.rows, moving), "Inflation of the windows", caption)]
-    if any(r.revisit.sure for row in report.rows for r in row.audit.revisits):
-        caption = "share of the revisits whose two passes are off each other by less, with their number in brackets"
-        charts.append(Figure(draw_revisits(report.rows), "Offset of the revisits", caption))
-    return Section("Trajectories", (), (trajectories,), tuple(charts))
-
-
-def _show_places(report: CompareReport) -> Gallery | None:
+def _show_places(comparison: Comparison) -> Section | None:
     """Returns a line of small pictures per place, one per row."""
-    cards = []
-    for k, place in enumerate(report.places):
+    rows, cards = list(comparison.judged.values()), []
+    for k, place in enumerate(comparison.places):
         title = f"{k + 1}. {place.t0:.1f} s to {place.t1:.1f} s, up to {format_length(place.apart_m)} apart"
-        thumbnails = tuple(
-            Thumbnail(png, row.row.name, f"{title}, {row.row.name}")
-            for row, png in zip(report.rows, draw_place(report.rows, k, place), strict=True)
-        )
-        cards.append(ThumbnailCard(title, thumbnails))
+        pictures = draw_place([row.crops[k] for row in rows], place.apart_m)
+        names = [row.row.name for row in rows]
+        shown = [Figure(png, name, description=f"{title}, {name}") for name, png in zip(names, pictures, strict=True)]
+        cards.append(Card(title, figures=shown))
     note = (
         "The points of one window under every row, seen from the sensor at its middle, ahead to the right; "
         "the same square for all of them, where they differ the most. The crisper map has the better motion."
     )
-    return Gallery("Where the rows differ", note, tuple(cards)) if cards else None
+    return Section("Where the rows differ", [note], cards=cards) if cards else None
 
 
-def _list_numbers(report: CompareReport) -> Numbers:
-    cards = (
-        name_values("Recording", section_of(report.summary, "dataset")),
-        Values("Could not run", tuple((row.name, row.failure or "") for row in report.failed)),
-    )
-    note = "The first of each pair is judged as if the second were the truth. That two rows agree makes neither right."
-    return Numbers("Agreement", _tabulate_agreement(report), note, cards)
+def draw_place(crops: Sequence[Points], apart_m: float) -> list[bytes]:
+    """Draws one place under every row, on one extent, where the rows differ most.
+
+    Args:
+        crops: points (M, 2) [m] of each row.
+        apart_m: how far the rows are apart [m].
+    """
+    others = [*crops[1:], *crops[:1]]
+    weights = [measure_distances(a, b, _MOST_M) if len(b) else np.ones(len(a)) for a, b in zip(crops, others, strict=True)]
+    side = float(np.clip(_SIDE * apart_m, _CLOSE_M, _FAR_M))
+    view = find_heaviest_square(np.concatenate(crops), np.concatenate(weights), side)
+    return draw_dots(view, [[(points[view.contains(points)], _style_of(k)[0])] for k, points in enumerate(crops)])
 
 
-def _tabulate_agreement(report: CompareReport) -> Table | None:
-    rows = tuple(
-        TableRow(
-            f"{a} – {b}",
-            (
-                f"{e.ate_rmse_m:.3f} m",
-                _format_known(e.drift_percent, " %"),
-                _format_known(e.drift_deg_per_100m, " °/100 m"),
-                f"{e.rpe_v_rms:.3f} m/s",
-            ),
+def _list_numbers(comparison: Comparison, summary: Mapping[str, Any]) -> Section:
+    cards = []
+    if comparison.agreement:
+        note = "The first of each pair is judged as if the second were the truth. That two rows agree makes neither right."
+        rows = [(f"{a} – {b}", *_format_errors(errors)) for a, b, errors in comparison.agreement]
+        cards.append(
+            Card("Agreement", note, table=Table(("of each other", "RMSE", "drift", "rotation", "speed, RMS"), rows))
         )
-        for a, b, e in report.agreement
+    cards.append(Card("Recording", values=list_values("dataset", part_of(summary, "dataset"))))
+    failed = [(row.name, row.failure) for row in comparison.rows if row.failure is not None]
+    if failed:
+        cards.append(Card("Could not run", values=failed))
+    return Section("Numbers", cards=cards)
+
+
+def _format_errors(errors: Evaluation) -> list[str]:
+    """Returns position error, drift, rotation drift and speed error as text."""
+    shown = (
+        (errors.ate_rmse_m, " m"),
+        (errors.drift_percent, " %"),
+        (errors.drift_deg_per_100m, " °/100 m"),
+        (errors.rpe_v_rms, " m/s"),
     )
-    return Table(("of each other", "RMSE", "drift", "rotation", "speed, RMS"), rows) if rows else None
-
-
-def _format_known(value: float | None, unit: str) -> str:
-    return ABSENT if value is None else f"{value:.3f}{unit}"
+    return [ABSENT if value is None else f"{value:.3f}{unit}" for value, unit in shown]

@@ -1,14 +1,14 @@
-"""How pages are put together: each becomes one HTML file that fetches nothing from anywhere."""
+"""The page of every command: one HTML file that fetches nothing from anywhere, made of sections by one template."""
 
 from __future__ import annotations
 
 import base64
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias, TypeVar
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -19,17 +19,9 @@ from mqslam.errors import tolerate
 from mqslam.execution.extras import list_versions
 from mqslam.execution.files import write_text
 from mqslam.execution.guards.memory import return_free_memory
-from mqslam.report.content import Content, Fold, Frame, PagePart, PageVerdict, Section, Table, TableRow, Values
-from mqslam.report.figures.svg import is_svg
-from mqslam.report.formatting import ABSENT, format_p_value, format_value
+from mqslam.report.canvas import is_svg
+from mqslam.report.words import ABSENT, format_p_value, format_value, part_of
 
-_UNITS: Final = {  # by the endings of names, the longer ones first
-    "per_m": " per m",
-    "m": " m",
-    "s": " s",
-    "mb": " MB",
-    "percent": " %",
-}
 _PARTLY: Final = "No test shows evidence of a fault of this map; what could not be judged stands below."
 _MEANINGS: Final = {
     "pass": "No test shows evidence of a fault of this map, and the tests would have shown a bad one.",
@@ -37,7 +29,6 @@ _MEANINGS: Final = {
     "fail": "Do not trust this map; the reasons say what is wrong, and the map shows where.",
     "not judged": "There is too little evidence to say whether this map is good.",
 }
-_RADIANS_PER_M: Final = {"yaw_per_m": "yaw", "yaw_per_m_sigma": "yaw, sigma"}  # shown in degrees per metre
 _TESTS: Final = {  # the tests of a map, and what they cannot see
     "trajectory": ("trajectory: its poses as they were given", "errors that are as smooth as a drive"),
     "speeds": ("speeds: successive scans searched for each other", "errors that windows are wide enough to measure"),
@@ -49,145 +40,241 @@ _TESTS: Final = {  # the tests of a map, and what they cannot see
     "shaking": ("shaking: scans under smoothed poses", "errors that are as smooth as a drive"),
     "revisits": ("revisits: two passes of one place", "anything where no place is passed twice"),
 }
-
 _TEST_HEAD: Final = ("test", "verdict", "p-value", "what it found", "what it cannot see")
 
 
-def collect(name: str, make: Callable[[], Content | None], failures: list[str]) -> PagePart[Content]:
-    """Collects a part of a page; where that fails, the part says so and the other parts stand.
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A picture, as a PNG file or as an SVG element, with its heading and, where needed, a line about it.
 
     Args:
-        name: what the part is called.
-        make: makes its content; None where there is nothing to show.
-        failures: list to which a failure is added.
+        picture: the picture.
+        heading: its heading.
+        caption: the line.
+        description: text that is read to those who do not see it; the heading where it is empty.
+        link: address that a click on it leads to; None without one.
     """
-    content: Content | None = None
-    tried: list[str] = []
-    with tolerate(name, tried):
-        content = make()
-    return_free_memory()
-    failures += tried
-    return PagePart(content, *tried)
+
+    picture: bytes
+    heading: str
+    caption: str = ""
+    description: str = ""
+    link: str | None = None
 
 
-def write_page(path: Path, template: str, frame: Frame, parts: object) -> None:
-    """Writes a page.
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A cell of a table with a link, or one that is the best of its column."""
+
+    text: str
+    link: str | None = None
+    best: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table.
 
     Args:
-        path: the file.
-        template: name of the page's template.
-        frame: what surrounds the parts.
-        parts: a dataclass of all parts, as the template names them.
-
-    Raises:
-        OutputError: the file cannot be written.
+        head: what its columns hold.
+        rows: cells, of which the first one names the row; the last cell of a short row goes across the columns that are
+            left, and a verdict is shown in its colour.
+        holds_words: whether its cells are sentences, which begin at the left and wrap.
     """
-    footer = _describe_versions(frame.version)
-    write_text(path, _environment().get_template(template).render(frame=frame, parts=parts, footer=footer) + "\n")
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[str | Cell]]
+    holds_words: bool = False
 
 
-def name_values(heading: str, values: Mapping[str, Any]) -> Values:
-    """Returns a part of a summary under its own names, whose endings tell the units; nested parts are left out."""
-    rows = []
-    for key, value in values.items():
-        if isinstance(value, Mapping | list | tuple):
-            continue
-        if key in _RADIANS_PER_M and isinstance(value, float):
-            rows.append((_RADIANS_PER_M[key], format_value(math.degrees(value), " °/m")))
-            continue
-        ending = next((ending for ending in _UNITS if key.endswith(f"_{ending}")), "")
-        name, unit = (key.removesuffix(f"_{ending}"), _UNITS[ending]) if ending else (key, "")
-        rows.append((name.replace("_", " "), format_value(value, unit)))
-    return Values(heading, tuple(rows))
+@dataclass(frozen=True, slots=True)
+class Card:
+    """Small pictures, names with their values or a table under a heading, with a line about them where needed."""
+
+    heading: str
+    text: str = ""
+    figures: Sequence[Figure] = ()
+    values: Sequence[tuple[str, str]] = ()
+    table: Table | None = None
 
 
-def section_of(summary: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    """Returns a part of a summary; an empty one where it is absent or None."""
-    value = summary.get(key)
-    return value if isinstance(value, Mapping) else {}
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of a page.
+
+    Args:
+        heading: the heading; empty without one.
+        notes: what the reader should know; the first line stands below the heading, the others unfold.
+        tiles: numbers to see first, and what they are.
+        figures: pictures side by side.
+        stacked: pictures one below the other, beside the others.
+        table: a table; None without one.
+        cards: cards side by side.
+        folded: what there is besides, and need not be seen at once; None without it.
+        folds: whether all of it unfolds under its heading.
+    """
+
+    heading: str
+    notes: Sequence[str] = ()
+    tiles: Sequence[tuple[str, str]] = ()
+    figures: Sequence[Figure] = ()
+    stacked: Sequence[Figure] = ()
+    table: Table | None = None
+    cards: Sequence[Card] = ()
+    folded: Section | None = None
+    folds: bool = False
 
 
-def verdict_in(summary: Mapping[str, Any]) -> PageVerdict:
-    """Returns the verdict that a summary holds, or the verdict that there is none."""
-    verdict = section_of(summary, "verdict")
-    given = verdict.get("reasons"), summary.get("not_judged")
-    reasons, unjudged = ([str(line) for line in lines or ()] for lines in given)
-    status = str(verdict.get("status") or "no verdict")
-    meaning = _PARTLY if status == VerdictStatus.PASS and unjudged else _MEANINGS.get(status, "")
-    return PageVerdict(status, tuple(list_judged(reasons, unjudged)), tuple(unjudged), meaning)
+@dataclass(frozen=True, slots=True)
+class Explorer:
+    """A map to move in, with curves over time and the place that was clicked.
+
+    Args:
+        notes: what the reader should know about it.
+        has_charts: whether there are curves over time.
+        colours: what the points can be coloured by: title of each by its name.
+        data: what the page's script reads, as JSON that may stand in HTML.
+        still: what stands for it where it cannot run.
+    """
+
+    notes: Sequence[str]
+    has_charts: bool
+    colours: Mapping[str, str]
+    data: Markup
+    still: Sequence[Part] = ()
 
 
-def version_in(summary: Mapping[str, Any]) -> str:
-    """Returns the version of mqslam that wrote a summary."""
-    return str(summary.get("mqslam_version", ABSENT))
+Part: TypeAlias = Section | Explorer | str  # text says why a part is missing
+_Content = TypeVar("_Content", Section, Explorer)
 
 
-@cache
-def _environment() -> Environment:
-    """Returns the templates, with what they need to put files and data into a page."""
-    environment = Environment(
-        loader=PackageLoader("mqslam.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["data_uri"] = _data_uri
-    environment.filters["inline"] = _inline
-    environment.tests["drawn"] = is_svg
-    environment.tests["verdict"] = lambda value: isinstance(value, VerdictStatus)
-    environment.globals |= {"source_of": _source_of}
-    return environment
+class Page:
+    """A page that grows part by part.
+
+    Args:
+        title: its heading.
+        summary: content of the JSON file of the result, which holds the verdict, the warnings and the version.
+        settings: every setting used, or the plan of a batch, as text.
+        notes: what the reader should know about how the recording was understood.
+        conclusion: sentences that say what the page shows.
+    """
+
+    def __init__(
+        self, title: str, summary: Mapping[str, Any], settings: str, *, notes: Sequence[str] = (), conclusion: str = ""
+    ) -> None:
+        self.title = title
+        self.settings = settings
+        self.notes = tuple(notes)
+        self.conclusion = conclusion
+        self.warnings = [str(line) for line in summary.get("warnings") or ()]
+        self.parts: list[Part] = []
+        self.failures: list[str] = []
+        self.footer = " · ".join([f"mqslam {summary.get('mqslam_version', ABSENT)}", *list_versions()])
+        verdict = part_of(summary, "verdict")
+        self.verdict = str(verdict.get("status", ""))
+        self.unjudged = [str(line) for line in summary.get("not_judged") or ()]
+        self.reasons = list_judged([str(line) for line in verdict.get("reasons") or ()], self.unjudged)
+
+    @property
+    def meaning(self) -> str:
+        """What the verdict means for the reader."""
+        return _PARTLY if self.verdict == VerdictStatus.PASS and self.unjudged else _MEANINGS.get(self.verdict, "")
+
+    def add(self, name: str, make: Callable[[], Section | None]) -> None:
+        """Adds a part; where it cannot be made, the page says so in its place and among the warnings.
+
+        Args:
+            name: what the part is called.
+            make: makes it; None where there is nothing to show.
+        """
+        self.parts += self._make(name, make)
+
+    def add_explorer(
+        self, make: Callable[[], Explorer | None], still: Sequence[tuple[str, Callable[[], Section | None]]]
+    ) -> None:
+        """Adds a map to move in, and the parts that stand for it where it cannot run: alone where there is no such map.
+
+        Args:
+            make: makes the map.
+            still: name of each of these parts, and what makes it.
+        """
+        pictures = [part for one in still for part in self._make(*one)]
+        live = self._make("the map to move in", make)
+        whole = [replace(part, still=pictures) for part in live if isinstance(part, Explorer)]
+        self.parts += whole or [*live, *pictures]
+
+    def _make(self, name: str, make: Callable[[], _Content | None]) -> list[Part]:
+        made: list[Part] = []
+        failures: list[str] = []
+        with tolerate(name, failures):
+            content = make()
+            made = [] if content is None else [content]
+        return_free_memory()
+        self.failures += failures
+        return [*made, *failures]
+
+    def write(self, folder: Path) -> list[str]:
+        """Writes the page as report.html into an existing folder.
+
+        Returns:
+            what could not be made, and why; the page says it too.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        self.warnings += self.failures
+        with tolerate("report.html", self.failures):
+            write_text(folder / "report.html", _environment().get_template("page.html").render(page=self) + "\n")
+        return self.failures
 
 
 def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
     """Returns what each test of a map found, and what it cannot see; None where none was made.
 
     Args:
-        summary: content of audit.json or of summary.json.
+        summary: content of audit.json or of a run's summary.json.
     """
-    found = section_of(summary, "tests")
-    rows = tuple(
-        TableRow(label, (test["status"], format_p_value(test.get("p_value")), "; ".join(test["reasons"]), blind))
-        for name, (label, blind) in _TESTS.items()
-        if (test := found.get(name)) is not None
-    )
-    calm = tuple(row for row in rows if row.values[0] == VerdictStatus.PASS)
-    others = tuple(row for row in rows if row not in calm)
+    found = part_of(summary, "tests")
+    calm: list[tuple[str, ...]] = []
+    others: list[tuple[str, ...]] = []
+    for name, (label, blind) in _TESTS.items():
+        if (test := found.get(name)) is not None:
+            status = VerdictStatus(test["status"])
+            row = (label, status, format_p_value(test.get("p_value")), "; ".join(test["reasons"]), blind)
+            (calm if status is VerdictStatus.PASS else others).append(row)
+    if not calm and not others:
+        return None
     notes = [
         "What each test of the map found, and what it cannot see. Findings about the run stand with the verdict only.",
         "The p-value is the probability that a test shows as much anywhere in a map without a fault, as far as the stated "
         "covariances are right. A small one alone is no fault: what is off must matter, too.",
     ]
-    if alarms := section_of(summary, "false_alarms"):
+    if alarms := part_of(summary, "false_alarms"):
         notes.append(
             f"Steps, spans, pooled corrections, shaking and revisits take as chance what has a p-value of "
             f"{format_p_value(alarms['p_value_below'])} or more, so that chance alone should make them call no more than "
             f"{format_value(100.0 * alarms['rate'])} % of the good maps bad."
         )
-    if not rows:
-        return None
-    table, folded = (Table(_TEST_HEAD, some, holds_words=True) if some else None for some in (others, calm))
-    fold = None if folded is None else Fold(f"{count_of(len(calm), 'test')} passed", folded)
-    return Section("Tests", tuple(notes), table=table, folded=fold)
+    passed = Section(f"{count_of(len(calm), 'test')} passed", table=Table(_TEST_HEAD, calm, holds_words=True))
+    table = Table(_TEST_HEAD, others, holds_words=True) if others else None
+    return Section("Tests", notes, table=table, folded=passed if calm else None)
 
 
-def _inline(svg: bytes) -> Markup:
-    """Returns a drawing as it stands in a page, where its words can be searched and copied."""
-    return Markup(svg.decode("utf-8"))
-
-
-def _data_uri(png: bytes) -> Markup:
-    """Returns a picture as an address that holds the picture itself."""
-    return Markup(f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}")
+@cache
+def _environment() -> Environment:
+    """Returns the templates, with what they need to put files and data into a page."""
+    loader = PackageLoader("mqslam.report")
+    made = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    made.filters["data_uri"] = lambda png: Markup(f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}")
+    made.filters["inline"] = lambda svg: Markup(svg.decode("utf-8"))
+    made.tests["drawn"] = is_svg
+    made.tests["verdict"] = lambda value: isinstance(value, VerdictStatus)
+    made.tests["explorer"] = lambda part: isinstance(part, Explorer)
+    made.globals["source_of"] = _source_of
+    return made
 
 
 @cache
 def _source_of(name: str) -> Markup:
     """Returns a style sheet or script as it is."""
     return Markup(resources.files("mqslam.report").joinpath("templates", name).read_text(encoding="utf-8"))
-
-
-def _describe_versions(version: str) -> str:
-    """Returns the versions of mqslam, Python and the libraries that decide results."""
-    return " · ".join([f"mqslam {version}", *list_versions()])

@@ -3,198 +3,490 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from mqslam.auditing.verdict import VerdictStatus
+from mqslam.auditing.windows.windows import WindowAudit
+from mqslam.config import dump_yaml, set_doppler_beta
 from mqslam.core import se2
+from mqslam.core.measurement import Status
+from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
+from mqslam.core.statistics import pick_evenly
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import tolerate
-from mqslam.evaluation import align_positions
-from mqslam.report.content import Figure, Frame, Numbers, PagePart, Section, Tile
-from mqslam.report.explorers.run_explorer import explore_run
-from mqslam.report.explorers.scene_data import ExplorerScene, make_scene
-from mqslam.report.figures import run_figures
-from mqslam.report.figures.canvas import OUTERMOST
-from mqslam.report.formatting import NOT_JUDGED, format_change, format_share, format_value
-from mqslam.report.inputs.run_report import Report, report_run
-from mqslam.report.page import collect, section_of, tabulate_tests, verdict_in, version_in, write_page
-from mqslam.report.sections.run_along import chart_path
-from mqslam.report.sections.run_numbers import list_numbers
+from mqslam.core.wording import describe_last_pose, list_sensor_notes
+from mqslam.evaluation import align_positions, measure_drift_by_length, trace_errors
+from mqslam.mapping.render import select_moving
+from mqslam.report.canvas import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    OUTERMOST,
+    PATH_SHAPE,
+    PURPLE,
+    RED,
+    Chart,
+    Curve,
+    Drawing,
+    Points,
+    draw_chart,
+    draw_world,
+    join_lines,
+    over,
+)
+from mqslam.report.explorer import Layer, Place, chart_inflation, explain_torn, explore, values_of
+from mqslam.report.page import Card, Explorer, Figure, Page, Section, Table, tabulate_tests
+from mqslam.report.words import (
+    ABSENT,
+    NOT_JUDGED,
+    describe_motion,
+    format_change,
+    format_length,
+    format_matched,
+    format_three_digits,
+    format_value,
+    label_value,
+    list_values,
+    part_of,
+)
 from mqslam.solution import Run
 
+# the looks of the page; no result depends on them
+_HALF_SIDE_M = 30.0  # half the side of what is shown of a place
+_REACH_M = 43.0  # a circle of this radius holds all of it, whatever its heading
+_SAME_PASS_S = 15.0  # points that were seen earlier or later than this are drawn as those of another pass
+_COVERING = 0.2  # ellipses that reach farther, per side of the map, would cover it and are not shown at first
+_LARGEST = 0.015  # largest ellipse per side of the map
+_ELLIPSES = 150  # most ellipses that are shown, so that a long path is not covered by them
+_CORNERS = 24  # corners of an ellipse
 _SAME_PATH_M: Final = 1e-3  # positions nearer than this are the same in print
+_ALIKE: Final = 10.0  # curves whose medians differ by a larger factor are drawn on a logarithmic axis
+_DISTANCE: Final = "distance [m]"
+_CARDS: Final = {
+    "dataset": "Recording",
+    "factors": "Graph factors",
+    "evaluation": "Against ground truth",
+    "runtime_s": "Run time",
+    "mount": "Radar on the vehicle",
+    "gyroscope": "Gyroscope",
+    "gnss": "GNSS",
+    "chirps": "Velocities by chirps",
+}
 
 
-@dataclass(frozen=True, slots=True)
-class RunParts:
-    """The parts of the page, as run.html shows them."""
-
-    tiles: PagePart[tuple[Tile, ...]]
-    maps: PagePart[Section]
-    trajectories: PagePart[Section]
-    explorer: PagePart[ExplorerScene]
-    tests: PagePart[Section]
-    along: PagePart[Section]
-    numbers: PagePart[Numbers]
-
-
-def write_run_pages(folder: Path, run: Run, recording: Recording, summary: Mapping[str, Any]) -> list[str]:
-    """Writes a run's page into an existing folder.
+def write_run_page(folder: Path, run: Run, recording: Recording, summary: Mapping[str, Any]) -> list[str]:
+    """Writes a run's page, which opens without a network, into an existing folder.
 
     Args:
         folder: the folder.
         run: the finished run.
         recording: the recording it was made from.
-        summary: content of summary.json.
+        summary: content of summary.json; what is absent or None is shown as not available.
 
     Returns:
-        what could not be made, and why.
+        what could not be made, and why; the page says it too.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    failures: list[str] = []
-    with tolerate("report.html", failures):
-        failures += write_report(folder / "report.html", report_run(run, recording, summary))
-    return failures
-
-
-def write_report(path: Path, report: Report) -> list[str]:
-    """Writes a run's page as one HTML file that opens without a network.
-
-    Args:
-        path: the file.
-        report: the run as the page shows it.
-
-    Returns:
-        the parts that could not be drawn, and why; the page says it too.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    failures: list[str] = []
-    truth = _align_truth(report)
-    parts = RunParts(
-        maps=collect("the pictures of the maps", lambda: _show_maps(report), failures),
-        trajectories=collect("the pictures of the trajectory", lambda: _show_trajectories(report, truth), failures),
-        tiles=collect("the first numbers", lambda: _make_tiles(report), failures),
-        explorer=collect("the map to move in", lambda: make_scene(explore_run(report, truth)), failures),
-        tests=collect("the tests", lambda: tabulate_tests(report.summary), failures),
-        along=collect("the charts along the path", lambda: chart_path(report), failures),
-        numbers=collect("the tables", lambda: list_numbers(report), failures),
+    notes = (f"last pose: {describe_last_pose(summary.get('last_pose'))}", *recording.notes, *list_sensor_notes(summary))
+    settings = dump_yaml(set_doppler_beta(run.config, run.doppler_beta))
+    page = Page(recording.path.resolve().name, summary, settings, notes=notes)
+    truth = _align_truth(run.optimised, recording.ground_truth)
+    page.add("the first numbers", lambda: _make_tiles(run, summary))
+    page.add("the tests", lambda: tabulate_tests(summary))
+    page.add_explorer(
+        lambda: explore_run(run, summary, truth),
+        [
+            ("the pictures of the maps", lambda: _show_maps(run, summary)),
+            ("the pictures of the trajectory", lambda: _show_trajectories(run, truth)),
+        ],
     )
-    frame = Frame(
-        title=report.title,
-        settings_yaml=report.settings_yaml,
-        version=version_in(report.summary),
-        warnings=(*report.warnings, *failures),
-        notes=report.notes,
-        verdict=verdict_in(report.summary),
-    )
-    write_page(path, "run.html", frame, parts)
-    return failures
+    page.add("the charts along the path", lambda: chart_path(run, recording.ground_truth))
+    page.add("the tables", lambda: _list_numbers(run, summary))
+    return page.write(folder)
 
 
-def _make_tiles(report: Report) -> tuple[Tile, ...]:
-    psi, dataset = section_of(report.summary, "psi"), section_of(report.summary, "dataset")
-    evaluation = section_of(report.summary, "evaluation")
+def _stood_still(run: Run) -> bool:
+    """Returns whether the radar never moved on, so that the maps hold one scan only."""
+    moved = select_moving(run.optimised.poses)
+    return len(moved) > 1 and moved.sum() == 1
+
+
+def _make_tiles(run: Run, summary: Mapping[str, Any]) -> Section:
+    psi, dataset, errors = (part_of(summary, key) for key in ("psi", "dataset", "evaluation"))
     before, after = psi.get("per_point_odometry"), psi.get("per_point_optimised")
-    quality = [
-        Tile(format_value(after), "ψ per point of the optimised map"),
-        Tile(format_change(before, after), f"change of ψ per point from {report.before}"),
-        Tile(format_share(psi.get("matched_optimised")), "of its points matched"),
-    ]
     torn, whole = psi.get("across_passes_odometry"), psi.get("across_passes_optimised")
+    tiles = [
+        (format_value(after), "ψ per point of the optimised map"),
+        (format_change(before, after), f"change of ψ per point from {run.before}"),
+        (format_matched(psi.get("matched_optimised")), "of its points matched"),
+    ]
     if whole is not None:
         change = format_change(torn, whole)
-        across = Tile(format_value(whole), f"ψ per point across passes, later against earlier ones alone ({change})")
-        quality = [across, *quality]
-    if report.stood_still:
-        quality = [Tile(NOT_JUDGED, "ψ and matched points: the radar stood still, so the map holds one scan only")]
-    tiles = (
-        *quality,
-        Tile(format_value(dataset.get("length_m"), " m"), f"driven in {format_value(dataset.get('duration_s'), ' s')}"),
-    )
-    if not evaluation:
-        return tiles
-    return (
-        *tiles,
-        Tile(format_value(evaluation.get("ate_rmse_m"), " m"), "absolute error against ground truth (RMSE)"),
-        Tile(format_value(evaluation.get("drift_percent"), " %"), "drift against ground truth"),
-    )
+        tiles.insert(0, (format_value(whole), f"ψ per point across passes, later against earlier ones alone ({change})"))
+    if _stood_still(run):
+        tiles = [(NOT_JUDGED, "ψ and matched points: the radar stood still, so the map holds one scan only")]
+    tiles.append((format_value(dataset.get("length_m"), " m"), f"driven in {format_value(dataset.get('duration_s'), ' s')}"))
+    if errors:
+        tiles += [
+            (format_value(errors.get("ate_rmse_m"), " m"), "absolute error against ground truth (RMSE)"),
+            (format_value(errors.get("drift_percent"), " %"), "drift against ground truth"),
+        ]
+    return Section("", tiles=tiles)
 
 
-def _show_maps(report: Report) -> Section:
-    before, after = run_figures.draw_maps(
-        (report.map_odometry, report.map_optimised),
-        (report.odometry, report.optimised),
-        (run_figures.ODOMETRY_COLOUR, run_figures.OPTIMISED_COLOUR),
-    )
-    psi = section_of(report.summary, "psi")
+def _show_maps(run: Run, summary: Mapping[str, Any]) -> Section:
+    psi = part_of(summary, "psi")
     notes = [
         "Every return of the run, darker where more of them lie; both maps have the same extent and scale, and "
         f"up to {100.0 * OUTERMOST:g} % of the points may lie beyond each edge."
     ]
-    if report.stood_still:
+    if _stood_still(run):
         notes = [
             "The radar stood still, so the optimised map holds the returns of one scan only. No other scan can match them, "
             "and ψ, which charges every point without a match, is not judged."
         ]
-    if _is_same_path(report.odometry, report.optimised):
+    a, b = run.odometry, run.optimised
+    if np.array_equal(a.stamps_us, b.stamps_us) and np.all(np.abs(a.poses - b.poses)[:, :2] < _SAME_PATH_M):
         notes.append(
             "Optimisation left the trajectory as it was, so both maps are the same: "
-            f"nothing in the graph contradicted {report.before}."
+            f"nothing in the graph contradicted {run.before}."
         )
-    figures = (
-        Figure(
-            before,
-            f"Under {report.before}",
-            f"ψ per point {format_value(psi.get('per_point_odometry'))}, {len(report.map_odometry):,} points",
-        ),
-        Figure(
-            after,
-            "Optimised",
-            f"ψ per point {format_value(psi.get('per_point_optimised'))}, {len(report.map_optimised):,} points",
-        ),
+    shown = (
+        (f"Under {run.before}", run.map_odometry, run.odometry, ORANGE, "per_point_odometry"),
+        ("Optimised", run.map_optimised, run.optimised, BLUE, "per_point_optimised"),
     )
-    return Section("Map", tuple(notes), figures)
+    pictures = draw_maps([(pointmap, track, colour) for _, pointmap, track, colour, _ in shown])
+    figures = [
+        Figure(picture, name, f"ψ per point {format_value(psi.get(key))}, {len(pointmap):,} points")
+        for picture, (name, pointmap, _, _, key) in zip(pictures, shown, strict=True)
+    ]
+    return Section("Map", notes, figures=figures)
 
 
-def _show_trajectories(report: Report, truth: Trajectory | None) -> Section:
-    drawn = run_figures.draw_trajectories(report.odometry, report.optimised, truth, report.before)
+def draw_maps(maps: Sequence[tuple[PointMap, Trajectory, str]]) -> list[bytes]:
+    """Draws maps by the density of their points, with their trajectories in a colour each, on one extent and scale."""
+    drawings = []
+    for pointmap, track, colour in maps:
+        path = track.poses[:, :2]
+        drawings.append(Drawing([(pointmap.points, INK)], [Curve("", colour, path), Curve("", colour, path[:1], "o", 5.0)]))
+    return draw_world(drawings)
+
+
+def _show_trajectories(run: Run, truth: Trajectory | None) -> Section:
+    curves = [
+        Curve(run.before, ORANGE, run.odometry.poses[:, :2]),
+        Curve("optimised", BLUE, run.optimised.poses[:, :2]),
+        Curve("start", INK, run.optimised.poses[:1, :2], "o", 5.0),
+    ]
+    if truth is not None:
+        curves.insert(0, Curve("ground truth", GREEN, truth.poses[:, :2], width=4.0, alpha=0.4))
     caption = "ground truth laid on the optimised trajectory by the best rigid motion" if truth is not None else ""
-    trajectory = Figure(drawn, "Trajectory", caption)
-    if len(report.scores) == 0:
-        return Section("Trajectory", figures=(trajectory,))
-    counts = Counter(report.scores.status).most_common()
-    statuses = f"{len(report.scores):,} scans: " + ", ".join(f"{n:,} {status}" for status, n in counts)
-    charts = (
-        Figure(run_figures.draw_psi(report.scores), "ψ per scan", statuses),
+    trajectory = Figure(draw_world([Drawing((), curves)], PATH_SHAPE)[0], "Trajectory", caption)
+    if not run.measurements:
+        return Section("Trajectory", figures=[trajectory])
+    counts = Counter(m.status.value for m in run.measurements).most_common()
+    statuses = f"{len(run.measurements):,} scans: " + ", ".join(f"{n:,} {status}" for status, n in counts)
+    times = _middles(run)
+    unused = times[[m.status is not Status.CONVERGED for m in run.measurements]]
+    marks = Curve(f"no measurement ({len(unused)})", RED, over(unused, np.zeros(len(unused))), "|", 9.0)
+    psi = Chart("ψ per point", (*_trace_psi(run), *([marks] if len(unused) else [])))
+    matched = over(times, [100.0 * m.matched for m in run.measurements])
+    charts = [
+        Figure(draw_chart(psi), "ψ per scan", statuses),
         Figure(
-            run_figures.draw_matched(report.scores),
+            draw_chart(Chart("matched points [%]", (Curve("", BLUE, matched),), top=100.0)),
             "Matched share",
             "points with a neighbour that takes part in the score",
         ),
+    ]
+    return Section("Trajectory and scans", figures=[trajectory], stacked=charts)
+
+
+def _middles(run: Run) -> se2.Array:
+    """Returns the middle of every measurement (W,) [s]."""
+    return np.array([0.5 * (m.t0 + m.t1) for m in run.measurements])
+
+
+def _trace_psi(run: Run) -> list[Curve]:
+    """Returns psi per point of every scan over time, under odometry and at its minimum, as far as it is known."""
+    points = np.maximum([m.points for m in run.measurements], 1)
+    known = (
+        ("under odometry", ORANGE, np.array([m.psi_odometry for m in run.measurements])),
+        ("at its minimum", BLUE, np.array([m.psi for m in run.measurements])),
     )
-    return Section("Trajectory and scans", figures=(trajectory,), stacked=charts)
+    curves = [(name, colour, psi / points) for name, colour, psi in known if np.isfinite(psi).any()]
+    return [Curve(f"ψ {name}", colour, over(_middles(run), values)) for name, colour, values in curves]
 
 
-def _align_truth(report: Report) -> Trajectory | None:
+def _align_truth(optimised: Trajectory, truth: Trajectory | None) -> Trajectory | None:
     """Returns the ground truth in the frame of the optimised trajectory, or None where the two cannot be aligned."""
-    if report.ground_truth is None:
+    motion = None if truth is None else align_positions(optimised, truth)
+    if truth is None or motion is None:
         return None
-    motion = align_positions(report.optimised, report.ground_truth)
-    if motion is None:
-        return None
-    return Trajectory(report.ground_truth.stamps_us, se2.compose(se2.inverse(motion), report.ground_truth.poses))
+    return Trajectory(truth.stamps_us, se2.compose(se2.inverse(motion), truth.poses))
 
 
-def _is_same_path(a: Trajectory, b: Trajectory) -> bool:
-    if not np.array_equal(a.stamps_us, b.stamps_us):
-        return False
-    return bool(np.all(np.abs(a.poses[:, :2] - b.poses[:, :2]) < _SAME_PATH_M))
+def explore_run(run: Run, summary: Mapping[str, Any], truth: Trajectory | None) -> Explorer | None:
+    """Returns the maps before and after optimisation, psi and inflation over time, and crops of both maps.
+
+    Args:
+        run: the run.
+        summary: content of summary.json.
+        truth: ground truth in the frame of the optimised trajectory, or None.
+    """
+    before = _make_layer(run.before, ORANGE, run.odometry, run.map_odometry, shown=False)
+    after = _make_layer("optimised", BLUE, run.optimised, run.map_optimised, shown=True)
+    ellipses, explained = _draw_ellipses(run, summary)
+    ends = [run.optimised.poses[[loop.earlier, loop.later], :2] for loop in run.loops]
+    lines = [ellipses, Curve(f"loop closures ({len(ends)})", GREEN, join_lines(ends), width=2.0)]
+    if truth is not None:
+        lines.append(Curve("ground truth", GREEN, truth.poses[:, :2], width=4.0, shown=False))
+    psi = _trace_psi(run)
+    charts = [Chart("ψ per point of a scan", tuple(psi))] if psi else []
+    if run.checks:
+        charts.append(chart_inflation(run.checks))
+    return explore(
+        (before, after),
+        charts,
+        _show_windows(run),
+        (
+            "Click a dot or a curve to see that place in both maps, as the sensor sees it, ahead to the right.",
+            *explained,
+            explain_torn(run.config.audit),
+        ),
+        lines=lines,
+        groups=("this pass", "other passes"),
+        first=max(range(len(run.checks)), key=lambda k: _rank_window(run.checks[k]), default=0),
+        is_calm=part_of(summary, "verdict").get("status") == VerdictStatus.PASS,
+    )
+
+
+def _rank_window(window: WindowAudit) -> tuple[bool, float]:
+    """Ranks the torn windows by how far they are off, and the others by inflation."""
+    return window.torn, window.bend.size_m if window.torn else window.bend.inflation
+
+
+def _make_layer(name: str, colour: str, track: Trajectory, pointmap: PointMap, *, shown: bool) -> Layer:
+    times = track.seconds(int(track.stamps_us[0]))
+    ink = None if shown else colour
+    return Layer(name, colour, times, track.poses[:, :2], pointmap.points, values_of(pointmap), shown, ink)
+
+
+def _draw_ellipses(run: Run, summary: Mapping[str, Any]) -> tuple[Curve, list[str]]:
+    """Returns 3-sigma ellipses of the positions, enlarged where they would not be seen, and what to tell the reader."""
+    sure = run.covariances
+    picked = pick_evenly(len(sure.indices), _ELLIPSES)
+    round_trip = np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
+    circle = np.column_stack([np.cos(round_trip), np.sin(round_trip)])
+    poses, shapes, largest = run.optimised.poses[sure.indices[picked]], [], 0.0
+    for pose, covariance in zip(poses, sure.covariances[picked], strict=True):
+        values, axes = np.linalg.eigh(se2.rotate_covariance(covariance, float(pose[2]))[:2, :2])
+        radii = 3.0 * np.sqrt(np.maximum(values, 0.0))
+        shapes.append(circle * radii @ axes.T)
+        largest = max(largest, float(radii.max()))
+    side = float(np.ptp(run.optimised.poses[:, :2], axis=0).max())
+    factor = _round_down(_LARGEST * side / largest) if largest > 0.0 else 1.0
+    drawn = join_lines([pose[:2] + factor * shape for pose, shape in zip(poses, shapes, strict=True)])
+    name = "3σ ellipses" if factor == 1.0 else f"3σ ellipses, {factor:g} times"
+    explained = []
+    if sure.failure:
+        explained.append(f"No ellipses are shown: the covariances of the poses are not known ({sure.failure}).")
+    if shapes:
+        explained.append(
+            f"The largest 3σ ellipse reaches {format_length(largest)} from its middle, with the first pose held fixed."
+        )
+        if part_of(summary, "last_pose").get("drift_is_prior"):
+            explained.append(
+                "Drift that both directions of time have in common cannot be measured in one pass; a prior stands for it."
+            )
+    shown = len(shapes) > 0 and largest <= max(_COVERING * side, 1.0)
+    return Curve(name, PURPLE, drawn, width=1.2, shown=shown), explained
+
+
+def _round_down(factor: float) -> float:
+    """Returns the largest of 1, 2, 5, 10, 20, ... that is no more than a factor; 1 at least."""
+    steps = (n * 10.0**k for k in range(6) for n in (1, 2, 5))
+    return max((step for step in steps if step <= factor), default=1.0)
+
+
+def _show_windows(run: Run) -> list[Place]:
+    """Returns what is shown of every window when it is clicked."""
+    shown = ((run.before, run.map_odometry, run.odometry), ("optimised", run.map_optimised, run.optimised))
+    views = [(name, _crop_windows(pointmap, track, run.checks)) for name, pointmap, track in shown]
+    places = []
+    for k, window in enumerate(run.checks):
+        torn = "torn: " if window.torn else "not torn: "
+        if window.undecided is not None:
+            torn = f"undecided, since {window.undecided}: "
+        places.append(
+            Place(
+                window.t0,
+                window.t1,
+                f"{window.t0:.1f} s to {window.t1:.1f} s, inflation {format_three_digits(window.bend.inflation)}",
+                f"{torn}best with its end moved {describe_motion(window.bend.correction)}, which moves its points by "
+                f"{format_length(window.bend.size_m)}; {100.0 * window.bend.matched:.0f} % of them are seen twice",
+                [(name, crops[k], (BLUE, ORANGE)) for name, crops in views],
+                window.torn,
+                window.undecided is not None,
+            )
+        )
+    return places
+
+
+def _crop_windows(pointmap: PointMap, track: Trajectory, windows: Sequence[WindowAudit]) -> list[list[Points]]:
+    """Returns the map around windows, each seen from the sensor at its middle: points of this pass and of the others."""
+    poses = [track.poses[min((window.begin + window.end) // 2, len(track) - 1)] for window in windows]
+    crops: list[list[list[Points]]] = [[[np.empty((0, 2))], [np.empty((0, 2))]] for _ in windows]
+    for block in pointmap.blocks() if windows else ():
+        tree = cKDTree(block.points)
+        for window, pose, crop in zip(windows, poses, crops, strict=True):
+            near = tree.query_ball_point(pose[:2], _REACH_M, return_sorted=True)
+            seen = se2.transform(se2.inverse(pose), block.points[near])
+            inside = np.abs(seen).max(axis=1, initial=0.0) <= _HALF_SIDE_M
+            own = np.abs(block.times[near] - 0.5 * (window.t0 + window.t1)) <= _SAME_PASS_S
+            crop[0].append(seen[inside & own])
+            crop[1].append(seen[inside & ~own])
+    return [[np.concatenate(group) for group in crop] for crop in crops]
+
+
+def chart_path(run: Run, truth: Trajectory | None) -> Section | None:
+    """Returns the charts along the path; None for a run of a single pose.
+
+    Args:
+        run: the run.
+        truth: ground truth in any fixed frame, or None.
+    """
+    if len(run.optimised) < 2:
+        return None
+    charts = [*_chart_truth(run, truth), *_chart_correction(run), _chart_speed(run.optimised), *_chart_sigmas(run)]
+    return Section("Along the path", figures=charts)
+
+
+def _chart_truth(run: Run, truth: Trajectory | None) -> list[Figure]:
+    """Returns error over distance and drift by length of segment, of both trajectories; none without truth."""
+    if truth is None:
+        return []
+    tracks = ((run.before, ORANGE, run.odometry), ("optimised", BLUE, run.optimised))
+    errors = [(name, colour, trace_errors(track, truth)) for name, colour, track in tracks]
+    curves = [Curve(name, colour, over(*traced)) for name, colour, traced in errors if traced is not None]
+    charts = []
+    if curves:
+        caption = "distance to ground truth, on which each trajectory is laid by the best rigid motion, as evo's ape does"
+        chart = Chart("error [m]", tuple(curves), log=() if _are_alike(curves) else ("y",), x_title=_DISTANCE)
+        charts.append(Figure(draw_chart(chart), "Error over distance", caption))
+    moved, turned = [], []
+    for name, colour, track in tracks:
+        drift = measure_drift_by_length(track, truth)
+        if drift is not None:
+            shift = over(drift.lengths_m, drift.translation_percent)
+            moved.append(Curve(f"{name}: translation", colour, shift, "-o"))
+            turn = over(drift.lengths_m, drift.rotation_deg_per_100m)
+            turned.append(Curve(f"{name}: rotation", colour, turn, "--o", beside=True))
+            caption = (
+                f"mean error of KITTI's segments of {drift.lengths_m[0]:g} m to {drift.lengths_m[-1]:g} m "
+                f"({drift.counts.sum():,} of them) against ground truth"
+            )
+    if moved:
+        log = [name for name, some in (("y", moved), ("beside", turned)) if not _are_alike(some)]
+        chart = Chart(
+            "translation [%]",
+            (*moved, *turned),
+            log=log,
+            x_title="length of segment [m]",
+            beside="rotation [°/100 m]",
+        )
+        charts.append(Figure(draw_chart(chart), "Drift by segment length", caption))
+    return charts
+
+
+def _are_alike(curves: Sequence[Curve]) -> bool:
+    """Returns whether values are of one size, so that a linear axis shows all of them."""
+    medians = [float(np.median(curve.points[:, 1])) for curve in curves]
+    return max(medians) <= _ALIKE * min(medians)
+
+
+def _chart_both(heading: str, caption: str, title: str, left: Sequence[Curve], beside: str, right: Curve) -> Figure:
+    """Returns a chart over distance of curves on an axis on the left, and of one on an axis on the right."""
+    return Figure(draw_chart(Chart(title, (*left, right), x_title=_DISTANCE, beside=beside)), heading, caption)
+
+
+def _chart_correction(run: Run) -> list[Figure]:
+    """Returns by how much optimisation moves each pose; nothing where the trajectories differ in time."""
+    stamps, after = run.optimised.stamps_us, run.optimised.poses
+    if not run.odometry.covers(int(stamps[0]), int(stamps[-1]), 0):
+        return []
+    poses = run.odometry.at(stamps)
+    before = se2.compose(se2.compose(after[0], se2.inverse(poses[0])), poses)
+    turned = np.unwrap(after[:, 2] - before[:, 2])
+    turned -= 2.0 * np.pi * np.round(turned[0] / (2.0 * np.pi))
+    path = se2.path_lengths(after)
+    moved = Curve("moved", BLUE, over(path, np.hypot(*(after[:, :2] - before[:, :2]).T)))
+    turn = Curve("turned", PURPLE, over(path, np.rad2deg(turned)), "--", beside=True)
+    caption = f"from {run.before} to the optimised trajectory, both from one start"
+    return [_chart_both("Correction over distance", caption, "moved by [m]", [moved], "turned by [°]", turn)]
+
+
+def _chart_speed(track: Trajectory) -> Figure:
+    """Returns speed and yaw rate of a trajectory over the path."""
+    twists = track.mean_twists(track.stamps_us[:-1], track.stamps_us[1:])
+    path = se2.path_lengths(track.poses)[1:]
+    speed = Curve("speed forward", BLUE, over(path, twists[:, 0]))
+    rate = Curve("yaw rate", PURPLE, over(path, np.rad2deg(twists[:, 2])), "--", beside=True)
+    caption = "of the optimised trajectory, from scan to scan"
+    return _chart_both("Speed and yaw rate", caption, "speed [m/s]", [speed], "yaw rate [°/s]", rate)
+
+
+def _chart_sigmas(run: Run) -> list[Figure]:
+    """Returns how sure every pose is; nothing where that is not known."""
+    sure = run.covariances
+    if not len(sure.indices):
+        return []
+    sigmas = np.sqrt(np.maximum(np.diagonal(sure.covariances, axis1=1, axis2=2), 0.0))
+    path = se2.path_lengths(run.optimised.poses)[sure.indices]
+    left = [Curve("along", BLUE, over(path, sigmas[:, 0])), Curve("across", ORANGE, over(path, sigmas[:, 1]))]
+    heading = Curve("heading", PURPLE, over(path, np.rad2deg(sigmas[:, 2])), "--", beside=True)
+    caption = "one standard deviation in the pose's own frame, with the first pose held fixed"
+    return [_chart_both("Covariance along the path", caption, "position, 1σ [m]", left, "heading, 1σ [°]", heading)]
+
+
+def _list_numbers(run: Run, summary: Mapping[str, Any]) -> Section:
+    """Returns the tables at the end of a run's page; angles are in degrees."""
+    parts = {**summary, **part_of(summary, "sensors")}
+    cards = [Card("Map quality", table=_tabulate_quality(run, summary))]
+    for group, heading in _CARDS.items():
+        values = list_values(group, part_of(parts, group))
+        if group in ("mount", "gyroscope", "gnss", "chirps"):  # what is not known of a sensor is left out
+            values = [(label, text) for label, text in values if text != ABSENT]
+        if group == "runtime_s" and summary.get("peak_rss_mb") is not None:
+            values.append(("peak memory", label_value("peak_rss_mb", summary["peak_rss_mb"])[1]))
+        if values:
+            cards.append(Card(heading, values=values))
+    return Section("Numbers", cards=cards)
+
+
+def _tabulate_quality(run: Run, summary: Mapping[str, Any]) -> Table:
+    psi = part_of(summary, "psi")
+
+    def pair(key: str) -> tuple[Any, Any]:
+        return psi.get(f"{key}_odometry" if key else "odometry"), psi.get(f"{key}_optimised" if key else "optimised")
+
+    total, per_point, matched, across = (pair(key) for key in ("", "per_point", "matched", "across_passes"))
+    is_known = all(matched)
+    rows = [
+        ("ψ", *map(format_value, total), format_change(*total) if is_known else ABSENT),
+        ("ψ per point", *map(format_value, per_point), format_change(*per_point) if is_known else ABSENT),
+        ("points matched", *map(format_matched, matched), format_change(*matched) if is_known else ABSENT),
+        ("points", f"{len(run.map_odometry):,}", f"{len(run.map_optimised):,}", ""),
+        ("path", format_value(run.odometry.length_m, " m"), format_value(run.optimised.length_m, " m"), ""),
+    ]
+    if None not in across:
+        rows.insert(0, ("ψ per point across passes", *map(format_value, across), format_change(*across)))
+    return Table(("", run.before, "optimised", "change"), rows)

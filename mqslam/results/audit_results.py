@@ -1,12 +1,15 @@
-"""What an audit leaves: its numbers as JSON and CSV."""
+"""What an audit leaves: its numbers as JSON, and as CSV what it found of every window, revisit, step and span."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mqslam.auditing.findings import SCALE_WARN
 from mqslam.auditing.judge import Audit
@@ -16,29 +19,119 @@ from mqslam.auditing.sizes import TORN_INFLATION, WINDOW
 from mqslam.auditing.spans.pooled import Pooled
 from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.verdict import CONFIDENCE, Finding, VerdictStatus, verdict_of
+from mqslam.auditing.verdict import CONFIDENCE, Finding, Share, VerdictStatus, verdict_of
 from mqslam.auditing.windows.windows import share_torn
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
 from mqslam.core.statistics import find_smallest
 from mqslam.core.wording import count_of
 from mqslam.execution.files import write_json, write_text
-from mqslam.results.audit_rows import (
-    RevisitRow,
-    SpanRow,
-    StepRow,
-    WindowRow,
-    list_revisit,
-    list_span,
-    list_step,
-    list_window,
-)
-from mqslam.results.run_log import format_log, list_verdict
-from mqslam.results.summary_files import format_csv
-from mqslam.results.unjudged import list_uncovered, list_unjudged
+from mqslam.results.files import format_csv, format_log, format_numbers, list_notes, list_verdict
 from mqslam.version import __version__
 
 # what audit.json says once, of the given and of the mended trajectory
 _OF_BOTH: Final = ("mqslam_version", "dataset", "trajectory", "threshold", "bend_m", "extrinsics", "warnings")
+_POSE, _OFFSET = ("x", "y", "yaw"), ("dx", "dy", "dyaw")  # metres, metres, radians
+_SIGMAS, _STATED = ("sigma_x", "sigma_y", "sigma_yaw"), ("claimed_sigma_x", "claimed_sigma_y", "claimed_sigma_yaw")
+
+Columns: TypeAlias = dict[str | tuple[str, ...], Callable[[Any, Sweeps], Any]]
+"""Names of columns, in order, and what gives a cell, or the cells (3,) of several columns, of an item and of the sweeps.
+
+Lengths are in metres, angles in radians, times in seconds since the recording began.
+"""
+
+_WINDOW: Final[Columns] = {
+    "t0": lambda w, _: w.t0,
+    "t1": lambda w, _: w.t1,
+    _POSE: lambda w, _: w.pose,
+    "torn": lambda w, _: w.torn if w.undecided is None else None,
+    "undecided": lambda w, _: w.undecided,
+    "inflation": lambda w, _: w.bend.inflation,
+    "p_value": lambda w, _: _known(w.p_value),
+    _OFFSET: lambda w, _: w.bend.correction,
+    _SIGMAS: lambda w, _: _sigmas(w.bend.covariance),
+    ("dv", "domega"): lambda w, _: w.bend.correction[[0, 2]] / (w.t1 - w.t0),
+    "size_m": lambda w, _: w.bend.size_m,
+    "psi_per_point": lambda w, _: w.bend.psi,
+    "psi_per_point_best": lambda w, _: w.bend.psi_best,
+    "matched": lambda w, _: w.bend.matched,
+    "matched_best": lambda w, _: w.bend.matched_best,
+    "points": lambda w, _: w.bend.points,
+    "speed_error": lambda w, _: w.speed.error_mps if w.speed is not None and w.speed.sure else None,
+    "map_entropy": lambda w, _: w.measures.map_entropy,
+    "plane_variance": lambda w, _: w.measures.plane_variance,
+    "joint_entropy": lambda w, _: w.measures.joint_entropy,
+    "grid_entropy": lambda w, _: w.measures.grid_entropy,
+}
+_REVISIT: Final[Columns] = {
+    ("t_earlier", "t_later"): lambda r, sweeps: sweeps.times[[r.revisit.earlier, r.revisit.later]],
+    _POSE: lambda r, sweeps: sweeps.poses[r.revisit.later],
+    "torn": lambda r, _: r.torn if r.revisit.sure else None,
+    "sure": lambda r, _: r.revisit.sure,
+    _OFFSET: lambda r, _: r.revisit.offset,
+    _SIGMAS: lambda r, _: _sigmas(r.revisit.covariance),
+    _STATED: lambda r, _: (None,) * 3 if r.stated_covariance is None else _sigmas(r.stated_covariance),
+    "inflation": lambda r, _: r.revisit.inflation,
+    "p_value": lambda r, _: _known(r.p_value),
+    "matched": lambda r, _: r.revisit.matched,
+    "psi_per_point": lambda r, _: r.revisit.psi,
+    "psi_per_point_best": lambda r, _: r.revisit.psi_best,
+}
+_SPAN: Final[Columns] = {  # the offsets are without what all of the map asks for
+    "t_earlier": lambda s, _: s.t0,
+    "t_later": lambda s, _: s.t1,
+    _POSE: lambda s, sweeps: sweeps.poses[s.laid.later],
+    "path_m": lambda s, _: s.laid.path_m,
+    _OFFSET: lambda s, _: s.offset,
+    "matched": lambda s, _: s.laid.matched,
+    "p_value": lambda s, _: _known(s.p_value),
+    "torn": lambda s, _: s.torn if np.isfinite(s.p_value) else None,
+}
+
+
+def _make_step_columns(jumps: Collection[int] = ()) -> Columns:
+    """Returns the columns of steps, of which those to some sweeps are jumps."""
+    return {
+        "t": lambda s, _: s.t,
+        _POSE: lambda s, sweeps: sweeps.poses[s.laid.later],
+        _OFFSET: lambda s, _: s.laid.offset,
+        "size_m": lambda s, _: s.laid.size_m,
+        "matched": lambda s, _: s.laid.matched,
+        "p_value": lambda s, _: _known(s.p_value),
+        "torn": lambda s, _: s.laid.later in jumps if s.judged else None,
+    }
+
+
+_FILES: Final = {
+    "audit.csv": ("per_window", _WINDOW),
+    "revisits.csv": ("per_revisit", _REVISIT),
+    "steps.csv": ("per_step", _make_step_columns()),
+    "spans.csv": ("per_span", _SPAN),
+}
+
+
+def _sigmas(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.sqrt(np.diag(covariance))
+
+
+def _known(p_value: float) -> float | None:
+    """Returns a p-value, or None where nothing was judged."""
+    return p_value if np.isfinite(p_value) else None
+
+
+def _names(columns: Columns) -> list[str]:
+    return list(chain.from_iterable([names] if isinstance(names, str) else names for names in columns))
+
+
+def _list_rows(items: Sequence[Any], columns: Columns, sweeps: Sweeps) -> list[dict[str, Any]]:
+    """Returns a row per item under the names of the columns."""
+    names = _names(columns)
+    rows = []
+    for item in items:
+        parts = ((name, find(item, sweeps)) for name, find in columns.items())
+        cells = chain.from_iterable([part] if isinstance(name, str) else part for name, part in parts)
+        numbers = (cell.item() if isinstance(cell, np.generic) else cell for cell in cells)
+        rows.append(dict(zip(names, numbers, strict=True)))
+    return rows
 
 
 def summarise(
@@ -63,11 +156,15 @@ def summarise(
         warnings: what a reader has to know before the numbers.
         extrinsics: x, y [m], yaw [degrees] of the sensor in the frame of which the trajectory was given, if it was stated.
     """
+    torn, off = share_torn(audit.windows), share_torn_revisits(audit.revisits)
     sure = [r for r in audit.revisits if r.revisit.sure]
-    torn = share_torn(audit.windows)
-    off = share_torn_revisits(audit.revisits)
-    inflation = [w.bend.inflation for w in audit.windows]
-    jumps = {step.laid.later for step in audit.jumps}
+    revisits = {
+        "count": len(audit.revisits),
+        "sure": off.total,
+        **share_to_numbers(off),
+        "median_m": _median([r.revisit.distance_m for r in sure]),
+        "worst_m": max((r.revisit.distance_m for r in sure if r.torn), default=None),
+    }
     return {
         "mqslam_version": __version__,
         "dataset": {
@@ -79,39 +176,33 @@ def summarise(
         },
         "trajectory": trajectory,
         "verdict": {"status": audit.status, "reasons": audit.reasons},
-        "not_judged": list_unjudged(audit) + list_uncovered(sweeps, WINDOW * sweeps.revolution_s),
+        "not_judged": list_unjudged(audit) + _list_uncovered(sweeps),
         "threshold": TORN_INFLATION,
         "bend_m": settings.bend_m,
         "speeds": _summarise_speeds(audit),
         "windows": {
             "count": len(audit.windows),
             "undecided": len(audit.windows) - torn.total,
-            "torn": torn.count,
-            "torn_share_at_least": torn.lower_bound(CONFIDENCE),
-            "torn_share_at_most": torn.upper_bound(CONFIDENCE),
-            "inflation_median": float(np.median(inflation)) if inflation else None,
+            **share_to_numbers(torn),
+            "inflation_median": _median([w.bend.inflation for w in audit.windows]),
             "psi_per_point": _mean([w.bend.psi for w in audit.windows]),
             "matched": _mean([w.bend.matched for w in audit.windows]),
         },
-        "revisits": {
-            "count": len(audit.revisits),
-            "sure": off.total,
-            "torn": off.count,
-            "torn_share_at_least": off.lower_bound(CONFIDENCE),
-            "torn_share_at_most": off.upper_bound(CONFIDENCE),
-            "median_m": float(np.median([r.revisit.distance_m for r in sure])) if sure else None,
-            "worst_m": max((r.revisit.distance_m for r in sure if r.torn), default=None),
-        }
-        if sweeps.track is not None
-        else None,
+        "revisits": revisits if sweeps.track is not None else None,
         **summarise_tests(audit, bounds),
         "extrinsics": None if extrinsics is None else list(extrinsics),
         "warnings": list(warnings),
-        "per_window": [list_window(w) for w in audit.windows],
-        "per_revisit": [list_revisit(r, sweeps) for r in audit.revisits],
-        "per_step": [list_step(s, sweeps, jumps=s.laid.later in jumps) for s in audit.steps],
-        "per_span": [list_span(s, sweeps) for s in audit.spans],
+        "per_window": _list_rows(audit.windows, _WINDOW, sweeps),
+        "per_revisit": _list_rows(audit.revisits, _REVISIT, sweeps),
+        "per_step": _list_rows(audit.steps, _make_step_columns({step.laid.later for step in audit.jumps}), sweeps),
+        "per_span": _list_rows(audit.spans, _SPAN, sweeps),
     }
+
+
+def share_to_numbers(torn: Share) -> dict[str, Any]:
+    """Returns how many are torn, and the bounds of the true share."""
+    bounds = {"torn_share_at_least": torn.lower_bound(CONFIDENCE), "torn_share_at_most": torn.upper_bound(CONFIDENCE)}
+    return {"torn": torn.count, **bounds}
 
 
 def summarise_mended(mended: Mended, given: Mapping[str, Any], config: Config) -> dict[str, Any]:
@@ -160,6 +251,35 @@ def describe_mended(mended: Mended, given: Mapping[str, Any]) -> str:
     return f"{held}, which moves poses by up to {mended.moved_m:.2f} m{longer}: the verdict was {before} and is {after}."
 
 
+def list_unjudged(audit: Audit) -> list[str]:
+    """Returns what an audit, or that of a run's own map, could not judge, and why, in words.
+
+    Args:
+        audit: the map, judged.
+    """
+    blind = [finding.reason for finding in chain.from_iterable(audit.tests.values()) if not finding.judged]
+    undecided = Counter(window.undecided for window in audit.windows if window.undecided is not None)
+    windows = count_of(len(audit.windows), "window")
+    return blind + [f"{count} of {windows}: {reason}" for reason, count in undecided.items()]
+
+
+def _list_uncovered(sweeps: Sweeps) -> list[str]:
+    """Returns where there are scans without poses, or poses without scans, for longer than a window, in words."""
+    track, span_s = sweeps.track, WINDOW * sweeps.revolution_s
+    if track is None:
+        return []
+    begin, end = float(track.times[0]), float(track.times[-1])
+    first, last = float(sweeps.times[0]), float(sweeps.times[-1] + sweeps.revolution_s)
+    missing = []
+    if track.uncovered * sweeps.revolution_s > span_s:
+        scans = f"{track.uncovered} of {count_of(track.scans, 'scan')}"
+        missing.append(f"{scans}: the trajectory has poses from {begin:.1f} s to {end:.1f} s only")
+    parts = [f"from {a:.1f} s to {b:.1f} s" for a, b in ((begin, first), (last, end)) if b - a > span_s]
+    if parts:
+        missing.append(f"the trajectory {' and '.join(parts)}: no points were recorded then")
+    return missing
+
+
 def _summarise_speeds(audit: Audit) -> dict[str, Any]:
     """Returns what the speeds show, and how far windows and speeds can tell a trajectory to be wrong."""
     sure = [w.speed for w in audit.windows if w.speed is not None and w.speed.sure]
@@ -167,7 +287,7 @@ def _summarise_speeds(audit: Audit) -> dict[str, Any]:
     return {
         "sure": len(sure),
         "contradicted": sum(contradicts(speed, capture) for speed in sure),
-        "error_median": float(np.median([speed.error_mps for speed in sure])) if sure else None,
+        "error_median": _median([speed.error_mps for speed in sure]),
         "capture_m": capture.window_m,
         "capture_mps": capture.speed_mps,
         "searched_mps": capture.searched_mps,
@@ -176,6 +296,10 @@ def _summarise_speeds(audit: Audit) -> dict[str, Any]:
 
 def _mean(values: Sequence[float]) -> float | None:
     return float(np.mean(values)) if values else None
+
+
+def _median(values: Sequence[float]) -> float | None:
+    return float(np.median(values)) if values else None
 
 
 def summarise_tests(audit: Audit, bounds: VerdictConfig) -> dict[str, Any]:
@@ -190,38 +314,44 @@ def summarise_tests(audit: Audit, bounds: VerdictConfig) -> dict[str, Any]:
             "count": len(audit.steps),
             "judged": sum(step.judged for step in audit.steps),
             "jumps": len(audit.jumps),
-            "median_m": float(np.median([s.laid.size_m for s in audit.steps])) if audit.steps else None,
+            "median_m": _median([s.laid.size_m for s in audit.steps]),
         },
         "spans": {
             "count": len(audit.spans),
             "torn": sum(span.torn for span in audit.spans),
-            "median_m": float(np.median([s.distance_m for s in audit.spans])) if audit.spans else None,
+            "median_m": _median([s.distance_m for s in audit.spans]),
         },
         "sums": {"count": len(audit.sums), "torn": sum(one.torn for one in audit.sums)},
-        "pooled": _list_pooled(audit.pooled),
-        "tests": {name: _list_findings(findings) for name, findings in audit.tests.items()},
+        "pooled": _summarise_pooled(audit.pooled),
+        "tests": {name: _summarise_findings(findings) for name, findings in audit.tests.items()},
         "false_alarms": {"rate": bounds.false_alarms, "p_value_below": bounds.share_of_false_alarms},
     }
 
 
-def _list_pooled(pooled: Pooled | None) -> dict[str, Any]:
+def _summarise_pooled(pooled: Pooled | None) -> dict[str, Any]:
     """Returns what a map asks for as a whole, by name; without anything but the number of spans where it is unknown."""
     if pooled is None:
         return {"spans": 0}
     values: dict[str, Any] = {"spans": pooled.spans}
-    for axis, name in enumerate(("forward_per_m", "left_per_m", "yaw_per_m")):
-        values |= {name: float(pooled.bias[axis]), f"{name}_sigma": float(pooled.sigma[axis])}
-        values[f"{name}_p_value"] = float(pooled.p_value[axis])
+    values |= _name_axes(("forward_per_m", "left_per_m", "yaw_per_m"), pooled.bias, pooled.sigma, pooled.p_value)
     values |= {"late_s": pooled.delay.seconds, "late_s_sigma": pooled.delay.sigma, "late_s_p_value": pooled.delay.p_value}
     if pooled.lever is not None:
         values["turns"] = pooled.lever.turns
-        for axis, name in enumerate(("ahead_m", "left_m")):
-            values |= {name: float(pooled.lever.arm[axis]), f"{name}_sigma": float(pooled.lever.sigma[axis])}
-            values[f"{name}_p_value"] = float(pooled.lever.p_value[axis])
+        values |= _name_axes(("ahead_m", "left_m"), pooled.lever.arm, pooled.lever.sigma, pooled.lever.p_value)
     return values
 
 
-def _list_findings(findings: Sequence[Finding]) -> dict[str, Any]:
+def _name_axes(names: Sequence[str], *parts: NDArray[np.float64]) -> dict[str, float]:
+    """Returns values, their standard deviations and their p-values (N,) by the names of their axes."""
+    endings = ("", "_sigma", "_p_value")
+    return {
+        f"{name}{ending}": float(part[axis])
+        for axis, name in enumerate(names)
+        for ending, part in zip(endings, parts, strict=True)
+    }
+
+
+def _summarise_findings(findings: Sequence[Finding]) -> dict[str, Any]:
     status, reasons = verdict_of(findings)
     p_value = find_smallest(f.p_value for f in findings if f.p_value is not None)
     judged = status if any(f.judged for f in findings) else VerdictStatus.NOT_JUDGED
@@ -240,29 +370,10 @@ def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> Non
         OutputError: a file cannot be written.
     """
     write_text(folder / "config.yaml", dump_yaml(config))
-    write_text(folder / "audit.csv", _format_csv(summary["per_window"], WindowRow))
-    write_text(folder / "revisits.csv", _format_csv(summary["per_revisit"], RevisitRow))
-    write_text(folder / "steps.csv", _format_csv(summary["per_step"], StepRow))
-    write_text(folder / "spans.csv", _format_csv(summary["per_span"], SpanRow))
-    write_text(folder / "run.log", _format_log(summary))
-    write_json(folder / "audit.json", summary)
-
-
-def _format_log(summary: Mapping[str, Any]) -> str:
-    """Returns the text of run.log."""
+    for name, (key, columns) in _FILES.items():
+        write_text(folder / name, format_csv(map(format_numbers, summary[key]), _names(columns)))
     dataset, trajectory = summary["dataset"], summary["trajectory"]
     under = "" if trajectory is None else f" under {trajectory}"
     title = f"mqslam {summary['mqslam_version']}: audit of {dataset['path']} ({dataset['format']}){under}"
-    return format_log(title, [*(f"warning: {warning}" for warning in summary["warnings"]), *list_verdict(summary)])
-
-
-def _format_csv(rows: Sequence[Mapping[str, Any]], columns: type) -> str:
-    """Returns rows of numbers under the names of a typed dictionary. Where `torn` was not decided, it is `unknown`."""
-    cells = [{key: _format_cell(key, value) for key, value in row.items()} for row in rows]
-    return format_csv(cells, list(columns.__annotations__))
-
-
-def _format_cell(key: str, value: Any) -> Any:
-    if key == "torn" and value is None:
-        return "unknown"
-    return f"{value:.9g}" if isinstance(value, float) else value
+    write_text(folder / "run.log", format_log(title, [*list_notes(summary), *list_verdict(summary)]))
+    write_json(folder / "audit.json", summary)

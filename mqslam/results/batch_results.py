@@ -12,7 +12,7 @@ from mqslam.config import Config
 from mqslam.core.sensors import RADAR
 from mqslam.errors import OutputError, Remedy
 from mqslam.execution.files import write_json, write_text
-from mqslam.results.summary_files import format_csv
+from mqslam.results.files import format_csv
 from mqslam.version import __version__
 
 

@@ -12,7 +12,6 @@ from mqslam.auditing.judge import Audit
 from mqslam.auditing.sizes import TORN_INFLATION
 from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.verdict import CONFIDENCE, VerdictStatus
-from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.comparison.best import Standing
 from mqslam.comparison.comparison import Comparison
 from mqslam.comparison.judgement import JudgedRow
@@ -21,8 +20,8 @@ from mqslam.config import dump_yaml
 from mqslam.execution.files import write_json, write_text
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import write_tum
+from mqslam.results.files import format_csv
 from mqslam.results.run_results import format_measurements, write_marginals
-from mqslam.results.summary_files import format_csv
 from mqslam.version import __version__
 
 
@@ -139,11 +138,8 @@ def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: i
 
 def _find_median_inflation(audit: Audit) -> float | None:
     """Returns the median inflation; None where it means nothing in most windows, as their speed is far off or unknown."""
-
-    def means_something(window: WindowAudit) -> bool:
-        return window.undecided is None and not contradicts(window.speed, audit.capture)
-
-    values = [w.bend.inflation if means_something(w) else np.inf for w in audit.windows]
+    unknown = [w.undecided is not None or contradicts(w.speed, audit.capture) for w in audit.windows]
+    values = [np.inf if no else w.bend.inflation for w, no in zip(audit.windows, unknown, strict=True)]
     median = float(np.median(values)) if values else np.inf
     return median if np.isfinite(median) else None
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import gtsam
 import numpy as np
 
-from mqslam.auditing.verdict import CONFIDENCE
+from mqslam.auditing.gyroscope_check import GyroscopeCheck
 from mqslam.auditing.windows.windows import share_torn
 from mqslam.backend.marginals import PoseCovariances
 from mqslam.backend.pose_graph import count_submaps
+from mqslam.backend.sensors.chirps import VelocityUse
+from mqslam.backend.sensors.gnss import FixUse
+from mqslam.backend.sensors.gyroscope import GyroscopeUse, Rotation
+from mqslam.backend.sensors.mount import MountUse
 from mqslam.config import dump_yaml, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
@@ -25,43 +28,27 @@ from mqslam.errors import tolerate
 from mqslam.evaluation import list_errors
 from mqslam.execution.files import write_json, write_text
 from mqslam.execution.guards.memory import find_peak_mb
+from mqslam.factors.between import CAUCHY, HUBER
 from mqslam.formats.covariances import StampedCovariances, write_covariances
-from mqslam.formats.graphs.g2o import format_g2o
+from mqslam.formats.graphs.g2o import format_g2o, list_edges
 from mqslam.formats.maps.georeferenced import write_geojson, write_geotiff
 from mqslam.formats.maps.keyframe_folder import FOLDER, write_keyframes
 from mqslam.formats.maps.nav2_map import write_nav2_map
 from mqslam.formats.ply import MapClock, write_ply
 from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
-from mqslam.results.audit_results import summarise_tests
-from mqslam.results.graph_table import format_graph_table
-from mqslam.results.run_log import format_log, list_stages, list_verdict
-from mqslam.results.run_scale import list_unknown_scale
-from mqslam.results.run_verdict import judge_run
-from mqslam.results.sensor_results import summarise_mount, summarise_sensors
-from mqslam.results.truth_files import TRUTH, write_truth
-from mqslam.results.unjudged import list_unjudged
-from mqslam.solution import Run
+from mqslam.results.audit_results import list_unjudged, share_to_numbers, summarise_tests
+from mqslam.results.files import TRUTH, format_csv, format_log, list_notes, list_stages, list_verdict, write_truth
+from mqslam.results.run_verdict import judge_run, list_unknown_scale
+from mqslam.solution import Run, Solution
 from mqslam.version import __version__
 
-_COLUMNS: Final = [
-    "t0",
-    "t1",
-    "dx",
-    "dy",
-    "dyaw",
-    "cov_xx",
-    "cov_xy",
-    "cov_xyaw",
-    "cov_yy",
-    "cov_yyaw",
-    "cov_yawyaw",
-    "psi",
-    "psi_odometry",
-    "points",
-    "matched",
-    "status",
-]
+_MEASUREMENT: Final = (
+    *("t0", "t1", "dx", "dy", "dyaw", "cov_xx", "cov_xy", "cov_xyaw", "cov_yy", "cov_yyaw", "cov_yawyaw"),
+    *("psi", "psi_odometry", "points", "matched", "status"),
+)
+_EDGE: Final = ("edge", "from", "to", "kind", "loss", "parameter", "from_stamp_us", "to_stamp_us")
+_STAGES: Final = ("read", "detect", "windows", "along", "loops", "refine", "optimise", "render", "check", "total")
 
 
 def summarise(run: Run, recording: Recording) -> dict[str, Any]:
@@ -97,9 +84,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         },
         "inflation": {
             "windows": torn.total,
-            "torn": torn.count,
-            "torn_share_at_least": torn.lower_bound(CONFIDENCE),
-            "torn_share_at_most": torn.upper_bound(CONFIDENCE),
+            **share_to_numbers(torn),
             "median": float(np.median([w.bend.inflation for w in run.checks])) if run.checks else None,
         },
         **(summarise_tests(run.checked, run.config.verdict) if run.checked else {}),
@@ -117,10 +102,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         "mount": None if run.sensors.mount is None else summarise_mount(run.sensors.mount),
         "evaluation": list_errors(run.optimised, truth),
         "evaluation_odometry": list_errors(run.odometry, truth),
-        "runtime_s": {
-            name: run.runtime_s.get(name, 0.0)
-            for name in ("read", "detect", "windows", "along", "loops", "refine", "optimise", "render", "check", "total")
-        },
+        "runtime_s": {name: run.runtime_s.get(name, 0.0) for name in _STAGES},
         "peak_rss_mb": find_peak_mb(children=True),
     }
 
@@ -209,32 +191,60 @@ def write_marginals(path: Path, trajectory: Trajectory, marginals: PoseCovarianc
 
 def format_measurements(measurements: Sequence[Measurement]) -> str:
     """Returns a row per measurement, with the covariance of dx [m], dy [m], dyaw [rad] in the frame of the pose at t0."""
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(_COLUMNS)
+    rows = []
     for m in measurements:
-        upper = m.covariance[np.triu_indices(3)]
-        numbers = [*m.pose, *upper, m.psi, m.psi_odometry]
-        rows.writerow(
-            [f"{m.t0:.6f}", f"{m.t1:.6f}", *(f"{n:.9g}" for n in numbers), m.points, f"{m.matched:.4f}", m.status.value]
-        )
-    return text.getvalue()
+        numbers = [*m.pose, *m.covariance[np.triu_indices(3)], m.psi, m.psi_odometry]
+        times = (f"{m.t0:.6f}", f"{m.t1:.6f}")
+        cells = (*times, *(f"{n:.9g}" for n in numbers), m.points, f"{m.matched:.4f}", m.status.value)
+        rows.append(dict(zip(_MEASUREMENT, cells, strict=True)))
+    return format_csv(rows, _MEASUREMENT)
+
+
+def format_graph_table(run: Run) -> str:
+    """Returns as CSV what g2o has no words for: what each edge of graph.g2o is, its robust loss, and its scans' stamps.
+
+    Args:
+        run: the finished run.
+    """
+    size, stamps_us = run.graph.size, run.optimised.stamps_us.tolist()
+    rows = []
+    for k, factor in enumerate(list_edges(run.graph.factors)):
+        keys = [(chr(gtsam.symbolChr(key)), int(gtsam.symbolIndex(key))) for key in factor.keys()]
+        ends = [index if kind == "x" else size + index for kind, index in keys]  # scans first, then submaps
+        loss, parameter = _describe_loss(factor.noiseModel())
+        stamps = [stamps_us[end] if end < size else "" for end in ends]
+        cells = (k, *ends, _name_kind(ends, size, loss), loss, parameter, *stamps)
+        rows.append(dict(zip(_EDGE, cells, strict=True)))
+    return format_csv(rows, _EDGE)
+
+
+def _name_kind(ends: Sequence[int], size: int, loss: str) -> str:
+    """Returns what an edge between two vertices is."""
+    a, b = ends
+    if a >= size:
+        return "measurement" if b < size else "map"
+    if b == a + 1:
+        return "motion"
+    return "loop" if loss == "cauchy" else "refinement"
+
+
+def _describe_loss(noise: gtsam.noiseModel.Base) -> tuple[str, float | str]:
+    """Returns the loss of an edge and its parameter, in standard deviations."""
+    if not isinstance(noise, gtsam.noiseModel.Robust):
+        return "none", ""
+    if isinstance(noise.robust(), gtsam.noiseModel.mEstimator.Cauchy):
+        return "cauchy", CAUCHY
+    return "huber", HUBER
 
 
 def _write_numbers(folder: Path, summary: dict[str, Any], notes: Sequence[str]) -> None:
     """Writes the files that hold the warnings."""
-    write_text(folder / "run.log", _log_text(summary, notes))
-    write_json(folder / "summary.json", summary)
-
-
-def _log_text(summary: dict[str, Any], notes: Sequence[str]) -> str:
-    dataset = summary["dataset"]
-    lines = [f"note: {note}" for note in (*notes, *list_sensor_notes(summary))]
-    lines += [f"warning: {warning}" for warning in summary["warnings"]]
-    beta, sigma = summary["doppler_beta"], summary["doppler_sigma"]
+    dataset, beta, sigma = summary["dataset"], summary["doppler_beta"], summary["doppler_sigma"]
+    lines = list_notes(summary, [*notes, *list_sensor_notes(summary)])
     lines.append(f"Doppler shift: {beta:.4f} ± {sigma:.4f} m of range per m/s of closing speed")
-    lines += [*list_stages(summary), *list_verdict(summary)]
-    return format_log(f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})", lines)
+    title = f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})"
+    write_text(folder / "run.log", format_log(title, [*lines, *list_stages(summary), *list_verdict(summary)]))
+    write_json(folder / "summary.json", summary)
 
 
 def _describe_last_pose(run: Run) -> dict[str, Any] | None:
@@ -250,3 +260,88 @@ def _describe_last_pose(run: Run) -> dict[str, Any] | None:
     is_placed = run.sensors.fixes is not None and run.sensors.fixes.edges is not None
     drift_is_prior = pieces > 1 and not run.loops and not is_placed
     return {"sigma_along_m": along, "sigma_across_m": across, "sigma_yaw_rad": yaw, "drift_is_prior": drift_is_prior}
+
+
+def summarise_sensors(run: Solution) -> dict[str, Any]:
+    """Returns what became of each sensor, and how far it moves the trajectory; None for one that there is not."""
+    used = run.sensors
+    found: dict[str, dict[str, Any] | None] = {
+        "gyroscope": None if used.gyroscope is None else _summarise_gyroscope(used.gyroscope),
+        "gnss": None if used.fixes is None else _summarise_fixes(used.fixes, run),
+        "chirps": None if used.velocities is None else _summarise_velocities(used.velocities),
+    }
+    for name, numbers in found.items():
+        if numbers is not None:
+            moved = used.contributions.get(name)
+            numbers["moved_m"] = None if moved is None else moved.moved_m
+            numbers["turned_rad"] = None if moved is None else moved.turned_rad
+            if moved is not None:
+                numbers["statements"].append(moved.describe(name))
+    return found
+
+
+def _summarise_use(use: GyroscopeUse | FixUse | VelocityUse) -> dict[str, Any]:
+    """Returns what is said of every sensor."""
+    return {"source": use.source, "used": use.edges is not None, "statements": list(use.statements)}
+
+
+def summarise_mount(mount: MountUse) -> dict[str, Any]:
+    """Returns where the radar sits on the vehicle; NaN, which JSON has as null, where it is not known."""
+    numbers = dict(zip(("x_m", "y_m", "yaw_rad"), mount.pose.tolist(), strict=True))
+    numbers |= zip(("sigma_x_m", "sigma_y_m", "sigma_yaw_rad"), mount.sigmas.tolist(), strict=True)
+    return {**numbers, "source": mount.source, "statements": list(mount.statements)}
+
+
+def summarise_check(check: GyroscopeCheck) -> dict[str, Any]:
+    """Returns what an audit found of a gyroscope and a trajectory."""
+    numbers: dict[str, Any] = {"source": check.source, "agrees": check.agrees, "statement": check.statement}
+    numbers["differ_rad"] = check.differ_rad
+    return numbers | ({} if check.rotation is None else _list_rotation(check.rotation))
+
+
+def _summarise_gyroscope(use: GyroscopeUse) -> dict[str, Any]:
+    """Returns what was found of a gyroscope."""
+    numbers = _summarise_use(use) | {"factors": 0 if use.edges is None else use.edges.count}
+    return numbers | ({} if use.rotation is None else _list_rotation(use.rotation))
+
+
+def _list_rotation(rotation: Rotation) -> dict[str, Any]:
+    """Returns how a gyroscope's readings become turns."""
+    return {
+        "axis": rotation.axis,
+        "upside_down": rotation.sign < 0.0,
+        "scale": rotation.scale,
+        "sigma_scale": rotation.scale_sigma,
+        "late_s": rotation.delay_s,
+        "sigma_late_s": rotation.delay_sigma_s,
+        "bias_radps": rotation.bias,
+        "white_noise": rotation.noise.white,
+        "bias_walk": rotation.noise.walk,
+    }
+
+
+def _summarise_fixes(use: FixUse, run: Solution) -> dict[str, Any]:
+    """Returns what was found of GNSS fixes."""
+    numbers, edges = _summarise_use(use), use.edges
+    if edges is None:
+        return numbers | {"factors": 0}
+    if use.antenna is not None:
+        numbers |= zip(("antenna_x_m", "antenna_y_m"), use.antenna.place.tolist(), strict=True)
+        numbers |= zip(("sigma_antenna_x_m", "sigma_antenna_y_m"), use.antenna.sigmas.tolist(), strict=True)
+    return numbers | {
+        "factors": len(edges.scans),
+        "rejected": edges.count_rejected(run.values),
+        "white_m": edges.noise.white_m,
+        "walk_m": edges.noise.walk_m,
+    }
+
+
+def _summarise_velocities(use: VelocityUse) -> dict[str, Any]:
+    """Returns what was found of the velocities that chirps measure."""
+    return _summarise_use(use) | {
+        "factors": 0 if use.edges is None else len(use.edges),
+        "scale": use.scale,
+        "sigma_scale": use.sigma_scale,
+        "bias_forward_mps": use.bias[0],
+        "bias_left_mps": use.bias[1],
+    }

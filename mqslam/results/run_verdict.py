@@ -8,15 +8,20 @@ from itertools import chain
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mqslam.auditing.findings import judge_windows
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus, verdict_of
+from mqslam.backend.sensors.gnss import FixUse
+from mqslam.check.checks import LEAST_SPEED
+from mqslam.check.stretches import FEWEST_STEPS
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.recording import Recording
+from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import warn_of_unread
+from mqslam.errors import Remedy
 from mqslam.mapping.render import select_moving
 from mqslam.psi.tracking.state import LONGEST_COAST_S
-from mqslam.results.run_scale import judge_scale
 from mqslam.solution import CHECK, Run
 
 # Shortest stop that a warning names [s]; shorter ones are usual in traffic.
@@ -33,6 +38,13 @@ _LISTED: Final = 5  # gaps that are named one by one, so that the warnings stay 
 _SEEN_BY_CHIRPS: Final = "; the velocities by chirps carry the trajectory there"
 _NEAR_S: Final = 5.0  # stretches that are less than so long apart [s] are told in one line
 
+_SPAN_US: Final = 1_000_000  # over which speeds are compared [us]: long against what single motions err by
+_UNITS: Final = {"km/h": 1.0 / 3.6, "miles per hour": 0.44704, "mm/s": 1e-3, "cm/s": 1e-2}  # [m/s]
+# A run whose speed differs from odometry's by a larger share, or the distances between GNSS fixes from those in the
+# trajectory, has the wrong length of range bins, or odometry the wrong scale. Worn tyres and slip are a few percent.
+_WRONG_SCALE = 0.1
+_SAME_UNIT: Final = 0.1  # by which a wheel's scale, or a range bin's, may be off besides
+
 
 def judge_run(run: Run) -> tuple[VerdictStatus, list[str]]:
     """Returns the verdict on a run's map, with its reasons, from the run alone.
@@ -46,7 +58,7 @@ def judge_run(run: Run) -> tuple[VerdictStatus, list[str]]:
         seen = judge_windows([], len(run.optimised))
     else:
         seen = list(chain.from_iterable(run.checked.tests.values()))
-    others = [*_judge_direction(run), *judge_scale(run), *_judge_track(run), *_judge_whole_map(run)]
+    others = [*_judge_direction(run), *_judge_scale(run), *_judge_track(run), *_judge_whole_map(run)]
     if not run.checks:
         others = [replace(f, status=VerdictStatus.NOT_JUDGED) if f.status is VerdictStatus.WARN else f for f in others]
     return verdict_of([*_judge_passes(run), *seen, *others])  # psi across passes sees a torn map: it leads
@@ -115,27 +127,24 @@ def _warn_of_stretches(what: str, spans: Sequence[tuple[float, float]]) -> list[
         spans: their first and last times [s], in order.
     """
     groups: list[list[tuple[float, float]]] = []
-    for begin, end in spans:
-        if groups and begin - groups[-1][-1][1] < _NEAR_S:
-            groups[-1].append((begin, end))
+    for span in spans:
+        if groups and span[0] - groups[-1][-1][1] < _NEAR_S:
+            groups[-1].append(span)
         else:
-            groups.append([(begin, end)])
-    return [_describe_stretches(what, group) for group in groups]
-
-
-def _describe_stretches(what: str, group: Sequence[tuple[float, float]]) -> str:
-    """Returns when something happened, in words."""
-    place = f"from {group[0][0]:.1f} s to {group[-1][1]:.1f} s"
-    if len(group) == 1:
-        return f"{what} {place}"
-    lasted_s = sum(end - begin for begin, end in group)
-    return f"{what} in {len(group)} stretches {place}, {lasted_s:.1f} s in all"
+            groups.append([span])
+    warnings = []
+    for group in groups:
+        place = f"from {group[0][0]:.1f} s to {group[-1][1]:.1f} s"
+        lasted_s = sum(end - begin for begin, end in group)
+        several = f"in {len(group)} stretches {place}, {lasted_s:.1f} s in all"
+        warnings.append(f"{what} {place if len(group) == 1 else several}")
+    return warnings
 
 
 def _judge_track(run: Run) -> list[Finding]:
     """Returns what the scans that were read and tracked say about the map."""
-    measurements = run.measurements
-    lost, degenerate = _count_status(measurements, Status.LOST), _count_status(measurements, Status.DEGENERATE)
+    statuses = [m.status for m in run.measurements]
+    lost, degenerate = (Share(statuses.count(status), len(statuses)) for status in (Status.LOST, Status.DEGENERATE))
     findings = [Finding(VerdictStatus.PASS, "no scan lost track")]
     if lost.count:
         grave = lost.is_above(_LOST_FAIL)
@@ -152,9 +161,8 @@ def _judge_track(run: Run) -> list[Finding]:
 
 def _judge_passes(run: Run) -> list[Finding]:
     """Returns what optimisation made of psi across passes; nothing where psi cannot tell."""
-    if not _can_compare(run):
-        return []
-    return _compare_psi("psi per point across passes", run.refined.psi_before, run.refined.psi_across)
+    compared = _compare_psi(run, run.refined.psi_before, run.refined.psi_across)
+    return [Finding(status, f"psi per point across passes {told}") for status, told in compared]
 
 
 def _judge_whole_map(run: Run) -> list[Finding]:
@@ -168,49 +176,30 @@ def _judge_whole_map(run: Run) -> list[Finding]:
     if run.checks and run.map_optimised.matched_share == 0.0:
         reason = "no point of the map was seen by two of its scans, so that nothing shows how good it is"
         return [Finding(VerdictStatus.NOT_JUDGED, reason)]
-    if not _can_compare(run):
-        return []
-    before, after = run.map_odometry.psi_per_point, run.map_optimised.psi_per_point
-    findings = _compare_psi("psi per point", before, after)
-    if run.refined.psi_across is not None:  # the returns of two passes are neighbours only once the passes meet
-        findings = [replace(finding, status=VerdictStatus.PASS) for finding in findings]
-        told = "the returns of other passes count in it once the passes meet, so that psi across passes decides"
-        return [replace(finding, reason=f"{finding.reason}: {told}") for finding in findings]
-    return [replace(finding, reason=f"{finding.reason}: {_explain_psi(finding)}") for finding in findings]
+    findings = []
+    for status, told in _compare_psi(run, run.map_odometry.psi_per_point, run.map_optimised.psi_per_point):
+        takes = f"which takes more than {_WORSE:g} times"
+        meaning = f"it blurred the map, {takes}"
+        if run.refined.psi_across is not None:  # the returns of two passes are neighbours only once the passes meet
+            status = VerdictStatus.PASS
+            meaning = "the returns of other passes count in it once the passes meet, so that psi across passes decides"
+        elif status is VerdictStatus.PASS:
+            meaning = f"it did not blur the map, {takes}, but drift hardly shows in this number"
+        findings.append(Finding(status, f"psi per point {told}: {meaning}"))
+    return findings
 
 
-def _can_compare(run: Run) -> bool:
-    """Returns whether optimisation had something to do, and psi can tell what it made of the map."""
-    if run.unoptimised is not None or not (run.odometry_factors or run.loops):
-        return False
-    return bool(run.checks) and bool(run.map_optimised.matched_share)
+def _compare_psi(run: Run, before: float | None, after: float | None) -> list[tuple[VerdictStatus, str]]:
+    """Returns whether psi per point became larger by optimisation, and by how much.
 
-
-def _compare_psi(what: str, before: float | None, after: float | None) -> list[Finding]:
-    """Returns whether psi became larger by optimisation; nothing where it is not known or was zero.
-
-    Args:
-        what: names the psi that is compared.
-        before: psi per point before optimisation, or None.
-        after: psi per point after it, or None.
+    Nothing is returned where psi is not known or was zero, where optimisation had nothing to do, and where psi cannot tell.
     """
-    if before is None or after is None or before <= 0.0:
+    is_optimised = run.unoptimised is None and bool(run.odometry_factors or run.loops)
+    if not (is_optimised and run.checks and run.map_optimised.matched_share) or after is None or not before or before < 0.0:
         return []
     ratio = after / before
     status = VerdictStatus.FAIL if ratio > _WORSE else VerdictStatus.PASS
-    return [Finding(status, f"{what} is {ratio:.2f} times that of the map before optimisation")]
-
-
-def _explain_psi(finding: Finding) -> str:
-    """Returns what psi per point over neighbours in time, which hardly sees drift, says about a map, in words."""
-    if finding.status is VerdictStatus.PASS:
-        return f"it did not blur the map, which takes more than {_WORSE:g} times, but drift hardly shows in this number"
-    return f"it blurred the map, which takes more than {_WORSE:g} times"
-
-
-def _count_status(measurements: Sequence[Measurement], status: Status) -> Share:
-    """Returns how many of the measurements have a status."""
-    return Share(sum(m.status is status for m in measurements), len(measurements))
+    return [(status, f"is {ratio:.2f} times that of the map before optimisation")]
 
 
 def _warn_of_gaps(gaps: list[tuple[int, float]], longest_coast_s: float) -> list[str]:
@@ -220,15 +209,76 @@ def _warn_of_gaps(gaps: list[tuple[int, float]], longest_coast_s: float) -> list
         gaps: number of the scan before each gap, and what is missing [s].
         longest_coast_s: longest gap that the tracker bridges [s].
     """
-    warnings = [_describe_gap(scan, missing_s, longest_coast_s) for scan, missing_s in gaps[:_LISTED]]
+    warnings = []
+    for scan, missing_s in gaps[:_LISTED]:
+        where = f"of {missing_s:.2f} s after scan {scan} (counted from 0)"
+        if missing_s < longest_coast_s:
+            warnings.append(f"radar gap {where}")
+        else:
+            guess = "the poses beyond it are a guess unless a loop closure ties them"
+            warnings.append(f"jump of the clock or pause {where}: {guess}")
     if len(gaps) > _LISTED:
         missing_s = sum(missing for _, missing in gaps)
         warnings.append(f"{len(gaps) - _LISTED} more radar gaps; {missing_s:.2f} s are missing in all")
     return warnings
 
 
-def _describe_gap(scan: int, missing_s: float, longest_coast_s: float) -> str:
-    where = f"of {missing_s:.2f} s after scan {scan} (counted from 0)"
-    if missing_s < longest_coast_s:
-        return f"radar gap {where}"
-    return f"jump of the clock or pause {where}: the poses beyond it are a guess unless a loop closure ties them"
+def _judge_scale(run: Run) -> list[Finding]:
+    """Returns that odometry or fixes contradict the trajectory's scale; nothing where they do not, or there are too few."""
+    reasons, ratio, fixes = [], measure_ratio(run), run.sensors.fixes
+    stretch = None if fixes is None else fixes.stretch
+    if ratio is not None and _is_wrong(ratio):
+        unit = next(
+            (f", as if its speeds were in {unit}" for unit, size in _UNITS.items() if abs(ratio / size - 1.0) < _SAME_UNIT),
+            "",
+        )
+        remedy = f"or range bins {1.0 / ratio:.3g} times as long would fit: {Remedy.GIVE_RANGE_RESOLUTION}"
+        if _shows_scale(fixes) and not (stretch and _is_wrong(stretch)):
+            remedy = "mend odometry's speeds, since GNSS agrees with the radar"
+        reasons.append(f"the trajectory is {ratio:.3g} times as fast as odometry: odometry's scale is wrong{unit}, {remedy}")
+    if stretch is not None and _is_wrong(stretch):
+        reasons.append(
+            f"GNSS fixes lie {stretch:.3g} times as far apart as the trajectory has them: range bins "
+            f"{stretch:.3g} times as long would fit: {Remedy.GIVE_RANGE_RESOLUTION}"
+        )
+    return [Finding(VerdictStatus.WARN, reason) for reason in reasons]
+
+
+def _shows_scale(fixes: FixUse | None) -> bool:
+    """Returns whether fixes show the scale: they are used, or contradict it."""
+    return fixes is not None and (fixes.edges is not None or fixes.stretch is not None)
+
+
+def _is_wrong(ratio: float) -> bool:
+    """Returns whether a ratio of two scales is too far from 1."""
+    return not 1.0 / (1.0 + _WRONG_SCALE) <= ratio <= 1.0 + _WRONG_SCALE
+
+
+def list_unknown_scale(run: Run, recording: Recording) -> list[str]:
+    """Returns on what the scale of the map rests, where nothing is held against it: psi is the same for a scaled copy."""
+    if measure_ratio(run) is not None or _shows_scale(run.sensors.fixes):
+        return []
+    known = "assumed" if recording.is_resolution_assumed else "stated"
+    length = f"range bins of {recording.range_resolution:.4g} m, as is {known}"
+    return [f"the scale of the map rests on {length}: neither odometry nor GNSS is held against it"]
+
+
+def measure_ratio(run: Run) -> float | None:
+    """Returns how many times as fast as odometry the trajectory is; None where the run has no odometry, or hardly moves."""
+    if not run.odometry_factors:
+        return None
+    stamps = run.optimised.stamps_us
+    ends = np.searchsorted(stamps, stamps + _SPAN_US)
+    begins = np.flatnonzero(ends < len(stamps))
+    speeds = [_find_speeds(track, begins, ends[begins]) for track in (run.optimised, run.odometry)]
+    fast = np.maximum(*speeds) > LEAST_SPEED
+    if np.count_nonzero(fast) < FEWEST_STEPS:
+        return None
+    own, given = (float(np.median(speed[fast])) for speed in speeds)
+    return own / given if min(own, given) > 0.0 else None
+
+
+def _find_speeds(track: Trajectory, begins: NDArray[np.int64], ends: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Returns the mean speeds (N,) [m/s] between scans, along the straight line."""
+    moved = track.poses[ends, :2] - track.poses[begins, :2]
+    return np.asarray(np.hypot(moved[:, 0], moved[:, 1]) / ((track.stamps_us[ends] - track.stamps_us[begins]) * 1e-6))

@@ -7,13 +7,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mqslam.errors import Remedy, ViewerError
 from mqslam.execution.extras import describe_missing
-from mqslam.viewer.colours import GROUND, LOOPS, TRAJECTORY, colour_over_span
-from mqslam.viewer.display import has_display
-from mqslam.viewer.finished_run import RunScene
+from mqslam.viewer.scene import GROUND, LOOPS, TRAJECTORY, RunScene, colour_over_span, has_display, lift
 
 KEYS = {"psi": "P", "intensity": "I", "time": "T"}
 _FRAME_S = 0.02  # time between two frames
@@ -60,7 +57,7 @@ def open_window(scene: RunScene, colour: str) -> Any:
     shown = o3d.visualization.VisualizerWithKeyCallback()
     if not shown.create_window(f"mqslam {scene.name}", 1280, 900):
         raise ViewerError("Open3D cannot open a window on this display", Remedy.OPEN_MAP_ELSEWHERE)
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(_lift(scene.points, 0.0)))
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(lift(scene.points)))
     for geometry in (*_make_lines(scene), cloud):  # the view is fitted to the last one
         shown.add_geometry(geometry)
 
@@ -85,7 +82,7 @@ def _make_lines(scene: RunScene) -> list[Any]:
     """Returns the trajectory and the loop closures as lines."""
     import open3d as o3d
 
-    poses = o3d.utility.Vector3dVector(_lift(scene.trajectory.poses[:, :2], _ABOVE_M))
+    poses = o3d.utility.Vector3dVector(lift(scene.trajectory.poses[:, :2], _ABOVE_M))
     steps = np.setdiff1d(np.arange(len(scene.trajectory) - 1), scene.starts - 1)  # no line leads to another recording
     shown = []
     for ends, colour in ((np.column_stack([steps, steps + 1]), TRAJECTORY), (scene.loops, LOOPS)):
@@ -94,8 +91,3 @@ def _make_lines(scene: RunScene) -> list[Any]:
             lines.paint_uniform_color(np.array(colour) / 255.0)
             shown.append(lines)
     return shown
-
-
-def _lift(points: NDArray[np.float64], z: float) -> NDArray[np.float64]:
-    """Returns points (N, 3) at height z [m] of points (N, 2) [m]."""
-    return np.column_stack([points, np.full(len(points), z)])

@@ -17,9 +17,7 @@ from mqslam.core.scans import Scan
 from mqslam.errors import Remedy, ViewerError
 from mqslam.execution.extras import describe_missing
 from mqslam.execution.files import write_aside
-from mqslam.viewer.colours import GROUND, LOOPS, TRAJECTORY, colour_between, colour_over_span
-from mqslam.viewer.display import has_display
-from mqslam.viewer.finished_run import RunScene
+from mqslam.viewer.scene import GROUND, LOOPS, TRAJECTORY, RunScene, colour_between, colour_over_span, has_display, lift
 
 TIMELINE = "time"
 _POINT_M = 0.15  # radius of a point
@@ -60,7 +58,7 @@ class RerunLog:
         if self._last is not None:
             self._recording.log("trajectory", _make_lines(np.array([[self._last[:2], pose[:2]]]), TRAJECTORY))
         if len(points):
-            self._recording.log("map", rr.Points3D(_lift(points), colors=colours, radii=_POINT_M))
+            self._recording.log("map", rr.Points3D(lift(points), colors=colours, radii=_POINT_M))
         self._last = pose
 
     def add_scene(self, scene: RunScene, colour: str) -> None:
@@ -168,9 +166,4 @@ def _make_lines(segments: NDArray[np.float64], colour: tuple[int, int, int]) -> 
     """Returns lines of segments (L, 2, 2) [m]."""
     import rerun as rr
 
-    return rr.LineStrips3D([_lift(segment) for segment in segments], colors=[colour], radii=_LINE_M)
-
-
-def _lift(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns points (N, 3) at height zero of points (N, 2) [m]."""
-    return np.column_stack([points, np.zeros(len(points))])
+    return rr.LineStrips3D([lift(segment) for segment in segments], colors=[colour], radii=_LINE_M)

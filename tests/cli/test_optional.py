@@ -23,9 +23,9 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.execution.checkpoint import FOLDER, hash_run
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import write_tum
-from mqslam.report.batch_page import write_batch_pages
+from mqslam.report.batch_page import write_batch_page
 from mqslam.results.batch_results import Order, RunOutcome, summarise, write_batch
-from mqslam.results.summary_files import add_warnings
+from mqslam.results.files import add_warnings
 from mqslam.simulator import SensorModel, simulate
 
 ESSENTIAL = {"trajectory.tum", "odometry.tum", "measurements.csv", "config.yaml", "summary.json", "run.log"}
@@ -73,7 +73,7 @@ def assert_said(shown: Result, out: Path, *warnings: str) -> None:
 def test_files_that_cannot_be_made_cost_no_other(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("write_covariances", "format_g2o", "write_ply", "write_nav2_map"):
         monkeypatch.setattr(f"mqslam.results.run_results.{name}", failing(MemoryError()))
-    monkeypatch.setattr("mqslam.report.run_page.write_report", failing(MemoryError()))
+    monkeypatch.setattr("mqslam.report.page._environment", failing(MemoryError()))
     shown = run(drive, tmp_path / "out")
     assert shown.code == 0
     assert {path.name for path in (tmp_path / "out").iterdir()} == ESSENTIAL | {"ground_truth.tum", "keyframes"}
@@ -124,11 +124,11 @@ def test_covariances_that_cannot_be_had_are_a_warning(drive: Path, tmp_path: Pat
     failure = "MemoryError: Unable to allocate 40 GiB"
     monkeypatch.setattr("mqslam.backend.elimination.eliminate", failing(MemoryError("Unable to allocate 40 GiB")))
 
-    def write_indices(path: Path, report: Any) -> list[str]:
-        path.write_text(str(report.covariances))
+    def write_indices(folder: Path, result: Any, *_: Any) -> list[str]:
+        (folder / "report.html").write_text(str(result.covariances))
         return []
 
-    monkeypatch.setattr("mqslam.report.run_page.write_report", write_indices)
+    monkeypatch.setattr("mqslam.commands.run.write_run_page", write_indices)
     shown = run(drive, tmp_path / "out")
     assert shown.code == 0
     said = f"the covariances of the poses are not known ({failure}): the results and the report go without them"
@@ -141,7 +141,7 @@ def test_a_graph_that_cannot_be_optimised_leaves_the_front_ends_motions(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("mqslam.backend.pose_graph.gtsam.LevenbergMarquardtOptimizer", failing(RuntimeError("no luck")))
-    monkeypatch.setattr("mqslam.report.run_page.write_report", lambda *_: [])
+    monkeypatch.setattr("mqslam.commands.run.write_run_page", lambda *_: [])
     shown = run(drive, tmp_path / "out")
     assert shown.code == 0
     said = "the pose graph could not be optimised (RuntimeError: no luck): its starting values are kept"
@@ -219,7 +219,7 @@ def test_one_scan_has_a_pose_and_no_verdict(drive: Path, tmp_path: Path, monkeyp
     """With a front end that minds no more than ours do about a single scan, and with wheels."""
     load = frontend.load
     monkeypatch.setattr(frontend, "load", lambda name: Broken if name == "psi" else load(name))
-    monkeypatch.setattr("mqslam.report.run_page.write_report", lambda *_: [])
+    monkeypatch.setattr("mqslam.commands.run.write_run_page", lambda *_: [])
     one = tmp_path / "one"
     shutil.copytree(drive, one)
     for image in sorted((one / "radar").glob("*.png"))[1:]:
@@ -236,8 +236,8 @@ def test_one_scan_has_a_pose_and_no_verdict(drive: Path, tmp_path: Path, monkeyp
 def test_an_audit_keeps_its_numbers_without_pictures_and_report(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in ("draw_heat_map", "write_audit_report"):
-        monkeypatch.setattr(f"mqslam.report.audit_page.{name}", failing(ValueError("by nothing")))
+    for name in ("audit_page.write_bytes", "page._environment"):
+        monkeypatch.setattr(f"mqslam.report.{name}", failing(ValueError("by nothing")))
     shown = mqslam("audit", drive, "--trajectory", "ground_truth", "--out", tmp_path / "out", "--fail-on", "fail")
     assert shown.code == 3 and shown.out.startswith("verdict       not judged: 0 of 4 windows are torn, too few to judge")
     names = "config.yaml run.log audit.csv steps.csv spans.csv revisits.csv bad_places.csv bad_places.geojson audit.json"
@@ -268,8 +268,8 @@ def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monk
         return evaluate(*arguments) if len(calls) > 1 else failing(np.linalg.LinAlgError("Singular matrix"))()
 
     monkeypatch.setattr(judge, "audit", once)
-    for name in ("draw_overlay", "write_compare_report"):
-        monkeypatch.setattr(f"mqslam.report.compare_page.{name}", failing(ValueError("by nothing")))
+    for name in ("compare_page.write_bytes", "page._environment"):
+        monkeypatch.setattr(f"mqslam.report.{name}", failing(ValueError("by nothing")))
     given = ("--frontends", "odometry", "--odometry-only", "--trajectory", f"first={drive / 'gt' / 'poses_tum.txt'}")
     shown = mqslam("compare", drive, "--out", tmp_path / "out", *given)
     assert shown.code == 0
@@ -294,7 +294,7 @@ def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(tmp_path: Pa
     track = Trajectory(np.arange(5), np.arange(15.0).reshape(5, 3))
     write_tum(tmp_path / "kept" / "trajectory.tum", track)
     write_batch(tmp_path, summary)
-    add_warnings(tmp_path / "batch.json", summary, write_batch_pages(tmp_path, "runs", summary, "runs: []"))
+    add_warnings(tmp_path / "batch.json", summary, write_batch_page(tmp_path, "runs", summary, "runs: []"))
     written = summary_of(tmp_path, "batch.json")
     assert written["counts"] == {"pass": 0, "warn": 0, "fail": 0, "not judged": 2, "failed": 0}
     assert written["runs"][0]["psi_per_point"] is None
@@ -302,7 +302,7 @@ def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(tmp_path: Pa
     page = (tmp_path / "report.html").read_text()
     assert page.count('<span class="badge none">not judged</span>') == 2 and page.count("data:image/png") == 1
     assert "0 · 0 · 0 · 2" in page and "pass · warn · fail · not judged" in page
-    monkeypatch.setattr("mqslam.report.batch_page.write_batch_report", failing(ValueError("by nothing")))
-    add_warnings(tmp_path / "batch.json", summary, write_batch_pages(tmp_path, "runs", summary, "runs: []"))
+    monkeypatch.setattr("mqslam.report.page._environment", failing(ValueError("by nothing")))
+    add_warnings(tmp_path / "batch.json", summary, write_batch_page(tmp_path, "runs", summary, "runs: []"))
     said = "report.html could not be made (ValueError: by nothing); the other results are whole"
     assert summary_of(tmp_path, "batch.json")["warnings"][-1] == said

@@ -11,7 +11,7 @@ import pytest
 from mqslam.cli.terminal import Terminal, echo, format_verdict
 from mqslam.errors import DataError, Remedy, show, show_lines
 from mqslam.execution.files import to_json, write_text
-from mqslam.results.run_log import format_log
+from mqslam.results.files import format_log
 
 HOSTILE = "/gps\x1b]0;PWNED\x07\x9b31m\r\u202egnp.\u2066\u200b\x7f[red]x[/blue]\ud800\nmqslam: all is well"
 SHOWN = r"/gps\x1b]0;PWNED\x07\x9b31m\r\u202egnp.\u2066\u200b\x7f[red]x[/blue]\ud800\nmqslam: all is well"

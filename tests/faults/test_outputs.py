@@ -127,7 +127,7 @@ def test_a_figure_or_a_report_that_cannot_be_made(drive: Path, tmp_path: Path, m
     def fail(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("mqslam.report.run_page.write_report", fail)
+    monkeypatch.setattr("mqslam.report.page._environment", fail)
     shown = run_quickly(drive, tmp_path / "out")
     assert shown.code == 0
     assert "warning: report.html could not be made (MemoryError); the other results are whole" in shown.err

@@ -23,7 +23,7 @@ from mqslam.execution.local_engine import LocalEngine
 from mqslam.formats.maps.keyframe_folder import read_keyframes
 from mqslam.formats.tum import read_tum
 from mqslam.merging import changes
-from mqslam.results.maps import merge_results
+from mqslam.results import merge_results
 from mqslam.simulator import make_street_scene
 from mqslam.simulator.parts import make_box
 

@@ -17,8 +17,15 @@ from mqslam.config import Config
 from mqslam.core.measurement import Measurement, Refined, Status
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
-from mqslam.results.run_scale import list_unknown_scale, measure_ratio
-from mqslam.results.run_verdict import _warn_of_gaps, _warn_of_stretches, find_stops, judge_run, list_warnings
+from mqslam.results.run_verdict import (
+    _warn_of_gaps,
+    _warn_of_stretches,
+    find_stops,
+    judge_run,
+    list_unknown_scale,
+    list_warnings,
+    measure_ratio,
+)
 
 PASS, WARN, FAIL, NOT_JUDGED = VerdictStatus
 
@@ -90,12 +97,6 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others)
         (run(240, degenerate=60), WARN, "60 of 239 scans do not observe every direction of motion"),
         (run(240, degenerate=10), PASS, "no scan lost track"),
         (run(240, unread={7: None, 8: None}), WARN, "2 of 240 polar scans could not be read"),
-        (run(240, after=0.6), FAIL, "psi per point is 1.20 times that of the map before optimisation"),
-        (
-            run(240, refined=Refined([], [], 0.9, 0.6, 0.45)),
-            PASS,
-            "psi per point across passes is 0.50 times that of the map",
-        ),
         (
             run(240, refined=Refined([], [], 0.5, 0.6, 0.6)),
             FAIL,
@@ -125,19 +126,27 @@ def test_the_verdict_of_a_run_needs_evidence(found, status, reason):
     assert any(said.startswith(reason) for said in reasons), reasons
 
 
-def test_psi_across_passes_leads_the_reasons_where_places_were_passed_twice() -> None:
-    _, reasons = judge_run(run(240, refined=Refined([], [], 0.9, 0.6, 0.45)))
-    assert reasons[0] == "psi per point across passes is 0.50 times that of the map before optimisation"
-    assert not any("across" in reason for reason in judge_run(run(240))[1])
-
-
-def test_psi_per_point_says_that_it_hardly_sees_drift() -> None:
-    def say(after: float) -> str:
-        return next(reason for reason in judge_run(run(240, after=after))[1] if reason.startswith("psi per point is"))
-
-    assert say(0.505).startswith("psi per point is 1.01 times that of the map before optimisation: it did not blur the map")
-    assert say(0.505).endswith("takes more than 1.1 times, but drift hardly shows in this number")
-    assert say(0.6).endswith("it blurred the map, which takes more than 1.1 times")
+@pytest.mark.parametrize(
+    ("after", "across", "status", "ratio", "meaning"),
+    [
+        (
+            0.505,
+            None,
+            PASS,
+            "1.01",
+            "it did not blur the map, which takes more than 1.1 times, but drift hardly shows in this",
+        ),
+        (0.6, None, FAIL, "1.20", "it blurred the map, which takes more than 1.1 times"),
+        (0.6, 0.45, PASS, "1.20", "the returns of other passes count in it once the passes meet"),
+    ],
+)
+def test_psi_per_point_says_that_it_hardly_sees_drift_and_psi_across_passes_leads(after, across, status, ratio, meaning):
+    refined = Refined([], []) if across is None else Refined([], [], 0.9, 0.6, across)
+    judged, reasons = judge_run(run(240, after=after, refined=refined))
+    said = f"psi per point is {ratio} times that of the map before optimisation: {meaning}"
+    assert judged is status and any(reason.startswith(said) for reason in reasons)
+    leads = "psi per point across passes is 0.50 times that of the map before optimisation"
+    assert (reasons[0] == leads) is any("across passes is" in reason for reason in reasons) is (across is not None)
 
 
 def test_stretches_that_are_near_each_other_are_one_warning() -> None:
@@ -233,11 +242,6 @@ def test_on_what_the_scale_rests_is_said_where_nothing_is_held_against_it() -> N
     assert "range bins of 0.0438 m, as is assumed: neither" in list_unknown_scale(alone, ASSUMED)[0]
     assert "range bins of 0.0438 m, as is stated: neither" in list_unknown_scale(alone, stated)[0]
     assert list_unknown_scale(beside, stated) == list_unknown_scale(beside, ASSUMED) == []
-
-
-def test_a_whole_map_that_only_seems_blurred_where_passes_meet_is_judged_by_psi_across_them() -> None:
-    status, reasons = judge_run(run(240, after=0.6, refined=Refined([], [], 0.9, 0.6, 0.45)))
-    assert status is PASS and any("psi per point is 1.20 times" in reason for reason in reasons)
 
 
 def test_odometry_that_stands_or_is_short_shows_no_scale() -> None:

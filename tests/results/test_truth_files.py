@@ -16,7 +16,7 @@ from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.evaluation import evaluate
 from mqslam.formats.tum import read_tum, write_tum
-from mqslam.results.truth_files import name_evo_command, write_truth
+from mqslam.results.files import name_evo_command, write_truth
 
 START_US = 1_560_000_000_000_000
 

@@ -17,9 +17,8 @@ import json, sys
 from pathlib import Path
 import numpy as np
 import open3d as o3d
-from mqslam.viewer.colours import LOOPS, TRAJECTORY, colour_over_span
 from mqslam.viewer.open3d_window import open_window
-from mqslam.viewer.finished_run import read_scene
+from mqslam.viewer.scene import LOOPS, TRAJECTORY, colour_over_span, read_scene
 
 pressed = {}
 

@@ -11,9 +11,8 @@ from support.commands import mqslam
 
 from mqslam.errors import ViewerError
 from mqslam.formats.tum import read_tum
-from mqslam.viewer.colours import colour_over_span
-from mqslam.viewer.finished_run import read_scene
 from mqslam.viewer.rerun_log import record, stream
+from mqslam.viewer.scene import colour_over_span, read_scene
 
 chunks = pytest.importorskip("rerun.chunk", reason="Rerun is not installed: it is in the extra view")
 

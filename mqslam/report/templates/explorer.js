@@ -1,5 +1,5 @@
 // The interactive part of a report: a map that pans and zooms, curves over time, and the place that was clicked.
-// What it shows stands as JSON in #scene, see scene_data.py; without WebGL or in print the pictures of the page remain.
+// What it shows stands as JSON in #scene, see explorer.py; without WebGL or in print the pictures of the page remain.
 "use strict";
 (() => {
   if (!document.createElement("canvas").getContext("webgl")) return;

@@ -1,0 +1,396 @@
+"""The canvas of all figures: dark ink on a transparent ground, the same bytes for the same data."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core.statistics import pick_evenly
+from mqslam.core.stored import release
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as MplFigure
+    from matplotlib.patheffects import AbstractPathEffect
+
+Points: TypeAlias = NDArray[np.float64]
+
+# the looks of the figures; no result depends on them
+INK = "#1c2430"
+BLUE, ORANGE, GREEN, RED, VIOLET, PURPLE = "#1d5fd1", "#d9620d", "#16803c", "#c81e1e", "#7a3db8", "#a8327e"
+GREY, TRUTH_GREY = "#7b8594", "#9aa3af"
+OUTERMOST = 0.005  # share of a map's points that may lie beyond each edge of its picture
+MAP_SHAPE, PATH_SHAPE, SQUARE = (0.5, 1.3), (1.0, 1.2), (1.0, 1.0)  # least and greatest height of a picture, per width
+DPI = 200  # pixels per inch
+_SOFT = "#8a94a3"
+_WIDTH_IN, _SMALL_IN = 6.4, 2.6  # width of a figure and of a small one
+_LEFT_IN, _RIGHT_IN, _BOTTOM_IN, _TOP_IN = 0.78, 0.12, 0.48, 0.12  # margins around the axes
+_ENOUGH = 300_000  # points that are looked at at a time, and of which the edges of a view are taken
+_FAINTEST = 0.35  # opacity of a pixel with a single point
+_LINE_IN, _LETTER_IN, _KEY_IN, _ACROSS_IN = 0.19, 0.075, 0.5, 5.7  # of a legend: line, letter, sample of a line, width
+_MOST = 1200  # points of a line in a chart that are drawn: more cannot be told apart
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A rectangle of the world [m] that several figures share."""
+
+    x0: float
+    x1: float
+    y0: float
+    y1: float
+
+    def contains(self, points: Points) -> NDArray[np.bool_]:
+        """Returns which of the points (N, 2) [m] it shows."""
+        x, y = points.T
+        return np.asarray((x >= self.x0) & (x <= self.x1) & (y >= self.y0) & (y <= self.y1))
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A line or dots in a chart or on a map.
+
+    Args:
+        name: name in the legend; empty for none.
+        colour: its colour.
+        points: (N, 2) x and y; a row of NaN interrupts a line.
+        style: matplotlib's style of a line, marker of dots, or `-o` and `--o` for lines with dots.
+        width: width of the line, or size of the dots [points].
+        alpha: its opacity.
+        beside: whether it belongs to the axis on the right of a chart.
+        shown: whether an explorer shows it at first.
+    """
+
+    name: str
+    colour: str
+    points: Points
+    style: Any = "-"
+    width: float = 1.4
+    alpha: float = 1.0
+    beside: bool = False
+    shown: bool = True
+
+    @property
+    def is_dots(self) -> bool:
+        """Whether it is dots rather than a line."""
+        return self.style in ("o", "^", "s", "x", ".", "|")
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """Curves that share an axis, over time or distance.
+
+    Args:
+        title: title of the axis, with its unit.
+        curves: the curves.
+        levels: name, value and colour of lines across the chart.
+        log: names of the logarithmic axes: x, y, and beside for the one on the right.
+        x_title: title of the x axis.
+        beside: title of the axis on the right; empty without one.
+        top: upper end of the axis; None takes that of the values.
+    """
+
+    title: str
+    curves: tuple[Curve, ...]
+    levels: tuple[tuple[str, float, str], ...] = ()
+    log: Collection[str] = ()
+    x_title: str = "time [s]"
+    beside: str = ""
+    top: float | None = None
+
+
+class Drawing(NamedTuple):
+    """Maps, as points (N, 2) [m] with the colour of their ink, and curves over them."""
+
+    maps: Sequence[tuple[Points, str]] = ()
+    curves: Sequence[Curve] = ()
+
+
+def over(x: Any, y: Any) -> Points:
+    """Returns the points (N, 2) of a curve of values (N,) over x (N,)."""
+    return np.column_stack([x, y]).astype(np.float64).reshape(-1, 2)
+
+
+def join_lines(lines: Sequence[Points]) -> Points:
+    """Returns lines (N_k, 2) as one array, with a row of NaN after each."""
+    gap = np.full((1, 2), np.nan)
+    return np.concatenate([part for one in lines for part in (one, gap)]) if lines else np.empty((0, 2))
+
+
+def mix_shades(count: int) -> tuple[str, ...]:
+    """Returns the colours of groups in the order of time: the first blue, the last orange."""
+    ends = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in (BLUE, ORANGE)])
+    mixed = [(1.0 - share) * ends[0] + share * ends[1] for share in np.linspace(0.0, 1.0, count)]
+    return tuple("#" + "".join(f"{round(part):02x}" for part in colour) for colour in mixed)
+
+
+def find_common_view(positions: Sequence[Points], shape: tuple[float, float], left_out: float = 0.0) -> View:
+    """Returns the rectangle around all positions.
+
+    Args:
+        positions: arrays (N, 2) [m], one of them not empty.
+        shape: least and greatest height of the rectangle per width; it is enlarged to meet them.
+        left_out: share of the positions that may lie beyond each side, so that a few stray ones do not shrink the rest.
+    """
+    filled = [p[pick_evenly(len(p), _ENOUGH)] for p in positions if len(p)]
+    release(*positions)
+    lows = np.array([np.nanquantile(p, left_out, axis=0) for p in filled]).min(axis=0)
+    highs = np.array([np.nanquantile(p, 1.0 - left_out, axis=0) for p in filled]).max(axis=0)
+    width, height = np.maximum(1.06 * (highs - lows), 1.0)
+    half = 0.5 * np.array([max(width, height / shape[1]), max(height, width * shape[0])])
+    (x0, y0), (x1, y1) = (0.5 * (lows + highs) - half).tolist(), (0.5 * (lows + highs) + half).tolist()
+    return View(x0, x1, y0, y1)
+
+
+def draw_world(
+    drawings: Sequence[Drawing],
+    shape: tuple[float, float] = MAP_SHAPE,
+    *,
+    view: View | None = None,
+    is_small: bool = False,
+    opaque: bool = False,
+) -> list[bytes]:
+    """Draws maps and paths from above as PNG files, all with one extent, one scale and one shade of ink per count of points.
+
+    Args:
+        drawings: what each of the pictures shows.
+        shape: least and greatest height of a picture per width.
+        view: the part of the world that is shown; None takes all that is drawn.
+        is_small: whether the pictures are small squares without ticks.
+        opaque: whether they are drawn on white, to be looked at by themselves, rather than on a transparent ground.
+    """
+    if view is None:
+        maps = [points for drawing in drawings for points, _ in drawing.maps]
+        drawn = [*maps, *(curve.points for drawing in drawings for curve in drawing.curves)]
+        view = find_common_view(drawn or [np.zeros((1, 2))], shape, OUTERMOST if maps else 0.0)
+    names = [curve.name for curve in drawings[0].curves if curve.name]
+    made = [_make_small(view) if is_small else make_world(view, _measure_legend(names)[1]) for _ in drawings]
+    lay_ink(view, [(axes, *one) for (_, axes), drawing in zip(made, drawings, strict=True) for one in drawing.maps])
+    pictures = []
+    for (figure, axes), drawing in zip(made, drawings, strict=True):
+        for curve in drawing.curves:
+            _plot(axes, curve)
+        _put_legend(axes, names)
+        pictures.append(encode_png(figure, opaque))
+    return pictures
+
+
+def draw_chart(chart: Chart) -> bytes:
+    """Draws a chart as an SVG element, with a legend above it."""
+    names = [name for name in (*(curve.name for curve in chart.curves), *(level[0] for level in chart.levels)) if name]
+    above_in = _measure_legend(names)[1]
+    figure, axes = _make_axes(3.0 + above_in, above_in)
+    axes.set(xlabel=chart.x_title, ylabel=chart.title)
+    sides = {"y": axes}
+    if chart.beside:
+        sides["beside"] = beside = axes.twinx()
+        beside.spines[["top", "left", "bottom"]].set_visible(False)
+        beside.tick_params(colors=INK, labelsize=10)
+        beside.set_ylabel(chart.beside, color=INK, fontsize=10)
+        box = axes.get_position()
+        for side in sides.values():
+            side.set_position((box.x0, box.y0, box.width - 0.09, box.height))
+    for name in chart.log:
+        _use_plain_log(sides.get(name, axes), "x" if name == "x" else "y")
+    for curve in chart.curves:
+        points = curve.points if curve.is_dots else curve.points[pick_evenly(len(curve.points), _MOST)]
+        _plot(sides["beside" if curve.beside else "y"], curve, points)
+    for name, value, colour in chart.levels:
+        axes.axhline(value, color=colour, linewidth=1.2, linestyle="--" if colour == INK else "-", label=name)
+    for name, side in sides.items():
+        drawn = [curve.points[:, 1] for curve in chart.curves if curve.beside == (name == "beside")]
+        if name not in chart.log and np.nanmin(np.concatenate(drawn or [np.zeros(1)]), initial=0.0) >= 0.0:
+            side.set_ylim(bottom=0.0, top=chart.top)
+    _put_legend(axes, names, [handle for side in sides.values() for handle in side.get_legend_handles_labels()[0]])
+    return _encode_svg(figure)
+
+
+def make_world(view: View, above_in: float = 0.0) -> tuple[MplFigure, Axes]:
+    """Returns an empty figure of the world from above, x to the right, one metre as long along x as along y.
+
+    Args:
+        view: the part of the world it shows.
+        above_in: room left above the axes [inch].
+    """
+    inner = _WIDTH_IN - _LEFT_IN - _RIGHT_IN
+    height = inner * (view.y1 - view.y0) / (view.x1 - view.x0)
+    figure, axes = _make_axes(height + _BOTTOM_IN + _TOP_IN + above_in, above_in)
+    axes.set(xlabel="x [m]", ylabel="y [m]", xlim=(view.x0, view.x1), ylim=(view.y0, view.y1))
+    return figure, axes
+
+
+def _make_small(view: View) -> tuple[MplFigure, Axes]:
+    """Returns a small figure of a square of the world with a bar for scale; without ticks the square fills the picture."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(_SMALL_IN, _SMALL_IN), dpi=DPI)
+    axes = figure.add_axes((0.005, 0.005, 0.99, 0.99))
+    axes.set(xlim=(view.x0, view.x1), ylim=(view.y0, view.y1), xticks=[], yticks=[])
+    axes.spines[:].set_color(_SOFT)
+    side = view.x1 - view.x0
+    length = max(n * 10.0**k for k in range(-2, 4) for n in (1, 2, 5) if n * 10.0**k <= 0.3 * side)
+    x, y = view.x0 + 0.04 * side, view.y0 + 0.05 * side
+    axes.plot([x, x + length], [y, y], color=INK, linewidth=2.5, solid_capstyle="butt", zorder=5)
+    text = axes.text(x, y + 0.015 * side, f"{length:g} m", color=INK, fontsize=10, va="bottom", zorder=5)
+    text.set_path_effects(make_halo())
+    return figure, axes
+
+
+def _make_axes(height_in: float, above_in: float) -> tuple[MplFigure, Axes]:
+    """Returns an empty figure with axes and a grid."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(_WIDTH_IN, height_in), dpi=DPI)
+    left, bottom, top = _LEFT_IN / _WIDTH_IN, _BOTTOM_IN / height_in, (_TOP_IN + above_in) / height_in
+    axes = figure.add_axes((left, bottom, 1 - left - _RIGHT_IN / _WIDTH_IN, 1 - bottom - top))
+    axes.grid(color=INK, alpha=0.12, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color(_SOFT)
+    axes.tick_params(colors=INK, labelsize=10, color=_SOFT)
+    axes.xaxis.label.set(color=INK, fontsize=10)
+    axes.yaxis.label.set(color=INK, fontsize=10)
+    return figure, axes
+
+
+def make_halo(width: float = 2.5) -> list[AbstractPathEffect]:
+    """Returns a white edge for text or lines, so that they stand out from what they lie on."""
+    from matplotlib.patheffects import withStroke
+
+    return [withStroke(linewidth=width, foreground="white")]
+
+
+def _plot(axes: Axes, curve: Curve, points: Points | None = None) -> None:
+    """Draws a curve, or some of its points (N, 2)."""
+    look: dict[str, Any] = {"linestyle": curve.style, "linewidth": curve.width, "solid_joinstyle": "round"}
+    if curve.is_dots:
+        look = {"linestyle": "", "marker": curve.style, "markersize": curve.width, "clip_on": curve.style != "|"}
+        look |= {"fillstyle": "none"} if curve.style == "s" else {} if curve.style in "x|" else {"markeredgewidth": 0}
+    elif curve.style in ("-o", "--o"):
+        look |= {"linestyle": curve.style[:-1], "marker": "o", "markersize": 4}
+    name = (" " if curve.name.startswith("_") else "") + curve.name.replace("$", r"\$")  # a legend shows it as it is
+    x, y = (curve.points if points is None else points).T
+    axes.plot(x, y, color=curve.colour, alpha=curve.alpha, label=name or None, **look)
+
+
+def _measure_legend(names: Sequence[str]) -> tuple[int, float]:
+    """Returns the number of columns and the height [inch] of a legend of these names."""
+    longest = max((len(name) for name in names), default=1)
+    columns = int(np.clip(_ACROSS_IN / (_KEY_IN + _LETTER_IN * longest), 1, 4))
+    return columns, _LINE_IN * -(-len(names) // columns) + 0.1 if names else 0.0
+
+
+def _put_legend(axes: Axes, names: Sequence[str], handles: Sequence[Any] | None = None) -> None:
+    """Puts a tight legend of these names into the room above the axes."""
+    if not names:
+        return
+    tight: dict[str, Any] = {
+        "handletextpad": 0.4,
+        "columnspacing": 1.2,
+        "handlelength": 1.9,
+        "borderaxespad": 0.2,
+        "fontsize": 9,
+    }
+    columns = _measure_legend(names)[0]
+    shown = axes.get_legend_handles_labels()[0] if handles is None else handles
+    axes.legend(handles=shown, frameon=False, loc="lower left", bbox_to_anchor=(-0.08, 1.0), ncols=columns, **tight)
+
+
+def _use_plain_log(axes: Axes, which: str) -> None:
+    """Makes an axis logarithmic, with plain numbers at 1, 2 and 5, or at powers of ten where the span is wide."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axes.set(**{f"{which}scale": "log"})
+    axis = axes.xaxis if which == "x" else axes.yaxis
+
+    def plain(value: float, _: int | None) -> str:
+        low, high = sorted(axis.get_view_interval())
+        first = f"{value:e}"[0]
+        return f"{value:g}" if first == "1" or (high < 100.0 * low and first in "25") else ""
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=40))
+    axis.set_major_formatter(FuncFormatter(plain))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def lay_ink(view: View, maps: Sequence[tuple[Axes, Points, str]]) -> None:
+    """Draws maps as ink: opacity grows with the logarithm of the points per pixel, alike in all maps; one point is visible.
+
+    Args:
+        view: the part of the world that all axes show.
+        maps: axes to draw on, points (N, 2) [m] and colour of each map; all axes are of one size.
+    """
+    from matplotlib.colors import to_rgb
+
+    if not maps:
+        return
+    figure = maps[0][0].get_figure(root=True)
+    assert figure is not None
+    columns = round(maps[0][0].get_position().width * figure.get_figwidth() * DPI)
+    counts = [_count_pixels(points, view, columns) for _, points, _ in maps]
+    seen = np.concatenate([count[count > 0] for count in counts])
+    well_seen = float(np.percentile(seen, 99.5)) if len(seen) else 1.0
+    for (axes, _, colour), count in zip(maps, counts, strict=True):
+        share = np.log1p(count) / np.log1p(max(well_seen, 2.0))
+        opacity = np.where(count > 0, np.clip(_FAINTEST + (1.0 - _FAINTEST) * share, 0.0, 1.0), 0.0)
+        image = np.empty((*count.shape, 4), dtype=np.uint8)
+        image[..., :3] = np.round(255.0 * np.array(to_rgb(colour)))
+        image[..., 3] = np.round(255.0 * opacity)
+        extent = (view.x0, view.x1, view.y0, view.y1)
+        axes.imshow(image, extent=extent, origin="lower", interpolation="nearest", aspect="auto")
+
+
+def _count_pixels(points: Points, view: View, columns: int) -> NDArray[np.int64]:
+    """Counts points (N, 2) [m] per square pixel: (rows, columns), row 0 at the lowest y."""
+    side = (view.x1 - view.x0) / columns
+    rows = max(round((view.y1 - view.y0) / side), 1)
+    counts = np.zeros(rows * columns, dtype=np.int64)
+    for begin in range(0, len(points), _ENOUGH):
+        column, row = np.floor((points[begin : begin + _ENOUGH] - [view.x0, view.y0]) / side).astype(np.int64).T
+        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        counts += np.bincount(row[inside] * columns + column[inside], minlength=rows * columns)
+        release(points)
+    return counts.reshape(rows, columns)
+
+
+def encode_png(figure: MplFigure, opaque: bool = False) -> bytes:
+    """Returns a figure as a PNG file: transparent for a page, or on white to be looked at by itself."""
+    file = io.BytesIO()
+    ground = "white" if opaque else "none"
+    figure.savefig(file, format="png", dpi=DPI, transparent=not opaque, facecolor=ground, metadata={"Software": None})
+    return file.getvalue()
+
+
+_SVG: Final = b"<svg"
+_NOT_SHOWN: Final = re.compile(  # what a page does without, or what would act on all of it
+    r'<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->| xmlns(?::\w+)?="[^"]*"| version="[^"]*"', re.DOTALL
+)
+_NAMED_GROUP: Final = re.compile(r'<g id="[^"]*">')  # the names repeat from chart to chart, and nothing refers to them
+_SIZE: Final = re.compile(r'(<svg[^>]*?) (?:width|height)="[^"]*"')
+_FONT: Final = re.compile(r"(font(?:-family)?: [^';\"]*)'[^;\"]*")
+
+
+def _encode_svg(figure: MplFigure) -> bytes:
+    """Returns a figure as an SVG element that stands in a page, where its words can be searched, copied and read aloud."""
+    import matplotlib as mpl
+
+    file = io.BytesIO()
+    # words stay words, and the names of parts depend on nothing but what the parts show
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "mqslam"}):
+        figure.savefig(file, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    text = file.getvalue().decode("utf-8")
+    text = _NOT_SHOWN.sub("", text[text.index(_SVG.decode()) :])
+    text = _SIZE.sub(r"\1", _SIZE.sub(r"\1", text, count=1), count=1)
+    text = _FONT.sub(r"\1sans-serif", _NAMED_GROUP.sub("<g>", text))
+    return re.sub(r"\s*\n\s*", "\n", text).strip().encode("utf-8")
+
+
+def is_svg(picture: bytes) -> bool:
+    """Returns whether a picture is an SVG element rather than a PNG file."""
+    return picture.startswith(_SVG)

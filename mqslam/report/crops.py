@@ -1,0 +1,111 @@
+"""Crops of a map before and after a correction, close enough to see what the correction mends."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+from scipy.spatial import cKDTree
+
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.windows.inflation import centre_window, twist_points
+from mqslam.core import se2
+from mqslam.report.canvas import SQUARE, Curve, Drawing, Points, View, draw_world, find_common_view, mix_shades
+from mqslam.report.spots import Spot
+
+# how a crop is placed in its picture; nothing but the picture depends on these
+_REACH_M = 80.0  # farther points are not looked at
+_CLOSE_M, _FAR_M = 12.0, 80.0  # shortest and longest side of a crop
+_SIDE = 40.0  # side of a crop per length by which the place is off
+_LEAST = 0.02  # weight of a point that the correction moves no closer: it decides only where there are no others
+_CELLS = 4  # cells along the side of a crop when its place is looked for
+
+Crop: TypeAlias = tuple[list[Points], list[Points]]
+"""A place before and after its correction: (M, 2) [m] per pass or sweep, the earliest first, in the sensor's frame there."""
+
+
+def make_crop(sweeps: Sweeps, spot: Spot) -> Crop:
+    """Returns one place, where its correction shows the most.
+
+    Args:
+        sweeps: what was judged.
+        spot: the place.
+    """
+    before, after = _bend(sweeps, spot) if len(spot.stretches) == 1 else _move(sweeps, spot)
+    half = len(before) // 2
+    (a0, b0), (a1, b1) = ((np.concatenate(p[:half]), np.concatenate(p[half:])) for p in (before, after))
+    near = np.abs(b1).max(axis=1, initial=0.0) <= _REACH_M
+    most = max(2.0 * spot.off_m, 0.2)
+    gained = np.full(np.count_nonzero(near), _LEAST * most)
+    if len(a0):
+        gained += measure_distances(b0[near], a0, most) - measure_distances(b1[near], a1, most)
+    view = find_heaviest_square(b1[near], gained, float(np.clip(_SIDE * spot.off_m, _CLOSE_M, _FAR_M)))
+    return [p[view.contains(p)] for p in before], [p[view.contains(p)] for p in after]
+
+
+def draw_crop(crop: Crop) -> list[bytes]:
+    """Draws a crop before and after, on one extent; the earliest pass or sweep is blue, the last one orange."""
+    shown = [points for points in (*crop[0], *crop[1]) if len(points)]
+    half = 0.5 * _CLOSE_M
+    view = find_common_view(shown, SQUARE) if shown else View(-half, half, -half, half)
+    return draw_dots(view, [list(zip(passes, mix_shades(len(passes)), strict=True)) for passes in crop])
+
+
+def draw_dots(view: View, pictures: Sequence[Sequence[tuple[Points, str]]]) -> list[bytes]:
+    """Draws groups of points (M, 2) [m], each in its colour, as small pictures of one square.
+
+    Args:
+        view: the square.
+        pictures: groups of each picture.
+    """
+    drawings = []
+    for groups in pictures:
+        strengths = 0.4 + 0.4 * np.abs(np.linspace(-1.0, 1.0, len(groups)))  # the first and the last are the farthest apart
+        drawn = zip(groups, strengths.tolist(), strict=True)
+        drawings.append(Drawing((), [Curve("", colour, points, ".", 3.5, alpha) for (points, colour), alpha in drawn]))
+    return draw_world(drawings, view=view, is_small=True)
+
+
+def find_heaviest_square(points: Points, weights: NDArray[np.float64], side: float) -> View:
+    """Returns the square whose points weigh the most together.
+
+    Args:
+        points: (N, 2) [m].
+        weights: (N,) weight of each point.
+        side: side of the square [m].
+    """
+    if not len(points):
+        return View(-0.5 * side, 0.5 * side, -0.5 * side, 0.5 * side)
+    cell = side / _CELLS
+    low = np.floor(points.min(axis=0) / cell).astype(np.int64)
+    column, row = (np.floor(points / cell).astype(np.int64) - low).T
+    shape = (int(column.max()) + 1, int(row.max()) + 1)
+    sums = np.bincount(column * shape[1] + row, weights=weights, minlength=shape[0] * shape[1]).reshape(shape)
+    together = uniform_filter(np.pad(sums, _CELLS), size=_CELLS, mode="constant")
+    at = np.array(np.unravel_index(np.argmax(together), together.shape)) - _CELLS + low  # the square's middle
+    x, y = (at * cell).tolist()
+    return View(x - 0.5 * side, x + 0.5 * side, y - 0.5 * side, y + 0.5 * side)
+
+
+def measure_distances(points: Points, others: Points, most: float) -> NDArray[np.float64]:
+    """Returns the distance from each of the points (N, 2) to the nearest of others (M, 2), cut off at `most` [m]."""
+    distances, _ = cKDTree(others).query(points, distance_upper_bound=most)
+    return np.asarray(np.minimum(distances, most))
+
+
+def _bend(sweeps: Sweeps, spot: Spot) -> Crop:
+    """Returns a window's points (M, 2), sweep by sweep, as they are and corrected."""
+    begin, end = spot.stretches[0][0], spot.stretches[0][-1] + 1
+    points, into = centre_window(sweeps, begin, end)
+    mended = twist_points(points, into, spot.correction / (end - begin)).points
+    cuts = sweeps.begins[begin + 1 : end] - sweeps.begins[begin]
+    return np.split(points.points, cuts), np.split(mended, cuts)
+
+
+def _move(sweeps: Sweeps, spot: Spot) -> Crop:
+    """Returns the points (M, 2) of two stretches in the frame of the later one, as they are and with the later one moved."""
+    earlier, later = (sweeps.local(part, spot.pose).points for part in spot.stretches)
+    return [earlier, later], [earlier, se2.transform(spot.correction, later)]

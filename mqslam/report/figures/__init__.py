@@ -1,1 +1,0 @@
-"""The figures of all pages, and what they are drawn on."""

@@ -1,1 +1,0 @@
-"""What the pages are made from: a run, an audit and a comparison as their pages show them."""

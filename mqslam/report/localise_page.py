@@ -1,0 +1,120 @@
+"""The page of a localisation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from mqslam.config import Config, dump_yaml
+from mqslam.core.keyframes import KeyframeMap
+from mqslam.localisation.localise import Localised
+from mqslam.localisation.registering import PlaceStatus
+from mqslam.mapping.keyframing import render_keyframes
+from mqslam.report.canvas import BLUE, INK, ORANGE, RED, VIOLET, Chart, Curve, Drawing, draw_chart, draw_world, over
+from mqslam.report.page import Figure, Page, Section, Table
+from mqslam.report.words import format_matched, format_value
+
+_STATUSES: Final = {  # colour and mark on the map, and meaning
+    PlaceStatus.CONVERGED: (BLUE, "o", "the scan lies on the map"),
+    PlaceStatus.DEGENERATE: (ORANGE, "s", "the map does not show one direction; along it the motion counts"),
+    PlaceStatus.LOST: (RED, "^", "too little of the scan lies on the map; the pose is a prediction"),
+    PlaceStatus.OUTSIDE: (VIOLET, "x", "the map has nothing there; the pose is a prediction"),
+}
+
+
+def write_localise_page(
+    folder: Path, localised: Localised, made: KeyframeMap, config: Config, summary: Mapping[str, Any]
+) -> list[str]:
+    """Writes the page of a localisation, which opens without a network, into an existing folder.
+
+    Args:
+        folder: the folder.
+        localised: where the scans lie.
+        made: the map.
+        config: all settings.
+        summary: content of summary.json.
+
+    Returns:
+        what could not be made, and why; the page says it too.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    dataset = summary["dataset"]
+    title = f"Localisation of {Path(dataset['path']).name} in {Path(summary['map']['path']).name}"
+    share = f"{format_matched(float(summary['share_on_map']))} of {format_value(dataset['scans'])} scans"
+    page = Page(title, summary, dump_yaml(config), conclusion=f"{share} lie on the map.")
+    page.add("the first numbers", lambda: _make_tiles(summary))
+    page.add("the picture of the map", lambda: _show_map(made, localised))
+    page.add("the charts along the path", lambda: _show_path(localised))
+    page.add("the table of the scans", lambda: _tabulate_statuses(summary))
+    return page.write(folder)
+
+
+def _make_tiles(summary: Mapping[str, Any]) -> Section:
+    sigma, errors = summary["median_sigma"], summary["evaluation"]
+    tiles = [
+        (format_matched(summary["share_on_map"]), "of all scans on the map"),
+        (format_value(1e3 * sigma["along_m"], " mm"), "along the heading against the map around (median of one sigma)"),
+        (format_value(1e3 * sigma["across_m"], " mm"), "across it"),
+        (format_value(math.degrees(sigma["yaw_rad"]), "°"), "heading"),
+        (format_matched(summary["matched"]), "of the returns on the map"),
+        (format_value(summary["psi_per_point"]), "ψ per point on the map"),
+    ]
+    if errors is not None:
+        tiles.append((format_value(errors["ate_rmse_m"], " m"), "ATE of all scans, after alignment"))
+    return Section("", tiles=tiles)
+
+
+def _show_map(made: KeyframeMap, localised: Localised) -> Section:
+    """Returns the map, and the scans that were found in it by their status."""
+    curves = []
+    for status, (colour, mark, _) in _STATUSES.items():
+        chosen = [one is status for one in localised.statuses]
+        if any(chosen):
+            curves.append(Curve(status.value, colour, localised.poses[chosen, :2], mark, 3.0))
+    (picture,) = draw_world([Drawing([(render_keyframes(made.keyframes).points, INK)], curves)])
+    return Section(
+        "Map", figures=[Figure(picture, "Scans in the map", "the map in grey, and on it the scans by their status")]
+    )
+
+
+def _show_path(localised: Localised) -> Section:
+    """Returns how sure each pose is, and what share of each scan's returns lies on the map, over time."""
+    seconds = 1e-6 * (localised.stamps_us - localised.stamps_us[0])
+    sigmas = np.sqrt(np.einsum("nii->ni", localised.covariances))
+    curves = []
+    for column, (name, colour) in enumerate((("along", BLUE), ("across", ORANGE))):
+        for chosen, style, label in ((localised.on_map, "-", name), (~localised.on_map, ":", "")):
+            values = np.where(chosen, sigmas[:, column], np.nan)
+            curves.append(Curve(label, colour, over(seconds, values), style, 1.0))
+    is_mixed = bool(localised.on_map.any() and not localised.on_map.all())  # predictions err by metres, poses by millimetres
+    caption = (
+        "against the map around each pose, in its own frame; how far the map is bent over kilometres is not in it; "
+        "dotted where the pose is a prediction"
+    )
+    overlap = Curve("", BLUE, over(seconds, 100.0 * localised.matched), width=1.0)
+    return Section(
+        "Along the recording",
+        figures=[
+            Figure(
+                draw_chart(Chart("standard deviation [m]", tuple(curves), log=("y",) if is_mixed else ())),
+                "How sure the poses are",
+                caption,
+            ),
+            Figure(
+                draw_chart(Chart("matched share [%]", (overlap,), top=100.0)),
+                "Overlap",
+                "share of each scan's returns that lie on the map",
+            ),
+        ],
+    )
+
+
+def _tabulate_statuses(summary: Mapping[str, Any]) -> Section:
+    rows = [(name, format_value(count), _STATUSES[PlaceStatus(name)][2]) for name, count in summary["scans"].items()]
+    return Section("Scans", table=Table(("status", "scans", "meaning"), rows, holds_words=True))

@@ -1,1 +1,0 @@
-"""Pages of commands that take maps which runs have left."""

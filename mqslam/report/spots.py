@@ -1,0 +1,288 @@
+"""The places of an audited map that are torn or could not be judged, in words and as files, and what would correct them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Final
+
+from mqslam.auditing.judge import Audit
+from mqslam.auditing.laying import Laid
+from mqslam.auditing.revisits import Revisit, pick_passes
+from mqslam.auditing.spans.measured import pick_ends
+from mqslam.auditing.spans.torn import SpanAudit
+from mqslam.auditing.steps import pick_sides
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.windows.windows import WindowAudit
+from mqslam.config import AuditConfig
+from mqslam.core import se2
+from mqslam.core.wording import count_of
+from mqslam.execution.files import write_json, write_text
+from mqslam.report.words import ABSENT, describe_motion, describe_place, format_length, format_three_digits
+from mqslam.results.files import format_csv, format_numbers
+
+BAD_PLACES: Final = ("bad_places.csv", "bad_places.geojson")
+_WORST: Final = 10  # places that a page shows
+_SPREAD_M: Final = 50.0  # path between two places of one kind on a page, so that one bad stretch does not fill it
+_MOST: Final = 8  # stretches of one kind that a page names; the files hold all
+_COLUMNS: Final = (
+    *("kind", "torn", "t0", "t1", "x", "y", "yaw", "off_m", "dx", "dy", "dyaw"),
+    *("inflation", "verdict", "description"),
+)
+_FRAME: Final = "x and y [m] in the frame of the trajectory that was audited, not degrees on the Earth"
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """A window, or a torn jump, span or revisit, as a page shows it.
+
+    Args:
+        kind: what it is.
+        time: when it was, in words.
+        t0, t1: begin and end of a window, or what was seen earlier and later [s] since the recording's start.
+        pose: (3,) of the sensor at the window's middle, or at what was seen later, world frame.
+        sweep: number of the sweep at that pose.
+        stretches: numbers of the sweeps of a window, or of those that were earlier and of those that were later.
+        off_m: how far the correction moves a window's points or those after a jump (root mean square), or the later pose,
+            in metres.
+        correction: (3,) in the frame of the pose [m, m, rad].
+        inflation: the correction in units of its covariance, squared; None for a jump, which is judged against other steps.
+        torn: whether it counts as torn.
+        text: size and direction of the correction, in words.
+        undecided: why nothing could be decided about it, or None.
+    """
+
+    kind: str
+    time: str
+    t0: float
+    t1: float
+    pose: se2.Array
+    sweep: int
+    stretches: tuple[Sequence[int], ...]
+    off_m: float
+    correction: se2.Array
+    inflation: float | None
+    torn: bool
+    text: str
+    undecided: str | None = None
+
+    @property
+    def title(self) -> str:
+        """What, when and where it is."""
+        return f"{self.kind} {self.time} at {describe_place(self.pose)}"
+
+    @property
+    def verdict(self) -> str:
+        """Whether it is torn, or why that is not known."""
+        if self.undecided is not None:
+            return f"undecided: {self.undecided}"
+        return "torn" if self.torn else "not torn"
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Kind, time, place, size and direction of the correction, inflation and verdict, as text."""
+        inflation = ABSENT if self.inflation is None else format_three_digits(self.inflation)
+        correction = format_length(self.off_m), describe_motion(self.correction)
+        return (self.kind, self.time, describe_place(self.pose), *correction, inflation, self.verdict)
+
+
+def find_worst_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig, count: int = _WORST) -> list[Spot]:
+    """Returns the torn places that are off the most, then the windows of the largest inflation, well apart.
+
+    Args:
+        sweeps: what was judged.
+        audit: its judgement.
+        settings: of the audit.
+        count: how many places at most.
+    """
+    spots = [*spots_of_torn_pairs(sweeps, audit, settings), *map(spot_of_window, audit.windows)]
+    chosen: list[Spot] = []
+    for spot in sorted(spots, key=rank_spot, reverse=True):
+        if len(chosen) < count and all(_are_apart(sweeps, spot, other) for other in chosen):
+            chosen.append(spot)
+    return chosen
+
+
+def rank_spot(spot: Spot) -> tuple[bool, float]:
+    """Ranks torn places by how far they are off, and the others by inflation, because directions may be unobserved."""
+    return spot.torn, spot.off_m if spot.torn or spot.inflation is None else spot.inflation
+
+
+def spot_of_window(window: WindowAudit) -> Spot:
+    """Returns a window as a spot."""
+    bend = window.bend
+    motion, size = describe_motion(bend.correction), format_length(bend.size_m)
+    known = "" if window.torn else ", not torn" if window.undecided is None else f", undecided: {window.undecided}"
+    return Spot(
+        kind="window",
+        time=f"{window.t0:.1f} s to {window.t1:.1f} s",
+        t0=window.t0,
+        t1=window.t1,
+        pose=window.pose,
+        sweep=(window.begin + window.end) // 2,
+        stretches=(range(window.begin, window.end),),
+        off_m=bend.size_m,
+        correction=bend.correction,
+        inflation=bend.inflation,
+        torn=window.torn,
+        text=f"Best with the window's end moved {motion} against its begin, which moves its points by {size}. "
+        f"Inflation {format_three_digits(bend.inflation)}{known}.",
+        undecided=window.undecided,
+    )
+
+
+def spots_of_torn_pairs(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[Spot]:
+    """Returns the jumps, the torn spans and the torn revisits as spots.
+
+    Args:
+        sweeps: what was judged.
+        audit: its judgement.
+        settings: of the audit.
+    """
+    jumps = [_spot_of_jump(sweeps, jump.laid) for jump in audit.jumps]
+    spans = [_spot_of_span(sweeps, span) for span in audit.spans if span.torn]
+    return jumps + spans + [_spot_of_revisit(sweeps, r.revisit, settings) for r in audit.revisits if r.torn]
+
+
+def _spot_of_jump(sweeps: Sweeps, laid: Laid) -> Spot:
+    motion, size = describe_motion(laid.offset), format_length(laid.size_m)
+    text = f"What was seen after it fits where it is moved {motion}, which moves its points by {size}"
+    pair = laid.earlier, laid.later
+    return _spot_of_pair(sweeps, "jump", pair, pick_sides(laid.later), (laid.size_m, laid.offset, None), text, laid.matched)
+
+
+def _spot_of_span(sweeps: Sweeps, span: SpanAudit) -> Spot:
+    pair = span.laid.earlier, span.laid.later
+    inflation = float(se2.normalise(span.offset[None], span.covariance[None])[0])
+    off = span.distance_m, span.offset, inflation
+    return _spot_of_pair(
+        sweeps, "span", pair, pick_ends(pair), off, _describe_fit("The end of the span", off), span.laid.matched
+    )
+
+
+def _spot_of_revisit(sweeps: Sweeps, revisit: Revisit, settings: AuditConfig) -> Spot:
+    pair = revisit.earlier, revisit.later
+    off = revisit.distance_m, revisit.offset, revisit.inflation
+    passes = pick_passes(sweeps, *pair, settings)
+    return _spot_of_pair(sweeps, "revisit", pair, passes, off, _describe_fit("The later pass", off), revisit.matched)
+
+
+def _describe_fit(what: str, off: tuple[float, se2.Array, float]) -> str:
+    """Returns in words where the later of two stretches fits."""
+    return f"{what} fits {format_length(off[0])} from where the trajectory has it, moved {describe_motion(off[1])}"
+
+
+def _spot_of_pair(
+    sweeps: Sweeps,
+    kind: str,
+    pair: tuple[int, int],
+    stretches: tuple[Sequence[int], Sequence[int]],
+    off: tuple[float, se2.Array, float | None],
+    text: str,
+    matched: float,
+) -> Spot:
+    """Returns a torn pair of stretches as a spot.
+
+    Args:
+        sweeps: what was judged.
+        kind: what the pair is.
+        pair: the sweeps in whose frames the stretches lie.
+        stretches: numbers of their sweeps.
+        off: how far the later one is off [m], its correction (3,), and the inflation of that, if it has one.
+        text: where the later one fits.
+        matched: share of its points that then lie on the earlier one.
+    """
+    t0, t1 = sweeps.times[list(pair)].tolist()
+    time = {"jump": f"at {t1:.1f} s", "span": f"{t0:.1f} s to {t1:.1f} s", "revisit": f"{t0:.1f} s and {t1:.1f} s"}[kind]
+    fit = f"{text}; {100.0 * matched:.0f} % of its points then lie on what was seen before."
+    last = "" if off[2] is None else f" Inflation {format_three_digits(off[2])}."
+    return Spot(kind, time, t0, t1, sweeps.poses[pair[1]], pair[1], stretches, *off, True, fit + last)
+
+
+def _are_apart(sweeps: Sweeps, a: Spot, b: Spot) -> bool:
+    """Returns whether a page may show both places."""
+    if a.kind != b.kind:
+        return True
+    if a.kind == "window" and a.stretches[0][0] <= b.stretches[0][-1] + 1 and b.stretches[0][0] <= a.stretches[0][-1] + 1:
+        return False
+    return bool(abs(sweeps.travelled[a.sweep] - sweeps.travelled[b.sweep]) > _SPREAD_M)
+
+
+def list_unmatched(sweeps: Sweeps, audit: Audit) -> list[tuple[str, ...]]:
+    """Returns the stretches of windows, steps and revisits of which nothing could be decided.
+
+    Args:
+        sweeps: what was judged.
+        audit: its judgement.
+
+    Returns:
+        what could not be judged with how many of them, when and where it is, why it was not, and where to look for it.
+    """
+    unfit, unsure = (
+        "the scans before and after it fit no single place",
+        "its two passes are not sure to fit at one place alone",
+    )
+    judged: dict[
+        tuple[str, str], list[tuple[str | None, float, float, se2.Array]]
+    ] = {  # of each: why nothing was decided, if so, begin and end [s], and pose
+        ("window", "audit.csv"): [(w.undecided, w.t0, w.t1, w.pose) for w in audit.windows],
+        ("step", "steps.csv"): [
+            (None if step.judged else unfit, step.t, step.t, sweeps.poses[step.laid.later]) for step in audit.steps
+        ],
+        ("revisit", "revisits.csv"): [
+            (None if r.sure else unsure, *sweeps.times[[r.earlier, r.later]].tolist(), sweeps.poses[r.later])
+            for r in (found.revisit for found in audit.revisits)
+        ],
+    }
+    rows: list[tuple[str, ...]] = []
+    for (noun, name), items in judged.items():
+        look = f"{name}, rows whose torn is unknown"
+        groups = [list(group) for why, group in groupby(items, key=lambda item: item[0]) if why is not None]
+        longest = sorted(range(len(groups)), key=lambda k: -len(groups[k]))[:_MOST]
+        for k in sorted(longest):
+            (why, begin, _, _), (_, _, end, _) = groups[k][0], groups[k][-1]
+            time = f"at {begin:.1f} s" if begin == end else f"{begin:.1f} s to {end:.1f} s"
+            where = describe_place(groups[k][len(groups[k]) // 2][3])
+            rows.append((count_of(len(groups[k]), noun), time, where, str(why), look))
+        left = sum(len(group) for k, group in enumerate(groups) if k not in longest)
+        if left:
+            rows.append((f"{count_of(left, noun)} more", "", "", "as above", look))
+    return rows
+
+
+def list_bad_places(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[Spot]:
+    """Returns all that is torn and all windows of which nothing could be decided, in the order of time.
+
+    Args:
+        sweeps: what was judged.
+        audit: its judgement.
+        settings: of the audit.
+    """
+    windows = [spot_of_window(window) for window in audit.windows if window.torn or window.undecided is not None]
+    return sorted([*windows, *spots_of_torn_pairs(sweeps, audit, settings)], key=lambda spot: (spot.t1, spot.kind))
+
+
+def write_bad_places(folder: Path, spots: Sequence[Spot]) -> None:
+    """Writes bad places as CSV and as GeoJSON into an existing folder; without any, the files hold none.
+
+    Args:
+        folder: the folder.
+        spots: the places; the files have lengths in metres, angles in radians, times in seconds since the recording began.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    rows = []
+    for spot in spots:
+        torn = str(spot.torn) if spot.undecided is None else "unknown"
+        numbers = (spot.t0, spot.t1, *spot.pose.tolist(), spot.off_m, *spot.correction.tolist(), spot.inflation)
+        rows.append(dict(zip(_COLUMNS, (spot.kind, torn, *numbers, spot.verdict, spot.text), strict=True)))
+    write_text(folder / BAD_PLACES[0], format_csv(map(format_numbers, rows), _COLUMNS))
+    features: list[dict[str, Any]] = [
+        {"type": "Feature", "geometry": {"type": "Point", "coordinates": [row["x"], row["y"]]}, "properties": row}
+        for row in rows
+    ]
+    content = {"type": "FeatureCollection", "name": "bad places", "frame": _FRAME, "features": features}
+    write_json(folder / BAD_PLACES[1], content)

@@ -1,0 +1,169 @@
+"""Numbers, lengths and motions as the pages write them, and the labels and units of the values of a summary."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core.wording import left_or_right
+
+ABSENT: Final = "–"
+NOT_JUDGED: Final = "not judged"
+_SMALLEST_M, _SMALLEST_RAD = 5e-4, 1e-4  # smaller parts of a motion would be written as zero and are left out
+_UNITS: Final = {
+    "per_m": " per m",
+    "m": " m",
+    "s": " s",
+    "mb": " MB",
+    "percent": " %",
+}  # by the endings of keys, longest first
+_LABELS: Final = {  # of the values whose keys do not say it well: by group and key, or by key; angles are shown in degrees
+    "yaw_per_m": ("yaw", " rad/m"),
+    "yaw_per_m_sigma": ("yaw, sigma", " rad/m"),
+    "chirps.factors": ("velocities in the graph", ""),
+    "chirps.scale": ("travel by psi per travel by them", ""),
+    "chirps.moved_m": ("move the trajectory by (RMS)", " m"),
+    "chirps.turned_rad": ("turn its end by", " rad"),
+    "bias_forward_mps": ("bias forward", " m/s"),
+    "bias_left_mps": ("bias to the left", " m/s"),
+    "gyroscope.factors": ("turns in the graph", ""),
+    "gyroscope.axis": ("axis that is the radar's vertical", ""),
+    "gyroscope.scale": ("turns of the radar per turn of its own", ""),
+    "sigma_scale": ("± (one sigma)", ""),
+    "gyroscope.late_s": ("its clock is late by", " s"),
+    "sigma_late_s": ("± (one sigma)", " s"),
+    "bias_radps": ("bias", " rad/s"),
+    "white_noise": ("white noise", " rad/s/√Hz"),
+    "bias_walk": ("walk of the bias", " rad/s/√s"),
+    "moved_m": ("moves the trajectory by (RMS)", " m"),
+    "turned_rad": ("turns its end by", " rad"),
+    "gnss.factors": ("fixes in the graph", ""),
+    "gnss.rejected": ("of them rejected as jumps", ""),
+    "white_m": ("white noise", " m"),
+    "walk_m": ("walk of the error", " m/√s"),
+    "antenna_x_m": ("antenna ahead of the radar", " m"),
+    "antenna_y_m": ("antenna to the radar's left", " m"),
+    "sigma_antenna_x_m": ("± ahead (one sigma)", " m"),
+    "sigma_antenna_y_m": ("± to the left (one sigma)", " m"),
+    "mount.x_m": ("ahead", " m"),
+    "mount.y_m": ("to the left", " m"),
+    "mount.yaw_rad": ("turned to the left", " rad"),
+    "sigma_x_m": ("± ahead (one sigma)", " m"),
+    "sigma_y_m": ("± to the left (one sigma)", " m"),
+    "sigma_yaw_rad": ("± turned (one sigma)", " rad"),
+    "length_m": ("length of path", " m"),
+    "factors.loop": ("loop closures", ""),
+    "factors.loop_rejected": ("loop closures rejected", ""),
+    "factors.refinement": ("scans laid into earlier passes", ""),
+    "ate_rmse_m": ("ATE, RMSE", " m"),
+    "drift_deg_per_100m": ("rotation drift", " °/100 m"),
+    "rpe_v_rms": ("speed error, RMS", " m/s"),
+    "rpe_w_rms": ("yaw rate error, RMS", " rad/s"),
+    "rpe_v_bias": ("speed error, mean", " m/s"),
+    "rpe_w_bias": ("yaw rate error, mean", " rad/s"),
+}
+
+
+def list_values(group: str, values: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Returns the values of a part of a summary with their labels; nested parts are left out.
+
+    Args:
+        group: name of the part; its ending gives the unit of keys that say none.
+        values: the part.
+    """
+    return [label_value(key, value, group) for key, value in values.items() if not isinstance(value, Mapping | list | tuple)]
+
+
+def label_value(key: str, value: Any, group: str = "") -> tuple[str, str]:
+    """Returns the label of a value of a summary, and the value as text with its unit.
+
+    Args:
+        key: of the value.
+        value: the value.
+        group: name of the part of the summary that holds it.
+    """
+    ending = next((end for end in _UNITS if key.endswith(f"_{end}")), "")
+    usual = key.removesuffix(f"_{ending}") if ending else key
+    unit = _UNITS.get(ending) or next((unit for end, unit in _UNITS.items() if group.endswith(f"_{end}")), "")
+    label, unit = _LABELS.get(f"{group}.{key}") or _LABELS.get(key) or (usual.replace("_", " "), unit)
+    if unit.startswith(" rad") and isinstance(value, float):
+        value, unit = math.degrees(value), unit.replace(" rad/m", " °/m").replace(" rad", " °")
+    return label, format_value(value, unit)
+
+
+def part_of(summary: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """Returns a part of a summary; an empty one where it is absent or None."""
+    value = summary.get(key)
+    return value if isinstance(value, Mapping) else {}
+
+
+def format_value(value: Any, unit: str = "") -> str:
+    """Returns a value of a summary as text: three significant digits, thousands separated, a dash where there is none."""
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return ABSENT
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return f"{value:,}{unit}"
+    if isinstance(value, float):
+        digits = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+        return f"{digits}{unit}"
+    return f"{value}{unit}"
+
+
+def format_matched(share: Any) -> str:
+    """Returns the matched share, 0..1, of a map's points in percent; a map without any match is not judged by psi.
+
+    The map of a radar that stood still holds one scan only, and no other scan can match it.
+    """
+    return NOT_JUDGED if share == 0.0 else format_value(None if share is None else 100.0 * share, " %")
+
+
+def format_change(before: Any, after: Any) -> str:
+    """Returns by how many percent a value changed; a dash where that is not known."""
+    if before is None or after is None or before == 0:
+        return ABSENT
+    return f"{100.0 * (after - before) / abs(before):+.1f} %".replace("-", "−")
+
+
+def format_length(metres: float) -> str:
+    """Returns a length as text, in millimetres below a decimetre."""
+    return f"{metres:.2f} m" if metres >= 0.1 else f"{1e3 * metres:.0f} mm"
+
+
+def format_p_value(p_value: float | None) -> str:
+    """Returns a p-value as text, as exact as one is; a dash where there is none."""
+    if p_value is None:
+        return ABSENT
+    return "< 0.0001" if p_value < 1e-4 else f"{p_value:.2g}"
+
+
+def format_three_digits(value: float) -> str:
+    """Returns a number as text with three significant digits, thousands separated."""
+    return f"{float(f'{value:.3g}'):,.10g}"
+
+
+def describe_place(position: NDArray[np.float64]) -> str:
+    """Returns a position or pose, of which x and y [m] count, in whole metres."""
+    return f"({round(position[0])}, {round(position[1])}) m".replace("-", "−")
+
+
+def describe_motion(motion: Iterable[float]) -> str:
+    """Returns a planar motion in the words of a driver.
+
+    Args:
+        motion: (3,) x [m] ahead, y [m] to the left, yaw [rad] to the left.
+    """
+    x, y, yaw = motion
+    parts = []
+    if abs(x) >= _SMALLEST_M:
+        parts.append(f"{format_length(abs(x))} {'ahead' if x > 0 else 'back'}")
+    if abs(y) >= _SMALLEST_M:
+        parts.append(f"{format_length(abs(y))} {left_or_right(y)}")
+    if abs(yaw) >= _SMALLEST_RAD:
+        parts.append(f"turned {math.degrees(abs(yaw)):.2g}° {left_or_right(yaw)}")
+    return ", ".join(parts) or "nowhere"

@@ -1,0 +1,136 @@
+"""What the result files of all commands share: CSV, run.log, late warnings, and ground truth for evo."""
+
+from __future__ import annotations
+
+import csv
+import io
+import platform
+import shlex
+import shutil
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import list_judged
+from mqslam.errors import show
+from mqslam.evaluation import pair_poses
+from mqslam.execution.extras import list_versions
+from mqslam.execution.files import write_json
+from mqslam.formats.tum import write_tum
+
+TRUTH: Final = "ground_truth.tum"
+AT_TRUTH: Final = "trajectory_at_truth.tum"
+_EVO: Final = "evo_ape"
+
+
+def format_csv(rows: Iterable[Mapping[str, Any]], columns: Sequence[str] = ()) -> str:
+    """Returns rows under the names of their columns; what a row lacks or does not know is an empty cell.
+
+    Args:
+        rows: to write.
+        columns: their names in order; by default those of the row that has the most, so that without rows there is nothing.
+    """
+    rows = list(rows)
+    names = columns or max((list(row) for row in rows), key=len, default=[])
+    if not names:
+        return ""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, names, lineterminator="\n", restval="")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def format_numbers(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns a row whose numbers have nine significant digits; where `torn` was not decided, it is `unknown`."""
+    cells = {key: f"{value:.9g}" if isinstance(value, float) else value for key, value in row.items()}
+    return cells | ({"torn": "unknown"} if cells.get("torn", "") is None else {})
+
+
+def add_warnings(path: Path, summary: dict[str, Any], warnings: Sequence[str]) -> None:
+    """Adds to a summary that is written already what could not be written after it.
+
+    Args:
+        path: the summary's JSON file.
+        summary: its content, to which the warnings are added.
+        warnings: what could not be written, and why.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    if warnings:
+        summary["warnings"] += warnings
+        write_json(path, summary)
+
+
+def format_log(title: str, lines: Sequence[str]) -> str:
+    """Returns the text of run.log: what made a result, when, by which command, and what was said about it.
+
+    Args:
+        title: what was done to what.
+        lines: what there is to say about it.
+    """
+    origin = (
+        f"finished: {datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC",
+        f"command: {shlex.join(sys.argv)}",
+        f"versions: {', '.join(list_versions())}; {platform.platform()}",
+    )
+    return "\n".join(map(show, (title, *origin, *lines))) + "\n"
+
+
+def list_verdict(summary: Mapping[str, Any]) -> list[str]:
+    """Returns the lines of a log about the verdict of a summary, and about what could not be judged."""
+    verdict, unjudged = summary["verdict"], summary["not_judged"]
+    judged = f"verdict: {verdict['status']}: {'; '.join(list_judged(verdict['reasons'], unjudged))}"
+    return [judged, *(f"not judged: {line}" for line in unjudged)]
+
+
+def list_notes(summary: Mapping[str, Any], notes: Sequence[str] = ()) -> list[str]:
+    """Returns the lines of a log about notes and about the warnings of a summary."""
+    return [*(f"note: {note}" for note in notes), *(f"warning: {warning}" for warning in summary["warnings"])]
+
+
+def list_stages(summary: Mapping[str, Any]) -> list[str]:
+    """Returns a line of a log per stage: how long it took."""
+    return [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
+
+
+def write_truth(folder: Path, estimate: Trajectory, truth: Trajectory | None) -> None:
+    """Writes the poses of the ground truth that a run is evaluated at, in the frame of its trajectory.
+
+    evo pairs poses by their stamps. Where the truth has other stamps than the scans, the trajectory is written again,
+    interpolated at the stamps of the truth as the evaluation does it.
+
+    Args:
+        folder: of the results.
+        estimate: the optimised trajectory.
+        truth: ground truth, or None; nothing is written where the two share fewer than 3 stamps.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    pair = None if truth is None else pair_poses(estimate, truth)
+    if pair is None:
+        return
+    estimated, true = pair
+    write_tum(folder / TRUTH, true)
+    if not np.isin(true.stamps_us, estimate.stamps_us).all():
+        write_tum(folder / AT_TRUTH, estimated)
+
+
+def name_evo_command(folder: Path) -> str:
+    """Returns the command by which evo computes the ATE of the report; empty where a run had no ground truth.
+
+    Where a shell would not find evo, but it is installed beside the Python that runs this, its whole path is named.
+    """
+    if not (folder / TRUTH).is_file():
+        return ""
+    estimate = AT_TRUTH if (folder / AT_TRUTH).is_file() else "trajectory.tum"
+    beside = Path(sys.executable).with_name(_EVO)
+    tool = str(beside) if shutil.which(_EVO) is None and beside.is_file() else _EVO
+    return f"{shlex.quote(tool)} tum {shlex.quote(str(folder / TRUTH))} {shlex.quote(str(folder / estimate))} -a"

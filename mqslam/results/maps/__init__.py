@@ -1,1 +1,0 @@
-"""Results of commands that take maps which runs have left."""

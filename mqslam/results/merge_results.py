@@ -1,0 +1,185 @@
+"""What a merge leaves: its numbers as JSON and CSV, trajectories, map, graph, keyframes and log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from mqslam.config import dump_yaml
+from mqslam.core.measurement import Loop
+from mqslam.core.wording import count_of
+from mqslam.errors import tolerate
+from mqslam.execution.files import write_json, write_text
+from mqslam.formats.graphs.g2o import format_poses_and_edges
+from mqslam.formats.maps.keyframe_folder import FOLDER, write_keyframes
+from mqslam.formats.maps.nav2_map import write_nav2_map
+from mqslam.formats.ply import MapClock, write_ply
+from mqslam.formats.tum import write_tum
+from mqslam.mapping.occupancy_grid import make_occupancy_grid
+from mqslam.merging.changes import SURE_M, Change
+from mqslam.merging.merge import Merged
+from mqslam.merging.sessions import Recognition
+from mqslam.results.files import format_csv, format_log, list_notes, list_stages
+from mqslam.version import __version__
+
+_ALIKE: Final = 0.005  # share of psi by which it may differ and is called the same: a matter of words only
+
+
+def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, Any]:
+    """Returns the content of summary.json."""
+    recordings, links, sureness = merged.kept.keyframes.recordings, merged.links, _summarise_sureness(merged)
+    return {
+        "mqslam_version": __version__,
+        "conclusion": _conclude(merged, sureness),
+        "results": [str(session.folder) for session in merged.sessions],
+        "recordings": [
+            {
+                "path": recording.path,
+                "scans": len(trajectory),
+                "length_m": trajectory.length_m,
+                "duration_s": 1e-6 * (recording.end_us - recording.start_us),
+            }
+            for recording, trajectory in zip(recordings, merged.trajectories, strict=True)
+        ],
+        "recognition": [_describe_recognition(recognition) for recognition in merged.recognitions],
+        "links": {
+            "count": len(links.loops),
+            "compared": links.tried,
+            "ambiguous": links.ambiguous,
+            "implausible": links.implausible,
+            "residual_median": float(np.median(merged.residuals)),
+            "residual_largest": float(merged.residuals.max()),
+        },
+        "sureness": sureness,
+        "psi": {
+            "across_before": float(merged.psi[:, 0].mean()),
+            "across_after": float(merged.psi[:, 1].mean()),
+            "per_point": merged.map.psi_per_point,
+            "matched": merged.map.matched_share,
+        },
+        "changes": [_describe_change(change) for change in merged.changes],
+        "moved_m": list(merged.moved_m),
+        "warnings": list(merged.warnings),
+        "runtime_s": dict(runtime_s),
+    }
+
+
+def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
+    """Returns the sentence that says what the merge has made."""
+    length = sum(trajectory.length_m for trajectory in merged.trajectories)
+    before, after = merged.psi.mean(axis=0).tolist()
+    is_alike = abs(after - before) < _ALIKE * before
+    psi = f"is {after:.3g} per point, as before" if is_alike else f"went from {before:.3g} to {after:.3g} per point"
+    links = count_of(len(merged.links.loops), "link")
+    told = f"{len(merged.trajectories)} recordings with {length / 1000.0:.2f} km of path are one map: {links} between them"
+    if sure["median_m"] is None:
+        return f"{told}, psi across them {psi}"
+    sigmas = f"one sigma, median; {sure['largest_m']:.2g} m at worst"
+    return f"{told}, psi across them {psi}; what both see lies within {sure['median_m']:.2g} m of each other ({sigmas})"
+
+
+def _summarise_sureness(merged: Merged) -> dict[str, float | None]:
+    """Returns how well it is known how the recordings lie to each other, and at which share of keyframes well enough.
+
+    Changes are looked for at these keyframes alone.
+    """
+    apart = merged.sigmas[merged.kept.keyframes.origins != np.arange(len(merged.sigmas))[:, None]]
+    sigmas = apart[np.isfinite(apart)]
+    if not len(sigmas):
+        return {"median_m": None, "largest_m": None, "share_compared": None}
+    compared = float((sigmas <= SURE_M).mean())
+    return {"median_m": float(np.median(sigmas)), "largest_m": float(sigmas.max()), "share_compared": compared}
+
+
+def write_merge(folder: Path, merged: Merged, summary: dict[str, Any]) -> None:
+    """Writes every result file of a merge but its page into an existing folder, the most valuable ones first.
+
+    Map and grid may fail, for want of memory; that is a warning, which is added to those of the summary.
+
+    Args:
+        folder: the folder.
+        merged: the merge.
+        summary: content of summary.json.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    for number, trajectory in enumerate(merged.trajectories, 1):
+        write_tum(folder / f"trajectory_{number}.tum", trajectory)
+    write_keyframes(folder / FOLDER, merged.kept)
+    keys = list(range(merged.values.size()))
+    write_text(folder / "graph.g2o", format_poses_and_edges(merged.graph.factors, merged.values, keys))
+    write_text(folder / "config.yaml", dump_yaml(merged.config))
+    write_text(folder / "links.csv", format_links(merged))
+    columns = list(_describe_change(Change(0, 0, np.zeros(2), np.zeros(2), 0, 0, 0, 0.0)))
+    write_text(folder / "changes.csv", format_csv([_describe_change(change) for change in merged.changes], columns))
+    failures: list[str] = []
+    with tolerate("map.ply", failures):
+        recordings = merged.kept.keyframes.recordings
+        turn_us = round(1e6 * recordings[0].revolution_s)
+        write_ply(folder / "map.ply", merged.map, MapClock(min(recording.start_us for recording in recordings), turn_us))
+    with tolerate("map.pgm", failures):
+        grid = make_occupancy_grid(merged.map.points, merged.config.map.cell_m)
+        write_nav2_map(folder, grid, merged.kept.keyframes.georeference)
+    summary["warnings"] += failures
+    lines = list_notes(summary)
+    lines += [
+        f"recognition of {m['later']} in {m['earlier']}: {m['matches']} matches in {m['rows']} rows, {m['agreeing']} agree, "
+        f"{m['rivals']} on the likeliest other relation; {m['ambiguous']} submaps match several places"
+        for m in summary["recognition"]
+    ]
+    title = f"mqslam {summary['mqslam_version']}: merge of {', '.join(summary['results'])}"
+    write_text(folder / "run.log", format_log(title, [*lines, *list_stages(summary), summary["conclusion"]]))
+    write_json(folder / "summary.json", summary)
+
+
+def format_links(merged: Merged) -> str:
+    """Returns a row per link: which keyframes it joins, and how the later lies in the frame of the earlier."""
+    keyframes = merged.kept.keyframes
+
+    def describe(link: Loop, psi: tuple[float, float], residual: float) -> dict[str, Any]:
+        row: dict[str, Any] = {}
+        for name, k in (("earlier", link.earlier), ("later", link.later)):
+            stamp = int(keyframes.stamps_us[k])
+            row[f"{name}_recording"] = int(keyframes.origins[k]) + 1
+            row[f"{name}_stamp"] = f"{stamp // 1_000_000}.{stamp % 1_000_000:06d}"
+        numbers = [*link.pose, *link.covariance[np.triu_indices(3)]]
+        names = ["x", "y", "yaw", "cov_xx", "cov_xy", "cov_xyaw", "cov_yy", "cov_yyaw", "cov_yawyaw"]
+        row |= {name: f"{number:.9g}" for name, number in zip(names, numbers, strict=True)}
+        scores = {"matched": link.matched, "psi": link.psi, "psi_before": psi[0], "psi_after": psi[1], "residual": residual}
+        return row | {name: f"{value:.4f}" for name, value in scores.items()}
+
+    rows = zip(merged.links.loops, merged.psi.tolist(), merged.residuals.tolist(), strict=True)
+    return format_csv([describe(link, tuple(psi), residual) for link, psi, residual in rows])
+
+
+def _describe_recognition(recognition: Recognition) -> dict[str, Any]:
+    """Returns what recognition says about two results, which are numbered from 1."""
+    return {
+        "earlier": recognition.earlier + 1,
+        "later": recognition.later + 1,
+        "rows": recognition.rows,
+        "matches": recognition.matches,
+        "agreeing": recognition.relation.agreeing,
+        "rivals": recognition.relation.rivals,
+        "ambiguous": recognition.ambiguous,
+        "compared": recognition.compared,
+    }
+
+
+def _describe_change(change: Change) -> dict[str, Any]:
+    """Returns a change as a row; recordings are numbered from 1."""
+    return {
+        "shown_by": change.shown_by + 1,
+        "missed_by": change.missed_by + 1,
+        "x": round(float(change.place[0]), 3),
+        "y": round(float(change.place[1]), 3),
+        "size_x": round(float(change.size_m[0]), 3),
+        "size_y": round(float(change.size_m[1]), 3),
+        "cells": change.cells,
+        "seen": change.seen,
+        "looks": change.looks,
+        "chance": float(f"{change.chance:.3g}"),
+    }
