@@ -15,7 +15,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.simulator.parts import POLE_OPACITY, VEHICLE_OPACITY, Array
+from mqslam.simulator.scene import POLE_OPACITY, VEHICLE_OPACITY, Array
 
 COUNTS_PER_DECADE = 20.0
 """uint8 counts per factor of ten in power: half a decibel each, as Navtech radars store it."""

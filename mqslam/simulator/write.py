@@ -21,13 +21,10 @@ from mqslam.formats.odometry_files import write_twists
 from mqslam.formats.recordings import oxford
 from mqslam.simulator.city import give_way, make_city_drive, make_city_scene
 from mqslam.simulator.drive import ConstantDrive, Drive, clear_way, make_loop_drive, make_tunnel_drive
-from mqslam.simulator.in_memory import SimulatedRecording, simulate_recording
-from mqslam.simulator.inertial import FASTEST_HZ, GRADES, SLOWEST_HZ, GyroscopeModel
-from mqslam.simulator.satellites import ReceiverModel
+from mqslam.simulator.instruments import FASTEST_HZ, GRADES, SLOWEST_HZ, GyroscopeModel, OdometryModel, ReceiverModel
+from mqslam.simulator.recording import ClearWorld, MakeWorld, SimulatedRecording, simulate_recording
 from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene, make_tunnel_scene, make_yard_scene
 from mqslam.simulator.sensor import SensorModel
-from mqslam.simulator.wheels import OdometryModel
-from mqslam.simulator.world import ClearWorld, MakeWorld
 
 SCENES = ("street", "corridor", "tunnel", "yard", "city")
 """Names of the scenes that `simulate` knows."""

@@ -20,7 +20,7 @@ from mqslam.config import Config
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.local_engine import LocalEngine
-from mqslam.simulator.world import START_US
+from mqslam.simulator import START_US
 
 _TURN_S = 0.25
 _AZIMUTHS, _BINS, _BIN_M = 200, 200, 0.3

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.simulator import ConstantDrive, ReceiverModel, simulate_fixes
-from mqslam.simulator.satellites import ORIGIN_DEG
+from mqslam.simulator.instruments import ORIGIN_DEG
 
 DRIVE = ConstantDrive(10.0, 0.0, (0.0, 0.0, np.pi / 3.0))
 OPEN = np.empty((0, 4))

@@ -8,9 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.simulator import Drive, Scene, SensorModel, SimulatedRecording, simulate_recording
-from mqslam.simulator.wheels import OdometryModel, simulate_wheel_odometry
-from mqslam.simulator.world import START_US
+from mqslam.simulator import (
+    START_US,
+    Drive,
+    OdometryModel,
+    Scene,
+    SensorModel,
+    SimulatedRecording,
+    simulate_recording,
+    simulate_wheel_odometry,
+)
 
 
 @dataclass(frozen=True)

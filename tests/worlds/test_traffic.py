@@ -11,7 +11,7 @@ from worlds.hard.vehicles import box_sides, outline
 from mqslam.core import se2
 from mqslam.simulator import ConstantDrive, Scene, make_loop_drive
 from mqslam.simulator.drive import Drive
-from mqslam.simulator.parts import Array
+from mqslam.simulator.scene import Array
 
 NOWHERE = np.array([[1e6, 1e6]])
 STOPPING = make_loop_drive(60.0, from_standstill=True)

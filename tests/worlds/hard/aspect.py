@@ -8,7 +8,7 @@ from worlds.hard import chance
 from worlds.hard.realism import Realism
 from worlds.hard.scatterers import PLANT, VEHICLE, WALL, Scatterers
 
-from mqslam.simulator.parts import Array
+from mqslam.simulator.scene import Array
 
 
 def change_with_aspect(scatterers: Scatterers, aspects: Array, realism: Realism) -> tuple[Array, NDArray[np.complex128]]:

@@ -12,7 +12,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.simulator.parts import Array
+from mqslam.simulator.scene import Array
 
 WAVELENGTH = 0.004
 """Of a radar at 76 GHz [m]."""

@@ -8,7 +8,7 @@ import numpy as np
 from worlds.hard.realism import Realism
 
 from mqslam.simulator.drive import Drive, Times
-from mqslam.simulator.parts import Array
+from mqslam.simulator.scene import Array
 
 _WAVES = 14  # so many sines look irregular
 _SLOWEST_HZ, _FASTEST_HZ = 0.15, 2.2  # a car's body on its springs

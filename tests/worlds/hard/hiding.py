@@ -11,7 +11,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.simulator.parts import Array
+from mqslam.simulator.scene import Array
 
 RAYS_PER_AZIMUTH = 2
 STEP_M = 0.5

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from worlds.hard import chance
 from worlds.hard.realism import Realism
 
-from mqslam.simulator.parts import VEHICLE_OPACITY, Array
-from mqslam.simulator.scene import Scene
+from mqslam.simulator.scene import VEHICLE_OPACITY, Array, Scene
 
 WALL, POLE, PLANT, VEHICLE, GROUND = range(5)
 """Materials."""

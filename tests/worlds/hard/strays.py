@@ -8,7 +8,7 @@ from worlds.hard import chance
 from worlds.hard.echoes import Echoes
 from worlds.hard.realism import Realism
 
-from mqslam.simulator.parts import Array
+from mqslam.simulator.scene import Array
 
 _STRONGEST = 24  # scatterers that bounce
 _BOUNCE_M = 45.0  # farther ones are too weak to [m]

@@ -12,8 +12,7 @@ from worlds.hard.realism import Realism
 
 from mqslam.core import se2
 from mqslam.simulator.drive import Drive
-from mqslam.simulator.parts import Array
-from mqslam.simulator.scene import LANE, Scene
+from mqslam.simulator.scene import LANE, Array, Scene
 
 CAR_HEIGHT, TRUCK_HEIGHT = 1.5, 3.2
 _YARD = 0.15  # a drive that turns more than this in the mean [rad/m] is on a yard, where no traffic flows

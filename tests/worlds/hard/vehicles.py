@@ -10,7 +10,7 @@ from worlds.hard.traffic import Vehicles
 
 from mqslam.core import se2
 from mqslam.simulator.beam import CORNERS
-from mqslam.simulator.parts import Array
+from mqslam.simulator.scene import Array
 
 
 def outline(vehicles: Vehicles, realism: Realism, seed: int) -> Scatterers:

@@ -30,8 +30,7 @@ from worlds.hard.traffic import Traffic, Vehicles, make_traffic
 from worlds.hard.vehicles import box_sides, outline
 
 from mqslam.simulator.drive import Drive
-from mqslam.simulator.parts import Array
-from mqslam.simulator.scene import Scene
+from mqslam.simulator.scene import Array, Scene
 from mqslam.simulator.sensor import SensorModel
 
 _REFERENCE_M = 20.0  # range at which levels are stated
