@@ -20,7 +20,7 @@ LANE = 1.75
 BLOCK = (100.0, 72.0)
 """Distance between the middles of neighbouring streets of a street scene [m], along x and along y."""
 
-_TUNNEL_STREET = 100.0  # length of the street before and behind a tunnel [m]
+_TUNNEL_M, _TUNNEL_STREET = 5.5, 100.0  # half of a tunnel's width, length of the streets before and behind it [m]
 
 
 def _no_rows(columns: int) -> Array:
@@ -148,18 +148,12 @@ def make_street_scene(seed: int, *, movers: int = 10) -> Scene:
     return parts.finish(_traffic(rng, movers))
 
 
-def make_corridor_scene(*, width: float = 14.0, length: float = 4000.0) -> Scene:
-    """Makes two long, featureless, parallel walls along x: motion along them cannot be seen.
-
-    Args:
-        width: distance between the walls [m].
-        length: length of each wall [m], whose middle is beside the origin.
-    """
-    ends, half = length / 2.0, width / 2.0
-    return Scene(np.array([[-ends, y, ends, y, 1.0, WALL_OPACITY] for y in (-half, half)]))
+def make_corridor_scene(*, length: float = 4000.0) -> Scene:
+    """Makes two featureless walls of a length [m] along x, 14 m apart: motion along them cannot be seen."""
+    return Scene(np.array([[-length / 2.0, y, length / 2.0, y, 1.0, WALL_OPACITY] for y in (-7.0, 7.0)]))
 
 
-def make_tunnel_scene(seed: int, *, length: float = 400.0, width: float = 11.0) -> Scene:
+def make_tunnel_scene(seed: int, *, length: float = 400.0) -> Scene:
     """Makes a bare tunnel along x from the origin on, between two streets with houses and lamps.
 
     In its middle a radar of 120 m sees nothing but two featureless walls, and motion along them cannot be seen by a map.
@@ -167,10 +161,9 @@ def make_tunnel_scene(seed: int, *, length: float = 400.0, width: float = 11.0) 
     Args:
         seed: another seed has other houses.
         length: of the tunnel [m].
-        width: distance between its walls [m].
     """
     rng = np.random.default_rng([seed, 23])
-    parts = SceneParts([np.array([[0.0, y, length, y, 1.0, WALL_OPACITY] for y in (-width / 2.0, width / 2.0)])])
+    parts = SceneParts([np.array([[0.0, y, length, y, 1.0, WALL_OPACITY] for y in (-_TUNNEL_M, _TUNNEL_M)])])
     for begin, end in ((-_TUNNEL_STREET, 0.0), (length, length + _TUNNEL_STREET)):
         for side in (-1.0, 1.0):
             along, inward = np.array([side, 0.0]), np.array([0.0, side])
@@ -183,7 +176,7 @@ def make_tunnel_scene(seed: int, *, length: float = 400.0, width: float = 11.0) 
             lamps = np.arange(begin + rng.uniform(2.0, 15.0), end, rng.uniform(20.0, 28.0))
             at = np.column_stack([lamps, np.full(len(lamps), side * 7.0)])
             parts.add_poles(at, rng.uniform(0.06, 0.1, len(lamps)), rng.lognormal(0.0, 0.4, len(lamps)))
-    return parts.finish(roofs=np.array([[0.0, -width / 2.0, length, width / 2.0]]))
+    return parts.finish(roofs=np.array([[0.0, -_TUNNEL_M, length, _TUNNEL_M]]))
 
 
 def make_yard_scene(seed: int, *, movers: int = 0) -> Scene:

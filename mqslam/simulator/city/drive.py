@@ -41,50 +41,36 @@ UNDER_WAY_S = 10.0
 """Time on the route before the drive's time zero [s]."""
 
 
-class _Path(NamedTuple):
-    """The way of a drive, before its speeds are known.
-
-    Args:
-        points: (N, 2) [m], about `SPACING` apart.
-        speeds: (N,) at which one drives there [m/s].
-        crossings: indices (C,) of the points before each crossing.
-    """
-
-    points: Array
-    speeds: Array
-    crossings: list[int]
-
-
 def make_city_drive(seed: int, duration_s: float) -> SampledDrive:
-    """Makes a drive through the city of the same seed.
-
-    Args:
-        seed: of the city and of the route.
-        duration_s: how long to drive [s].
-    """
+    """Makes a drive through the city of the same seed, of a duration [s]."""
     plan = lay_plan(seed)
     fastest = max(street.profile.speed for street in plan.driven_streets())
-    path = _lay_path(plan, plan_route(seed, plan, fastest * (duration_s + 2.0 * UNDER_WAY_S)))
+    points, speeds, crossings = _lay_path(plan, plan_route(seed, plan, fastest * (duration_s + 2.0 * UNDER_WAY_S)))
     rng = np.random.default_rng([seed, 9])
-    points = _wander(rng, gaussian_filter1d(path.points, PATH_SMOOTHING / SPACING, axis=0, mode="nearest"))
+    points = _wander(rng, gaussian_filter1d(points, PATH_SMOOTHING / SPACING, axis=0, mode="nearest"))
     reach = round(4.0 * PATH_SMOOTHING / SPACING)  # the ends are smoothed with points that are not there
-    points, speeds = points[reach:-reach], path.speeds[reach:-reach]
+    points, speeds = points[reach:-reach], speeds[reach:-reach]
     places = np.r_[0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T))]
     along = np.arange(0.0, places[-1], SPACING)
     speeds = np.interp(along, places, speeds)
     line = CubicSpline(places, points)
     speeds = np.minimum(speeds, np.sqrt(SIDEWAYS / np.maximum(np.abs(_curvatures(line, along)), 1e-6)))
-    stops = [k - reach for k in path.crossings if rng.random() < STOP_CHANCE and reach < k - reach < len(places)]
+    stops = [k - reach for k in crossings if rng.random() < STOP_CHANCE and reach < k - reach < len(places)]
     stops = np.searchsorted(along, places[stops]) - 1
     speeds[stops] = 0.0
-    speeds = limit_acceleration(along, speeds, AHEAD, from_standstill=False)
+    speeds = limit_acceleration(along, speeds, AHEAD)
     waits = np.zeros(len(along))
     waits[stops] = rng.uniform(*STOP_S, len(stops))
     return _drive_along(line, *_time_progress(along, speeds, waits), duration_s)
 
 
-def _lay_path(plan: CityPlan, route: list[Course]) -> _Path:
-    """Lays the way along the lanes of a route, with rounded corners and bends."""
+def _lay_path(plan: CityPlan, route: list[Course]) -> tuple[Array, Array, list[int]]:
+    """Lays the way along the lanes of a route, with rounded corners and bends.
+
+    Returns:
+        Points (N, 2) [m], about `SPACING` apart; speeds (N,) [m/s] at which one drives there; indices of the points
+        before each crossing.
+    """
     corners = np.zeros(len(plan.crossings))
     for street in plan.driven_streets():
         for end in street.ends:
@@ -111,7 +97,7 @@ def _lay_path(plan: CityPlan, route: list[Course]) -> _Path:
             speeds.append(np.full(len(share), profile.speed))
             number += len(share)
         crossings.append(number - 1)
-    return _Path(np.concatenate(points), np.concatenate(speeds), crossings)
+    return np.concatenate(points), np.concatenate(speeds), crossings
 
 
 def _round_corner(before: Array, after: Array) -> Array:
@@ -171,12 +157,7 @@ LONGEST_BACK = 1100.0
 
 
 class Course(NamedTuple):
-    """A street driven in one direction.
-
-    Args:
-        street: the street.
-        way: 1 from its first end to its second, -1 the other way.
-    """
+    """A street driven in one direction: way 1 leads from its first end to its second, -1 the other way."""
 
     street: Street
     way: int
@@ -184,12 +165,12 @@ class Course(NamedTuple):
     @property
     def start(self) -> int:
         """Number of the crossing that it leaves."""
-        return self.street.ends[0 if self.way == 1 else 1]
+        return self.street.ends[:: self.way][0]
 
     @property
     def end(self) -> int:
         """Number of the crossing that it reaches."""
-        return self.street.ends[1 if self.way == 1 else 0]
+        return self.street.ends[:: self.way][1]
 
     @property
     def line(self) -> Array:
@@ -266,11 +247,7 @@ def _turn_round(net: _Net, here: int, tour: list[int]) -> list[int]:
 
 
 class _Net:
-    """The courses of a city, their lengths [m], and which of them follow each other: all but the way back.
-
-    Args:
-        courses: all courses that can be driven.
-    """
+    """All courses that can be driven, their lengths [m], and which of them follow each other: all but the way back."""
 
     def __init__(self, courses: list[Course]) -> None:
         self.lengths = np.array([course.street.length for course in courses])

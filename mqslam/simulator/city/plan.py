@@ -120,19 +120,12 @@ def _is_inside(ends: tuple[int, int]) -> bool:
 
 
 class _Sights(NamedTuple):
-    """Where the special parts of a city lie in its net.
+    """Where the special parts of a city lie in its net."""
 
-    Args:
-        carriageway: row of streets that is the dual carriageway.
-        river: row of blocks in which the river runs.
-        bridges: columns of streets that cross the river.
-        park: column and row of blocks in which the park begins; it is two by two blocks.
-    """
-
-    carriageway: int
-    river: int
-    bridges: frozenset[int]
-    park: tuple[int, int]
+    carriageway: int  # row of streets that is the dual carriageway
+    river: int  # row of blocks in which the river runs
+    bridges: frozenset[int]  # columns of streets that cross the river
+    park: tuple[int, int]  # column and row of blocks in which the park begins; it is two by two blocks
 
 
 def lay_plan(seed: int) -> CityPlan:

@@ -29,22 +29,6 @@ USUAL_TRAFFIC = 0.2
 """Share of the slots that hold a vehicle."""
 
 
-class _Lane(NamedTuple):
-    """A straight piece of lane.
-
-    Args:
-        start: (2,) [m].
-        heading: [rad].
-        length: [m].
-        speed: of its vehicles [m/s].
-    """
-
-    start: Array
-    heading: float
-    length: float
-    speed: float
-
-
 def make_city_scene(seed: int, *, movers: int | None = None) -> Scene:
     """Makes a city of about 1.3 km by 0.9 km, with 12 km of streets that a drive can use.
 
@@ -67,13 +51,7 @@ def make_city_scene(seed: int, *, movers: int | None = None) -> Scene:
 
 
 def give_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
-    """Moves vehicles along their lanes so that they do not run into a drive, and takes away those for which that fails.
-
-    Args:
-        scene: the scene.
-        drive: the sensor's motion.
-        duration_s: how long the drive takes [s].
-    """
+    """Moves vehicles along their lanes out of the way of a drive, and takes away those that it would still meet."""
     scene = clear_way(scene, drive, duration_s)
     times = np.arange(0.0, duration_s, 0.05)
     poses = drive.poses(times)
@@ -83,20 +61,19 @@ def give_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
 
 def _draw_traffic(rng: np.random.Generator, plan: CityPlan, number: int | None) -> Array:
     """Puts vehicles (M, 9) on the lanes of a city, at most one in a slot."""
-    lanes = _lay_lanes(rng, plan)
-    slots = [(lane, place) for lane in lanes for place in np.arange(0.0, lane.length - SLOT + 1.0, SLOT)]
+    slots = [(lane, place) for lane in _lay_lanes(rng, plan) for place in np.arange(0.0, lane[3] - SLOT + 1.0, SLOT)]
     number = int(USUAL_TRAFFIC * len(slots)) if number is None else min(number, len(slots))
     movers = np.empty((number, 9))
     for m, slot in enumerate(rng.permutation(len(slots))[:number]):
         lane, place = slots[slot]
         size = draw_mover(rng)
         along = place + rng.uniform(0.0, SLOT - 13.0)
-        movers[m] = [*lane.start, lane.heading, lane.length, along, lane.speed, *size, rng.uniform(0.7, 2.5)]
+        movers[m] = [*lane[:4], along, lane[4], *size, rng.uniform(0.7, 2.5)]
     return movers
 
 
-def _lay_lanes(rng: np.random.Generator, plan: CityPlan) -> list[_Lane]:
-    """Returns the straight pieces of all lanes, between the crossings."""
+def _lay_lanes(rng: np.random.Generator, plan: CityPlan) -> list[tuple[float, float, float, float, float]]:
+    """Returns the straight pieces of all lanes between the crossings: start [m], heading [rad], length [m], speed [m/s]."""
     clearances = plan.clearances()
     lanes = []
     for street in plan.streets:
@@ -110,10 +87,11 @@ def _lay_lanes(rng: np.random.Generator, plan: CityPlan) -> list[_Lane]:
                 for piece, step in enumerate(steps):
                     first = clearances[ends[0]] if piece == 0 else 2.0
                     last = clearances[ends[1]] if piece == len(steps) - 1 else 2.0
-                    start = moved[piece] + first / lengths[piece] * step
+                    x, y = moved[piece] + first / lengths[piece] * step
                     length = float(lengths[piece] - first - last)
-                    lanes.append(_Lane(start, float(np.arctan2(step[1], step[0])), length, speed))
-    return [lane for lane in lanes if lane.length > SLOT]
+                    if length > SLOT:
+                        lanes.append((x, y, float(np.arctan2(step[1], step[0])), length, speed))
+    return lanes
 
 
 LOW_OPACITY = 0.15
@@ -125,15 +103,7 @@ Span = tuple[float, float]
 
 
 class _Style(NamedTuple):
-    """How a block is built up.
-
-    Args:
-        setback: of the houses from the house line [m].
-        depth: of the houses [m].
-        length: of the houses [m].
-        gap_chance: probability of a gap after a house.
-        gap: its length [m].
-    """
+    """How a block is built up: setback, depth and length of its houses, probability and length of a gap after one [m]."""
 
     setback: Span
     depth: Span
@@ -150,13 +120,7 @@ _STYLES = {
 
 
 def build_block(rng: np.random.Generator, block: Block, parts: SceneParts) -> None:
-    """Adds everything that stands in a block.
-
-    Args:
-        rng: generator of the block's details.
-        block: the block.
-        parts: extended.
-    """
+    """Adds everything that stands in a block."""
     house_line = offset_line(block.outline, block.insets, closed=True)
     if block.kind == "river":
         _build_banks(rng, block, house_line, parts)
@@ -169,15 +133,7 @@ def build_block(rng: np.random.Generator, block: Block, parts: SceneParts) -> No
 
 
 def add_low_wall(rng: np.random.Generator, start: Array, end: Array, reflectivity: Span, parts: SceneParts) -> None:
-    """Adds a railing, a fence or a barrier in pieces of various lengths and brightness, with a few posts.
-
-    Args:
-        rng: generator of its details.
-        start: (2,) [m].
-        end: (2,) [m].
-        reflectivity: least and greatest of a piece.
-        parts: extended.
-    """
+    """Adds a railing, a fence or a barrier of pieces whose lengths and reflectivities vary, with a few posts."""
     length = float(np.hypot(*(end - start)))
     cuts = np.cumsum(np.r_[0.0, rng.uniform(2.0, 9.0, int(length / 2.0) + 1)])
     cuts = np.minimum(cuts[: np.searchsorted(cuts, length) + 1], length)
@@ -330,14 +286,7 @@ PARKING_VERGE = 5.0
 
 
 def furnish_street(rng: np.random.Generator, street: Street, clear: tuple[float, float], parts: SceneParts) -> None:
-    """Adds what stands along a street, away from its crossings.
-
-    Args:
-        rng: generator of the street's details.
-        street: the street.
-        clear: distances from its two ends [m] that stay free.
-        parts: extended.
-    """
+    """Adds what stands along a street; at its two ends, distances `clear` [m] stay free."""
     first, last = clear[0] + 1.0, street.length - clear[1] - 1.0
     if street.kind == "footway" or last - first < 5.0:
         return
