@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from worlds.hard import Realism
-from worlds.hard.traffic import Traffic, Vehicles, make_traffic
-from worlds.hard.vehicles import box_sides, outline
+from worlds.hard.traffic import Traffic, Vehicles, box_sides, make_traffic, outline
 
 from mqslam.core import se2
 from mqslam.simulator import ConstantDrive, Scene, make_loop_drive

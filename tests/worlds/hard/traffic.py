@@ -1,4 +1,7 @@
-"""Moving vehicles as boxes in world coordinates: those that pace the own one, oncoming ones, those of the scene's lanes."""
+"""Moving vehicles: where they drive, what the box of each hides, and the scatterers along its outline.
+
+Some pace the own vehicle, some come towards it, and some keep to the scene's lanes.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from worlds.hard import chance
 from worlds.hard.realism import Realism
+from worlds.hard.scatterers import VEHICLE, Scatterers
 
 from mqslam.core import se2
+from mqslam.simulator.beam import CORNERS
 from mqslam.simulator.drive import Drive
 from mqslam.simulator.scene import LANE, Array, Scene
 
@@ -281,3 +287,41 @@ def _between(
     """Returns vehicles that go from places along the road to other ones within a turn of so many seconds."""
     begins, ends = (road.at(place, left) for place in places)
     return Vehicles(numbers, begins, (ends[:, :2] - begins[:, :2]) / turn, sizes)
+
+
+def outline(vehicles: Vehicles, realism: Realism, seed: int) -> Scatterers:
+    """Lays scatterers along the outlines of vehicles; they stay where they are on a vehicle, whatever it does."""
+    lengths, widths, heights = vehicles.sizes.T
+    count = np.ceil(2.0 * (lengths + widths) / realism.spacing_m).astype(np.int64)
+    which = np.repeat(np.arange(len(count)), count)
+    number = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+    names = chance.name(vehicles.numbers[which], number, seed, VEHICLE)
+    length, width = lengths[which], widths[which]
+    way = (number + chance.uniform(names, 0)) / count[which] * 2.0 * (length + width)
+    side = np.select([way < length, way < length + width, way < 2.0 * length + width], [0, 1, 2], 3)
+    start = np.choose(side, [np.zeros(len(way)), length, length + width, 2.0 * length + width])
+    share = (way - start) / np.where(side % 2 == 0, length, width)
+    corners = CORNERS[side] + share[:, None] * (CORNERS[side + 1] - CORNERS[side])
+    body = np.column_stack([corners * np.column_stack([length, width]), np.zeros(len(way))])
+    yaw = vehicles.poses[which, 2]
+    again = chance.name(names.view(np.int64), 1)
+    normal = np.sqrt(2.0) * chance.complex_normal(again).real
+    return Scatterers(
+        places=se2.compose(vehicles.poses[which], body)[:, :2],
+        velocities=vehicles.velocities[which],
+        heights=0.25 + chance.uniform(names, 1) * (heights[which] - 0.25),
+        normals=yaw + np.where(side % 2 == 0, 0.5 * np.pi, 0.0),
+        materials=np.full(len(way), VEHICLE),
+        levels=realism.vehicle_db + realism.spread_db * normal,
+        names=names,
+        blocks=chance.name(vehicles.numbers[which], np.floor(way / realism.block_m).astype(np.int64), seed, VEHICLE),
+    )
+
+
+def box_sides(vehicles: Vehicles) -> Array:
+    """Returns the sides (4 V, 4) of vehicles as x0, y0, x1, y1 [m], four for each."""
+    corners = CORNERS[None] * vehicles.sizes[:, None, :2]
+    c, s = np.cos(vehicles.poses[:, 2])[:, None], np.sin(vehicles.poses[:, 2])[:, None]
+    x = vehicles.poses[:, :1] + c * corners[..., 0] - s * corners[..., 1]
+    y = vehicles.poses[:, 1:2] + s * corners[..., 0] + c * corners[..., 1]
+    return np.stack([x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]], axis=-1).reshape(-1, 4)

@@ -7,27 +7,25 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from worlds.hard.aspect import change_with_aspect, fluctuate, glint
-from worlds.hard.clock import JitteringClock, make_clock
-from worlds.hard.echoes import Beams, Echoes, add_echoes
-from worlds.hard.elevation import Suspension, attenuate, make_suspension
-from worlds.hard.ground import lay_ground
+from worlds.hard.echoes import Beams, Echoes, add_echoes, bounce, draw_strays
 from worlds.hard.hiding import NEAREST_M, Obstacles, Passed, cast_shadows, make_rays, to_depths
+from worlds.hard.radar import JitteringClock, Suspension, attenuate, make_clock, make_suspension, receive
 from worlds.hard.realism import USUAL, Realism
-from worlds.hard.receiver import receive
 from worlds.hard.scatterers import (
     PLANT,
     Scatterers,
+    change_with_aspect,
+    fluctuate,
+    glint,
     is_vehicle,
     join,
+    lay_ground,
     look_about,
     plant_heights,
     sample_scene,
     wall_heights,
 )
-from worlds.hard.strays import bounce, draw_strays
-from worlds.hard.traffic import Traffic, Vehicles, make_traffic
-from worlds.hard.vehicles import box_sides, outline
+from worlds.hard.traffic import Traffic, Vehicles, box_sides, make_traffic, outline
 
 from mqslam.simulator.drive import Drive
 from mqslam.simulator.scene import Array, Scene

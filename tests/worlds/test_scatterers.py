@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from worlds.hard import Realism
-from worlds.hard.aspect import change_with_aspect, fluctuate, glint
-from worlds.hard.scatterers import PLANT, VEHICLE, WALL, Scatterers, sample_scene
+from worlds.hard.scatterers import PLANT, VEHICLE, WALL, Scatterers, change_with_aspect, fluctuate, glint, sample_scene
 
 from mqslam.simulator import Scene
 
