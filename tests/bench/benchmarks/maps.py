@@ -14,6 +14,7 @@ import numpy as np
 from bench.benchmark import Benchmark, Bound, Cell, Column, Goal, Row, label
 from bench.commands import is_refused, localise, read_json, run
 from bench.recordings import MQSLAM, TRUTH, repeating_twin, simulate_short_city, twin
+from evo.core import geometry
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -227,9 +228,9 @@ def _measure_merge(case: str, pair: Pair, out: Path) -> Row:
 def _compare_tracks(out: Path, truths: tuple[Trajectory, Trajectory]) -> NDArray[np.float64]:
     """Returns how far (N,) [m] the runs are apart beyond the truth at the same places, the first laid on the truth."""
     tracks = [read_tum(out / f"trajectory_{n}.tum") for n in (1, 2)]
-    true = [_place(truth, track.stamps_us) for truth, track in zip(truths, tracks, strict=True)]
-    motion = _align(tracks[0].poses[:, :2], true[0][:, :2])
-    off = [se2.transform(motion, track.poses[:, :2]) - at[:, :2] for track, at in zip(tracks, true, strict=True)]
+    true = [truth.at(track.stamps_us) for truth, track in zip(truths, tracks, strict=True)]
+    rotation, shift, _ = geometry.umeyama_alignment(tracks[0].poses[:, :2].T, true[0][:, :2].T)
+    off = [track.poses[:, :2] @ rotation.T + shift - at[:, :2] for track, at in zip(tracks, true, strict=True)]
     apart, nearest = cKDTree(true[0][:, :2]).query(true[1][:, :2])
     turned = np.abs(se2.wrap(true[1][:, 2] - true[0][nearest, 2]))
     same = (apart < _SAME_M) & (turned < _SAME_RAD)
@@ -241,27 +242,12 @@ def _count_wrong(path: Path, truths: tuple[Trajectory, Trajectory]) -> int:
     wrong = 0
     for row in csv.DictReader(path.read_text(encoding="utf-8").splitlines()):
         ends = [
-            _place(truths[int(row[f"{end}_recording"]) - 1], np.array([int(row[f"{end}_stamp"].replace(".", ""))]))[0]
+            truths[int(row[f"{end}_recording"]) - 1].at(np.array([int(row[f"{end}_stamp"].replace(".", ""))]))[0]
             for end in ("earlier", "later")
         ]
         off = se2.between(se2.between(*ends), np.array([float(row[name]) for name in ("x", "y", "yaw")]))
         wrong += bool(np.hypot(off[0], off[1]) > _WRONG_M or abs(se2.wrap(off[2])) > _WRONG_RAD)
     return wrong
-
-
-def _place(truth: Trajectory, stamps_us: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Returns the true poses (N, 3) at stamps (N,) [us]."""
-    start = truth.stamps_us[0]
-    return se2.interpolate((truth.stamps_us - start) * 1e-6, truth.poses, (stamps_us - start) * 1e-6)
-
-
-def _align(points: NDArray[np.float64], onto: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the rigid motion (3,) that lays points (N, 2) best on others (N, 2)."""
-    middle, there = points.mean(axis=0), onto.mean(axis=0)
-    a, b = points - middle, onto - there
-    yaw = np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b))
-    turned = se2.transform(np.array([0.0, 0.0, yaw]), middle[None])[0]
-    return np.array([*(there - turned), yaw])
 
 
 _SEEDS = (1, 2)
