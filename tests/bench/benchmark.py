@@ -30,21 +30,13 @@ class Goal(Enum):
 
 
 class Column(NamedTuple):
-    """A column of a table.
+    """A column of a table."""
 
-    Args:
-        key: name of its cells.
-        head: as the table shows it, with its unit.
-        form: format of its numbers.
-        goal: which values are good, for a column that is compared with the baseline.
-        label: whether its texts tell a row from the others.
-    """
-
-    key: str
-    head: str
-    form: str = "{:.3g}"
-    goal: Goal | None = None
-    label: bool = False
+    key: str  # name of its cells
+    head: str  # as the table shows it, with its unit
+    form: str = "{:.3g}"  # format of its numbers
+    goal: Goal | None = None  # which values are good, for a column that is compared with the baseline
+    label: bool = False  # whether its texts tell a row from the others
 
 
 def label(key: str, head: str) -> Column:
@@ -53,51 +45,31 @@ def label(key: str, head: str) -> Column:
 
 
 class Row(NamedTuple):
-    """A row of a table.
+    """A row of a table."""
 
-    Args:
-        cells: texts and numbers by the key of their column; a number that is not known is None.
-        judged: whether the row is compared with the baseline: one of our own, and one that chance does not decide.
-    """
-
-    cells: Mapping[str, Cell]
-    judged: bool = True
+    cells: Mapping[str, Cell]  # texts and numbers by the key of their column; a number that is not known is None
+    judged: bool = True  # whether the row is compared with the baseline: one of our own, and one that chance does not decide
 
 
 class Bound(NamedTuple):
-    """Limits that cells must keep, whatever the baseline is.
+    """Limits that cells must keep, whatever the baseline is."""
 
-    Args:
-        key: the column.
-        where: texts that a row has in other columns if the limits concern it.
-        least, most: the limits.
-    """
-
-    key: str
-    where: Mapping[str, str]
-    least: float = float("-inf")
-    most: float = float("inf")
+    key: str  # the column
+    where: Mapping[str, str]  # texts that a row has in other columns if the limits concern it
+    least: float = float("-inf")  # the limits
+    most: float = float("inf")  # the limits
 
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark:
-    """A benchmark.
+    """A benchmark."""
 
-    Args:
-        what: what is measured, in a sentence.
-        data: what it is measured on: `simulated` by mqslam itself, or `twin` or `real`, which mqslam does not ship.
-        seeds: of the simulated recordings.
-        columns: of its table.
-        measure: makes the rows; it may use the folder it is given, and raises MissingData.
-        bounds: limits that rows must keep.
-    """
-
-    what: str
-    data: str
-    seeds: tuple[int, ...] = ()
-    columns: tuple[Column, ...]
-    measure: Callable[[Path], list[Row]]
-    bounds: tuple[Bound, ...] = ()
+    what: str  # what is measured, in a sentence
+    data: str  # what it is measured on: `simulated` by mqslam itself, or `twin` or `real`, which mqslam does not ship
+    seeds: tuple[int, ...] = ()  # of the simulated recordings
+    columns: tuple[Column, ...]  # of its table
+    measure: Callable[[Path], list[Row]]  # makes the rows; it may use the folder it is given, and raises MissingData
+    bounds: tuple[Bound, ...] = ()  # limits that rows must keep
 
     def name_row(self, row: Mapping[str, Any]) -> str:
         """Returns the texts that tell a row from the others."""

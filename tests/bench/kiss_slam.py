@@ -22,16 +22,11 @@ _HIGHEST_M = 0.5
 
 
 class KissSlam(NamedTuple):
-    """What KISS-SLAM made of a recording.
+    """What KISS-SLAM made of a recording."""
 
-    Args:
-        odometry, trajectory: TUM files, before and after loops.
-        loops: number of loops it closed.
-    """
-
-    odometry: Path
-    trajectory: Path
-    loops: int
+    odometry: Path  # TUM files, before and after loops
+    trajectory: Path  # TUM files, before and after loops
+    loops: int  # number of loops it closed
 
 
 @cache

@@ -30,17 +30,11 @@ _DIGITS = 6  # more of a figure would only show noise
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """A table, of a benchmark or of the literature.
+    """A table, of a benchmark or of the literature."""
 
-    Args:
-        name: what pages call it by.
-        columns: key, head and format of each.
-        rows: cells by key; those of a benchmark also say whether the row is `judged`.
-    """
-
-    name: str
-    columns: list[dict[str, str]]
-    rows: list[dict[str, Any]]
+    name: str  # what pages call it by
+    columns: list[dict[str, str]]  # key, head and format of each
+    rows: list[dict[str, Any]]  # cells by key; those of a benchmark also say whether the row is `judged`
 
     def format(self, where: Mapping[str, str]) -> str:
         """Returns the table in Markdown, which people read in a terminal too.
@@ -65,23 +59,15 @@ class Table:
 
 @dataclass(frozen=True, kw_only=True)
 class Result(Table):
-    """The result of a benchmark: its table with all that is needed to make it again.
+    """The result of a benchmark: its table with all that is needed to make it again."""
 
-    Args:
-        what, data, seeds: as in `Benchmark`.
-        version: of mqslam.
-        machine: the processor, the number of its cores, and Python's version.
-        command: which makes the result.
-        took: how long that took, with the making of recordings that were not there.
-    """
-
-    what: str
-    data: str
-    seeds: list[int]
-    version: str
-    machine: dict[str, Any]
-    command: str
-    took: dict[str, float]
+    what: str  # as in `Benchmark`
+    data: str  # as in `Benchmark`
+    seeds: list[int]  # as in `Benchmark`
+    version: str  # of mqslam
+    machine: dict[str, Any]  # the processor, the number of its cores, and Python's version
+    command: str  # which makes the result
+    took: dict[str, float]  # how long that took, with the making of recordings that were not there
 
     @classmethod
     def read(cls, path: Path) -> Result:

@@ -28,33 +28,20 @@ _EVERY = 30  # scans between the poses that are judged by their covariances: the
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """The errors of a trajectory.
+    """The errors of a trajectory."""
 
-    Args:
-        stamps: number of stamps it is compared at.
-        coverage: part of the ground truth's time that they span.
-        length_m: length of the true path there [m].
-        ate_rmse_m: position error after the best rigid alignment in the plane, without scale [m].
-        drift_percent: translation error of KITTI's segments of 100 to 800 m [%]; None where none fits.
-        drift_deg_per_100m: rotation error of the same segments [deg/100 m].
-        rpe_v_rms, rpe_v_bias: errors of the forward speed from stamp to stamp [m/s].
-        rpe_w_rms, rpe_w_bias: errors of the yaw rate [rad/s].
-        heading_deg_per_km: growth of the heading error over the whole path, counter-clockwise [deg/km].
-        followed: share of the steps whose forward speed is less than 1 m/s off.
-    """
-
-    stamps: int
-    coverage: float
-    length_m: float
-    ate_rmse_m: float
-    drift_percent: float | None
-    drift_deg_per_100m: float | None
-    rpe_v_rms: float
-    rpe_w_rms: float
-    rpe_v_bias: float
-    rpe_w_bias: float
-    heading_deg_per_km: float
-    followed: float
+    stamps: int  # number of stamps it is compared at
+    coverage: float  # part of the ground truth's time that they span
+    length_m: float  # length of the true path there [m]
+    ate_rmse_m: float  # position error after the best rigid alignment in the plane, without scale [m]
+    drift_percent: float | None  # translation error of KITTI's segments of 100 to 800 m [%]; None where none fits
+    drift_deg_per_100m: float | None  # rotation error of the same segments [deg/100 m]
+    rpe_v_rms: float  # errors of the forward speed from stamp to stamp [m/s]
+    rpe_w_rms: float  # errors of the yaw rate [rad/s]
+    rpe_v_bias: float  # errors of the forward speed from stamp to stamp [m/s]
+    rpe_w_bias: float  # errors of the yaw rate [rad/s]
+    heading_deg_per_km: float  # growth of the heading error over the whole path, counter-clockwise [deg/km]
+    followed: float  # share of the steps whose forward speed is less than 1 m/s off
 
 
 def score(estimate: Path, truth: Path) -> Score:

@@ -11,15 +11,10 @@ import numpy as np
 
 
 class Took(NamedTuple):
-    """The time that something took.
+    """The time that something took."""
 
-    Args:
-        wall_s: on the clock [s].
-        processor_s: of all cores, with the processes that it started and that have ended [s].
-    """
-
-    wall_s: float
-    processor_s: float
+    wall_s: float  # on the clock [s]
+    processor_s: float  # of all cores, with the processes that it started and that have ended [s]
 
     @classmethod
     def now(cls) -> Took:

@@ -59,42 +59,26 @@ _ASIDE_RAD = np.deg2rad(10.0)  # turned so far about the sensor, a scan meets an
 
 @dataclass(frozen=True, slots=True)
 class Statistics:
-    """Figures of a recording, over a few short stretches of it.
+    """Figures of a recording, over a few short stretches of it."""
 
-    Args:
-        scans: number of polar scans they are from.
-        returns_per_azimuth: mean number of returns.
-        power: readings of power, of 255, at the quantiles `QUANTILES`.
-        loud: share of bins with more power than each of `LEVELS`.
-        row_median: mean over azimuths of the median reading of an azimuth.
-        row_median_spread: its standard deviation.
-        azimuth_correlation: correlation of power with that of so many azimuths on, `AZIMUTHS_ON`.
-        range_correlation: correlation of power with that of so many metres on, `METRES_ON`.
-        ranges: range of returns that half and nine tenths of them lie below [m].
-        repeats: share of returns with another within `NEAR_M` so many scans later, `SCANS_ON`; NaN where none follow.
-        chance: the same for the next scan turned by 10 degrees: what two scans of such a place share by chance.
-        unmatched: share of returns with none within `FAR_M` in the next scan.
-        radial_spread_m: spread in range of returns that are each other's nearest in successive scans: their median absolute
-            deviation, as the standard deviation of a normal one.
-        matched: share of a scan's returns that the tracker finds in the map of the scans before.
-        psi_per_point: the estimator's psi of a scan in that map, per return.
-    """
-
-    scans: int
-    returns_per_azimuth: float
-    power: tuple[float, ...]
-    loud: tuple[float, ...]
-    row_median: float
-    row_median_spread: float
-    azimuth_correlation: tuple[float, ...]
-    range_correlation: tuple[float, ...]
-    ranges: tuple[float, ...]
+    scans: int  # number of polar scans they are from
+    returns_per_azimuth: float  # mean number of returns
+    power: tuple[float, ...]  # readings of power, of 255, at the quantiles `QUANTILES`
+    loud: tuple[float, ...]  # share of bins with more power than each of `LEVELS`
+    row_median: float  # mean over azimuths of the median reading of an azimuth
+    row_median_spread: float  # its standard deviation
+    azimuth_correlation: tuple[float, ...]  # correlation of power with that of so many azimuths on, `AZIMUTHS_ON`
+    range_correlation: tuple[float, ...]  # correlation of power with that of so many metres on, `METRES_ON`
+    ranges: tuple[float, ...]  # range of returns that half and nine tenths of them lie below [m]
+    # share of returns with another within `NEAR_M` so many scans later, `SCANS_ON`; NaN where none follow
     repeats: tuple[float, ...]
-    chance: float
-    unmatched: float
+    chance: float  # the same for the next scan turned by 10 degrees: what two scans of such a place share by chance
+    unmatched: float  # share of returns with none within `FAR_M` in the next scan
+    # spread in range of returns that are each other's nearest in successive scans: their median absolute deviation, as the
+    # standard deviation of a normal one
     radial_spread_m: float
-    matched: float
-    psi_per_point: float
+    matched: float  # share of a scan's returns that the tracker finds in the map of the scans before
+    psi_per_point: float  # the estimator's psi of a scan in that map, per return
 
 
 class _Power:

@@ -163,15 +163,10 @@ _COLUMNS = (
 
 
 class Pair(NamedTuple):
-    """Two results, and the truth of both.
+    """Two results, and the truth of both."""
 
-    Args:
-        results: folders.
-        truths: in one world frame.
-    """
-
-    results: tuple[Path, Path]
-    truths: tuple[Trajectory, Trajectory]
+    results: tuple[Path, Path]  # folders
+    truths: tuple[Trajectory, Trajectory]  # in one world frame
 
 
 def _move_result(source: Path, out: Path, frame: NDArray[np.float64], first: int) -> Path:

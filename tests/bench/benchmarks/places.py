@@ -122,19 +122,13 @@ _STEPS_RATE = np.arange(0.0, 0.01, 1e-5)  # biases of the yaw rate that are trie
 
 
 class Judged(NamedTuple):
-    """Relative poses against the truth.
+    """Relative poses against the truth."""
 
-    Args:
-        wrong: number of those that are far off, and farther than they state.
-        far: number of those that are far off, whatever they state.
-        worst_m, worst_rad: largest error; None of none.
-        nees: mean of the squared errors in units of their covariances, which is 1 if these are right; None of none.
-    """
-
-    wrong: int
-    far: int
-    worst_m: float | None
-    worst_rad: float | None
+    wrong: int  # number of those that are far off, and farther than they state
+    far: int  # number of those that are far off, whatever they state
+    worst_m: float | None  # largest error; None of none
+    worst_rad: float | None  # largest error; None of none
+    # mean of the squared errors in units of their covariances, which is 1 if these are right; None of none
     nees: float | None
 
 

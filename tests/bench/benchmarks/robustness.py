@@ -37,23 +37,14 @@ _OF_SCANS, _OF_RETURNS = 0.1, 0.02  # shares that are dropped
 
 @dataclass(frozen=True)
 class _Disturbance:
-    """One way in which a recording is disturbed a little, as another sensor, setting or day would have it.
+    """One way in which a recording is disturbed a little, as another sensor, setting or day would have it."""
 
-    Args:
-        name: as a table shows it.
-        bin_m: length of a range bin [m].
-        threshold: factor on the detector's threshold.
-        doppler_beta: Doppler shift [s] that the settings state, or None where psi measures it.
-        alter: takes the scans to those that are used.
-        backward: whether they are played backward.
-    """
-
-    name: str
-    bin_m: float = _BIN_M
-    threshold: float = 1.0
-    doppler_beta: float | None = None
-    alter: Callable[[Scans], Scans] = lambda scans: scans
-    backward: bool = False
+    name: str  # as a table shows it
+    bin_m: float = _BIN_M  # length of a range bin [m]
+    threshold: float = 1.0  # factor on the detector's threshold
+    doppler_beta: float | None = None  # Doppler shift [s] that the settings state, or None where psi measures it
+    alter: Callable[[Scans], Scans] = lambda scans: scans  # takes the scans to those that are used
+    backward: bool = False  # whether they are played backward
 
 
 def _list_disturbances() -> Iterator[_Disturbance]:

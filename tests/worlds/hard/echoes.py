@@ -31,43 +31,25 @@ _STRAY_SPREAD_DB = 6.0
 
 
 class Echoes(NamedTuple):
-    """What comes back.
+    """What comes back."""
 
-    Args:
-        places: (N, 2) of the scatter centres at the start of the turn [m], scene frame.
-        velocities: (N, 2) of them [m/s].
-        amplitudes: (N,) in the middle of the beam.
-        azimuths: (N,) number of the azimuth that looks at each most nearly.
-    """
-
-    places: Array
-    velocities: Array
-    amplitudes: Array
-    azimuths: NDArray[np.int64]
+    places: Array  # (N, 2) of the scatter centres at the start of the turn [m], scene frame
+    velocities: Array  # (N, 2) of them [m/s]
+    amplitudes: Array  # (N,) in the middle of the beam
+    azimuths: NDArray[np.int64]  # (N,) number of the azimuth that looks at each most nearly
 
 
 class Beams(NamedTuple):
-    """The beams of a turn.
+    """The beams of a turn."""
 
-    Args:
-        poses: (A, 3) x [m], y [m], direction [rad] of each beam, scene frame.
-        velocities: (A, 2) of the radar [m/s], scene frame.
-        times: (A,) since the start of the turn [s].
-        width: one-way half-power width [rad].
-        foot: share of the two-way amplitude in the wide foot.
-        foot_widths: its width in widths of the main lobe.
-        resolution: length of a range bin [m].
-        betas: (A,) range shift per closing speed [s], signed by the chirp.
-    """
-
-    poses: Array
-    velocities: Array
-    times: Array
-    width: float
-    foot: float
-    foot_widths: float
-    resolution: float
-    betas: Array
+    poses: Array  # (A, 3) x [m], y [m], direction [rad] of each beam, scene frame
+    velocities: Array  # (A, 2) of the radar [m/s], scene frame
+    times: Array  # (A,) since the start of the turn [s]
+    width: float  # one-way half-power width [rad]
+    foot: float  # share of the two-way amplitude in the wide foot
+    foot_widths: float  # its width in widths of the main lobe
+    resolution: float  # length of a range bin [m]
+    betas: Array  # (A,) range shift per closing speed [s], signed by the chirp
 
 
 @nb.njit(cache=True, nogil=True)

@@ -36,17 +36,11 @@ _FAINTEST = 1e-6  # a power that no reading shows
 
 @dataclass(frozen=True)
 class JitteringClock:
-    """The times of a simulated recording.
+    """The times of a simulated recording."""
 
-    Args:
-        borders: (N + 1,) starts of the turns, and the end of the last [s].
-        azimuths: number of azimuths per turn.
-        seed: of the stamps' lateness.
-    """
-
-    borders: NDArray[np.float64]
-    azimuths: int
-    seed: int
+    borders: NDArray[np.float64]  # (N + 1,) starts of the turns, and the end of the last [s]
+    azimuths: int  # number of azimuths per turn
+    seed: int  # of the stamps' lateness
 
     def times(self, k: int) -> NDArray[np.float64]:
         """Returns when the azimuths (A,) of turn k are measured [s]."""
@@ -87,19 +81,12 @@ def make_clock(turns: int, turn_rate_hz: float, azimuths: int, realism: Realism,
 
 @dataclass(frozen=True)
 class Suspension:
-    """How a vehicle pitches and rolls along a drive.
+    """How a vehicle pitches and rolls along a drive."""
 
-    Args:
-        drive: the drive.
-        realism: how much.
-        rates: (2, W) of the sines of pitch and roll [Hz].
-        phases: (2, W) of them [rad].
-    """
-
-    drive: Drive
-    realism: Realism
-    rates: Array
-    phases: Array
+    drive: Drive  # the drive
+    realism: Realism  # how much
+    rates: Array  # (2, W) of the sines of pitch and roll [Hz]
+    phases: Array  # (2, W) of them [rad]
 
     def tip(self, times: Times, angles: Array) -> Array:
         """Returns the tip of the beam upwards (A,) [rad] at times (A,) [s], in directions (A,) [rad] against the heading."""

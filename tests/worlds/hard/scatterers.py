@@ -26,27 +26,16 @@ _OF_CELLS = 0.22  # of the cells that hold one
 
 
 class Scatterers(NamedTuple):
-    """Points that reflect.
+    """Points that reflect."""
 
-    Args:
-        places: (N, 2) scene frame [m], at the time they are asked for.
-        velocities: (N, 2) [m/s].
-        heights: (N,) over the ground [m].
-        normals: (N,) direction of the normal of the face they lie on [rad], scene frame.
-        materials: (N,) `WALL` to `GROUND`.
-        levels: (N,) power at 20 m [dB].
-        names: (N,) by which their random numbers are drawn.
-        blocks: (N,) names of the blocks they belong to.
-    """
-
-    places: Array
-    velocities: Array
-    heights: Array
-    normals: Array
-    materials: NDArray[np.int64]
-    levels: Array
-    names: chance.Names
-    blocks: chance.Names
+    places: Array  # (N, 2) scene frame [m], at the time they are asked for
+    velocities: Array  # (N, 2) [m/s]
+    heights: Array  # (N,) over the ground [m]
+    normals: Array  # (N,) direction of the normal of the face they lie on [rad], scene frame
+    materials: NDArray[np.int64]  # (N,) `WALL` to `GROUND`
+    levels: Array  # (N,) power at 20 m [dB]
+    names: chance.Names  # (N,) by which their random numbers are drawn
+    blocks: chance.Names  # (N,) names of the blocks they belong to
 
     def choose(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Scatterers:
         """Returns some of the scatterers."""

@@ -34,37 +34,22 @@ _PACER_S = 30.0  # median time for which a vehicle paces
 
 
 class Vehicles(NamedTuple):
-    """Vehicles at one time.
+    """Vehicles at one time."""
 
-    Args:
-        numbers: (V,) their names.
-        poses: (V, 3) of their middles [m, m, rad], scene frame.
-        velocities: (V, 2) [m/s], scene frame.
-        sizes: (V, 3) length, width, height [m].
-    """
-
-    numbers: NDArray[np.int64]
-    poses: Array
-    velocities: Array
-    sizes: Array
+    numbers: NDArray[np.int64]  # (V,) their names
+    poses: Array  # (V, 3) of their middles [m, m, rad], scene frame
+    velocities: Array  # (V, 2) [m/s], scene frame
+    sizes: Array  # (V, 3) length, width, height [m]
 
 
 class _Road(NamedTuple):
-    """The path of a drive, continued straight on at both ends.
+    """The path of a drive, continued straight on at both ends."""
 
-    Args:
-        places: (N,) distance along the road [m], increasing.
-        poses: (N, 3) there.
-        times: (T,) [s].
-        reached: (T,) distance along the road that the drive has reached at each time [m].
-        flow: (T,) time for which traffic has flowed [s]: it stops with the drive.
-    """
-
-    places: Array
-    poses: Array
-    times: Array
-    reached: Array
-    flow: Array
+    places: Array  # (N,) distance along the road [m], increasing
+    poses: Array  # (N, 3) there
+    times: Array  # (T,) [s]
+    reached: Array  # (T,) distance along the road that the drive has reached at each time [m]
+    flow: Array  # (T,) time for which traffic has flowed [s]: it stops with the drive
 
     def at(self, places: Array, left: Array) -> Array:
         """Returns the poses (N, 3) at places (N,) along the road and so far to the left of it [m]."""
@@ -73,51 +58,30 @@ class _Road(NamedTuple):
 
 
 class _Pacers(NamedTuple):
-    """Vehicles that keep pace with the own one, each for a while.
+    """Vehicles that keep pace with the own one, each for a while."""
 
-    Args:
-        births: (V,) flow of traffic at which they come [s].
-        lives: (V,) how long they stay [s].
-        gaps: (V,) mean distance ahead of the own vehicle [m]; negative is behind.
-        closing: (V,) rate at which the gap grows [m/s].
-        sways: (V,) amplitude of its swaying [m].
-        phases: (V,) of it [rad].
-        leads: (V,) by how much they stop and start sooner than the own vehicle [s].
-        left: (V,) distance to the left of the own lane [m].
-        sizes: (V, 3) length, width, height [m].
-    """
-
-    births: Array
-    lives: Array
-    gaps: Array
-    closing: Array
-    sways: Array
-    phases: Array
-    leads: Array
-    left: Array
-    sizes: Array
+    births: Array  # (V,) flow of traffic at which they come [s]
+    lives: Array  # (V,) how long they stay [s]
+    gaps: Array  # (V,) mean distance ahead of the own vehicle [m]; negative is behind
+    closing: Array  # (V,) rate at which the gap grows [m/s]
+    sways: Array  # (V,) amplitude of its swaying [m]
+    phases: Array  # (V,) of it [rad]
+    leads: Array  # (V,) by how much they stop and start sooner than the own vehicle [s]
+    left: Array  # (V,) distance to the left of the own lane [m]
+    sizes: Array  # (V, 3) length, width, height [m]
 
 
 @dataclass(frozen=True)
 class Traffic:
-    """All moving vehicles of a drive.
+    """All moving vehicles of a drive."""
 
-    Args:
-        scene: whose lanes hold some.
-        realism: how many others there are.
-        road: the drive's path; None on a yard.
-        pacers: those that keep pace.
-        oncoming: (V, 5) place along the road at time zero [m], distance to its left [m], length, width, height [m].
-        queue: (V, 5) distance ahead of the own vehicle [m], distance to its left [m], length, width, height [m].
-        solid: places of what no vehicle drives through; the scene's own vehicles and the queue keep to lanes that are free.
-    """
-
-    scene: Scene
-    realism: Realism
-    road: _Road | None
-    pacers: _Pacers
-    oncoming: Array
-    queue: Array
+    scene: Scene  # whose lanes hold some
+    realism: Realism  # how many others there are
+    road: _Road | None  # the drive's path; None on a yard
+    pacers: _Pacers  # those that keep pace
+    oncoming: Array  # (V, 5) place along the road at time zero [m], distance to its left [m], length, width, height [m]
+    queue: Array  # (V, 5) distance ahead of the own vehicle [m], distance to its left [m], length, width, height [m]
+    # places of what no vehicle drives through; the scene's own vehicles and the queue keep to lanes that are free
     solid: cKDTree
 
     def vehicles(self, time: float, turn: float) -> Vehicles:

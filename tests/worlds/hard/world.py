@@ -38,31 +38,18 @@ _MARGIN_M = 5.0  # by which the last range bin is exceeded, since things and the
 
 @dataclass(frozen=True)
 class HardWorld:
-    """A drive through a scene whose radar recordings are as hard as real ones; `make_hard_world` makes one.
+    """A drive through a scene whose radar recordings are as hard as real ones; `make_hard_world` makes one."""
 
-    Args:
-        scene: what reflects and hides.
-        drive: how the radar moves.
-        sensor: turn rate, azimuths, range bins, beam width and Doppler shift count; the rest is `realism`'s.
-        realism: the magnitudes of all effects.
-        seed: of everything.
-        scatterers: of the scene, in the order of their x.
-        standing: what hides and does not move.
-        traffic: what moves.
-        suspension: how the own vehicle tilts.
-        clock: when azimuths are measured and stamped.
-    """
-
-    scene: Scene
-    drive: Drive
-    sensor: SensorModel
-    realism: Realism
-    seed: int
-    scatterers: Scatterers
-    standing: Obstacles
-    traffic: Traffic
-    suspension: Suspension
-    clock: JitteringClock
+    scene: Scene  # what reflects and hides
+    drive: Drive  # how the radar moves
+    sensor: SensorModel  # turn rate, azimuths, range bins, beam width and Doppler shift count; the rest is `realism`'s
+    realism: Realism  # the magnitudes of all effects
+    seed: int  # of everything
+    scatterers: Scatterers  # of the scene, in the order of their x
+    standing: Obstacles  # what hides and does not move
+    traffic: Traffic  # what moves
+    suspension: Suspension  # how the own vehicle tilts
+    clock: JitteringClock  # when azimuths are measured and stamped
 
     def stamps(self, k: int) -> Array:
         """Returns the times (A,) [s] at which the azimuths of turn k are said to be measured."""
