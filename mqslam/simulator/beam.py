@@ -60,35 +60,21 @@ class Things(NamedTuple):
 
 
 class Sweep(NamedTuple):
-    """The sensor during one turn.
+    """The sensor during one turn."""
 
-    Args:
-        poses: (A, 3) at each azimuth, scene frame.
-        twists: (A, 3) body velocity at each azimuth [m/s, m/s, rad/s].
-        times: (A,) of each azimuth [s].
-        angles: (A,) of the beam against the sensor's heading [rad].
-        betas: (A,) range shift per closing speed [s], signed by the chirp.
-    """
-
-    poses: Array
-    twists: Array
-    times: Array
-    angles: Array
-    betas: Array
+    poses: Array  # (A, 3) at each azimuth, scene frame
+    twists: Array  # (A, 3) body velocity at each azimuth [m/s, m/s, rad/s]
+    times: Array  # (A,) of each azimuth [s]
+    angles: Array  # (A,) of the beam against the sensor's heading [rad]
+    betas: Array  # (A,) range shift per closing speed [s], signed by the chirp
 
 
 class Pattern(NamedTuple):
-    """The pattern of a beam, cut into cells.
+    """The pattern of a beam, cut into cells."""
 
-    Args:
-        edges: (C + 1, 2) sine and cosine of the cells' edges, from right to left.
-        gains: (C,) share of the beam's energy in each cell.
-        width: one-way half-power width [rad].
-    """
-
-    edges: Array
-    gains: Array
-    width: float
+    edges: Array  # (C + 1, 2) sine and cosine of the cells' edges, from right to left
+    gains: Array  # (C,) share of the beam's energy in each cell
+    width: float  # one-way half-power width [rad]
 
 
 class SimulatedRadar(NamedTuple):
@@ -107,15 +93,10 @@ class SimulatedRadar(NamedTuple):
 
 
 class Hits(NamedTuple):
-    """What the beam meets in each of its cells.
+    """What the beam meets in each of its cells."""
 
-    Args:
-        table: (C, H, 5) the hits of each cell, with the columns `NEAR` to `CLOSING`.
-        counts: (C,) number of hits in use.
-    """
-
-    table: Array
-    counts: NDArray[np.int64]
+    table: Array  # (C, H, 5) the hits of each cell, with the columns `NEAR` to `CLOSING`
+    counts: NDArray[np.int64]  # (C,) number of hits in use
 
 
 @nb.njit(cache=True, nogil=True)

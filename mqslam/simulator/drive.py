@@ -196,13 +196,7 @@ def make_tunnel_drive(duration_s: float) -> SampledDrive:
 
 
 def clear_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
-    """Moves the vehicles of a scene along their lanes until none of them runs into the drive.
-
-    Args:
-        scene: the scene; its vehicles do not give way.
-        drive: the sensor's motion.
-        duration_s: how long the drive takes [s].
-    """
+    """Moves the vehicles of a scene, which do not give way, along their lanes until none of them runs into a drive [s]."""
     times = np.arange(0.0, duration_s, 0.05)
     poses = drive.poses(times)
     movers = scene.movers.copy()
@@ -213,13 +207,9 @@ def clear_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
 
 
 def meets(mover: Times, place: float, times: Times, poses: se2.Array) -> bool:
-    """Returns whether a vehicle comes so near to the sensor's own that they would touch.
+    """Returns whether a vehicle, a row (9,) of `Scene.movers`, would touch the sensor's own if it began at another place [m].
 
-    Args:
-        mover: (9,) row of `Scene.movers`.
-        place: of the vehicle along its lane at time zero [m].
-        times: (N,) [s].
-        poses: (N, 3) of the sensor at these times.
+    The sensor's vehicle has poses (N, 3) at times (N,) [s].
     """
     x, y, _ = poses.T
     c, s = np.cos(mover[2]), np.sin(mover[2])

@@ -1,4 +1,8 @@
-"""Other sensors on the vehicle, each with its errors: wheels that slip, a gyroscope, and a GNSS receiver."""
+"""Other sensors on the vehicle, each with its errors: wheels that slip, a gyroscope, and a GNSS receiver.
+
+Every function simulates what a sensor measures on a drive, given how long that takes [s], the stamp of time zero in the
+radar's clock [us], the errors of the sensor, and their seed.
+"""
 
 from __future__ import annotations
 
@@ -23,42 +27,25 @@ _EQUATOR_M, _FLATTENING = 6_378_137.0, 1.0 / 298.257223563
 
 @dataclass(frozen=True)
 class OdometryModel:
-    """Errors of wheel odometry and its yaw-rate gyro.
+    """Errors of wheel odometry and its yaw-rate gyro."""
 
-    Args:
-        rate_hz: rows per second.
-        scale: standard deviation of the speed's relative error, which is drawn once per recording.
-        speed_noise: standard deviation of a row's speed [m/s].
-        bias: standard deviation of the yaw rate's bias at the start [rad/s].
-        bias_walk: standard deviation by which the bias wanders in a second [rad/s].
-        rate_noise: standard deviation of a row's yaw rate [rad/s].
-        slip: relative excess of the yaw rate in a hard turn.
-        hard_turn: yaw rate [rad/s] at which slip begins; from twice that on it is full.
-    """
-
-    rate_hz: float = 20.0
-    scale: float = 0.02
-    speed_noise: float = 0.05
-    bias: float = 0.004
-    bias_walk: float = 0.001
-    rate_noise: float = 0.01
-    slip: float = 0.12
-    hard_turn: float = 0.2
+    rate_hz: float = 20.0  # rows per second
+    scale: float = 0.02  # standard deviation of the speed's relative error, which is drawn once per recording
+    speed_noise: float = 0.05  # standard deviation of a row's speed [m/s]
+    bias: float = 0.004  # standard deviation of the yaw rate's bias at the start [rad/s]
+    bias_walk: float = 0.001  # standard deviation by which the bias wanders in a second [rad/s]
+    rate_noise: float = 0.01  # standard deviation of a row's yaw rate [rad/s]
+    slip: float = 0.12  # relative excess of the yaw rate in a hard turn
+    hard_turn: float = 0.2  # yaw rate [rad/s] at which slip begins; from twice that on it is full
 
 
 @dataclass(frozen=True)
 class WheelOdometry:
-    """Speed and yaw rate as the wheels report them, each row the mean until the next row.
+    """Speed and yaw rate as the wheels report them, each row the mean until the next row."""
 
-    Args:
-        stamps_us: (N,) int64 [us].
-        v: (N,) forward speed [m/s].
-        omega: (N,) yaw rate [rad/s].
-    """
-
-    stamps_us: NDArray[np.int64]
-    v: NDArray[np.float64]
-    omega: NDArray[np.float64]
+    stamps_us: NDArray[np.int64]  # (N,) int64 [us]
+    v: NDArray[np.float64]  # (N,) forward speed [m/s]
+    omega: NDArray[np.float64]  # (N,) yaw rate [rad/s]
 
     def dead_reckon(self) -> Trajectory:
         """Integrates the rows to a trajectory that begins at the origin with the first row."""
@@ -70,15 +57,7 @@ class WheelOdometry:
 def simulate_wheel_odometry(
     drive: Drive, duration_s: float, start_us: int, model: OdometryModel, seed: int
 ) -> WheelOdometry:
-    """Simulates what wheel odometry reports of a drive, up to the first row at or after its end.
-
-    Args:
-        drive: the true motion.
-        duration_s: how long the drive takes [s].
-        start_us: stamp [us] of time zero.
-        model: errors of the odometry.
-        seed: of the errors.
-    """
+    """Simulates what wheel odometry reports of a drive, up to the first row at or after its end."""
     rng = np.random.default_rng([seed, 3])
     rows = int(np.ceil(duration_s * model.rate_hz - 1e-9)) + 1
     times = np.arange(rows + 1) / model.rate_hz
@@ -94,23 +73,14 @@ def simulate_wheel_odometry(
 
 @dataclass(frozen=True)
 class GyroscopeModel:
-    """Errors of a gyroscope.
+    """Errors of a gyroscope."""
 
-    Args:
-        bias: standard deviation of an axis's bias when it is turned on [rad/s].
-        bias_walk: standard deviation by which a bias wanders in a second [rad/s].
-        noise: density of the white noise [rad/s per square root of Hz].
-        scale: standard deviation of an axis's relative scale error.
-        rate_hz: readings per second.
-        late_s: how much later than the radar's clock the gyroscope's stamps the same instant [s].
-    """
-
-    bias: float
-    bias_walk: float
-    noise: float
-    scale: float
-    rate_hz: float = 100.0
-    late_s: float = 0.0
+    bias: float  # standard deviation of an axis's bias when it is turned on [rad/s]
+    bias_walk: float  # standard deviation by which a bias wanders in a second [rad/s]
+    noise: float  # density of the white noise [rad/s per square root of Hz]
+    scale: float  # standard deviation of an axis's relative scale error
+    rate_hz: float = 100.0  # readings per second
+    late_s: float = 0.0  # how much later than the radar's clock the gyroscope's stamps the same instant [s]
 
 
 GRADES = {
@@ -126,13 +96,6 @@ GRADES = {
 
 def simulate_gyroscope(drive: Drive, duration_s: float, start_us: int, model: GyroscopeModel, seed: int) -> Gyroscope:
     """Simulates what a gyroscope reads during a drive; it neither pitches nor rolls.
-
-    Args:
-        drive: the true motion.
-        duration_s: how long the drive takes [s].
-        start_us: stamp [us] of time zero in the radar's clock.
-        model: errors of the gyroscope.
-        seed: of the errors.
 
     Returns:
         Readings in the gyroscope's own clock, from time zero to the first one at or after the end of the drive.
@@ -151,40 +114,22 @@ def simulate_gyroscope(drive: Drive, duration_s: float, start_us: int, model: Gy
 
 @dataclass(frozen=True)
 class ReceiverModel:
-    """Errors of a receiver of one frequency, such as the u-blox M8 and M9, of which half the fixes lie within 2 to 2.5 m.
+    """Errors of a receiver of one frequency, such as the u-blox M8 and M9, of which half the fixes lie within 2 to 2.5 m."""
 
-    Args:
-        rate_hz: fixes per second.
-        noise_m: standard deviation of a fix along each axis [m]; the receiver states it, whatever its error is.
-        jumps: multipath jumps per minute.
-        jump_m: standard deviation of a jump along each axis [m]: a wall on the other side of a street reflects the signals.
-        jump_s: mean duration of a jump [s].
-        outages: outages per minute.
-        outage_s: mean duration of an outage [s]: a bridge or a street that is narrow.
-    """
-
-    rate_hz: float = 1.0
-    noise_m: float = 2.0
-    jumps: float = 1.0
+    rate_hz: float = 1.0  # fixes per second
+    noise_m: float = 2.0  # standard deviation of a fix along each axis [m]; the receiver states it, whatever its error is
+    jumps: float = 1.0  # multipath jumps per minute
+    # standard deviation of a jump along each axis [m]: a wall on the other side of a street reflects the signals
     jump_m: float = 20.0
-    jump_s: float = 4.0
-    outages: float = 0.5
-    outage_s: float = 6.0
+    jump_s: float = 4.0  # mean duration of a jump [s]
+    outages: float = 0.5  # outages per minute
+    outage_s: float = 6.0  # mean duration of an outage [s]: a bridge or a street that is narrow
 
 
 def simulate_fixes(
     drive: Drive, roofs: NDArray[np.float64], duration_s: float, start_us: int, model: ReceiverModel, seed: int
 ) -> Fixes:
-    """Simulates the fixes of a receiver at the radar's place during a drive.
-
-    Args:
-        drive: the true motion.
-        roofs: (R, 4) of the scene, under which there are no fixes.
-        duration_s: how long the drive takes [s].
-        start_us: stamp [us] of time zero.
-        model: errors of the receiver.
-        seed: of the errors.
-    """
+    """Simulates the fixes of a receiver at the radar's place during a drive; there are none under the scene's roofs (R, 4)."""
     rng = np.random.default_rng([seed, 22])
     times = np.arange(int(np.floor(duration_s * model.rate_hz + 1e-9)) + 1) / model.rate_hz
     true = drive.poses(times)[:, :2]

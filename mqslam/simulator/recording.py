@@ -52,21 +52,13 @@ MakeWorld = Callable[[Scene, Drive, SensorModel, int, int], World]
 
 @dataclass(frozen=True)
 class ClearWorld:
-    """A world in which every surface shows from everywhere, and every azimuth is stamped when it is measured.
+    """A world in which every surface shows from everywhere, and every azimuth is stamped when it is measured."""
 
-    Args:
-        scene: what reflects.
-        drive: how the radar moves.
-        sensor: the radar.
-        turns: how often it turns.
-        seed: of the noise.
-    """
-
-    scene: Scene
-    drive: Drive
-    sensor: SensorModel
-    turns: int
-    seed: int
+    scene: Scene  # what reflects
+    drive: Drive  # how the radar moves
+    sensor: SensorModel  # the radar
+    turns: int  # how often it turns
+    seed: int  # of the noise
 
     def stamps(self, k: int) -> NDArray[np.float64]:
         """Returns the times (A,) [s] at which the azimuths of turn k are measured."""
@@ -95,21 +87,13 @@ def to_stamps(times: NDArray[np.float64]) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedRecording(Recording):
-    """A drive through a scene as a recording; `simulate_recording` makes one.
+    """A drive through a scene as a recording; `simulate_recording` makes one."""
 
-    Args:
-        scene: what reflects.
-        drive: how the sensor moves.
-        sensor: the radar.
-        wheel_odometry: what the wheels report.
-        world: what the radar sees of the scene, and when.
-    """
-
-    scene: Scene
-    drive: Drive
-    sensor: SensorModel
-    wheel_odometry: WheelOdometry
-    world: World
+    scene: Scene  # what reflects
+    drive: Drive  # how the sensor moves
+    sensor: SensorModel  # the radar
+    wheel_odometry: WheelOdometry  # what the wheels report
+    world: World  # what the radar sees of the scene, and when
 
     def azimuth_stamps(self, k: int) -> NDArray[np.int64]:
         """Returns the stamps (A,) [us] of the azimuths of polar scan k, in whole microseconds as files have them."""

@@ -23,36 +23,23 @@ BlockKind = Literal["closed", "open", "halls", "square", "park", "river"]
 
 
 class Profile(NamedTuple):
-    """The cross section of a street, the same to both sides of its middle.
+    """The cross section of a street, the same to both sides of its middle."""
 
-    Args:
-        half: half of the roadway's width [m].
-        verge: width of what lies between roadway and houses [m].
-        lanes: distances of the lanes' middles from the street's middle [m]; one drives on the last of the right side.
-        speed: at which one drives there [m/s].
-    """
-
-    half: float
-    verge: float
+    half: float  # half of the roadway's width [m]
+    verge: float  # width of what lies between roadway and houses [m]
+    # distances of the lanes' middles from the street's middle [m]; one drives on the last of the right side
     lanes: tuple[float, ...]
-    speed: float
+    speed: float  # at which one drives there [m/s]
 
 
 @dataclass(frozen=True)
 class Street:
-    """A street from one crossing to the next.
+    """A street from one crossing to the next."""
 
-    Args:
-        ends: numbers of its two crossings.
-        line: (K, 2) its middle [m], from the first end to the second.
-        kind: what it is; a footway has no vehicles.
-        profile: its cross section.
-    """
-
-    ends: tuple[int, int]
-    line: Array
-    kind: StreetKind
-    profile: Profile
+    ends: tuple[int, int]  # numbers of its two crossings
+    line: Array  # (K, 2) its middle [m], from the first end to the second
+    kind: StreetKind  # what it is; a footway has no vehicles
+    profile: Profile  # its cross section
 
     @property
     def length(self) -> float:
@@ -72,34 +59,21 @@ class Street:
 
 @dataclass(frozen=True)
 class Block:
-    """What four streets enclose.
+    """What four streets enclose."""
 
-    Args:
-        kind: what stands there.
-        outline: (K, 2) the middles of the streets around it [m], counter-clockwise.
-        insets: (K,) distance of the house line from each piece of the outline [m].
-        fronts: (K,) the street along each piece of the outline.
-    """
-
-    kind: BlockKind
-    outline: Array
-    insets: Array
-    fronts: tuple[Street, ...]
+    kind: BlockKind  # what stands there
+    outline: Array  # (K, 2) the middles of the streets around it [m], counter-clockwise
+    insets: Array  # (K,) distance of the house line from each piece of the outline [m]
+    fronts: tuple[Street, ...]  # (K,) the street along each piece of the outline
 
 
 @dataclass(frozen=True)
 class CityPlan:
-    """The streets and blocks of a city.
+    """The streets and blocks of a city."""
 
-    Args:
-        crossings: (C, 2) places of the crossings [m].
-        streets: all streets.
-        blocks: all blocks.
-    """
-
-    crossings: Array
-    streets: tuple[Street, ...]
-    blocks: tuple[Block, ...]
+    crossings: Array  # (C, 2) places of the crossings [m]
+    streets: tuple[Street, ...]  # all streets
+    blocks: tuple[Block, ...]  # all blocks
 
     def clearances(self) -> Array:
         """Returns the distance (C,) [m] from each crossing within which its streets have no furniture."""
