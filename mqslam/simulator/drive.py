@@ -207,9 +207,9 @@ def clear_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
 
 
 def meets(mover: Times, place: float, times: Times, poses: se2.Array) -> bool:
-    """Returns whether a vehicle, a row (9,) of `Scene.movers`, would touch the sensor's own if it began at another place [m].
+    """Returns whether a vehicle, a row (9,) of `Scene.movers`, would touch the own one if it began at a place [m].
 
-    The sensor's vehicle has poses (N, 3) at times (N,) [s].
+    The own vehicle has poses (N, 3) at times (N,) [s].
     """
     x, y, _ = poses.T
     c, s = np.cos(mover[2]), np.sin(mover[2])
