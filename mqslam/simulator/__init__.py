@@ -7,19 +7,33 @@ Both take another `World` than the simulator's own, which stands in for what the
 from mqslam.core.velocity import CHIRP_BETA
 from mqslam.simulator.city import give_way, make_city_drive, make_city_scene
 from mqslam.simulator.drive import ConstantDrive, Drive, SampledDrive, clear_way, make_loop_drive, make_tunnel_drive
-from mqslam.simulator.in_memory import SimulatedRecording, simulate_recording
-from mqslam.simulator.inertial import GRADES, GyroscopeModel, simulate_gyroscope
-from mqslam.simulator.satellites import ReceiverModel, simulate_fixes
+from mqslam.simulator.instruments import (
+    GRADES,
+    GyroscopeModel,
+    OdometryModel,
+    ReceiverModel,
+    WheelOdometry,
+    simulate_fixes,
+    simulate_gyroscope,
+    simulate_wheel_odometry,
+)
+from mqslam.simulator.recording import (
+    START_US,
+    ClearWorld,
+    MakeWorld,
+    SimulatedRecording,
+    World,
+    simulate_recording,
+)
 from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene, make_tunnel_scene, make_yard_scene
 from mqslam.simulator.sensor import SensorModel, render_polar_scan
-from mqslam.simulator.wheels import OdometryModel, WheelOdometry, simulate_wheel_odometry
-from mqslam.simulator.world import ClearWorld, MakeWorld, World
 from mqslam.simulator.write import SCENES, simulate
 
 __all__ = [
     "CHIRP_BETA",
     "GRADES",
     "SCENES",
+    "START_US",
     "ClearWorld",
     "ConstantDrive",
     "Drive",

@@ -3,6 +3,9 @@
 A beam is cut into thin cells of its two-way pattern. Walls are clipped to the cells exactly, so an oblique wall fills
 the span of ranges that it really crosses; a pole is a bright line at its nearest point, seen with the pattern's gain.
 
+Every `_cast` function takes one thing in the frame of the beam, as (distance along it, distance to its left) [m], with the
+sensor's velocity relative to it in the same frame [m/s], and adds what the thing returns to the hits.
+
 The numbers of this file define the simulated world: with other numbers the same seed would give other recordings.
 All kernels live in this one file: numba renews its cache when the file of a kernel changes, not those of its callees.
 """
@@ -15,7 +18,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.simulator.parts import POLE_OPACITY, VEHICLE_OPACITY, Array
+from mqslam.simulator.scene import POLE_OPACITY, VEHICLE_OPACITY, Array
 
 COUNTS_PER_DECADE = 20.0
 """uint8 counts per factor of ten in power: half a decibel each, as Navtech radars store it."""
@@ -48,7 +51,7 @@ Pair = tuple[float, float]
 
 
 class Things(NamedTuple):
-    """What reflects, as the columns of `Scene` have it."""
+    """What reflects, as `Scene` has it."""
 
     walls: Array
     poles: Array
@@ -57,52 +60,25 @@ class Things(NamedTuple):
 
 
 class Sweep(NamedTuple):
-    """The sensor during one turn.
+    """The sensor during one turn."""
 
-    Args:
-        poses: (A, 3) at each azimuth, scene frame.
-        twists: (A, 3) body velocity at each azimuth [m/s, m/s, rad/s].
-        times: (A,) of each azimuth [s].
-        angles: (A,) of the beam against the sensor's heading [rad].
-        betas: (A,) range shift per closing speed [s], signed by the chirp.
-    """
-
-    poses: Array
-    twists: Array
-    times: Array
-    angles: Array
-    betas: Array
+    poses: Array  # (A, 3) at each azimuth, scene frame
+    twists: Array  # (A, 3) body velocity at each azimuth [m/s, m/s, rad/s]
+    times: Array  # (A,) of each azimuth [s]
+    angles: Array  # (A,) of the beam against the sensor's heading [rad]
+    betas: Array  # (A,) range shift per closing speed [s], signed by the chirp
 
 
 class Pattern(NamedTuple):
-    """The pattern of a beam, cut into cells.
+    """The pattern of a beam, cut into cells."""
 
-    Args:
-        edges: (C + 1, 2) sine and cosine of the cells' edges, from right to left.
-        gains: (C,) share of the beam's energy in each cell.
-        width: one-way half-power width [rad].
-    """
-
-    edges: Array
-    gains: Array
-    width: float
+    edges: Array  # (C + 1, 2) sine and cosine of the cells' edges, from right to left
+    gains: Array  # (C,) share of the beam's energy in each cell
+    width: float  # one-way half-power width [rad]
 
 
 class SimulatedRadar(NamedTuple):
-    """What the radar makes of the echoes; powers are linear.
-
-    Args:
-        bins: range bins per azimuth.
-        resolution: length of a range bin [m].
-        spread: standard deviation of an echo [bins].
-        wall_echo: power of a whole beam at right angles on a wall of reflectivity 1 at the reference range.
-        pole_echo: power of a pole of reflectivity 1 in the middle of the beam at the reference range.
-        noise: mean power of the thermal noise.
-        speckle: share of an echo's power that fluctuates, 0..1.
-        roughness: standard deviation of a surface's depth [m].
-        saturation: probability of an azimuth with higher noise.
-        clutter: probability of a bin with an echo of nothing.
-    """
+    """What the radar makes of the echoes, as `SensorModel` has it, but with linear powers in place of levels."""
 
     bins: int
     resolution: float
@@ -117,22 +93,16 @@ class SimulatedRadar(NamedTuple):
 
 
 class Hits(NamedTuple):
-    """What the beam meets in each of its cells.
+    """What the beam meets in each of its cells."""
 
-    Args:
-        table: (C, H, 5) the hits of each cell, with the columns `NEAR` to `CLOSING`.
-        counts: (C,) number of hits in use.
-    """
-
-    table: Array
-    counts: NDArray[np.int64]
+    table: Array  # (C, H, 5) the hits of each cell, with the columns `NEAR` to `CLOSING`
+    counts: NDArray[np.int64]  # (C,) number of hits in use
 
 
 @nb.njit(cache=True, nogil=True)
 def render_power(things: Things, sweep: Sweep, pattern: Pattern, radar: SimulatedRadar, seed: int) -> NDArray[np.uint8]:
     """Renders the received power of one turn as counts (A, B) uint8, as `render_polar_scan` describes it."""
     np.random.seed(seed)
-    things = _keep_near(things, sweep.poses, radar.bins * radar.resolution)
     cells = len(pattern.gains)
     hits = Hits(np.empty((cells, HITS, 5)), np.zeros(cells, dtype=np.int64))
     row = np.empty(radar.bins)
@@ -149,29 +119,6 @@ def render_power(things: Things, sweep: Sweep, pattern: Pattern, radar: Simulate
             noise = radar.noise * 10.0 ** np.random.uniform(*SATURATION_DECADES)
         _write_counts(row, noise, out[k])
     return out
-
-
-@nb.njit(cache=True, nogil=True)
-def _keep_near(things: Things, poses: Array, max_range: float) -> Things:
-    """Returns the things without the walls, poles and plants that no beam reaches."""
-    middle = len(poses) // 2
-    x, y = poses[middle, 0], poses[middle, 1]
-    moved = np.hypot(poses[:, 0] - x, poses[:, 1] - y).max()
-    reach = max_range + moved + 2.0  # the margin covers the size of any thing
-    walls, poles, plants = things.walls, things.poles, things.plants
-    walls = walls[np.array([_is_near(a[0], a[1], a[2], a[3], x, y, reach) for a in walls], dtype=np.bool_)]
-    poles = poles[np.hypot(poles[:, 0] - x, poles[:, 1] - y) < reach]
-    plants = plants[np.hypot(plants[:, 0] - x, plants[:, 1] - y) < reach + plants[:, 2]]
-    return Things(walls, poles, things.movers, plants)
-
-
-@nb.njit(cache=True, nogil=True)
-def _is_near(x0: float, y0: float, x1: float, y1: float, x: float, y: float, reach: float) -> bool:
-    """Returns whether a wall comes within `reach` [m] of (x, y)."""
-    dx, dy = x1 - x0, y1 - y0
-    squared = dx * dx + dy * dy
-    t = min(1.0, max(0.0, ((x - x0) * dx + (y - y0) * dy) / squared)) if squared > 0.0 else 0.0
-    return bool(np.hypot(x0 + t * dx - x, y0 + t * dy - y) < reach)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -203,17 +150,7 @@ def _cast_beam(things: Things, sweep: Sweep, k: int, pattern: Pattern, radar: Si
 def _cast_wall(
     start: Pair, end: Pair, material: Pair, velocity: Pair, wall_echo: float, pattern: Pattern, hits: Hits
 ) -> None:
-    """Adds what a wall returns to the hits of every cell of the beam.
-
-    Args:
-        start: one end, along the beam and to its left [m].
-        end: the other end.
-        material: the wall's reflectivity, and the share of the beam that it takes.
-        velocity: of the sensor relative to the wall [m/s], along the beam and to its left.
-        wall_echo: as in `SimulatedRadar`.
-        pattern: of the beam.
-        hits: extended.
-    """
+    """Adds a wall between two ends, with its reflectivity and the share of the beam that it takes, where it is met."""
     u0, w0 = start
     u1, w1 = end
     if u0 < NEAREST and u1 < NEAREST:
@@ -271,17 +208,7 @@ def _clip(t0: float, t1: float, at_start: float, at_end: float) -> Pair:
 def _cast_pole(
     middle: Pair, radius: float, reflectivity: float, velocity: Pair, pole_echo: float, pattern: Pattern, hits: Hits
 ) -> None:
-    """Adds what a pole returns to the hits of the cell that holds its middle.
-
-    Args:
-        middle: of the pole, along the beam and to its left [m].
-        radius: [m].
-        reflectivity: of the pole.
-        velocity: of the sensor relative to the pole [m/s], along the beam and to its left.
-        pole_echo: as in `SimulatedRadar`.
-        pattern: of the beam.
-        hits: extended.
-    """
+    """Adds a pole of a radius [m] to the cell that holds its middle."""
     u, w = middle
     if u < NEAREST:
         return
@@ -309,18 +236,7 @@ def _cast_pole(
 def _cast_mover(
     mover: Array, time: float, pose: Array, velocity: Pair, axis: Pair, wall_echo: float, pattern: Pattern, hits: Hits
 ) -> None:
-    """Adds what the four sides of a moving vehicle return to the hits.
-
-    Args:
-        mover: (9,) row of `Scene.movers`.
-        time: at which the vehicle is seen [s].
-        pose: (3,) of the sensor, scene frame.
-        velocity: of the sensor [m/s], along the beam and to its left.
-        axis: unit vector of the beam, scene frame.
-        wall_echo: as in `SimulatedRadar`.
-        pattern: of the beam.
-        hits: extended.
-    """
+    """Adds the sides of a vehicle, a row of `Scene.movers`, seen at a time [s] from a pose along an axis of the scene."""
     c, s = np.cos(mover[2]), np.sin(mover[2])
     along = (mover[4] + mover[5] * time) % mover[3]
     dx, dy = mover[0] + along * c - pose[0], mover[1] + along * s - pose[1]
@@ -344,17 +260,7 @@ def _cast_mover(
 def _cast_plant(
     middle: Pair, radius: float, density: float, velocity: Pair, wall_echo: float, pattern: Pattern, hits: Hits
 ) -> None:
-    """Adds what a plant returns to the hits of every cell whose middle ray passes through its disc.
-
-    Args:
-        middle: of the plant, along the beam and to its left [m].
-        radius: [m].
-        density: share of the beam taken per metre.
-        velocity: of the sensor relative to the plant [m/s], along the beam and to its left.
-        wall_echo: as in `SimulatedRadar`.
-        pattern: of the beam.
-        hits: extended.
-    """
+    """Adds a plant of a radius [m] and a density [1/m] to every cell whose middle ray passes through its disc."""
     u, w = middle
     edges, gains, table, counts = pattern.edges, pattern.gains, hits.table, hits.counts
     cells = len(counts)
@@ -379,14 +285,7 @@ def _cast_plant(
 
 @nb.njit(cache=True, nogil=True)
 def _add_echoes(hits: Hits, radar: SimulatedRadar, beta: float, row: Array) -> None:
-    """Adds all hits of a beam to its row of power (B,), each seen through what stands before it in its cell.
-
-    Args:
-        hits: of the beam.
-        radar: what it makes of them.
-        beta: range shift per closing speed [s] of this azimuth.
-        row: (B,) extended.
-    """
+    """Adds all hits of a beam to its row of power (B,), each seen through what stands before it in its cell."""
     for c in range(len(hits.counts)):
         through = 1.0
         for h in np.argsort(hits.table[c, : hits.counts[c], NEAR]):

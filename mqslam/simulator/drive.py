@@ -13,6 +13,10 @@ from mqslam.simulator.scene import BLOCK, LANE, Scene
 
 Times = NDArray[np.float64]
 
+_ROUND = (BLOCK[0] + 2.0 * LANE, BLOCK[1] + 2.0 * LANE)  # the right-hand lane round a block, along x and y [m]
+_CORNER_MPS, _ACCELERATION = 5.0, 2.0  # speed in corners, and largest change of speed [m/s^2]
+_CURVATURE, _RAMP_M = 0.11, 5.0  # in the middle of a corner [1/m], and the length over which it rises and falls
+
 
 class Drive(ABC):
     """A smooth motion of the sensor through a scene."""
@@ -95,34 +99,20 @@ class SampledDrive(Drive):
         return self.samples[i], self.samples[i + 1], self.rates[i] * step, self.rates[i + 1] * step
 
 
-def make_loop_drive(
-    duration_s: float,
-    *,
-    size: tuple[float, float] = (BLOCK[0] + 2.0 * LANE, BLOCK[1] + 2.0 * LANE),
-    speed: float = 9.0,
-    corner_speed: float = 5.0,
-    acceleration: float = 2.0,
-    curvature: float = 0.11,
-    from_standstill: bool = False,
-) -> SampledDrive:
-    """Makes a drive of counter-clockwise rounds of a rectangle about the origin, which enters and leaves corners gradually.
+def make_loop_drive(duration_s: float, *, speed: float = 9.0) -> SampledDrive:
+    """Makes a drive of counter-clockwise rounds of a street scene's middle block, in the right-hand lane.
 
-    The default rectangle is the right-hand lane round the middle block of a street scene, and one round of it takes about
-    47 s. The drive starts in the middle of the side with the least y, and heads along x.
+    It enters and leaves corners gradually; one round takes about 47 s. The drive starts in the middle of the side with the
+    least y, and heads along x.
 
     Args:
         duration_s: how long to drive [s].
-        size: of the rectangle along x and y [m].
         speed: on the straights [m/s].
-        corner_speed: speed in the corners [m/s].
-        acceleration: largest change of speed [m/s^2].
-        curvature: in the middle of a corner [1/m].
-        from_standstill: whether the drive starts at rest instead of at speed.
     """
-    places, lap, curvatures, limits = _lay_lap(size, curvature, corner_speed, speed)
+    places, lap, curvatures, limits = _lay_lap(speed)
     distance = np.arange(0.0, speed * duration_s + 10.0, 0.1)
     limit = np.interp(distance % places[-1], places, limits)
-    speeds = limit_acceleration(distance, limit, acceleration, from_standstill=from_standstill)
+    speeds = limit_acceleration(distance, limit, _ACCELERATION)
     step = 2.0 * np.diff(distance) / (speeds[1:] + speeds[:-1])
     reached = np.concatenate([[0.0], np.cumsum(step)])
     times = np.arange(0.0, duration_s + 0.5, 0.02)
@@ -136,27 +126,10 @@ def make_loop_drive(
     return SampledDrive(times, poses, rates)
 
 
-def make_tunnel_drive(duration_s: float) -> SampledDrive:
-    """Makes a drive along x that starts 60 m before the origin, and whose speed goes from 10 m/s to 13 and to 7 in turn.
-
-    Args:
-        duration_s: how long to drive [s].
-    """
-    times = np.arange(0.0, duration_s + 0.5, 0.02)
-    phase, period = 2.0 * np.pi * times / 24.0, 24.0 / (2.0 * np.pi)
-    zeros = np.zeros_like(times)
-    poses = np.column_stack([-60.0 + 10.0 * times + 3.0 * period * (1.0 - np.cos(phase)), zeros, zeros])
-    return SampledDrive(times, poses, np.column_stack([10.0 + 3.0 * np.sin(phase), zeros, zeros]))
-
-
-def _lay_lap(
-    size: tuple[float, float], curvature: float, corner_speed: float, speed: float
-) -> tuple[Times, se2.Array, Times, Times]:
+def _lay_lap(speed: float) -> tuple[Times, se2.Array, Times, Times]:
     """Returns places (N,) [m], poses (N, 3), curvatures (N,) [1/m] and speed limits (N,) [m/s] along one round."""
-    corner, bend, spacing = _lay_corner(curvature)
-    reach = corner[-1, 0]
-    along, across = size[0] - 2.0 * reach, size[1] - 2.0 * reach
-    poses = [np.array([[0.0, -size[1] / 2.0, 0.0]])]
+    corner, bend, spacing = _lay_corner()
+    poses = [np.array([[0.0, -_ROUND[1] / 2.0, 0.0]])]
     places, curvatures, limits = [np.zeros(1)], [np.zeros(1)], [np.full(1, speed)]
 
     def add(piece: se2.Array, curvature: Times, spacing: float, limit: float) -> None:
@@ -170,22 +143,23 @@ def _lay_lap(
         piece = np.linspace([0.0, 0.0, 0.0], [length, 0.0, 0.0], number + 1)[1:]
         add(piece, np.zeros(number), length / number, speed)
 
+    along, across = (side - 2.0 * corner[-1, 0] for side in _ROUND)
     add_straight(along / 2.0)
     for length in (across, along, across, along / 2.0):
-        add(corner, bend, spacing, corner_speed)
+        add(corner, bend, spacing, _CORNER_MPS)
         add_straight(length)
     return np.concatenate(places), np.concatenate(poses), np.concatenate(curvatures), np.concatenate(limits)
 
 
-def _lay_corner(curvature: float, ramp: float = 5.0) -> tuple[se2.Array, Times, float]:
-    """Lays a left turn by 90 degrees whose curvature [1/m] rises and falls linearly over `ramp` [m].
+def _lay_corner() -> tuple[se2.Array, Times, float]:
+    """Lays a left turn by 90 degrees whose curvature [1/m] rises and falls linearly.
 
     Returns:
         Poses (N, 3) in the frame of its start, which is left out; curvatures (N,) [1/m] there; their spacing [m].
     """
-    length = np.pi / 2.0 / curvature + ramp
+    length = np.pi / 2.0 / _CURVATURE + _RAMP_M
     place = np.linspace(0.0, length, round(length / 0.1) + 1)
-    bend = curvature * np.minimum(1.0, np.minimum(place, length - place) / ramp)
+    bend = _CURVATURE * np.minimum(1.0, np.minimum(place, length - place) / _RAMP_M)
     mean = 0.5 * (bend[1:] + bend[:-1])
     spacing = place[1]
     mean *= np.pi / 2.0 / (mean.sum() * spacing)  # so that the corner turns by exactly 90 degrees
@@ -195,18 +169,15 @@ def _lay_corner(curvature: float, ramp: float = 5.0) -> tuple[se2.Array, Times, 
     return poses[1:], bend[1:], float(spacing)
 
 
-def limit_acceleration(distance: Times, limit: Times, acceleration: float, *, from_standstill: bool) -> Times:
+def limit_acceleration(distance: Times, limit: Times, acceleration: float) -> Times:
     """Returns the largest speeds (N,) [m/s] at distances (N,) [m] that keep to limits (N,) [m/s] and an acceleration.
 
     Args:
         distance: along the path [m], increasing by equal steps.
         limit: of the speed there [m/s].
         acceleration: largest change of speed [m/s^2].
-        from_standstill: whether the first speed is zero.
     """
     squared = limit**2
-    if from_standstill:
-        squared[0] = 0.0
     gain = 2.0 * acceleration * (distance[1] - distance[0])
     for i in range(1, len(squared)):
         squared[i] = min(squared[i], squared[i - 1] + gain)
@@ -215,14 +186,17 @@ def limit_acceleration(distance: Times, limit: Times, acceleration: float, *, fr
     return np.sqrt(squared)
 
 
-def clear_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
-    """Moves the vehicles of a scene along their lanes until none of them runs into the drive.
+def make_tunnel_drive(duration_s: float) -> SampledDrive:
+    """Makes a drive along x from 60 m before the origin on, whose speed goes from 10 m/s to 13 and to 7 in turn."""
+    times = np.arange(0.0, duration_s + 0.5, 0.02)
+    phase, period = 2.0 * np.pi * times / 24.0, 24.0 / (2.0 * np.pi)
+    zeros = np.zeros_like(times)
+    poses = np.column_stack([-60.0 + 10.0 * times + 3.0 * period * (1.0 - np.cos(phase)), zeros, zeros])
+    return SampledDrive(times, poses, np.column_stack([10.0 + 3.0 * np.sin(phase), zeros, zeros]))
 
-    Args:
-        scene: the scene; its vehicles do not give way.
-        drive: the sensor's motion.
-        duration_s: how long the drive takes [s].
-    """
+
+def clear_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
+    """Moves the vehicles of a scene, which do not give way, along their lanes until none of them runs into a drive [s]."""
     times = np.arange(0.0, duration_s, 0.05)
     poses = drive.poses(times)
     movers = scene.movers.copy()
@@ -233,13 +207,9 @@ def clear_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
 
 
 def meets(mover: Times, place: float, times: Times, poses: se2.Array) -> bool:
-    """Returns whether a vehicle comes so near to the sensor's own that they would touch.
+    """Returns whether a vehicle, a row (9,) of `Scene.movers`, would touch the own one if it began at a place [m].
 
-    Args:
-        mover: (9,) row of `Scene.movers`.
-        place: of the vehicle along its lane at time zero [m].
-        times: (N,) [s].
-        poses: (N, 3) of the sensor at these times.
+    The own vehicle has poses (N, 3) at times (N,) [s].
     """
     x, y, _ = poses.T
     c, s = np.cos(mover[2]), np.sin(mover[2])

@@ -9,15 +9,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mqslam.simulator.parts import WALL_OPACITY, Array, add_building, draw_mover, make_poles, make_vehicle
+Array = NDArray[np.float64]
 
+WALL_OPACITY, VEHICLE_OPACITY, POLE_OPACITY = 0.95, 0.35, 0.5
+"""Share of the beam that does not pass: the antenna sits on a roof, so that much of it passes over things."""
 LANE = 1.75
 """Distance of a lane's middle from the street's middle [m]; traffic keeps to the right."""
 BLOCK = (100.0, 72.0)
 """Distance between the middles of neighbouring streets of a street scene [m], along x and along y."""
 
-_TUNNEL_STREET = 100.0  # length of the street before and behind a tunnel [m]
+_TUNNEL_M, _TUNNEL_STREET = 5.5, 100.0  # half of a tunnel's width, length of the streets before and behind it [m]
 
 
 def _no_rows(columns: int) -> Array:
@@ -46,6 +49,79 @@ class Scene:
     roofs: Array = field(default_factory=lambda: _no_rows(4))
 
 
+@dataclass(frozen=True)
+class SceneParts:
+    """The walls, poles and plants of a scene that is being made: lists of rows as `Scene` has them."""
+
+    walls: list[Array] = field(default_factory=list)
+    poles: list[Array] = field(default_factory=list)
+    plants: list[Array] = field(default_factory=list)
+
+    def finish(self, movers: Array | None = None, roofs: Array | None = None) -> Scene:
+        """Returns the scene of all parts, with moving vehicles (M, 9) and roofs (R, 4)."""
+        return Scene(
+            np.concatenate(self.walls),
+            np.concatenate(self.poles),
+            _no_rows(9) if movers is None else movers,
+            np.concatenate([_no_rows(4), *self.plants]),
+            _no_rows(4) if roofs is None else roofs,
+        )
+
+    def add_poles(self, places: Array, radii: Array | float, reflectivities: Array) -> None:
+        """Adds poles at places (N, 2) [m] with radii [m]."""
+        self.poles.append(np.column_stack([places, np.broadcast_to(radii, len(places)), reflectivities]))
+
+    def add_vehicle(self, rng: np.random.Generator, centre: Array, yaw: float) -> None:
+        """Adds a parked vehicle."""
+        self.walls.append(make_vehicle(rng, centre, yaw))
+
+    def add_building(
+        self, rng: np.random.Generator, corner: Array, along: Array, inward: Array, length: float, depth: float
+    ) -> None:
+        """Adds a house: a front of bays at different depths, plain sides and back, bright reflectors in some corners.
+
+        Args:
+            rng: generator of the house's details.
+            corner: (2,) [m] left end of the front, seen with `inward` to the left of `along`.
+            along: (2,) unit vector along the front.
+            inward: (2,) unit vector from the street into the house.
+            length: of the front [m].
+            depth: of the house [m].
+        """
+        bays = max(2, round(length / rng.uniform(3.0, 5.0)))
+        cuts = np.concatenate([[0.0], np.sort(rng.uniform(1.0, length - 1.0, bays - 1)), [length]])
+        recess = rng.choice([0.0, 0.25, 0.6, 1.2, 2.0], bays)
+        outline = [(cuts[b + side], recess[b]) for b in range(bays) for side in (0, 1)]
+        outline += [(length, depth), (0.0, depth), outline[0]]
+        places = np.array(outline)
+        world = corner + places[:, :1] * along + places[:, 1:] * inward
+        pieces = np.c_[world[:-1], world[1:]]
+        pieces = pieces[np.hypot(*(pieces[:, 2:] - pieces[:, :2]).T) > 0.05]
+        reflectivity = rng.lognormal(0.0, 0.6, len(pieces))
+        self.walls.append(np.c_[pieces, reflectivity, np.full(len(pieces), WALL_OPACITY)])
+        bright = world[: 2 * bays][rng.random(2 * bays) < 0.5]
+        self.add_poles(bright, 0.05, rng.lognormal(0.0, 0.7, len(bright)))
+
+
+def make_box(centre: Array, yaw: float, size: Array, reflectivity: float, opacity: float = WALL_OPACITY) -> Array:
+    """Returns the four sides of a rectangle of a length and width (2,) [m] as walls (4, 6)."""
+    along = 0.5 * size[0] * np.array([np.cos(yaw), np.sin(yaw)])
+    across = 0.5 * size[1] * np.array([-np.sin(yaw), np.cos(yaw)])
+    corners = centre + np.array([along + across, across - along, -along - across, along - across])
+    return np.hstack([corners, np.roll(corners, -1, axis=0), np.full((4, 2), (reflectivity, opacity))])
+
+
+def make_vehicle(rng: np.random.Generator, centre: Array, yaw: float) -> Array:
+    """Returns a parked vehicle as four walls (4, 6)."""
+    size = np.array([rng.uniform(3.8, 5.0), rng.uniform(1.7, 1.95)])
+    return make_box(centre, yaw, size, rng.uniform(0.5, 2.0), VEHICLE_OPACITY)
+
+
+def draw_mover(rng: np.random.Generator) -> tuple[float, float]:
+    """Draws length and width [m] of a moving vehicle: a car, or a bus now and then."""
+    return (rng.uniform(3.8, 5.2), rng.uniform(1.7, 2.0)) if rng.random() < 0.85 else (11.0, 2.5)
+
+
 def make_street_scene(seed: int, *, movers: int = 10) -> Scene:
     """Makes nine blocks of a city: broken facades, gaps and a park, lamps, trees, parked and moving vehicles.
 
@@ -57,34 +133,27 @@ def make_street_scene(seed: int, *, movers: int = 10) -> Scene:
         movers: number of moving vehicles.
     """
     rng = np.random.default_rng([seed, 1])
-    walls: list[Array] = []
-    poles: list[Array] = []
+    parts = SceneParts()
     park = int(rng.integers(8))
     around = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
     for i, j in [(0, 0), *around]:
         centre = np.array([i * BLOCK[0], j * BLOCK[1]])
         if (i, j) == around[park]:
             spread = rng.uniform(-0.38, 0.38, (30, 2)) * BLOCK
-            poles.append(make_poles(centre + spread, rng.uniform(0.15, 0.4, 30), rng.uniform(0.8, 2.5, 30)))
+            parts.add_poles(centre + spread, rng.uniform(0.15, 0.4, 30), rng.uniform(0.8, 2.5, 30))
         else:
-            _block(rng, centre, np.array(BLOCK) / 2.0 - 9.5, walls, poles)
+            _block(rng, centre, np.array(BLOCK) / 2.0 - 9.5, parts)
     for start, heading, length in _streets():
-        _furnish(rng, start, heading, length, walls, poles)
-    return Scene(np.concatenate(walls), np.concatenate(poles), _traffic(rng, movers))
+        _furnish(rng, start, heading, length, parts)
+    return parts.finish(_traffic(rng, movers))
 
 
-def make_corridor_scene(*, width: float = 14.0, length: float = 4000.0) -> Scene:
-    """Makes two long, featureless, parallel walls along x: motion along them cannot be seen.
-
-    Args:
-        width: distance between the walls [m].
-        length: length of each wall [m], whose middle is beside the origin.
-    """
-    ends, half = length / 2.0, width / 2.0
-    return Scene(np.array([[-ends, y, ends, y, 1.0, WALL_OPACITY] for y in (-half, half)]))
+def make_corridor_scene(*, length: float = 4000.0) -> Scene:
+    """Makes two featureless walls of a length [m] along x, 14 m apart: motion along them cannot be seen."""
+    return Scene(np.array([[-length / 2.0, y, length / 2.0, y, 1.0, WALL_OPACITY] for y in (-7.0, 7.0)]))
 
 
-def make_tunnel_scene(seed: int, *, length: float = 400.0, width: float = 11.0) -> Scene:
+def make_tunnel_scene(seed: int, *, length: float = 400.0) -> Scene:
     """Makes a bare tunnel along x from the origin on, between two streets with houses and lamps.
 
     In its middle a radar of 120 m sees nothing but two featureless walls, and motion along them cannot be seen by a map.
@@ -92,11 +161,9 @@ def make_tunnel_scene(seed: int, *, length: float = 400.0, width: float = 11.0) 
     Args:
         seed: another seed has other houses.
         length: of the tunnel [m].
-        width: distance between its walls [m].
     """
     rng = np.random.default_rng([seed, 23])
-    walls = [np.array([[0.0, y, length, y, 1.0, WALL_OPACITY] for y in (-width / 2.0, width / 2.0)])]
-    poles: list[Array] = []
+    parts = SceneParts([np.array([[0.0, y, length, y, 1.0, WALL_OPACITY] for y in (-_TUNNEL_M, _TUNNEL_M)])])
     for begin, end in ((-_TUNNEL_STREET, 0.0), (length, length + _TUNNEL_STREET)):
         for side in (-1.0, 1.0):
             along, inward = np.array([side, 0.0]), np.array([0.0, side])
@@ -104,13 +171,12 @@ def make_tunnel_scene(seed: int, *, length: float = 400.0, width: float = 11.0) 
             while place + 8.0 < end:
                 front = min(rng.uniform(8.0, 20.0), end - place)
                 corner = np.array([place if side > 0.0 else place + front, side * 12.0])
-                add_building(rng, corner, along, inward, front, 9.0, walls, poles)
+                parts.add_building(rng, corner, along, inward, front, 9.0)
                 place += front + rng.uniform(2.0, 8.0)
             lamps = np.arange(begin + rng.uniform(2.0, 15.0), end, rng.uniform(20.0, 28.0))
             at = np.column_stack([lamps, np.full(len(lamps), side * 7.0)])
-            poles.append(make_poles(at, rng.uniform(0.06, 0.1, len(lamps)), rng.lognormal(0.0, 0.4, len(lamps))))
-    roof = np.array([[0.0, -width / 2.0, length, width / 2.0]])
-    return Scene(np.concatenate(walls), np.concatenate(poles), roofs=roof)
+            parts.add_poles(at, rng.uniform(0.06, 0.1, len(lamps)), rng.lognormal(0.0, 0.4, len(lamps)))
+    return parts.finish(roofs=np.array([[0.0, -_TUNNEL_M, length, _TUNNEL_M]]))
 
 
 def make_yard_scene(seed: int, *, movers: int = 0) -> Scene:
@@ -121,8 +187,7 @@ def make_yard_scene(seed: int, *, movers: int = 0) -> Scene:
         movers: number of vehicles that drive past.
     """
     rng = np.random.default_rng([seed, 2])
-    walls: list[Array] = []
-    poles: list[Array] = []
+    parts = SceneParts()
     taken: list[tuple[float, float, float]] = []
     for near, far, wanted in ((22.0, 45.0, 4), (45.0, 90.0, 7), (90.0, 140.0, 9)):
         for _ in range(20 * wanted):
@@ -140,20 +205,20 @@ def make_yard_scene(seed: int, *, movers: int = 0) -> Scene:
             if inward @ (x, y) < 0.0:
                 along, inward = -along, -inward
             corner = np.array([x, y]) - along * length / 2.0 - inward * depth / 2.0
-            add_building(rng, corner, along, inward, length, depth, walls, poles)
+            parts.add_building(rng, corner, along, inward, length, depth)
     for number, low, high in ((25, 0.15, 0.35), (15, 0.06, 0.1)):
         bearings, distances = rng.uniform(-np.pi, np.pi, number), rng.uniform(9.0, 110.0, number)
         places = np.c_[distances * np.cos(bearings), distances * np.sin(bearings)]
-        poles.append(make_poles(places, rng.uniform(low, high, number), rng.uniform(0.5, 2.0, number)))
+        parts.add_poles(places, rng.uniform(low, high, number), rng.uniform(0.5, 2.0, number))
     for _ in range(8):
         bearing, distance = rng.uniform(-np.pi, np.pi), rng.uniform(9.0, 40.0)
         place = distance * np.array([np.cos(bearing), np.sin(bearing)])
-        walls.append(make_vehicle(rng, place, rng.uniform(-np.pi, np.pi)))
+        parts.add_vehicle(rng, place, rng.uniform(-np.pi, np.pi))
     lanes = [(np.array([-200.0, y]), 0.0, 400.0) for y in (-18.0, 18.0)]
-    return Scene(np.concatenate(walls), np.concatenate(poles), _on_lanes(rng, lanes, movers))
+    return parts.finish(_on_lanes(rng, lanes, movers))
 
 
-def _block(rng: np.random.Generator, centre: Array, half: Array, walls: list[Array], poles: list[Array]) -> None:
+def _block(rng: np.random.Generator, centre: Array, half: Array, parts: SceneParts) -> None:
     """Adds the houses of one block of half size (2,) [m], in rows along its four sides, with gaps."""
     depth = 11.0
     for quarter in range(4):
@@ -164,7 +229,7 @@ def _block(rng: np.random.Generator, centre: Array, half: Array, walls: list[Arr
         while row - place > 8.0:
             length = min(rng.uniform(10.0, 24.0), row - place)
             corner = centre + place * along - (away - rng.uniform(0.0, 2.5)) * inward
-            add_building(rng, corner, along, inward, length, depth - 2.5, walls, poles)
+            parts.add_building(rng, corner, along, inward, length, depth - 2.5)
             place += length + (rng.uniform(3.0, 7.0) if rng.random() < 0.3 else 0.0)
 
 
@@ -175,9 +240,7 @@ def _streets() -> Iterator[tuple[Array, float, float]]:
         yield np.array([k * BLOCK[0], -1.5 * BLOCK[1]]), np.pi / 2.0, 3.0 * BLOCK[1]
 
 
-def _furnish(
-    rng: np.random.Generator, start: Array, heading: float, length: float, walls: list[Array], poles: list[Array]
-) -> None:
+def _furnish(rng: np.random.Generator, start: Array, heading: float, length: float, parts: SceneParts) -> None:
     """Adds lamps, trees and parked vehicles on both sides of a street, away from the crossings."""
     along = np.array([np.cos(heading), np.sin(heading)])
     left = np.array([-along[1], along[0]])
@@ -193,12 +256,12 @@ def _furnish(
             kept = np.array([p for p in places if is_free(p) and p < length])
             at = start + kept[:, None] * along + side * offset * left
             n = len(kept)
-            poles.append(make_poles(at, rng.uniform(*radius, n), bright * rng.lognormal(0.0, 0.4, n)))
+            parts.add_poles(at, rng.uniform(*radius, n), bright * rng.lognormal(0.0, 0.4, n))
         place = rng.uniform(0.0, 10.0)
         while place < length:
             if is_free(place) and rng.random() < 0.5:
                 centre = start + place * along + side * (4.7 + rng.uniform(-0.15, 0.15)) * left
-                walls.append(make_vehicle(rng, centre, heading + rng.normal(0.0, 0.03)))
+                parts.add_vehicle(rng, centre, heading + rng.normal(0.0, 0.03))
             place += rng.uniform(6.0, 9.0)
 
 

@@ -126,25 +126,42 @@ def render_polar_scan(
     borders = np.linspace(-0.5 * _PATTERN_WIDTHS * width, 0.5 * _PATTERN_WIDTHS * width, sensor.cells + 1)
     gains = np.exp(-8.0 * np.log(2.0) * (0.5 * (borders[1:] + borders[:-1]) / width) ** 2)
     radar = SimulatedRadar(
-        bins=sensor.bins,
-        resolution=sensor.range_resolution,
-        spread=sensor.spread_bins,
-        wall_echo=_to_power(sensor.wall_level),
-        pole_echo=_to_power(sensor.pole_level),
-        noise=_to_power(sensor.noise_level) if sensor.noise_level > 0.0 else 0.0,
-        speckle=sensor.speckle,
-        roughness=sensor.roughness,
-        saturation=sensor.saturation_probability,
-        clutter=sensor.clutter_probability,
+        sensor.bins,
+        sensor.range_resolution,
+        sensor.spread_bins,
+        _to_power(sensor.wall_level),
+        _to_power(sensor.pole_level),
+        _to_power(sensor.noise_level) if sensor.noise_level > 0.0 else 0.0,
+        sensor.speckle,
+        sensor.roughness,
+        sensor.saturation_probability,
+        sensor.clutter_probability,
     )
     power = render_power(
-        Things(scene.walls, scene.poles, scene.movers, scene.plants),
+        _keep_near(scene, poses, sensor.bins * sensor.range_resolution),
         Sweep(np.ascontiguousarray(poses), np.ascontiguousarray(twists), times, sensor.angles, sensor.betas),
         Pattern(np.c_[np.sin(borders), np.cos(borders)], gains / gains.sum(), width),
         radar,
         np.random.SeedSequence(seed).generate_state(1)[0],
     )
     return np.asarray(power)
+
+
+def _keep_near(scene: Scene, poses: se2.Array, max_range: float) -> Things:
+    """Returns what reflects, without the walls, poles and plants that no beam from some poses (A, 3) reaches."""
+    middle = poses[len(poses) // 2, :2]
+    reach = max_range + np.hypot(*(poses[:, :2] - middle).T).max() + 2.0  # the margin covers the size of any thing
+    starts, along = scene.walls[:, :2], scene.walls[:, 2:4] - scene.walls[:, :2]
+    squared = np.maximum((along**2).sum(axis=1), np.finfo(float).tiny)
+    share = np.clip(((middle - starts) * along).sum(axis=1) / squared, 0.0, 1.0)
+    walls = np.hypot(*(starts + share[:, None] * along - middle).T) < reach
+    poles, plants = (np.hypot(*(things[:, :2] - middle).T) for things in (scene.poles, scene.plants))
+    return Things(
+        scene.walls[walls],
+        scene.poles[poles < reach],
+        scene.movers,
+        scene.plants[plants < reach + scene.plants[:, 2]],
+    )
 
 
 def _to_power(level: float) -> float:

@@ -7,12 +7,11 @@ import json
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mqslam.core.sensors import Fixes, Gyroscope
 from mqslam.errors import ConfigError, suggest
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import claim_folder, make_folder, write_folder_aside
@@ -20,13 +19,10 @@ from mqslam.formats.recordings import oxford
 from mqslam.formats.trajectories import write_twists
 from mqslam.simulator.city import give_way, make_city_drive, make_city_scene
 from mqslam.simulator.drive import ConstantDrive, Drive, clear_way, make_loop_drive, make_tunnel_drive
-from mqslam.simulator.in_memory import SimulatedRecording, simulate_recording
-from mqslam.simulator.inertial import FASTEST_HZ, GRADES, SLOWEST_HZ, GyroscopeModel
-from mqslam.simulator.satellites import ReceiverModel
+from mqslam.simulator.instruments import FASTEST_HZ, GRADES, SLOWEST_HZ, GyroscopeModel, OdometryModel, ReceiverModel
+from mqslam.simulator.recording import ClearWorld, MakeWorld, SimulatedRecording, simulate_recording
 from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene, make_tunnel_scene, make_yard_scene
 from mqslam.simulator.sensor import SensorModel
-from mqslam.simulator.wheels import OdometryModel
-from mqslam.simulator.world import ClearWorld, MakeWorld
 
 SCENES = ("street", "corridor", "tunnel", "yard", "city")
 """Names of the scenes that `simulate` knows."""
@@ -114,13 +110,15 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
         oxford.write_ground_truth(folder, recording)
         oxford.write_stamps(folder, recording.stamps_us.tolist())
         _write_polar_scans(folder, recording, jobs, progress)
-        wheels = recording.wheel_odometry
+        wheels, turning, fixes = recording.wheel_odometry, recording.gyroscope, recording.fixes
         twists = np.c_[np.round(wheels.v, 5), np.zeros_like(wheels.v), np.round(wheels.omega, 6)]
         write_twists(folder / "odom.csv", wheels.stamps_us.tolist(), twists)
-        if recording.gyroscope is not None:
-            _write_gyroscope(folder / "imu.csv", recording.gyroscope)
-        if recording.fixes is not None:
-            _write_fixes(folder / "gnss.csv", recording.fixes)
+        if turning is not None:
+            columns = [(f"w{axis}", rates, ".6f") for axis, rates in zip("xyz", turning.rates.T, strict=True)]
+            _write_table(folder / "imu.csv", turning.stamps_us, columns)
+        if fixes is not None:
+            columns = [("lat", fixes.latitudes, ".8f"), ("lon", fixes.longitudes, ".8f"), ("sigma_m", fixes.sigmas_m, ".2f")]
+            _write_table(folder / "gnss.csv", fixes.stamps_us, columns)
         write_text(folder / "simulation.json", json.dumps(parameters, indent=1) + "\n")
     return recording
 
@@ -161,17 +159,14 @@ def _find_gyroscope(grade: str, rate_hz: float, late_s: float) -> GyroscopeModel
     return replace(GRADES[grade], rate_hz=rate_hz, late_s=late_s)
 
 
-def _write_gyroscope(file: Path, gyroscope: Gyroscope) -> None:
-    """Writes a gyroscope's readings as `t,wx,wy,wz` [us, rad/s]."""
-    rows = zip(gyroscope.stamps_us.tolist(), gyroscope.rates.tolist(), strict=True)
-    write_text(file, "t,wx,wy,wz\n" + "".join(f"{stamp},{x:.6f},{y:.6f},{z:.6f}\n" for stamp, (x, y, z) in rows))
-
-
-def _write_fixes(file: Path, fixes: Fixes) -> None:
-    """Writes GNSS fixes as `t,lat,lon,sigma_m` [us, degrees, m]."""
-    columns = (fixes.stamps_us, fixes.latitudes, fixes.longitudes, fixes.sigmas_m)
-    rows = zip(*(column.tolist() for column in columns), strict=True)
-    write_text(file, "t,lat,lon,sigma_m\n" + "".join(f"{t},{lat:.8f},{lon:.8f},{s:.2f}\n" for t, lat, lon, s in rows))
+def _write_table(file: Path, stamps_us: NDArray[np.int64], columns: list[tuple[str, NDArray[np.float64], str]]) -> None:
+    """Writes a CSV of stamps [us] and columns, each given by its name, its values and their format."""
+    rows = zip(stamps_us.tolist(), *(values.tolist() for _, values, _ in columns), strict=True)
+    lines = [",".join(["t", *(name for name, _, _ in columns)])]
+    for stamp, *values in rows:
+        cells = (format(value, form) for value, (_, _, form) in zip(values, columns, strict=True))
+        lines.append(",".join([str(stamp), *cells]))
+    write_text(file, "\n".join(lines) + "\n")
 
 
 def _write_polar_scans(
@@ -180,17 +175,13 @@ def _write_polar_scans(
     """Writes every polar scan, `jobs` at a time; the kernel and the PNG encoder let other threads run."""
     with ThreadPoolExecutor(jobs) as pool:
         try:
-            for done, _ in enumerate(pool.map(partial(_write_polar_scan, folder, recording), range(len(recording))), 1):
+            written = pool.map(lambda k: oxford.write_polar_scan(folder, recording, k, recording[k]), range(len(recording)))
+            for done, _ in enumerate(written, 1):
                 if progress is not None:
                     progress(done, len(recording))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-
-
-def _write_polar_scan(folder: Path, recording: SimulatedRecording, k: int) -> None:
-    """Renders polar scan k and writes it."""
-    oxford.write_polar_scan(folder, recording, k, recording[k])
 
 
 @contextlib.contextmanager

@@ -5,7 +5,7 @@ from pathlib import Path
 
 sys.path[0] = str(Path(__file__).resolve().parents[1])  # where the tests, too, find the package `bench`
 
-from bench.command import main  # noqa: E402 - it is found only now
+from bench.main import main  # noqa: E402 - it is found only now
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from bench.benchmark import Bound, Cell, Column, Goal, Row, label
-from bench.losses import find_losses, find_missed, measure_loss
-from bench.results import Result
+from bench.benchmark import Benchmark, Bound, Cell, Column, Goal, Row, label, measure_loss
 
 COLUMNS = (
     label("run", "run"),
@@ -23,26 +21,18 @@ BEFORE: dict[str, Cell] = {
 }  # fmt: skip
 
 
-def result(*rows: Row) -> Result:
-    """Returns a result with these rows."""
-    listed: list[dict[str, Any]] = [{"judged": row.judged, **row.cells} for row in rows]
-    return Result(
-        name="city",
-        what="",
-        data="simulated",
-        seeds=[],
-        version="0",
-        machine={},
-        command="",
-        took={},
-        columns=[],
-        rows=listed,
-    )
+def listed(*rows: Row) -> list[dict[str, Any]]:
+    """Returns rows as a result holds them."""
+    return [{"judged": row.judged, **row.cells} for row in rows]
+
+
+def benchmark(*bounds: Bound) -> Benchmark:
+    return Benchmark(what="", data="simulated", columns=COLUMNS, measure=lambda out: [], bounds=bounds)
 
 
 def losses(*, judged: bool = True, **now: Cell) -> list[str]:
     """Returns the losses of a result against the baseline, given the cells that differ."""
-    return find_losses(result(Row(BEFORE | now)), result(Row(BEFORE, judged)), COLUMNS)
+    return benchmark().find_losses("city", listed(Row(BEFORE | now)), listed(Row(BEFORE, judged)))
 
 
 def test_the_same_figures_are_no_loss() -> None:
@@ -76,7 +66,7 @@ def test_columns_without_a_goal_and_rows_of_others_may_change() -> None:
 
 
 def test_a_row_or_a_figure_that_is_missing_is_a_loss() -> None:
-    assert find_losses(result(), result(Row(BEFORE)), COLUMNS) == ["city: the row hard of the baseline is missing"]
+    assert benchmark().find_losses("city", [], listed(Row(BEFORE))) == ["city: the row hard of the baseline is missing"]
     assert losses(drift=None) == ["city, hard: drift was 0.2 and is not known"]
 
 
@@ -86,17 +76,18 @@ def test_an_error_that_was_zero_may_not_come_back() -> None:
     assert measure_loss(Goal.HIGH, 0.5, 0.0) == float("inf")
 
 
-def test_a_figure_beyond_its_bound_is_named_with_it() -> None:
-    rows = result(Row(BEFORE), Row(BEFORE | {"run": "kind", "drift": None}))
-    assert find_missed(rows, COLUMNS, [Bound("drift", {"run": "hard"}, most=0.2)]) == []
-    assert find_missed(rows, COLUMNS, [Bound("drift", {"run": "hard"}, least=0.1, most=0.19)]) == [
-        "city, hard: drift is 0.2; it must be at least 0.1 and at most 0.19"
-    ]
-    assert find_missed(rows, COLUMNS, [Bound("drift", {}, most=1.0)]) == [
-        "city, kind: drift is not known; it must be at most 1"
-    ]
-
-
-def test_a_bound_that_concerns_no_row_is_named() -> None:
-    (sentence,) = find_missed(result(Row(BEFORE)), COLUMNS, [Bound("drift", {"run": "soft"}, most=1.0)])
-    assert sentence == "city: no row has soft, whose drift has a bound"
+@pytest.mark.parametrize(
+    ("bound", "sentences"),
+    [
+        (Bound("drift", {"run": "hard"}, most=0.2), []),
+        (
+            Bound("drift", {"run": "hard"}, least=0.1, most=0.19),
+            ["city, hard: drift is 0.2; it must be at least 0.1 and at most 0.19"],
+        ),
+        (Bound("drift", {}, most=1.0), ["city, kind: drift is not known; it must be at most 1"]),
+        (Bound("drift", {"run": "soft"}, most=1.0), ["city: no row has soft, whose drift has a bound"]),
+    ],
+)
+def test_a_figure_beyond_its_bound_is_named_and_a_bound_that_concerns_no_row(bound: Bound, sentences: list[str]) -> None:
+    rows = listed(Row(BEFORE), Row(BEFORE | {"run": "kind", "drift": None}))
+    assert benchmark(bound).find_missed("city", rows) == sentences

@@ -6,9 +6,10 @@ import re
 from pathlib import Path
 
 import pytest
-from bench.benchmark import Benchmark, Column, Row, label, list_benchmarks, load_benchmark
-from bench.pages import BASELINE, LITERATURE, PAGES, fill_page, list_blocks
-from bench.results import Took, make_result, read_result, write_result
+from bench.benchmark import Benchmark, Column, Row, label
+from bench.benchmarks import BENCHMARKS
+from bench.pages import BASELINE, LITERATURE, PAGES, Result, fill_page, list_blocks, make_result
+from bench.timing import Took
 
 PAGE = "Before.\n\n<!-- bench: city -->\nold\n<!-- /bench -->\n\nAfter.\n"
 
@@ -26,7 +27,7 @@ def results(tmp_path: Path) -> Path:
             Row({"world": "hard", "run": "seed 1", "drift": None}, judged=False),
         ],
     )
-    write_result(tmp_path / "city.json", make_result("city", benchmark, benchmark.measure(tmp_path), Took(160.4, 70.0)))
+    make_result("city", benchmark, benchmark.measure(tmp_path), Took(160.4, 70.0)).write(tmp_path / "city.json")
     return tmp_path
 
 
@@ -45,14 +46,13 @@ def test_no_table_is_typed() -> None:
 def test_every_benchmark_has_its_table_and_its_making_on_the_page() -> None:
     text = PAGES[1].read_text(encoding="utf-8")
     shown = list_blocks(text)
-    assert sorted(set(shown)) == sorted([*list_benchmarks(), LITERATURE.stem])
-    assert {name: shown.count(name) for name in list_benchmarks()} == dict.fromkeys(list_benchmarks(), 2)
+    assert sorted(set(shown)) == sorted([*BENCHMARKS, LITERATURE.stem])
+    assert {name: shown.count(name) for name in BENCHMARKS} == dict.fromkeys(BENCHMARKS, 2)
 
 
 def test_committed_results_are_of_benchmarks_that_exist_and_have_their_columns() -> None:
     for path in BASELINE.glob("*.json"):
-        benchmark = load_benchmark(path.stem)
-        assert [column["key"] for column in read_result(path).columns] == [column.key for column in benchmark.columns]
+        assert [column["key"] for column in Result.read(path).columns] == [c.key for c in BENCHMARKS[path.stem].columns]
 
 
 def test_a_block_is_filled_with_the_table(results: Path) -> None:

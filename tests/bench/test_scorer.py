@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench.measuring.calibration import measure_nees, measure_pose_nees
-from bench.measuring.scorer import score
+from bench.scorer import measure_nees, measure_pose_nees, score
 from numpy.typing import NDArray
 
 JUDGE = Path(__file__).resolve().parents[3] / "shared" / "tools" / "score_run.py"

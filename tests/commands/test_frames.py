@@ -26,8 +26,7 @@ from mqslam.formats.covariances import read_covariances
 from mqslam.formats.maps.nav2_map import read_nav2_map
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import read_tum, write_tum
-from mqslam.simulator import simulate
-from mqslam.simulator.world import START_US
+from mqslam.simulator import START_US, simulate
 
 EXTRINSICS, MOUNT = "1.2,-0.3,-90", np.array([1.2, -0.3, -np.pi / 2])
 SCANS = 6

@@ -18,8 +18,15 @@ from mqslam.execution.checkpoint import Checkpoint
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
-from mqslam.simulator import CHIRP_BETA, ConstantDrive, SensorModel, make_yard_scene, simulate, simulate_recording
-from mqslam.simulator.in_memory import SimulatedRecording
+from mqslam.simulator import (
+    CHIRP_BETA,
+    ConstantDrive,
+    SensorModel,
+    SimulatedRecording,
+    make_yard_scene,
+    simulate,
+    simulate_recording,
+)
 
 SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=60.0, doppler_beta=CHIRP_BETA, chirps=True)
 DETECTOR = DetectorConfig()

@@ -25,7 +25,7 @@ from mqslam.formats.tum import read_tum
 from mqslam.merging import changes
 from mqslam.results import merge_results
 from mqslam.simulator import make_street_scene
-from mqslam.simulator.parts import make_box
+from mqslam.simulator.scene import make_box
 
 FRAME = np.array([140.0, -75.0, 2.1])  # of the second day, which a merge must not know
 VEHICLE = np.array([8.0, -44.0])  # parked beside the lane on the second day alone

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
+from support.drives import QUIET_SENSOR
 from support.recordings import assert_same_polar_scan
 from worlds.writing import WORLDS
 
@@ -14,18 +16,7 @@ from mqslam.formats.conversion import find_target, write_recording
 from mqslam.formats.recordings import open_recording
 from mqslam.simulator import ConstantDrive, Scene, SensorModel, make_corridor_scene, simulate, simulate_recording
 
-QUIET = SensorModel(
-    azimuths=200,
-    range_resolution=0.0438,
-    max_range=40.0,
-    noise_level=0.0,
-    speckle=0.0,
-    roughness=0.0,
-    saturation_probability=0.0,
-    clutter_probability=0.0,
-    doppler_beta=0.05,
-    chirps=True,
-)
+QUIET = replace(QUIET_SENSOR, azimuths=200, range_resolution=0.0438, max_range=40.0, doppler_beta=0.05, chirps=True)
 SMALL = SensorModel(azimuths=90, range_resolution=0.5, max_range=60.0, doppler_beta=0.05, chirps=True)
 
 

@@ -14,9 +14,8 @@ from support.commands import mqslam, parse_strict_json
 
 from mqslam.core import se2
 from mqslam.simulator import ConstantDrive, Scene, clear_way, give_way, make_city_drive, make_city_scene
-from mqslam.simulator.city.polygons import contains, distance_to_pieces, offset_line
-from mqslam.simulator.city.route import plan_route
-from mqslam.simulator.city.streets import COLUMNS, CityPlan, lay_plan
+from mqslam.simulator.city.drive import plan_route
+from mqslam.simulator.city.plan import COLUMNS, CityPlan, contains, distance_to_pieces, lay_plan, offset_line
 
 Array = NDArray[np.float64]
 

@@ -38,17 +38,11 @@ def test_loop_closes_and_drives_its_first_street_again() -> None:
 
 def test_loop_takes_corners_slower_and_keeps_to_its_acceleration() -> None:
     times = np.arange(0.0, 60.0, 0.02)
-    v, _, omega = make_loop_drive(60.0, speed=9.0, corner_speed=4.0, acceleration=1.5).twists(times).T
-    assert v.max() == pytest.approx(9.0, abs=1e-3)
-    assert np.all(v[np.abs(omega) > 0.2] < 4.1)
-    assert np.abs(np.diff(v)).max() / 0.02 < 1.6
+    v, _, omega = make_loop_drive(60.0, speed=11.0).twists(times).T
+    assert v.max() == pytest.approx(11.0, abs=1e-3)
+    assert np.all(v[np.abs(omega) > 0.2] < 5.1)
+    assert np.abs(np.diff(v)).max() / 0.02 < 2.1
     assert np.abs(np.diff(omega)).max() < 0.02
-
-
-def test_loop_can_start_from_standstill() -> None:
-    drive = make_loop_drive(10.0, from_standstill=True, acceleration=1.5)
-    v = drive.twists(np.array([0.0, 2.0]))[:, 0]
-    np.testing.assert_allclose(v, [0.0, 3.0], atol=0.02)
 
 
 def test_a_vehicle_that_would_run_into_the_drive_is_put_elsewhere() -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from support.drives import QUIET_SENSOR as QUIET
 
 from mqslam.core import se2
 from mqslam.errors import ConfigError
@@ -20,20 +23,7 @@ from mqslam.simulator import (
     simulate_recording,
 )
 
-QUIET = SensorModel(
-    range_resolution=0.175,
-    max_range=60.0,
-    noise_level=0.0,
-    speckle=0.0,
-    roughness=0.0,
-    saturation_probability=0.0,
-    clutter_probability=0.0,
-)
 STILL = ConstantDrive(0.0, 0.0)
-
-
-def quiet(**changes: float) -> SensorModel:
-    return SensorModel(**{**QUIET.__dict__, **changes})
 
 
 def render(scene: Scene, drive: Drive = STILL, sensor: SensorModel = QUIET, turn: int = 0) -> NDArray[np.uint8]:
@@ -103,7 +93,7 @@ def test_echoes_weaken_with_range() -> None:
 
 
 def test_an_azimuth_is_cast_from_its_own_pose() -> None:
-    drive, sensor = ConstantDrive(10.0, 0.5, (1.0, 2.0, 0.4)), quiet(beam_width_deg=0.9)
+    drive, sensor = ConstantDrive(10.0, 0.5, (1.0, 2.0, 0.4)), replace(QUIET, beam_width_deg=0.9)
     place = np.array([-8.0, 25.0])
     recording = simulate_recording(pole(place[0], place[1]), drive, duration_s=2.0, sensor=sensor)
     for k in (0, 3, 6):
@@ -118,14 +108,14 @@ def test_an_azimuth_is_cast_from_its_own_pose() -> None:
 
 @pytest.mark.parametrize(("bearing", "sign"), [(0.0, -1.0), (np.pi, 1.0), (np.pi / 2.0, 0.0)])
 def test_doppler_brings_what_is_ahead_nearer(bearing: float, sign: float) -> None:
-    drive, shifted = ConstantDrive(10.0, 0.0), quiet(doppler_beta=0.05)
+    drive, shifted = ConstantDrive(10.0, 0.0), replace(QUIET, doppler_beta=0.05)
     scene = pole(30.0 * np.cos(bearing), 30.0 * np.sin(bearing))
     shift = peak(render(scene, drive, shifted))[0] - peak(render(scene, drive))[0]
     assert shift == pytest.approx(sign * 0.5, abs=0.06)
 
 
 def test_doppler_sees_the_speed_relative_to_a_mover() -> None:
-    shifted = quiet(doppler_beta=0.05)
+    shifted = replace(QUIET, doppler_beta=0.05)
     shift = peak(render(vehicle(20.0, 0.0, 8.0), STILL, shifted))[0] - peak(render(vehicle(20.0, 0.0, 8.0)))[0]
     assert shift == pytest.approx(0.4, abs=0.01)
     together = render(vehicle(20.0, 0.0, 8.0), ConstantDrive(8.0, 0.0), shifted)
@@ -204,4 +194,4 @@ def test_render_polar_scan_takes_any_poses() -> None:
 )
 def test_impossible_sensors_are_refused(bad: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(bad))):
-        quiet(**bad)
+        replace(QUIET, **bad)

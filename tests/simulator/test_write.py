@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from support.commands import read_contents
 
 from mqslam.core import se2
 from mqslam.errors import ConfigError, OutputError
@@ -17,10 +18,6 @@ from mqslam.simulator import SensorModel, SimulatedRecording, simulate
 
 SENSOR = SensorModel(azimuths=90, range_resolution=0.5, max_range=60.0)
 SMALL: dict[str, Any] = {"duration_s": 1.3, "sensor": SENSOR}
-
-
-def everything(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
 @pytest.fixture(scope="module")
@@ -34,9 +31,9 @@ def test_every_file_of_the_layout_is_there(written: tuple[Path, SimulatedRecordi
     stamps = [line.split()[0] for line in (out / "radar.timestamps").read_text().splitlines()]
     assert len(stamps) == len(recording) == 5
     radar = {f"radar/{t}.png" for t in stamps}
-    others = {"radar.timestamps", "gt/poses_tum.txt", "gt/radar_odometry.csv", "odom.csv", "simulation.json"}
+    others = {"radar", "gt", "radar.timestamps", "gt/poses_tum.txt", "gt/radar_odometry.csv", "odom.csv", "simulation.json"}
     others |= {"imu.csv", "gnss.csv"}
-    assert set(everything(out)) == radar | others
+    assert set(read_contents(out)) == radar | others
     assert list(out.parent.iterdir()) == [out]
 
 
@@ -87,7 +84,7 @@ def test_the_gyroscope_and_the_fixes_are_written_beside_the_odometry(written: tu
 
 def test_what_lies_beside_the_radar_changes_nothing_else(written: tuple[Path, SimulatedRecording], tmp_path: Path) -> None:
     simulate(tmp_path / "out", **SMALL, imu="none")
-    bare, whole = everything(tmp_path / "out"), everything(written[0])
+    bare, whole = read_contents(tmp_path / "out"), read_contents(written[0])
     assert "imu.csv" not in bare
     assert all(whole[name] == content for name, content in bare.items() if name != "simulation.json")
 
@@ -112,7 +109,7 @@ def test_bytes_depend_on_the_arguments_and_not_on_the_jobs(tmp_path: Path, scene
     runs = {"one": {"seed": 3}, "two": {"seed": 3, "jobs": 2}, "other": {"seed": 4}}
     for name, changes in runs.items():
         simulate(tmp_path / name, scene=scene, **SMALL, **changes)
-    one, two, other = (everything(tmp_path / name) for name in runs)
+    one, two, other = (read_contents(tmp_path / name) for name in runs)
     assert one == two
     assert all(one[name] != other[name] for name in one if name.startswith("radar/"))
 
@@ -144,7 +141,7 @@ def test_a_folder_with_content_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "mine").write_text("kept")
     with pytest.raises(OutputError, match="exists already"):
         simulate(tmp_path, **SMALL)
-    assert everything(tmp_path) == {"mine": b"kept"}
+    assert read_contents(tmp_path) == {"mine": b"kept"}
 
 
 def test_an_empty_folder_is_filled(tmp_path: Path) -> None:

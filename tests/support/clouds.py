@@ -16,17 +16,11 @@ TURN_S = 0.25
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points as a window of three scans would leave them.
+    """Points as a window of three scans would leave them."""
 
-    Args:
-        points: (N, 2) m.
-        times: (N,) s.
-        jacobians: (N, 2, P).
-    """
-
-    points: NDArray[np.float64]
-    times: NDArray[np.float64]
-    jacobians: NDArray[np.float64]
+    points: NDArray[np.float64]  # (N, 2) m
+    times: NDArray[np.float64]  # (N,) s
+    jacobians: NDArray[np.float64]  # (N, 2, P)
 
     def take(self, which: NDArray[np.int64]) -> Cloud:
         return Cloud(self.points[which], self.times[which], self.jacobians[which])
@@ -65,17 +59,11 @@ def point_set(seed: int, count: int, side: float = 5.0, parameters: int = 3) -> 
 
 @dataclass(frozen=True)
 class Selection:
-    """Which pairs of a cloud take part, found densely.
+    """Which pairs of a cloud take part, found densely."""
 
-    Args:
-        pairs: (N, N) bool.
-        best: (N,) index of the neighbour with the largest kappa; -1 where there is none.
-        margin: least distance of any pair from a threshold, and of any best neighbour from the next best.
-    """
-
-    pairs: NDArray[np.bool_]
-    best: NDArray[np.int64]
-    margin: float
+    pairs: NDArray[np.bool_]  # (N, N) bool
+    best: NDArray[np.int64]  # (N,) index of the neighbour with the largest kappa; -1 where there is none
+    margin: float  # least distance of any pair from a threshold, and of any best neighbour from the next best
 
     def same_as(self, other: Selection) -> bool:
         return np.array_equal(self.pairs, other.pairs) and np.array_equal(self.best, other.best)

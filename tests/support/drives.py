@@ -15,6 +15,15 @@ from mqslam.detection.stage import detect_all
 from mqslam.simulator import ConstantDrive, Drive, Scene, SensorModel, SimulatedRecording, simulate_recording
 
 SENSOR = SensorModel(range_resolution=0.0875, max_range=60.0)
+QUIET_SENSOR = SensorModel(
+    range_resolution=0.175,
+    max_range=60.0,
+    noise_level=0.0,
+    speckle=0.0,
+    roughness=0.0,
+    saturation_probability=0.0,
+    clutter_probability=0.0,
+)
 ON_THE_STREET = (-20.0, -37.75, 0.0)  # on the right-hand lane of a street scene, heading along x
 
 

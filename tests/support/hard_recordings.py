@@ -6,13 +6,11 @@ milliseconds. `RecordingInMemory` draws the same returns as power, for what need
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from mqslam.config import Config, SensorConfig
@@ -97,7 +95,7 @@ def drive(
 
 def without_returns(scans: Sequence[Scan], which: range) -> list[Scan]:
     """Returns the same scans, those of numbers in `which` without returns."""
-    return [Scan(w.t0, w.t1, Returns.none()) if k in which else w for k, w in enumerate(scans)]
+    return [replace(w, returns=Returns.none()) if k in which else w for k, w in enumerate(scans)]
 
 
 def thin(scans: Sequence[Scan], count: int, which: range, seed: int = 0) -> list[Scan]:
@@ -106,21 +104,14 @@ def thin(scans: Sequence[Scan], count: int, which: range, seed: int = 0) -> list
     for k in which:
         chosen = np.zeros(len(scans[k].returns), dtype=bool)
         chosen[np.random.default_rng([seed, k]).permutation(len(chosen))[:count]] = True
-        result[k] = Scan(scans[k].t0, scans[k].t1, scans[k].returns.take(chosen))
+        result[k] = replace(scans[k], returns=scans[k].returns.take(chosen))
     return result
 
 
 def repeated(scan: Scan, scans: int) -> list[Scan]:
     """Returns one scan again and again, at successive times, as a sensor with a stuck driver delivers it."""
-    length, r = scan.t1 - scan.t0, scan.returns
-    return [
-        Scan(
-            scan.t0 + k * length,
-            scan.t1 + k * length,
-            Returns(r.ranges, r.azimuths, r.times + k * length, r.intensities),
-        )
-        for k in range(scans)
-    ]
+    late = (scan.t1 - scan.t0) * np.arange(scans)
+    return [Scan(scan.t0 + t, scan.t1 + t, replace(scan.returns, times=scan.returns.times + t)) for t in late.tolist()]
 
 
 def one_spot(scans: int, range_m: float = 10.0, count: int = 40) -> list[Scan]:
@@ -144,10 +135,7 @@ def around_the_sensor(scans: int, range_m: float) -> list[Scan]:
 
 def farther(scans: Sequence[Scan], by_m: float) -> list[Scan]:
     """Returns the same scans with every return farther away."""
-    return [
-        Scan(w.t0, w.t1, Returns(w.returns.ranges + by_m, w.returns.azimuths, w.returns.times, w.returns.intensities))
-        for w in scans
-    ]
+    return [replace(w, returns=replace(w.returns, ranges=w.returns.ranges + by_m)) for w in scans]
 
 
 def parked_among_cars(scans: int) -> list[Scan]:
@@ -230,13 +218,7 @@ def assert_sound(solution: Solution) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingInMemory(Recording):
-    """Scans as the power that a radar would have measured.
-
-    Args:
-        scans: what the radar sees.
-        azimuths, bins: size of a scan.
-        width: azimuths to either side of a return that it lights as well.
-    """
+    """Scans as the power that a radar would have measured; a return lights `width` azimuths to either side as well."""
 
     scans: tuple[Scan, ...]
     azimuths: int
@@ -244,20 +226,18 @@ class RecordingInMemory(Recording):
     width: int
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
+        shares = np.arange(self.azimuths) / self.azimuths
         for k in range(len(self))[start:stop]:
-            yield self._drawn(self.scans[k], k)
-
-    def _drawn(self, scan: Scan, k: int) -> PolarScan:
-        shares, returns = np.arange(self.azimuths) / self.azimuths, scan.returns
-        power = np.random.default_rng(k).integers(0, 11, (self.azimuths, self.bins)).astype(np.uint8)
-        rows = np.round((returns.times - scan.t0) / (scan.t1 - scan.t0) * self.azimuths).astype(int)
-        columns = (returns.ranges / self.range_resolution).astype(int)
-        inside = columns < self.bins
-        for aside in range(-self.width, self.width + 1):
-            lit = np.clip(rows[inside] + aside, 0, self.azimuths - 1)
-            power[lit, columns[inside]] = 200 - 40 * abs(aside) // self.width
-        times = scan.t0 + shares * (scan.t1 - scan.t0)
-        return PolarScan(times, -2.0 * np.pi * shares, power, np.ones(self.azimuths, dtype=bool))
+            scan, length = self.scans[k], self.scans[k].t1 - self.scans[k].t0
+            power = np.random.default_rng(k).integers(0, 11, (self.azimuths, self.bins)).astype(np.uint8)
+            rows = np.round((scan.returns.times - scan.t0) / length * self.azimuths).astype(int)
+            columns = (scan.returns.ranges / self.range_resolution).astype(int)
+            inside = columns < self.bins
+            for aside in range(-self.width, self.width + 1):
+                lit = np.clip(rows[inside] + aside, 0, self.azimuths - 1)
+                power[lit, columns[inside]] = 200 - 40 * abs(aside) // self.width
+            times = scan.t0 + shares * length
+            yield PolarScan(times, -2.0 * np.pi * shares, power, np.ones(self.azimuths, dtype=bool))
 
 
 def recorded(
@@ -324,9 +304,3 @@ HARD: dict[str, Callable[[], Sequence[Scan]]] = {
 }
 
 AT_REST = {name for name in HARD if "again" in name or name in ("all returns at the sensor", "all returns at one range")}
-
-
-def but(names: Iterable[str], failing: Mapping[str, str]) -> list[Any]:
-    """Returns names of recordings as parameters of a test, those that are known to fail marked with the reason."""
-    marks = {name: [pytest.mark.xfail(strict=True, reason=failing[name])] for name in failing}
-    return [pytest.param(name, marks=marks.get(name, [])) for name in names]

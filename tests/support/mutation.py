@@ -45,19 +45,12 @@ Mutate = Callable[[bytes, "Change"], bytes]
 
 @dataclass(frozen=True)
 class Change:
-    """One act of damage.
+    """One act of damage."""
 
-    Args:
-        kind: which.
-        which: of several files or members, as a number to be taken modulo their count.
-        where: in the content, 0 its beginning and 1 its end.
-        value: what else the kind needs.
-    """
-
-    kind: str
-    which: int
-    where: float
-    value: int
+    kind: str  # which
+    which: int  # of several files or members, as a number to be taken modulo their count
+    where: float  # in the content, 0 its beginning and 1 its end
+    value: int  # what else the kind needs
 
 
 CHANGES = st.lists(

@@ -43,19 +43,13 @@ from mqslam.formats.trajectories import read_odometry, read_trajectory
 
 @dataclass(frozen=True)
 class Subject:
-    """A reader with an input.
+    """A reader with an input."""
 
-    Args:
-        write: writes a valid input into a folder and returns the path to be read.
-        read: reads it, and checks what was read.
-        inside: damage under what is compressed, by suffix; everything is damaged as it lies on the disk, too.
-        is_apart: whether each read takes a process of its own, and a second.
-    """
-
-    write: Callable[[Path], Path]
-    read: Callable[[Path], None]
+    write: Callable[[Path], Path]  # writes a valid input into a folder and returns the path to be read
+    read: Callable[[Path], None]  # reads it, and checks what was read
+    # damage under what is compressed, by suffix; everything is damaged as it lies on the disk, too
     inside: dict[str, Mutate]
-    is_apart: bool = False
+    is_apart: bool = False  # whether each read takes a process of its own, and a second
 
     def mutations(self, file: Path) -> tuple[Mutate, ...]:
         """Returns the kinds of damage to a file."""

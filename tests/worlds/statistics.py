@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,46 +58,30 @@ _ASIDE_RAD = np.deg2rad(10.0)  # turned so far about the sensor, a scan meets an
 
 @dataclass(frozen=True, slots=True)
 class Statistics:
-    """Figures of a recording, over a few short stretches of it.
+    """Figures of a recording, over a few short stretches of it."""
 
-    Args:
-        scans: number of polar scans they are from.
-        returns_per_azimuth: mean number of returns.
-        power: readings of power, of 255, at the quantiles `QUANTILES`.
-        loud: share of bins with more power than each of `LEVELS`.
-        row_median: mean over azimuths of the median reading of an azimuth.
-        row_median_spread: its standard deviation.
-        azimuth_correlation: correlation of power with that of so many azimuths on, `AZIMUTHS_ON`.
-        range_correlation: correlation of power with that of so many metres on, `METRES_ON`.
-        ranges: range of returns that half and nine tenths of them lie below [m].
-        repeats: share of returns with another within `NEAR_M` so many scans later, `SCANS_ON`; NaN where none follow.
-        chance: the same for the next scan turned by 10 degrees: what two scans of such a place share by chance.
-        unmatched: share of returns with none within `FAR_M` in the next scan.
-        radial_spread_m: spread in range of returns that are each other's nearest in successive scans: their median absolute
-            deviation, as the standard deviation of a normal one.
-        matched: share of a scan's returns that the tracker finds in the map of the scans before.
-        psi_per_point: the estimator's psi of a scan in that map, per return.
-    """
-
-    scans: int
-    returns_per_azimuth: float
-    power: tuple[float, ...]
-    loud: tuple[float, ...]
-    row_median: float
-    row_median_spread: float
-    azimuth_correlation: tuple[float, ...]
-    range_correlation: tuple[float, ...]
-    ranges: tuple[float, ...]
+    scans: int  # number of polar scans they are from
+    returns_per_azimuth: float  # mean number of returns
+    power: tuple[float, ...]  # readings of power, of 255, at the quantiles `QUANTILES`
+    loud: tuple[float, ...]  # share of bins with more power than each of `LEVELS`
+    row_median: float  # mean over azimuths of the median reading of an azimuth
+    row_median_spread: float  # its standard deviation
+    azimuth_correlation: tuple[float, ...]  # correlation of power with that of so many azimuths on, `AZIMUTHS_ON`
+    range_correlation: tuple[float, ...]  # correlation of power with that of so many metres on, `METRES_ON`
+    ranges: tuple[float, ...]  # range of returns that half and nine tenths of them lie below [m]
+    # share of returns with another within `NEAR_M` so many scans later, `SCANS_ON`; NaN where none follow
     repeats: tuple[float, ...]
-    chance: float
-    unmatched: float
+    chance: float  # the same for the next scan turned by 10 degrees: what two scans of such a place share by chance
+    unmatched: float  # share of returns with none within `FAR_M` in the next scan
+    # spread in range of returns that are each other's nearest in successive scans: their median absolute deviation, as the
+    # standard deviation of a normal one
     radial_spread_m: float
-    matched: float
-    psi_per_point: float
+    matched: float  # share of a scan's returns that the tracker finds in the map of the scans before
+    psi_per_point: float  # the estimator's psi of a scan in that map, per return
 
 
 class _Power:
-    """Sums over polar scans from which the figures of power follow.
+    """Counts of the readings of polar scans within the detector's range.
 
     Args:
         range_resolution: length of a range bin [m].
@@ -120,23 +105,67 @@ class _Power:
         along = [_correlate(rows[:, :-step], rows[:, step:]) for step in self._bins_on]
         self._correlations.append(across + along)
 
-    def quantiles(self) -> tuple[float, ...]:
-        """Returns the readings at the quantiles."""
-        below = np.cumsum(self._histogram) / self._histogram.sum()
-        return tuple(float(np.searchsorted(below, quantile)) for quantile in QUANTILES)
-
-    def shares(self) -> tuple[float, ...]:
-        """Returns the shares of bins above the levels."""
-        return tuple(float(self._histogram[level + 1 :].sum() / self._histogram.sum()) for level in LEVELS)
-
-    def medians(self) -> NDArray[np.float64]:
-        """Returns the medians of all azimuths."""
-        return np.concatenate(self._medians)
-
-    def correlations(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Returns the correlations over azimuths and along range."""
+    def describe(self) -> dict[str, Any]:
+        """Returns the figures of power by their names in `Statistics`."""
+        counts, medians = self._histogram, np.concatenate(self._medians)
+        below = np.cumsum(counts) / counts.sum()
         means = np.mean(self._correlations, axis=0).tolist()
-        return tuple(means[: len(AZIMUTHS_ON)]), tuple(means[len(AZIMUTHS_ON) :])
+        return {
+            "power": tuple(float(np.searchsorted(below, quantile)) for quantile in QUANTILES),
+            "loud": tuple(float(counts[level + 1 :].sum() / counts.sum()) for level in LEVELS),
+            "row_median": float(medians.mean()),
+            "row_median_spread": float(medians.std()),
+            "azimuth_correlation": tuple(means[: len(AZIMUTHS_ON)]),
+            "range_correlation": tuple(means[len(AZIMUTHS_ON) :]),
+        }
+
+
+class _Pairs:
+    """What successive scans of followed stretches see again of each other."""
+
+    def __init__(self) -> None:
+        self._repeats: dict[int, list[NDArray[np.bool_]]] = {on: [] for on in SCANS_ON}
+        self._chance: list[NDArray[np.bool_]] = []
+        self._unmatched: list[NDArray[np.bool_]] = []
+        self._radial: list[NDArray[np.float64]] = []
+        self._matched: list[NDArray[np.bool_]] = []
+        self._psi: list[NDArray[np.float64]] = []
+
+    def __bool__(self) -> bool:
+        return bool(self._matched)
+
+    def add(self, scans: Scans, tracked: Sequence[Tracked], beam: Beam) -> None:
+        """Counts the returns of a stretch as psi tracks it; the scans that the track starts with have no map yet."""
+        self._matched += [scan.evaluation.matched for scan in tracked[START_SCANS:]]
+        self._psi += [scan.evaluation.shares for scan in tracked[START_SCANS:]]
+        poses = np.array([scan.pose for scan in tracked])
+        times = np.array([scan.t0 for scan in scans])
+        placed = [place_along(scan.returns, times, poses, beam).points for scan in scans]
+        trees = [cKDTree(points) for points in placed]
+        later = {on: [tree.query(points) for points, tree in zip(placed, trees[on:], strict=False)] for on in SCANS_ON}
+        for on, answers in later.items():
+            self._repeats[on] += [away < NEAR_M for away, _ in answers]
+        for k, (away, nearest) in enumerate(later[1]):
+            self._unmatched.append(away > FAR_M)
+            aside = np.array([*poses[k + 1, :2], _ASIDE_RAD])
+            turned = se2.transform(aside, placed[k + 1] - poses[k + 1, :2])
+            self._chance.append(cKDTree(turned).query(placed[k])[0] < NEAR_M)
+            back = trees[k].query(placed[k + 1])[1]
+            mutual = np.flatnonzero((back[nearest] == np.arange(len(nearest))) & (away < FAR_M))
+            line = placed[k][mutual] - poses[k, :2]
+            across = placed[k + 1][nearest[mutual]] - placed[k][mutual]
+            self._radial.append(np.sum(across * line, axis=1) / np.maximum(np.hypot(*line.T), NEAR_M))
+
+    def describe(self) -> dict[str, Any]:
+        """Returns the figures of what is seen again by their names in `Statistics`."""
+        return {
+            "repeats": tuple(_mean(self._repeats[on]) for on in SCANS_ON),
+            "chance": _mean(self._chance),
+            "unmatched": _mean(self._unmatched),
+            "radial_spread_m": float(median_abs_deviation(np.concatenate(self._radial), scale="normal")),
+            "matched": _mean(self._matched),
+            "psi_per_point": float(np.concatenate(self._psi).mean()),
+        }
 
 
 def describe_statistics(data: Path, config: Path | None = None) -> Statistics:
@@ -161,82 +190,33 @@ def measure_statistics(recording: Recording, config: Config) -> Statistics:
         DataError: a polar scan cannot be read.
         EstimationError: no stretch can be followed.
     """
-    detector = config.detector
     beam = beam_of(config.estimator, config.sensor.doppler_beta or 0.0)
-    spans = choose_spans(recording, None)
-    power = _Power(recording.range_resolution, detector)
+    power, pairs = _Power(recording.range_resolution, config.detector), _Pairs()
     azimuths = 0
     stretches: list[Scans] = []
-    for begin, end in spans:
+    for begin, end in choose_spans(recording, None):
         returns: list[Returns] = []
         for polar_scan in recording.polar_scans(begin, end):
             power.add(polar_scan)
             azimuths += int(polar_scan.valid.sum())
-            returns.append(detect(polar_scan, recording.range_resolution, detector))
-        stretches.append(make_scans(recording, drop_fixed(returns), begin))
-    ranges = np.concatenate([scan.returns.ranges for scans in stretches for scan in scans])
-    pairs = _Pairs()
-    for scans in stretches:
+            returns.append(detect(polar_scan, recording.range_resolution, config.detector))
+        scans = make_scans(recording, drop_fixed(returns), begin)
+        stretches.append(scans)
         tracked = _follow(scans, config.tracker, config.estimator, beam)
         if tracked:
             pairs.add(scans, tracked, beam)
-    if not pairs.matched:
+    if not pairs:
         raise EstimationError(
             f"{recording.path}: no stretch of it can be followed, for want of returns or of scans without a gap"
         )
-    across, along = power.correlations()
-    medians = power.medians()
+    ranges = np.concatenate([scan.returns.ranges for scans in stretches for scan in scans])
     return Statistics(
         scans=sum(map(len, stretches)),
         returns_per_azimuth=len(ranges) / azimuths,
-        power=power.quantiles(),
-        loud=power.shares(),
-        row_median=float(medians.mean()),
-        row_median_spread=float(medians.std()),
-        azimuth_correlation=across,
-        range_correlation=along,
         ranges=tuple(np.quantile(ranges, [0.5, 0.9]).tolist()),
-        repeats=tuple(_mean(pairs.repeats[on]) for on in SCANS_ON),
-        chance=_mean(pairs.chance),
-        unmatched=_mean(pairs.unmatched),
-        radial_spread_m=float(median_abs_deviation(np.concatenate(pairs.radial), scale="normal")),
-        matched=_mean(pairs.matched),
-        psi_per_point=float(np.concatenate(pairs.psi).mean()),
+        **power.describe(),
+        **pairs.describe(),
     )
-
-
-class _Pairs:
-    """What successive scans of followed stretches see again of each other."""
-
-    def __init__(self) -> None:
-        self.repeats: dict[int, list[NDArray[np.bool_]]] = {on: [] for on in SCANS_ON}
-        self.chance: list[NDArray[np.bool_]] = []
-        self.unmatched: list[NDArray[np.bool_]] = []
-        self.radial: list[NDArray[np.float64]] = []
-        self.matched: list[NDArray[np.bool_]] = []
-        self.psi: list[NDArray[np.float64]] = []
-
-    def add(self, scans: Scans, tracked: Sequence[Tracked], beam: Beam) -> None:
-        """Counts the returns of a stretch as psi tracks it; the scans that the track starts with have no map yet."""
-        self.matched += [scan.evaluation.matched for scan in tracked[START_SCANS:]]
-        self.psi += [scan.evaluation.shares for scan in tracked[START_SCANS:]]
-        poses = np.array([scan.pose for scan in tracked])
-        times = np.array([scan.t0 for scan in scans])
-        placed = [place_along(scan.returns, times, poses, beam).points for scan in scans]
-        trees = [cKDTree(points) for points in placed]
-        later = {on: [tree.query(points) for points, tree in zip(placed, trees[on:], strict=False)] for on in SCANS_ON}
-        for on, answers in later.items():
-            self.repeats[on] += [away < NEAR_M for away, _ in answers]
-        for k, (away, nearest) in enumerate(later[1]):
-            self.unmatched.append(away > FAR_M)
-            aside = np.array([*poses[k + 1, :2], _ASIDE_RAD])
-            turned = se2.transform(aside, placed[k + 1] - poses[k + 1, :2])
-            self.chance.append(cKDTree(turned).query(placed[k])[0] < NEAR_M)
-            back = trees[k].query(placed[k + 1])[1]
-            mutual = np.flatnonzero((back[nearest] == np.arange(len(nearest))) & (away < FAR_M))
-            line = placed[k][mutual] - poses[k, :2]
-            across = placed[k + 1][nearest[mutual]] - placed[k][mutual]
-            self.radial.append(np.sum(across * line, axis=1) / np.maximum(np.hypot(*line.T), NEAR_M))
 
 
 def _follow(scans: Scans, tracker: TrackerConfig, estimator: EstimatorConfig, beam: Beam) -> list[Tracked]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from worlds.hard.hiding import NEAREST_M, STEP_M, Obstacles, Passed, cast_shadows, make_rays
 
-from mqslam.simulator.parts import Array
+from mqslam.simulator.scene import Array
 
 AZIMUTHS, TURN_S, REACH = 400, 0.25, 60.0
 TIMES = TURN_S * np.arange(AZIMUTHS) / AZIMUTHS

@@ -5,16 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from worlds.hard import Realism
-from worlds.hard.traffic import Traffic, Vehicles, make_traffic
-from worlds.hard.vehicles import box_sides, outline
+from worlds.hard.traffic import Traffic, Vehicles, box_sides, make_traffic, outline
 
 from mqslam.core import se2
 from mqslam.simulator import ConstantDrive, Scene, make_loop_drive
 from mqslam.simulator.drive import Drive
-from mqslam.simulator.parts import Array
+from mqslam.simulator.scene import Array
 
 NOWHERE = np.array([[1e6, 1e6]])
-STOPPING = make_loop_drive(60.0, from_standstill=True)
+SLOWING = make_loop_drive(60.0)
 
 
 def make(
@@ -28,25 +27,25 @@ def only(vehicles: Vehicles, thousands: int) -> Vehicles:
     return Vehicles._make(column[vehicles.numbers // 1000 == thousands] for column in vehicles)
 
 
-def test_pacers_stay_near_and_stop_with_the_own_vehicle() -> None:
-    traffic = make(STOPPING, duration_s=60.0)
+def test_pacers_stay_near_and_slow_down_with_the_own_vehicle() -> None:
+    traffic = make(SLOWING, duration_s=60.0)
     seen = 0
     for time in np.arange(0.0, 58.0, 2.0):
         pacers = only(traffic.vehicles(time, 0.25), 10)
-        own = STOPPING.poses(np.array([time]))
+        own = SLOWING.poses(np.array([time]))
         away = np.hypot(*(pacers.poses[:, :2] - own[:, :2]).T)
         assert np.all(away < 90.0)
         seen += len(away)
     assert seen > 40
     speeds = np.hypot(*only(traffic.vehicles(30.0, 0.25), 10).velocities.T)
-    assert np.all(np.abs(speeds - STOPPING.twists(np.array([30.0]))[0, 0]) < 5.0)
+    assert np.all(np.abs(speeds - SLOWING.twists(np.array([30.0]))[0, 0]) < 5.0)
 
 
 def test_no_pacer_drives_through_the_own_vehicle() -> None:
-    traffic = make(STOPPING, duration_s=60.0)
+    traffic = make(SLOWING, duration_s=60.0)
     for time in np.arange(0.0, 58.0, 0.5):
         vehicles = only(traffic.vehicles(time, 0.25), 10)
-        own = STOPPING.poses(np.array([time]))
+        own = SLOWING.poses(np.array([time]))
         assert np.all(np.hypot(*(vehicles.poses[:, :2] - own[:, :2]).T) > 2.4)
 
 

@@ -17,8 +17,7 @@ from mqslam.config import OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.sensors import Mount
-from mqslam.simulator import ConstantDrive, Drive, make_loop_drive
-from mqslam.simulator.wheels import OdometryModel, simulate_wheel_odometry
+from mqslam.simulator import ConstantDrive, Drive, OdometryModel, make_loop_drive, simulate_wheel_odometry
 
 TURN_S, SCANS = 0.25, 240
 ERROR = np.array([0.02, 0.02, 0.001])  # of psi's pose of a scan, whose errors cancel along a chain

@@ -1,7 +1,8 @@
 """Adds up the echoes of scatterers as complex amplitudes, with the phase of their true distance at every azimuth.
 
 Speckle, glint and the likeness of neighbouring azimuths follow from the geometry: the radar moves by millimetres between
-azimuths, and each scatterer is seen through another part of the beam.
+azimuths, and each scatterer is seen through another part of the beam. Some echoes are of what is not there: double bounces
+between strong scatterers, and short-lived ones.
 """
 
 from __future__ import annotations
@@ -11,8 +12,10 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
+from worlds.hard import chance
+from worlds.hard.realism import Realism
 
-from mqslam.simulator.parts import Array
+from mqslam.simulator.scene import Array
 
 WAVELENGTH = 0.004
 """Of a radar at 76 GHz [m]."""
@@ -20,46 +23,33 @@ _MAIN_LOBE = 0.6
 """Width at which the two-way amplitude has fallen by a factor of e, in one-way half-power widths: 1 / (2 sqrt(ln 2))."""
 _FAINT = 0.3
 """Amplitudes below this are lost in noise, of amplitude 1.4."""
+_STRONGEST = 24  # scatterers that bounce
+_BOUNCE_M = 45.0  # farther ones are too weak to [m]
+_PAIRS = 0.25  # share of pairs between which something bounces
+_MEAN_STRAY_M = 40.0  # range at which most short-lived echoes lie [m]
+_STRAY_SPREAD_DB = 6.0
 
 
 class Echoes(NamedTuple):
-    """What comes back.
+    """What comes back."""
 
-    Args:
-        places: (N, 2) of the scatter centres at the start of the turn [m], scene frame.
-        velocities: (N, 2) of them [m/s].
-        amplitudes: (N,) in the middle of the beam.
-        azimuths: (N,) number of the azimuth that looks at each most nearly.
-    """
-
-    places: Array
-    velocities: Array
-    amplitudes: Array
-    azimuths: NDArray[np.int64]
+    places: Array  # (N, 2) of the scatter centres at the start of the turn [m], scene frame
+    velocities: Array  # (N, 2) of them [m/s]
+    amplitudes: Array  # (N,) in the middle of the beam
+    azimuths: NDArray[np.int64]  # (N,) number of the azimuth that looks at each most nearly
 
 
 class Beams(NamedTuple):
-    """The beams of a turn.
+    """The beams of a turn."""
 
-    Args:
-        poses: (A, 3) x [m], y [m], direction [rad] of each beam, scene frame.
-        velocities: (A, 2) of the radar [m/s], scene frame.
-        times: (A,) since the start of the turn [s].
-        width: one-way half-power width [rad].
-        foot: share of the two-way amplitude in the wide foot.
-        foot_widths: its width in widths of the main lobe.
-        resolution: length of a range bin [m].
-        betas: (A,) range shift per closing speed [s], signed by the chirp.
-    """
-
-    poses: Array
-    velocities: Array
-    times: Array
-    width: float
-    foot: float
-    foot_widths: float
-    resolution: float
-    betas: Array
+    poses: Array  # (A, 3) x [m], y [m], direction [rad] of each beam, scene frame
+    velocities: Array  # (A, 2) of the radar [m/s], scene frame
+    times: Array  # (A,) since the start of the turn [s]
+    width: float  # one-way half-power width [rad]
+    foot: float  # share of the two-way amplitude in the wide foot
+    foot_widths: float  # its width in widths of the main lobe
+    resolution: float  # length of a range bin [m]
+    betas: Array  # (A,) range shift per closing speed [s], signed by the chirp
 
 
 @nb.njit(cache=True, nogil=True)
@@ -93,3 +83,50 @@ def add_echoes(echoes: Echoes, beams: Beams, field: NDArray[np.complex128]) -> N
             echo = amplitude * gain * complex(np.cos(phase), np.sin(phase))
             field[a, b] += (1.0 - place + b) * echo
             field[a, b + 1] += (place - b) * echo
+
+
+def bounce(echoes: Echoes, names: chance.Names, origin: Array, realism: Realism) -> Echoes:
+    """Returns the double bounces among the strongest of echoes near the radar, and those off the own vehicle.
+
+    The path radar, first, second, radar is half as long as three straight legs, and shows in the direction of the first.
+
+    Args:
+        echoes: (N,) all direct echoes.
+        names: (N,) of their scatterers, by which pairs are drawn.
+        origin: (2,) place of the radar [m], scene frame.
+        realism: how strong they are.
+    """
+    lines = echoes.places - origin
+    ranges = np.hypot(*lines.T)
+    near = np.flatnonzero(ranges < _BOUNCE_M)
+    best = near[np.argsort(echoes.amplitudes[near], kind="stable")[::-1][:_STRONGEST]]
+    i, j = (best[axis.ravel()] for axis in np.mgrid[: len(best), : len(best)])
+    drawn = chance.name(names[i].view(np.int64), names[j].view(np.int64))
+    same = i == j
+    kept = same | (chance.uniform(drawn, 0) < _PAIRS)
+    i, j, drawn, same = i[kept], j[kept], drawn[kept], same[kept]
+    between = np.hypot(*(echoes.places[i] - echoes.places[j]).T)
+    reached = np.where(same, 2.0 * ranges[i], 0.5 * (ranges[i] + ranges[j] + between))
+    loss = np.where(same, realism.echo_back_db, realism.bounce_db)
+    amplitudes = np.sqrt(echoes.amplitudes[i] * echoes.amplitudes[j]) * 10.0 ** (-loss / 20.0)
+    return Echoes(
+        places=origin + lines[i] * (reached / ranges[i])[:, None],
+        velocities=echoes.velocities[i],
+        amplitudes=amplitudes * (0.3 + chance.uniform(drawn, 1)),
+        azimuths=echoes.azimuths[i],
+    )
+
+
+def draw_strays(rng: np.random.Generator, poses: Array, angles: Array, realism: Realism) -> Echoes:
+    """Draws the short-lived echoes of one turn, from the poses (A, 3) of its azimuths and their angles (A,) [rad]."""
+    number = int(rng.poisson(realism.strays))
+    azimuths: NDArray[np.int64] = rng.integers(len(angles), size=number)
+    ranges = 3.0 + rng.gamma(2.0, 0.5 * _MEAN_STRAY_M, number)
+    headings = poses[azimuths, 2] + angles[azimuths]
+    level = realism.stray_db + _STRAY_SPREAD_DB * rng.standard_normal(number)
+    return Echoes(
+        places=poses[azimuths, :2] + ranges[:, None] * np.column_stack([np.cos(headings), np.sin(headings)]),
+        velocities=np.zeros((number, 2)),
+        amplitudes=10.0 ** (level / 20.0),
+        azimuths=azimuths,
+    )

@@ -11,7 +11,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.simulator.parts import Array
+from mqslam.simulator.scene import Array
 
 RAYS_PER_AZIMUTH = 2
 STEP_M = 0.5
@@ -22,49 +22,29 @@ _OWN_M = 0.75  # a thing does not hide its own scatterers, which lie about it [m
 
 
 class Obstacles(NamedTuple):
-    """What hides.
+    """What hides."""
 
-    Args:
-        sides: (S, 4) x0, y0, x1, y1 [m] of flat sides, at the start of the turn.
-        velocities: (S, 2) [m/s].
-        depths: (S,) optical depths.
-        tall: (S,) whether it is taller than the radar.
-        crowns: (C, 4) x [m], y [m], radius [m], optical depth per metre of plants.
-        tall_crowns: (C,) whether they are taller than the radar.
-    """
-
-    sides: Array
-    velocities: Array
-    depths: Array
-    tall: NDArray[np.bool_]
-    crowns: Array
-    tall_crowns: NDArray[np.bool_]
+    sides: Array  # (S, 4) x0, y0, x1, y1 [m] of flat sides, at the start of the turn
+    velocities: Array  # (S, 2) [m/s]
+    depths: Array  # (S,) optical depths
+    tall: NDArray[np.bool_]  # (S,) whether it is taller than the radar
+    crowns: Array  # (C, 4) x [m], y [m], radius [m], optical depth per metre of plants
+    tall_crowns: NDArray[np.bool_]  # (C,) whether they are taller than the radar
 
 
 class Rays(NamedTuple):
-    """The rays of a turn, clockwise; the ray 0 is the beam of azimuth 0.
+    """The rays of a turn, clockwise; the ray 0 is the beam of azimuth 0."""
 
-    Args:
-        origins: (R, 2) [m], scene frame.
-        headings: (R,) [rad], scene frame.
-        times: (R,) since the start of the turn [s].
-    """
-
-    origins: Array
-    headings: Array
-    times: Array
+    origins: Array  # (R, 2) [m], scene frame
+    headings: Array  # (R,) [rad], scene frame
+    times: Array  # (R,) since the start of the turn [s]
 
 
 class Passed(NamedTuple):
-    """What passes both ways along rays.
+    """What passes both ways along rays."""
 
-    Args:
-        low: (R, K) optical depth before each step, for what is no higher than the radar.
-        high: (R, K) the same for what is higher.
-    """
-
-    low: NDArray[np.float32]
-    high: NDArray[np.float32]
+    low: NDArray[np.float32]  # (R, K) optical depth before each step, for what is no higher than the radar
+    high: NDArray[np.float32]  # (R, K) the same for what is higher
 
     def to(self, azimuths: Array, ranges: Array, high: NDArray[np.bool_]) -> Array:
         """Returns the share (N,) of power that passes to things and back.

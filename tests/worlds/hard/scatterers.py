@@ -1,4 +1,7 @@
-"""Cuts a scene into point scatterers, once: a radar sees a wall by its ledges and frames, not by its plane."""
+"""Point scatterers: a radar sees a wall by its ledges and frames, not by its plane, and ground by its kerbs and gravel.
+
+How a scatterer changes with the side that it is seen from: its centre wanders, its strength fades, flat faces glint.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,7 @@ from numpy.typing import NDArray
 from worlds.hard import chance
 from worlds.hard.realism import Realism
 
-from mqslam.simulator.parts import VEHICLE_OPACITY, Array
-from mqslam.simulator.scene import Scene
+from mqslam.simulator.scene import VEHICLE_OPACITY, Array, Scene
 
 WALL, POLE, PLANT, VEHICLE, GROUND = range(5)
 """Materials."""
@@ -18,30 +20,22 @@ _ON_A_POLE = 4  # scatterers: a lamp's head, its foot and what hangs between
 _CAR_M, _VAN_M, _RAILING_M = 1.5, 2.4, 1.0  # heights of what is no house
 _RAILING_OPACITY = 0.3  # a wall that takes less of the beam than this is a railing
 _LOWEST_M, _POLES_M = 0.3, (3.0, 8.0)  # where scatterers begin, and how high poles are
+_GROUND_M = 40.0  # farther away the ground is grazed too flatly to be seen [m]
+_CELL_M = 0.8  # at most one scatterer per cell of this size [m]
+_OF_CELLS = 0.22  # of the cells that hold one
 
 
 class Scatterers(NamedTuple):
-    """Points that reflect.
+    """Points that reflect."""
 
-    Args:
-        places: (N, 2) scene frame [m], at the time they are asked for.
-        velocities: (N, 2) [m/s].
-        heights: (N,) over the ground [m].
-        normals: (N,) direction of the normal of the face they lie on [rad], scene frame.
-        materials: (N,) `WALL` to `GROUND`.
-        levels: (N,) power at 20 m [dB].
-        names: (N,) by which their random numbers are drawn.
-        blocks: (N,) names of the blocks they belong to.
-    """
-
-    places: Array
-    velocities: Array
-    heights: Array
-    normals: Array
-    materials: NDArray[np.int64]
-    levels: Array
-    names: chance.Names
-    blocks: chance.Names
+    places: Array  # (N, 2) scene frame [m], at the time they are asked for
+    velocities: Array  # (N, 2) [m/s]
+    heights: Array  # (N,) over the ground [m]
+    normals: Array  # (N,) direction of the normal of the face they lie on [rad], scene frame
+    materials: NDArray[np.int64]  # (N,) `WALL` to `GROUND`
+    levels: Array  # (N,) power at 20 m [dB]
+    names: chance.Names  # (N,) by which their random numbers are drawn
+    blocks: chance.Names  # (N,) names of the blocks they belong to
 
     def choose(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Scatterers:
         """Returns some of the scatterers."""
@@ -172,3 +166,82 @@ def _make(places: Array, *, heights: Array, normals: Array, materials: NDArray[n
 def _to_decibels(reflectivities: Array) -> Array:
     """Returns reflectivities (N,) in decibels."""
     return np.asarray(10.0 * np.log10(np.maximum(reflectivities, 1e-3)))
+
+
+def lay_ground(middle: tuple[float, float], realism: Realism, seed: int) -> Scatterers:
+    """Lays the scatterers of the ground around a place, (x, y) in the scene frame [m]; they are the same for all places."""
+    first = [int(np.floor((value - _GROUND_M) / _CELL_M)) for value in middle]
+    number = int(2.0 * _GROUND_M / _CELL_M)
+    i, j = (start + axis.ravel() for start, axis in zip(first, np.mgrid[:number, :number], strict=True))
+    names = chance.name(i, j, seed, GROUND)
+    places = np.column_stack([i + chance.uniform(names, 1), j + chance.uniform(names, 2)]) * _CELL_M
+    kept = (chance.uniform(names, 0) < _OF_CELLS) & (np.hypot(*(places - middle).T) < _GROUND_M)
+    places, names = places[kept], names[kept]
+    count = len(names)
+    return Scatterers(
+        places=places,
+        velocities=np.zeros((count, 2)),
+        heights=np.zeros(count),
+        normals=np.zeros(count),
+        materials=np.full(count, GROUND),
+        levels=realism.ground_db + realism.spread_db * np.sqrt(12.0) * (chance.uniform(names, 3) - 0.5),
+        names=names,
+        blocks=names,
+    )
+
+
+def change_with_aspect(scatterers: Scatterers, aspects: Array, realism: Realism) -> tuple[Array, NDArray[np.complex128]]:
+    """Finds where scatterers shine and how strongly, seen under aspects.
+
+    What a block does is drawn for each few degrees of aspect and interpolated between them, so that it is continuous and
+    the same whenever the block is seen from there again.
+
+    Args:
+        scatterers: (N,) the scatterers.
+        aspects: (N,) direction from each to the radar, against the normal of its face [rad].
+        realism: how much they change.
+
+    Returns:
+        Offsets (N, 2) of their centres [m], scene frame; factors (N,) on their amplitudes, of mean power 1.
+    """
+    steps = max(1, round(360.0 / realism.aspect_deg))
+    place = aspects / (2.0 * np.pi) * steps + chance.uniform(scatterers.names, 2)
+    before = np.floor(place)
+    later = place - before
+    weights = np.stack([1.0 - later, later]) / np.hypot(1.0 - later, later)
+    offsets = np.zeros((len(place), 2))
+    fades = np.zeros(len(place), dtype=np.complex128)
+    for weight, step in zip(weights, (before, before + 1.0), strict=True):
+        drawn = chance.name(scatterers.blocks.view(np.int64), (step % steps).astype(np.int64))
+        moved = np.column_stack([chance.uniform(drawn, 2), chance.uniform(drawn, 3)]) - 0.5
+        offsets += np.sqrt(12.0) * realism.wander_m * weight[:, None] * moved
+        fades += weight * chance.complex_normal(drawn)
+    c, s = np.cos(scatterers.normals), np.sin(scatterers.normals)
+    turned = np.column_stack([c * offsets[:, 0] - s * offsets[:, 1], s * offsets[:, 0] + c * offsets[:, 1]])
+    return turned, np.sqrt(1.0 - realism.fading) + np.sqrt(realism.fading) * fades
+
+
+def fluctuate(scatterers: Scatterers, amplitudes: NDArray[np.complex128], realism: Realism, turn: int) -> Array:
+    """Draws part of the power of scatterers anew, as in every turn.
+
+    Args:
+        scatterers: (N,) the scatterers.
+        amplitudes: (N,) factors on their amplitudes.
+        realism: which share is drawn anew.
+        turn: number of the turn.
+
+    Returns:
+        Factors (N,) on their amplitudes, without phase: that of the true distance says all.
+    """
+    share = np.where(scatterers.materials == PLANT, realism.plant_fluctuation, realism.fluctuation)
+    drawn = chance.complex_normal(chance.name(scatterers.names.view(np.int64), turn))
+    return np.asarray(np.abs(np.sqrt(1.0 - share) * amplitudes + np.sqrt(share) * drawn))
+
+
+def glint(scatterers: Scatterers, aspects: Array, realism: Realism) -> Array:
+    """Returns the factors (N,) on power of flat faces seen under aspects (N,) [rad]; without a face it is 1."""
+    off = np.rad2deg(np.abs((aspects + 0.5 * np.pi) % np.pi - 0.5 * np.pi))
+    shine = np.exp(-((off / realism.glint_deg) ** 2))
+    wall, vehicle = 10.0 ** (np.array([realism.wall_glint_db, realism.vehicle_glint_db]) / 10.0)
+    gain = np.select([scatterers.materials == WALL, scatterers.materials == VEHICLE], [wall, vehicle], 0.0)
+    return np.asarray(np.where(gain > 0.0, 0.5 + gain * shine, 1.0))

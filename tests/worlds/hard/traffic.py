@@ -1,4 +1,7 @@
-"""Moving vehicles as boxes in world coordinates: those that pace the own one, oncoming ones, those of the scene's lanes."""
+"""Moving vehicles: where they drive, what the box of each hides, and the scatterers along its outline.
+
+Some pace the own vehicle, some come towards it, and some keep to the scene's lanes.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from worlds.hard import chance
 from worlds.hard.realism import Realism
+from worlds.hard.scatterers import VEHICLE, Scatterers
 
 from mqslam.core import se2
+from mqslam.simulator.beam import CORNERS
 from mqslam.simulator.drive import Drive
-from mqslam.simulator.parts import Array
-from mqslam.simulator.scene import LANE, Scene
+from mqslam.simulator.scene import LANE, Array, Scene
 
 CAR_HEIGHT, TRUCK_HEIGHT = 1.5, 3.2
 _YARD = 0.15  # a drive that turns more than this in the mean [rad/m] is on a yard, where no traffic flows
@@ -29,37 +34,22 @@ _PACER_S = 30.0  # median time for which a vehicle paces
 
 
 class Vehicles(NamedTuple):
-    """Vehicles at one time.
+    """Vehicles at one time."""
 
-    Args:
-        numbers: (V,) their names.
-        poses: (V, 3) of their middles [m, m, rad], scene frame.
-        velocities: (V, 2) [m/s], scene frame.
-        sizes: (V, 3) length, width, height [m].
-    """
-
-    numbers: NDArray[np.int64]
-    poses: Array
-    velocities: Array
-    sizes: Array
+    numbers: NDArray[np.int64]  # (V,) their names
+    poses: Array  # (V, 3) of their middles [m, m, rad], scene frame
+    velocities: Array  # (V, 2) [m/s], scene frame
+    sizes: Array  # (V, 3) length, width, height [m]
 
 
 class _Road(NamedTuple):
-    """The path of a drive, continued straight on at both ends.
+    """The path of a drive, continued straight on at both ends."""
 
-    Args:
-        places: (N,) distance along the road [m], increasing.
-        poses: (N, 3) there.
-        times: (T,) [s].
-        reached: (T,) distance along the road that the drive has reached at each time [m].
-        flow: (T,) time for which traffic has flowed [s]: it stops with the drive.
-    """
-
-    places: Array
-    poses: Array
-    times: Array
-    reached: Array
-    flow: Array
+    places: Array  # (N,) distance along the road [m], increasing
+    poses: Array  # (N, 3) there
+    times: Array  # (T,) [s]
+    reached: Array  # (T,) distance along the road that the drive has reached at each time [m]
+    flow: Array  # (T,) time for which traffic has flowed [s]: it stops with the drive
 
     def at(self, places: Array, left: Array) -> Array:
         """Returns the poses (N, 3) at places (N,) along the road and so far to the left of it [m]."""
@@ -68,51 +58,30 @@ class _Road(NamedTuple):
 
 
 class _Pacers(NamedTuple):
-    """Vehicles that keep pace with the own one, each for a while.
+    """Vehicles that keep pace with the own one, each for a while."""
 
-    Args:
-        births: (V,) flow of traffic at which they come [s].
-        lives: (V,) how long they stay [s].
-        gaps: (V,) mean distance ahead of the own vehicle [m]; negative is behind.
-        closing: (V,) rate at which the gap grows [m/s].
-        sways: (V,) amplitude of its swaying [m].
-        phases: (V,) of it [rad].
-        leads: (V,) by how much they stop and start sooner than the own vehicle [s].
-        left: (V,) distance to the left of the own lane [m].
-        sizes: (V, 3) length, width, height [m].
-    """
-
-    births: Array
-    lives: Array
-    gaps: Array
-    closing: Array
-    sways: Array
-    phases: Array
-    leads: Array
-    left: Array
-    sizes: Array
+    births: Array  # (V,) flow of traffic at which they come [s]
+    lives: Array  # (V,) how long they stay [s]
+    gaps: Array  # (V,) mean distance ahead of the own vehicle [m]; negative is behind
+    closing: Array  # (V,) rate at which the gap grows [m/s]
+    sways: Array  # (V,) amplitude of its swaying [m]
+    phases: Array  # (V,) of it [rad]
+    leads: Array  # (V,) by how much they stop and start sooner than the own vehicle [s]
+    left: Array  # (V,) distance to the left of the own lane [m]
+    sizes: Array  # (V, 3) length, width, height [m]
 
 
 @dataclass(frozen=True)
 class Traffic:
-    """All moving vehicles of a drive.
+    """All moving vehicles of a drive."""
 
-    Args:
-        scene: whose lanes hold some.
-        realism: how many others there are.
-        road: the drive's path; None on a yard.
-        pacers: those that keep pace.
-        oncoming: (V, 5) place along the road at time zero [m], distance to its left [m], length, width, height [m].
-        queue: (V, 5) distance ahead of the own vehicle [m], distance to its left [m], length, width, height [m].
-        solid: places of what no vehicle drives through; the scene's own vehicles and the queue keep to lanes that are free.
-    """
-
-    scene: Scene
-    realism: Realism
-    road: _Road | None
-    pacers: _Pacers
-    oncoming: Array
-    queue: Array
+    scene: Scene  # whose lanes hold some
+    realism: Realism  # how many others there are
+    road: _Road | None  # the drive's path; None on a yard
+    pacers: _Pacers  # those that keep pace
+    oncoming: Array  # (V, 5) place along the road at time zero [m], distance to its left [m], length, width, height [m]
+    queue: Array  # (V, 5) distance ahead of the own vehicle [m], distance to its left [m], length, width, height [m]
+    # places of what no vehicle drives through; the scene's own vehicles and the queue keep to lanes that are free
     solid: cKDTree
 
     def vehicles(self, time: float, turn: float) -> Vehicles:
@@ -282,3 +251,41 @@ def _between(
     """Returns vehicles that go from places along the road to other ones within a turn of so many seconds."""
     begins, ends = (road.at(place, left) for place in places)
     return Vehicles(numbers, begins, (ends[:, :2] - begins[:, :2]) / turn, sizes)
+
+
+def outline(vehicles: Vehicles, realism: Realism, seed: int) -> Scatterers:
+    """Lays scatterers along the outlines of vehicles; they stay where they are on a vehicle, whatever it does."""
+    lengths, widths, heights = vehicles.sizes.T
+    count = np.ceil(2.0 * (lengths + widths) / realism.spacing_m).astype(np.int64)
+    which = np.repeat(np.arange(len(count)), count)
+    number = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+    names = chance.name(vehicles.numbers[which], number, seed, VEHICLE)
+    length, width = lengths[which], widths[which]
+    way = (number + chance.uniform(names, 0)) / count[which] * 2.0 * (length + width)
+    side = np.select([way < length, way < length + width, way < 2.0 * length + width], [0, 1, 2], 3)
+    start = np.choose(side, [np.zeros(len(way)), length, length + width, 2.0 * length + width])
+    share = (way - start) / np.where(side % 2 == 0, length, width)
+    corners = CORNERS[side] + share[:, None] * (CORNERS[side + 1] - CORNERS[side])
+    body = np.column_stack([corners * np.column_stack([length, width]), np.zeros(len(way))])
+    yaw = vehicles.poses[which, 2]
+    again = chance.name(names.view(np.int64), 1)
+    normal = np.sqrt(2.0) * chance.complex_normal(again).real
+    return Scatterers(
+        places=se2.compose(vehicles.poses[which], body)[:, :2],
+        velocities=vehicles.velocities[which],
+        heights=0.25 + chance.uniform(names, 1) * (heights[which] - 0.25),
+        normals=yaw + np.where(side % 2 == 0, 0.5 * np.pi, 0.0),
+        materials=np.full(len(way), VEHICLE),
+        levels=realism.vehicle_db + realism.spread_db * normal,
+        names=names,
+        blocks=chance.name(vehicles.numbers[which], np.floor(way / realism.block_m).astype(np.int64), seed, VEHICLE),
+    )
+
+
+def box_sides(vehicles: Vehicles) -> Array:
+    """Returns the sides (4 V, 4) of vehicles as x0, y0, x1, y1 [m], four for each."""
+    corners = CORNERS[None] * vehicles.sizes[:, None, :2]
+    c, s = np.cos(vehicles.poses[:, 2])[:, None], np.sin(vehicles.poses[:, 2])[:, None]
+    x = vehicles.poses[:, :1] + c * corners[..., 0] - s * corners[..., 1]
+    y = vehicles.poses[:, 1:2] + s * corners[..., 0] + c * corners[..., 1]
+    return np.stack([x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]], axis=-1).reshape(-1, 4)

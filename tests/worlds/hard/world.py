@@ -7,31 +7,28 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from worlds.hard.aspect import change_with_aspect, fluctuate, glint
-from worlds.hard.clock import JitteringClock, make_clock
-from worlds.hard.echoes import Beams, Echoes, add_echoes
-from worlds.hard.elevation import Suspension, attenuate, make_suspension
-from worlds.hard.ground import lay_ground
+from worlds.hard.echoes import Beams, Echoes, add_echoes, bounce, draw_strays
 from worlds.hard.hiding import NEAREST_M, Obstacles, Passed, cast_shadows, make_rays, to_depths
+from worlds.hard.radar import JitteringClock, Suspension, attenuate, make_clock, make_suspension, receive
 from worlds.hard.realism import USUAL, Realism
-from worlds.hard.receiver import receive
 from worlds.hard.scatterers import (
     PLANT,
     Scatterers,
+    change_with_aspect,
+    fluctuate,
+    glint,
     is_vehicle,
     join,
+    lay_ground,
     look_about,
     plant_heights,
     sample_scene,
     wall_heights,
 )
-from worlds.hard.strays import bounce, draw_strays
-from worlds.hard.traffic import Traffic, Vehicles, make_traffic
-from worlds.hard.vehicles import box_sides, outline
+from worlds.hard.traffic import Traffic, Vehicles, box_sides, make_traffic, outline
 
 from mqslam.simulator.drive import Drive
-from mqslam.simulator.parts import Array
-from mqslam.simulator.scene import Scene
+from mqslam.simulator.scene import Array, Scene
 from mqslam.simulator.sensor import SensorModel
 
 _REFERENCE_M = 20.0  # range at which levels are stated
@@ -41,31 +38,18 @@ _MARGIN_M = 5.0  # by which the last range bin is exceeded, since things and the
 
 @dataclass(frozen=True)
 class HardWorld:
-    """A drive through a scene whose radar recordings are as hard as real ones; `make_hard_world` makes one.
+    """A drive through a scene whose radar recordings are as hard as real ones; `make_hard_world` makes one."""
 
-    Args:
-        scene: what reflects and hides.
-        drive: how the radar moves.
-        sensor: turn rate, azimuths, range bins, beam width and Doppler shift count; the rest is `realism`'s.
-        realism: the magnitudes of all effects.
-        seed: of everything.
-        scatterers: of the scene, in the order of their x.
-        standing: what hides and does not move.
-        traffic: what moves.
-        suspension: how the own vehicle tilts.
-        clock: when azimuths are measured and stamped.
-    """
-
-    scene: Scene
-    drive: Drive
-    sensor: SensorModel
-    realism: Realism
-    seed: int
-    scatterers: Scatterers
-    standing: Obstacles
-    traffic: Traffic
-    suspension: Suspension
-    clock: JitteringClock
+    scene: Scene  # what reflects and hides
+    drive: Drive  # how the radar moves
+    sensor: SensorModel  # turn rate, azimuths, range bins, beam width and Doppler shift count; the rest is `realism`'s
+    realism: Realism  # the magnitudes of all effects
+    seed: int  # of everything
+    scatterers: Scatterers  # of the scene, in the order of their x
+    standing: Obstacles  # what hides and does not move
+    traffic: Traffic  # what moves
+    suspension: Suspension  # how the own vehicle tilts
+    clock: JitteringClock  # when azimuths are measured and stamped
 
     def stamps(self, k: int) -> Array:
         """Returns the times (A,) [s] at which the azimuths of turn k are said to be measured."""

@@ -1,0 +1,162 @@
+"""Simulated recordings that need no files: what the radar sees turn by turn, rendered when it is read, and the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core.recording import PolarScan, Recording
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import ConfigError
+from mqslam.simulator.drive import Drive
+from mqslam.simulator.instruments import (
+    GyroscopeModel,
+    OdometryModel,
+    ReceiverModel,
+    WheelOdometry,
+    simulate_fixes,
+    simulate_gyroscope,
+    simulate_wheel_odometry,
+)
+from mqslam.simulator.scene import Scene
+from mqslam.simulator.sensor import SensorModel, render_polar_scan
+
+START_US = 1_600_000_000_000_000
+"""Stamp [us] of a simulated drive's time zero."""
+
+
+class World(Protocol):
+    """A drive through a scene as the radar measures it."""
+
+    def stamps(self, k: int) -> NDArray[np.float64]:
+        """Returns the times (A,) [s] at which the azimuths of turn k are said to be measured."""
+
+    def end(self) -> float:
+        """Returns the time [s] at which the last turn is said to end."""
+
+    def render(self, k: int) -> NDArray[np.uint8]:
+        """Renders the readings (A, B) of turn k; they do not depend on which other turns are rendered."""
+
+    def describe(self) -> dict[str, Any]:
+        """Returns what the parameters of a written recording say of the world, for JSON."""
+
+
+MakeWorld = Callable[[Scene, Drive, SensorModel, int, int], World]
+"""Makes a world of a scene, a drive, a radar, the number of its turns, and the seed of all chance."""
+
+
+@dataclass(frozen=True)
+class ClearWorld:
+    """A world in which every surface shows from everywhere, and every azimuth is stamped when it is measured."""
+
+    scene: Scene  # what reflects
+    drive: Drive  # how the radar moves
+    sensor: SensorModel  # the radar
+    turns: int  # how often it turns
+    seed: int  # of the noise
+
+    def stamps(self, k: int) -> NDArray[np.float64]:
+        """Returns the times (A,) [s] at which the azimuths of turn k are measured."""
+        turns = k + np.arange(self.sensor.azimuths) / self.sensor.azimuths
+        return np.asarray(turns / self.sensor.turn_rate_hz)
+
+    def end(self) -> float:
+        """Returns the time [s] at which the last turn ends."""
+        return self.turns / self.sensor.turn_rate_hz
+
+    def render(self, k: int) -> NDArray[np.uint8]:
+        """Renders the readings (A, B) of turn k, each azimuth from where the radar is at its stamp in whole microseconds."""
+        times = np.asarray((to_stamps(self.stamps(k)) - START_US) * 1e-6, dtype=np.float64)
+        poses, twists = self.drive.poses(times), self.drive.twists(times)
+        return render_polar_scan(self.scene, poses, twists, times, self.sensor, (self.seed, k))
+
+    def describe(self) -> dict[str, Any]:
+        """Returns nothing, since scene, radar and seed say all."""
+        return {}
+
+
+def to_stamps(times: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Returns the stamps (N,) [us] of times (N,) [s] of a drive."""
+    return START_US + np.round(times * 1e6).astype(np.int64)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedRecording(Recording):
+    """A drive through a scene as a recording; `simulate_recording` makes one."""
+
+    scene: Scene  # what reflects
+    drive: Drive  # how the sensor moves
+    sensor: SensorModel  # the radar
+    wheel_odometry: WheelOdometry  # what the wheels report
+    world: World  # what the radar sees of the scene, and when
+
+    def azimuth_stamps(self, k: int) -> NDArray[np.int64]:
+        """Returns the stamps (A,) [us] of the azimuths of polar scan k, in whole microseconds as files have them."""
+        return to_stamps(self.world.stamps(k))
+
+    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
+        """Renders the polar scans start <= k < stop, one after the other."""
+        for k in range(*slice(start, stop).indices(len(self))):
+            times = np.asarray((self.azimuth_stamps(k) - self.start_us) * 1e-6, dtype=np.float64)
+            polar_scan = PolarScan(times, self.sensor.angles, self.world.render(k), np.ones(len(times), dtype=np.bool_))
+            yield polar_scan.split(self.sensor.rising) if self.sensor.chirps else polar_scan
+
+
+def simulate_recording(  # noqa: PLR0913 - these are the options of a simulation, each with its default
+    scene: Scene,
+    drive: Drive,
+    *,
+    duration_s: float,
+    sensor: SensorModel | None = None,
+    seed: int = 1,
+    odometry: OdometryModel | None = None,
+    world: MakeWorld = ClearWorld,
+    gyroscope: GyroscopeModel | None = None,
+    receiver: ReceiverModel | None = None,
+) -> SimulatedRecording:
+    """Makes a recording of a drive through a scene: whole polar scans, wheel odometry and ground truth.
+
+    Args:
+        scene: what reflects.
+        drive: how the sensor moves.
+        duration_s: time by which the last polar scan ends [s].
+        sensor: the radar; None takes a Navtech CTS350-X.
+        seed: of all noise.
+        odometry: errors of the wheel odometry; None takes the usual ones.
+        world: makes what the radar sees; every surface shows from everywhere in the usual one.
+        gyroscope: errors of the gyroscope; None takes none along.
+        receiver: errors of the GNSS receiver; None takes none along.
+
+    Raises:
+        ConfigError: the duration holds no whole turn.
+    """
+    sensor = sensor or SensorModel()
+    turns = int(duration_s * sensor.turn_rate_hz + 1e-9) if np.isfinite(duration_s) else 0
+    if turns < 1:
+        raise ConfigError(f"simulator: {duration_s} s hold no whole turn at {sensor.turn_rate_hz} turns/s")
+    seen = world(scene, drive, sensor, turns, seed)
+    stamps_us = to_stamps(np.array([*(seen.stamps(k)[0] for k in range(turns)), seen.end()]))
+    times = np.asarray((stamps_us - START_US) * 1e-6, dtype=np.float64)
+    end = float(times[-1])
+    wheels = simulate_wheel_odometry(drive, end, START_US, odometry or OdometryModel(), seed)
+    return SimulatedRecording(
+        path=Path("simulated"),
+        format="simulated",
+        stamps_us=stamps_us[:-1],
+        turns_us=np.diff(stamps_us),
+        range_resolution=sensor.range_resolution,
+        odometry=wheels.dead_reckon(),
+        ground_truth=Trajectory(stamps_us[:-1], drive.poses(times[:-1])),
+        gyroscope=None if gyroscope is None else simulate_gyroscope(drive, end, START_US, gyroscope, seed),
+        fixes=None if receiver is None else simulate_fixes(drive, scene.roofs, end, START_US, receiver, seed),
+        scene=scene,
+        drive=drive,
+        sensor=sensor,
+        wheel_odometry=wheels,
+        world=seen,
+    )

@@ -1,0 +1,104 @@
+"""The commands of mqslam that benchmarks run, each of which leaves a folder, and KISS-ICP's own registration."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from bench.recordings import MQSLAM
+
+from mqslam.config import Config
+from mqslam.core.scans import Scans
+
+FRONT_ENDS = {"psi": "psi", "kiss_icp": "KISS-ICP", "open3d_icp": "Open3D ICP"}
+"""The front ends that are compared, with the names that tables show."""
+OURS, RIVAL = FRONT_ENDS["psi"], FRONT_ENDS["kiss_icp"]
+
+
+@cache
+def compare(data: Path, out: Path, frontends: tuple[str, ...], *, back_end: bool) -> Path:
+    """Runs front ends by radar alone, on the same returns; returns a folder that holds one per front end.
+
+    Args:
+        data: the recording.
+        out: folder for the results.
+        frontends: their names.
+        back_end: whether graph and loops follow, the same for all of them.
+    """
+    chained = [] if back_end else ["--odometry-only"]
+    _call("compare", data, "--out", out, "--frontends", ",".join(frontends), "--odometry", "none", *chained)
+    return out
+
+
+@cache
+def run(data: Path, out: Path, *options: str) -> Path:
+    """Runs the whole method by radar alone; returns the folder of the results."""
+    _call("run", data, "--out", out, "--odometry", "none", "--imu", "none", "--gnss", "none", *options)
+    return out
+
+
+def run_without_loops(data: Path, out: Path) -> Path:
+    """Runs the whole method but its search for loops by radar alone; returns the folder of the results.
+
+    Args:
+        data: the recording.
+        out: folder for the results; the settings lie beside it.
+    """
+    settings = out.with_name(f"{out.name}.yaml")
+    settings.write_text("loops: {enabled: false}\n", encoding="utf-8")
+    return run(data, out, "--config", str(settings))
+
+
+def audit(data: Path, trajectory: Path | str, out: Path) -> dict[str, Any]:
+    """Audits the map of a trajectory, a file or one that the recording carries; returns what `audit.json` holds."""
+    _call("audit", data, "--trajectory", trajectory, "--out", out)
+    return read_json(out / "audit.json")
+
+
+@cache
+def localise(data: Path, result: Path, out: Path, *options: str) -> Path:
+    """Localises a recording in the map of a result; returns the folder of the results."""
+    _call("localise", data, "--map", result, "--out", out, *options)
+    return out
+
+
+def is_refused(data: Path, result: Path, out: Path) -> bool:
+    """Returns whether a recording is said to be not in the map of a result."""
+    words = ("localise", data, "--map", result, "--out", out, "--odometry", "none", "--force", "--quiet")
+    done = subprocess.run([str(word) for word in (MQSLAM, *words)], capture_output=True, text=True, check=False)
+    return done.returncode == 2 and "not in this map" in done.stderr
+
+
+def batch(runs: Path, out: Path, *options: str) -> None:
+    """Runs a list of recordings."""
+    _call("batch", runs, "--out", out, *options)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Returns what a JSON file holds."""
+    content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return content
+
+
+def _call(*words: object) -> None:
+    subprocess.run([str(word) for word in (MQSLAM, *words, "--force", "--quiet")], check=True)
+
+
+def register(scans: Scans) -> None:
+    """Follows the scans by KISS-ICP itself on one thread, with the voxel size and range of its front end."""
+    from kiss_icp.config import KISSConfig
+    from kiss_icp.kiss_icp import KissICP
+
+    settings, config = Config().kiss_icp, KISSConfig()
+    config.mapping.voxel_size, config.data.max_range = settings.voxel_size_m, settings.max_range_m
+    config.data.min_range = 0.0
+    config.registration.max_num_threads = 1
+    kiss = KissICP(config)
+    for scan in scans:
+        ranges, azimuths = scan.returns.ranges, scan.returns.azimuths
+        points = np.column_stack([ranges * np.cos(azimuths), ranges * np.sin(azimuths), np.zeros(len(ranges))])
+        kiss.register_frame(points, (scan.returns.times - scan.t0) / (scan.t1 - scan.t0))
