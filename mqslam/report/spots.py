@@ -9,10 +9,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from mqslam.auditing.judge import Audit
-from mqslam.auditing.laying import Laid
-from mqslam.auditing.revisits import Revisit, pick_passes
+from mqslam.auditing.revisits import pick_passes
 from mqslam.auditing.spans.measured import pick_ends
-from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.steps import pick_sides
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.windows.windows import WindowAudit
@@ -141,37 +139,30 @@ def spots_of_torn_pairs(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> 
         audit: its judgement.
         settings: of the audit.
     """
-    jumps = [_spot_of_jump(sweeps, jump.laid) for jump in audit.jumps]
-    spans = [_spot_of_span(sweeps, span) for span in audit.spans if span.torn]
-    return jumps + spans + [_spot_of_revisit(sweeps, r.revisit, settings) for r in audit.revisits if r.torn]
+    spots: list[Spot] = []
+    off: tuple[float, se2.Array, float | None]
+    for laid in (jump.laid for jump in audit.jumps):
+        fit = f"What was seen after it fits where it is moved {describe_motion(laid.offset)}"
+        text = f"{fit}, which moves its points by {format_length(laid.size_m)}"
+        pair, off = (laid.earlier, laid.later), (laid.size_m, laid.offset, None)
+        spots.append(_spot_of_pair(sweeps, "jump", pair, pick_sides(laid.later), off, text, laid.matched))
+    for span in (span for span in audit.spans if span.torn):
+        pair = span.laid.earlier, span.laid.later
+        inflation = float(se2.normalise(span.offset[None], span.covariance[None])[0])
+        off = span.distance_m, span.offset, inflation
+        text = _describe_fit("The end of the span", span.distance_m, span.offset)
+        spots.append(_spot_of_pair(sweeps, "span", pair, pick_ends(pair), off, text, span.laid.matched))
+    for revisit in (judged.revisit for judged in audit.revisits if judged.torn):
+        pair, off = (revisit.earlier, revisit.later), (revisit.distance_m, revisit.offset, revisit.inflation)
+        text = _describe_fit("The later pass", revisit.distance_m, revisit.offset)
+        passes = pick_passes(sweeps, *pair, settings)
+        spots.append(_spot_of_pair(sweeps, "revisit", pair, passes, off, text, revisit.matched))
+    return spots
 
 
-def _spot_of_jump(sweeps: Sweeps, laid: Laid) -> Spot:
-    motion, size = describe_motion(laid.offset), format_length(laid.size_m)
-    text = f"What was seen after it fits where it is moved {motion}, which moves its points by {size}"
-    pair = laid.earlier, laid.later
-    return _spot_of_pair(sweeps, "jump", pair, pick_sides(laid.later), (laid.size_m, laid.offset, None), text, laid.matched)
-
-
-def _spot_of_span(sweeps: Sweeps, span: SpanAudit) -> Spot:
-    pair = span.laid.earlier, span.laid.later
-    inflation = float(se2.normalise(span.offset[None], span.covariance[None])[0])
-    off = span.distance_m, span.offset, inflation
-    return _spot_of_pair(
-        sweeps, "span", pair, pick_ends(pair), off, _describe_fit("The end of the span", off), span.laid.matched
-    )
-
-
-def _spot_of_revisit(sweeps: Sweeps, revisit: Revisit, settings: AuditConfig) -> Spot:
-    pair = revisit.earlier, revisit.later
-    off = revisit.distance_m, revisit.offset, revisit.inflation
-    passes = pick_passes(sweeps, *pair, settings)
-    return _spot_of_pair(sweeps, "revisit", pair, passes, off, _describe_fit("The later pass", off), revisit.matched)
-
-
-def _describe_fit(what: str, off: tuple[float, se2.Array, float]) -> str:
+def _describe_fit(what: str, off_m: float, correction: se2.Array) -> str:
     """Returns in words where the later of two stretches fits."""
-    return f"{what} fits {format_length(off[0])} from where the trajectory has it, moved {describe_motion(off[1])}"
+    return f"{what} fits {format_length(off_m)} from where the trajectory has it, moved {describe_motion(correction)}"
 
 
 def _spot_of_pair(

@@ -30,6 +30,8 @@ def test_what_is_written_by_others_is_escaped(pages: dict[str, Path], name: str)
         "audit": ["& 1 of 2 revisits <torn>", "/data/<run>", "given & <kept>.tum"],
         "compare": ["_kiss_$icp$ <icp>", "give <FILE>", "/data/<run>", "psi is best, <b>and so on</b>."],
         "batch": ["33 of 40 windows are <torn>", "# <plan>"],
+        "merge": ["/data/<a>"],
+        "localise": ["<map>"],
     }
     page = page_of(pages[name] / "report.html")
     for shown in ("<run>", HOSTILE, *hostile[name]):
@@ -44,6 +46,11 @@ def test_what_is_written_by_others_is_escaped(pages: dict[str, Path], name: str)
         ("audit", ("\nwarn\n", "Something is wrong", HOSTILE, "of windows torn: 1 of 10", "Heat map")),
         ("compare", ("psi is best", HOSTILE, "drift [%]\n", "running median")),
         ("batch", (HOSTILE, "runs that failed", "against ground truth")),
+        (
+            "merge",
+            ("are one map.", HOSTILE, "objects that changed", "is recording 2", "past it\n1\nrecording 1", "result 2 in"),
+        ),
+        ("localise", ("97.5 % of 60 scans lie", HOSTILE, "across it", "Scans in the map", "converged\n57\nthe scan lies")),
     ],
 )
 def test_the_verdict_stands_before_the_warnings_and_these_before_the_numbers(
@@ -66,6 +73,8 @@ def test_the_same_result_gives_the_same_bytes(pages: dict[str, Path], tmp_path: 
         ("audit", "audit_page.draw_crop", "the pictures of the worst places", ("Worst places", "Measures", "Heat map")),
         ("compare", "compare_page.draw_place", "where the rows differ", ("Agreement", "Trajectories")),
         ("batch", "batch_page._describe_run", "the table of the runs", ("runs that failed",)),
+        ("merge", "merge_page.draw_change", "the pictures of the changes", ("Recognition", "Trajectories")),
+        ("localise", "localise_page.draw_world", "the picture of the map", ("Overlap", "Scans")),
     ],
 )
 def test_a_part_that_cannot_be_made_costs_no_other_part(

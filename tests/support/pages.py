@@ -1,4 +1,4 @@
-"""Small results of a run, an audit, a comparison and a batch, and their pages."""
+"""Small results of every command that writes a page, and their pages."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from support.keyframe_maps import two_recordings
 from support.reported import judged_walls, page_of, swept_walls
 
 from mqslam.auditing.verdict import VerdictStatus
@@ -22,9 +23,14 @@ from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
+from mqslam.localisation.localised import Localised, PlaceStatus
+from mqslam.mapping.keyframing import render_keyframes
+from mqslam.merging.changes import Change
 from mqslam.report.audit_page import write_audit_page
 from mqslam.report.batch_page import write_batch_page
 from mqslam.report.compare_page import write_compare_page
+from mqslam.report.localise_page import write_localise_page
+from mqslam.report.merge_page import write_merge_page
 from mqslam.report.run_page import write_run_page
 
 START_US = 1_600_000_000_000_000
@@ -222,11 +228,58 @@ def write_batch(folder: Path) -> list[str]:
     return write_batch_page(folder, "<run>", summary, "runs: []  # <plan>")
 
 
+def write_merge(folder: Path) -> list[str]:
+    made = two_recordings()
+    change = Change(0, 1, np.array([3.0, 2.0]), np.array([2.0, 4.5]), 9, 4, 6, 1e-4)
+    merged: Any = SimpleNamespace(
+        config=Config(),
+        kept=made,
+        map=render_keyframes(made.keyframes),
+        trajectories=(circle(3.0), circle(5.0)),
+        links=SimpleNamespace(loops=[SimpleNamespace(earlier=0, later=3)]),
+        changes=[change],
+    )
+    numbers = ("compared", "matches", "rows", "agreeing", "rivals", "ambiguous")
+    listed = {"shown_by": 1, "missed_by": 2, "x": 3.0, "y": 2.0, "size_x": 2.0, "size_y": 4.5, "seen": 4, "looks": 6}
+    summary = {
+        "conclusion": "2 recordings <run> are one map",
+        "links": {"count": 1, "residual_median": 0.7},
+        "psi": {"across_before": 0.5, "across_after": 0.25, "matched": 0.8},
+        "recordings": [{"path": "/data/<a>", "scans": 60, "length_m": 18.8, "duration_s": 30.0}] * 2,
+        "recognition": [{"earlier": 1, "later": 2, **dict.fromkeys(numbers, 3)}],
+        "changes": [listed],
+        "warnings": [HOSTILE],
+    }
+    return write_merge_page(folder, merged, summary)
+
+
+def write_localised(folder: Path) -> list[str]:
+    statuses = (*[PlaceStatus.CONVERGED] * 56, *PlaceStatus)
+    sure = np.tile(np.diag([0.01, 0.04, 1e-4]), (60, 1, 1))
+    track, matched = circle(3.0), np.append(np.full(59, 0.8), np.nan)
+    counts = (1, 1, 1, np.ones(3), 9, 0)
+    localised = Localised(track.stamps_us, track.poses, sure, statuses, np.full(60, 0.3), matched, *counts)
+    summary = {
+        "dataset": {"path": "/data/<run>", "scans": 60},
+        "map": {"path": "/data/<map>"},
+        "share_on_map": 0.975,
+        "median_sigma": {"along_m": 0.1, "across_m": 0.2, "yaw_rad": 0.01},
+        "matched": 0.8,
+        "psi_per_point": 0.3,
+        "evaluation": {"ate_rmse_m": 0.05},
+        "scans": {status.value: statuses.count(status) for status in PlaceStatus},
+        "warnings": [HOSTILE],
+    }
+    return write_localise_page(folder, localised, two_recordings(), Config(), summary)
+
+
 WRITERS: dict[str, Callable[[Path], list[str]]] = {
     "run": write_run,
     "audit": write_audit,
     "compare": write_comparison,
     "batch": write_batch,
+    "merge": write_merge,
+    "localise": write_localised,
 }
 
 
