@@ -151,9 +151,9 @@ def _make_revisit_tiles(audit: Audit, sweeps: Sweeps) -> list[tuple[str, str]]:
             reason = f"of {len(revisits):,} places passed twice none is sure enough to judge"
         return [(ABSENT, f"revisits torn: {reason}")]
     torn = share_torn_revisits(revisits)
-    told = f"revisits torn, of those that are sure, so that the true share may be {torn.describe_range()}"
+    share_text = f"revisits torn, of those that are sure, so that the true share may be {torn.describe_range()}"
     median = format_length(float(np.median(distances)))
-    return [(f"{torn.count:,} of {torn.total:,}", told), (median, "median offset of two passes")]
+    return [(f"{torn.count:,} of {torn.total:,}", share_text), (median, "median offset of two passes")]
 
 
 def _show_map(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section:

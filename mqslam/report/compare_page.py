@@ -113,8 +113,8 @@ def _tabulate_rows(comparison: Comparison, table: Sequence[Sequence[str]], marke
     judges = "without ground truth" if comparison.recording.ground_truth is None else "against ground truth and without it"
     note = f"The same returns and the same judges for every row, {judges}. "
     note += "The best value of a column is bold and green; ↓ less is better, ↑ more, → 1 nearer to 1."
-    told = "Rows that cannot be told apart share a rank."
-    return Section("Rows", [note, told], table=Table(("", "rank", *head), rows))
+    ties = "Rows that cannot be told apart share a rank."
+    return Section("Rows", [note, ties], table=Table(("", "rank", *head), rows))
 
 
 def _style_of(k: int) -> tuple[str, Any]:

@@ -100,7 +100,7 @@ def _draw_colour_strip(figure: Figure, axes: Axes, colours: ScalarMappable, torn
     bar.ax.tick_params(labelsize=9, colors=INK, length=2, pad=1)
     bar.outline.set_visible(False)
     bar.ax.axvline(TORN_INFLATION, color=INK, linewidth=1.6)
-    told = f"no chance beyond {TORN_INFLATION:.1f}; thick: torn"
+    label = f"no chance beyond {TORN_INFLATION:.1f}; thick: torn"
     style: dict[str, Any] = {
         "ha": "center",
         "va": "top",
@@ -108,7 +108,7 @@ def _draw_colour_strip(figure: Figure, axes: Axes, colours: ScalarMappable, torn
         "color": INK,
         "transform": bar.ax.get_xaxis_transform(),
     }
-    bar.ax.text(TORN_INFLATION, -0.25, told, **style)
+    bar.ax.text(TORN_INFLATION, -0.25, label, **style)
     beside = box.x0 + 0.6 * box.width
     figure.text(beside, box.y1 + 0.29 / height, "inflation of the windows", fontsize=9, color=INK, va="center")
     if torn:

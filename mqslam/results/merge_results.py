@@ -29,11 +29,16 @@ _ALIKE: Final = 0.005  # share of psi by which it may differ and is called the s
 
 def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, Any]:
     """Returns the content of summary.json."""
-    recordings, links, sureness = merged.kept.keyframes.recordings, merged.links, _summarise_sureness(merged)
+    recordings, links, alignment = merged.kept.keyframes.recordings, merged.links, _summarise_alignment(merged)
     return {
         "mqslam_version": __version__,
+<<<<<<< HEAD
         "conclusion": _conclude(merged, sureness),
         "results": [str(session.folder) for session in merged.sessions],
+=======
+        "conclusion": _conclude(merged, alignment),
+        "results": [str(part.folder) for part in merged.parts],
+>>>>>>> hB
         "recordings": [
             {
                 "path": recording.path,
@@ -52,7 +57,7 @@ def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, An
             "residual_median": float(np.median(merged.residuals)),
             "residual_largest": float(merged.residuals.max()),
         },
-        "sureness": sureness,
+        "sureness": alignment,
         "psi": {
             "across_before": float(merged.psi[:, 0].mean()),
             "across_after": float(merged.psi[:, 1].mean()),
@@ -73,20 +78,20 @@ def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
     is_alike = abs(after - before) < _ALIKE * before
     psi = f"is {after:.3g} per point, as before" if is_alike else f"went from {before:.3g} to {after:.3g} per point"
     links = count_of(len(merged.links.loops), "link")
-    told = f"{len(merged.trajectories)} recordings with {length / 1000.0:.2f} km of path are one map: {links} between them"
+    made = f"{len(merged.trajectories)} recordings with {length / 1000.0:.2f} km of path are one map: {links} between them"
     if sure["median_m"] is None:
-        return f"{told}, psi across them {psi}"
+        return f"{made}, psi across them {psi}"
     sigmas = f"one sigma, median; {sure['largest_m']:.2g} m at worst"
-    return f"{told}, psi across them {psi}; what both see lies within {sure['median_m']:.2g} m of each other ({sigmas})"
+    return f"{made}, psi across them {psi}; what both see lies within {sure['median_m']:.2g} m of each other ({sigmas})"
 
 
-def _summarise_sureness(merged: Merged) -> dict[str, float | None]:
+def _summarise_alignment(merged: Merged) -> dict[str, float | None]:
     """Returns how well it is known how the recordings lie to each other, and at which share of keyframes well enough.
 
     Changes are looked for at these keyframes alone.
     """
-    apart = merged.sigmas[merged.kept.keyframes.origins != np.arange(len(merged.sigmas))[:, None]]
-    sigmas = apart[np.isfinite(apart)]
+    between = merged.sigmas[merged.kept.keyframes.origins != np.arange(len(merged.sigmas))[:, None]]
+    sigmas = between[np.isfinite(between)]
     if not len(sigmas):
         return {"median_m": None, "largest_m": None, "share_compared": None}
     compared = float((sigmas <= SURE_M).mean())

@@ -36,7 +36,7 @@ _DEGENERATE_WARN = 0.1
 _WORSE = 1.1
 _LISTED: Final = 5  # gaps that are named one by one, so that the warnings stay readable
 _SEEN_BY_CHIRPS: Final = "; the velocities by chirps carry the trajectory there"
-_NEAR_S: Final = 5.0  # stretches that are less than so long apart [s] are told in one line
+_NEAR_S: Final = 5.0  # stretches that are less than this apart [s] are named in one line
 
 _SPAN_US: Final = 1_000_000  # over which speeds are compared [us]: long against what single motions err by
 _UNITS: Final = {"km/h": 1.0 / 3.6, "miles per hour": 0.44704, "mm/s": 1e-3, "cm/s": 1e-2}  # [m/s]
@@ -162,7 +162,7 @@ def _judge_track(run: Run) -> list[Finding]:
 def _judge_passes(run: Run) -> list[Finding]:
     """Returns what optimisation made of psi across passes; nothing where psi cannot tell."""
     compared = _compare_psi(run, run.refined.psi_before, run.refined.psi_across)
-    return [Finding(status, f"psi per point across passes {told}") for status, told in compared]
+    return [Finding(status, f"psi per point across passes {ratio}") for status, ratio in compared]
 
 
 def _judge_whole_map(run: Run) -> list[Finding]:
@@ -177,7 +177,7 @@ def _judge_whole_map(run: Run) -> list[Finding]:
         reason = "no point of the map was seen by two of its scans, so that nothing shows how good it is"
         return [Finding(VerdictStatus.NOT_JUDGED, reason)]
     findings = []
-    for status, told in _compare_psi(run, run.map_odometry.psi_per_point, run.map_optimised.psi_per_point):
+    for status, ratio in _compare_psi(run, run.map_odometry.psi_per_point, run.map_optimised.psi_per_point):
         takes = f"which takes more than {_WORSE:g} times"
         meaning = f"it blurred the map, {takes}"
         if run.refined.psi_across is not None:  # the returns of two passes are neighbours only once the passes meet
@@ -185,7 +185,7 @@ def _judge_whole_map(run: Run) -> list[Finding]:
             meaning = "the returns of other passes count in it once the passes meet, so that psi across passes decides"
         elif status is VerdictStatus.PASS:
             meaning = f"it did not blur the map, {takes}, but drift hardly shows in this number"
-        findings.append(Finding(status, f"psi per point {told}: {meaning}"))
+        findings.append(Finding(status, f"psi per point {ratio}: {meaning}"))
     return findings
 
 

@@ -23,7 +23,8 @@ from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
-from mqslam.localisation.localised import Localised, PlaceStatus
+from mqslam.localisation.localise import Localised
+from mqslam.localisation.registering import PlaceStatus
 from mqslam.mapping.keyframing import render_keyframes
 from mqslam.merging.changes import Change
 from mqslam.report.audit_page import write_audit_page
