@@ -32,13 +32,8 @@ def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, An
     recordings, links, alignment = merged.kept.keyframes.recordings, merged.links, _summarise_alignment(merged)
     return {
         "mqslam_version": __version__,
-<<<<<<< HEAD
-        "conclusion": _conclude(merged, sureness),
-        "results": [str(session.folder) for session in merged.sessions],
-=======
         "conclusion": _conclude(merged, alignment),
-        "results": [str(part.folder) for part in merged.parts],
->>>>>>> hB
+        "results": [str(session.folder) for session in merged.sessions],
         "recordings": [
             {
                 "path": recording.path,
