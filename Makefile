@@ -54,7 +54,7 @@ lint: $(READY) types
 	cd $(TYPED) && $(CURDIR)/$(BIN)/lint-imports --config $(CURDIR)/pyproject.toml
 
 types: $(READY)
-	rm -rf build && $(BIN)/pip install --quiet --disable-pip-version-check --no-deps --target $(TYPED) .
+	rm -rf build && $(BIN)/pip install --quiet --disable-pip-version-check --no-deps --target $(TYPED) . && rm -rf mqslam.egg-info
 	MYPYPATH=$(TYPED):tests $(BIN)/mypy --strict -p mqslam -p worlds.hard -m worlds.statistics -m worlds.writing
 
 docs: $(READY)

@@ -52,7 +52,7 @@ _OWN: Options = {
     "false_alarms": option(
         float | None,
         None,
-        "Probability, below 0.5, with which steps, spans, pooled corrections, shaking and revisits held against "
+        "Probability, below 0.5, with which steps, spans, sums, pooled corrections, shaking and revisits held against "
         "covariances may together call a good recording's map bad; 0.01 by default.",
         metavar="RATE",
     ),

@@ -12,6 +12,7 @@ from mqslam.errors import ConfigError, suggest, untrusted
 
 M = TypeVar("M", bound=BaseModel)
 _NAMED: Final = 5  # unknown settings that an error names
+_FORMER: Final = "most settings of former versions are constants now, since nobody had a reason to change them"
 
 
 def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
@@ -49,11 +50,11 @@ def _explain(error: ValidationError, model: type[BaseModel]) -> str:
     unknown = [".".join(map(str, fault["loc"])) for fault in faults if fault["type"] == "extra_forbidden"]
     if len(unknown) > 1:
         others = f" and {len(unknown) - _NAMED} others" if len(unknown) > _NAMED else ""
-        return f"unknown settings {', '.join(unknown[:_NAMED])}{others}; correct them, or leave them out"
+        return f"unknown settings {', '.join(unknown[:_NAMED])}{others}; correct them, or leave them out: {_FORMER}"
     if unknown:
         (loc,) = (fault["loc"] for fault in faults if fault["type"] == "extra_forbidden")
         hint = suggest(str(loc[-1]), _list_settings(model, loc[:-1]))
-        return f"unknown setting {unknown[0]}; {hint}{'' if hint.endswith('?') else ', or leave it out'}"
+        return f"unknown setting {unknown[0]}; {hint}{' Or' if hint.endswith('?') else ', or'} leave it out: {_FORMER}"
     where = ".".join(map(str, faults[0]["loc"]))
     return f"{where}: {faults[0]['msg'].removeprefix('Value error, ')}"  # pydantic's prefix of what our own checks raise
 

@@ -251,7 +251,7 @@ def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
     ]
     if alarms := part_of(summary, "false_alarms"):
         notes.append(
-            f"Steps, spans, pooled corrections, shaking and revisits take as chance what has a p-value of "
+            f"Steps, spans, sums, pooled corrections, shaking and revisits take as chance what has a p-value of "
             f"{format_p_value(alarms['p_value_below'])} or more, so that chance alone should make them call no more than "
             f"{format_value(100.0 * alarms['rate'])} % of the good maps bad."
         )
