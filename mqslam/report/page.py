@@ -224,7 +224,8 @@ class Page:
         """
         self.warnings += self.failures
         with tolerate("report.html", self.failures):
-            write_text(folder / "report.html", _environment().get_template("page.html").render(page=self) + "\n")
+            page = _environment().get_template("page.html").render(page=self).strip()  # the macros leave empty lines
+            write_text(folder / "report.html", page + "\n")
         return self.failures
 
 

@@ -52,7 +52,7 @@ def days(tmp_path_factory: pytest.TempPathFactory) -> Days:
     """The results; nobody may change them."""
     folder = tmp_path_factory.mktemp("days")
     city = make_street_scene(1, movers=0)
-    parked = make_box(VEHICLE, 0.0, 4.5, 1.9, 2.0, 1.0)
+    parked = make_box(VEHICLE, 0.0, np.array([4.5, 1.9]), 2.0, 1.0)
     second = replace(city, walls=np.concatenate([city.walls, parked]))
     truth = {
         "monday": write_day(folder / "monday", city, 0.0, 24.0, 11),
