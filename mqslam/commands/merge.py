@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from support.pages import write_merge
-
 from mqslam.commands.inputs import choose_settings
 from mqslam.commands.result import MergeResult
 from mqslam.commands.work import QUIET, Work
@@ -22,7 +20,7 @@ from mqslam.merging.merge import merge_sessions
 from mqslam.merging.sessions import Session, make_session
 from mqslam.report.merge_page import write_merge_page
 from mqslam.results.files import add_warnings
-from mqslam.results.merge_results import summarise_merge
+from mqslam.results.merge_results import summarise_merge, write_merge
 
 _REMEDY = "give the folder of a result as `mqslam run` or `mqslam merge` has written it"
 
