@@ -319,7 +319,7 @@ def judge_sums(sums: Sequence[SumAudit], path_m: float) -> Finding:
         reason = f"no stretch of {min(s.path_m for s in sums):.0f} to {max(s.path_m for s in sums):.0f} m is bent"
         return Finding(VerdictStatus.PASS, reason, p_value=p_value)
     worst = min(bends, key=lambda one: one.p_value)
-    others = f", and {count_of(len(bends) - 1, 'other stretch')} too" if len(bends) > 1 else ""
+    others = f", and it is bent at {count_of(len(bends) - 1, 'other place')}" if len(bends) > 1 else ""
     fails = sum(one.path_m for one in bends) > WINDOWS_FAIL * path_m
     status = VerdictStatus.FAIL if fails else VerdictStatus.WARN
     return Finding(status, f"the trajectory {_describe_sum(worst)}{others}", p_value=p_value)
