@@ -57,7 +57,7 @@ def test_every_module_and_configuration_is_in_the_wheel(wheel: zipfile.ZipFile) 
         if path.suffix in (".py", ".yaml", ".typed", ".html", ".css", ".js") or path.name == "LICENSE"
         if "__pycache__" not in path.parts
     }
-    assert {"mqslam/frontends/psi.py", "mqslam/factors/prior.py", "mqslam/configs/oxford.yaml"} <= expected
+    assert {"mqslam/frontends/psi.py", "mqslam/factors/between.py", "mqslam/configs/oxford.yaml"} <= expected
     assert {name for name in wheel.namelist() if ".dist-info/" not in name} == expected
 
 

@@ -52,7 +52,7 @@ def figures(terminal: Terminal, *, out: Path, seed: int, force: bool) -> None:
     from mqslam.psi.published.paper import write_figures
 
     with claim_folder(out, force=force):
-        captions = write_figures(out, seed)
+        captions = list(write_figures(out, seed))
     terminal.print_results(
         [{"path": str(path), "text": text} for path, text in captions],
         lambda: echo("\n".join(f"{path}: {text}" for path, text in captions)),
