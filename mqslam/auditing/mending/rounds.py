@@ -200,7 +200,8 @@ class _Mender:
         self._pairs: dict[int, Laid] = {}  # successive scans as the round has laid them in which they fit best
         windows = tie_windows(given.audit, given.sweeps, self._jumps)
         self._torn = tie_windows(given.audit, given.sweeps, self._jumps, torn=True)
-        self._bent = tie_spans([span for span in given.audit.spans if span.torn], given.sweeps, self._jumps)
+        bent = [] if self._is_noisy else [span for span in given.audit.spans if span.torn]  # noise bends every span a little
+        self._bent = tie_spans(bent, given.sweeps, self._jumps)
         self._noise = estimate_variances(windows, measure_misses(windows, self._chain))
         self._variances = self._list_variances()
 
