@@ -21,9 +21,9 @@ from mqslam.simulator import SensorModel, simulate
 QUICK = "sensor: {doppler_beta: 0.0}\ndetector: {threshold: 3.0}\n"
 PAGED = 16  # one in so many calls makes its pages, which takes longer than all the rest
 PAGES = [
-    "mqslam.commands.run.write_run_pages",
-    "mqslam.commands.audit.write_audit_pages",
-    "mqslam.commands.compare.write_compare_pages",
+    "mqslam.commands.run.write_run_page",
+    "mqslam.commands.audit.write_audit_page",
+    "mqslam.commands.compare.write_compare_page",
     "mqslam.commands.localise.write_localise_page",
     "mqslam.commands.merge.write_merge_page",
 ]
