@@ -93,23 +93,24 @@ def judge_steps(
         settings: of the audit, which say how large a jump matters.
         limits: of the verdict.
     """
+    p_value = find_smallest(step.p_value for step in steps if step.judged)
+    if jumps:
+        worst = max(jumps, key=lambda step: step.laid.size_m)
+        others = f" and at {count_of(len(jumps) - 1, 'other place')}" if len(jumps) > 1 else ""
+        reason = f"the map {_describe_jump(worst)} at {worst.t:.1f} s{others}"
+        status = VerdictStatus.FAIL if worst.laid.size_m > settings.torn_m else VerdictStatus.WARN
+        return Finding(status, reason, p_value=p_value)
     bumps = [step for step in steps if _is_bump(step, settings, limits)]
-    if bumps and not jumps:
+    if bumps:
         worst = max(bumps, key=lambda step: step.laid.size_m)
         reason = f"a few scans around {worst.t:.1f} s lie {worst.laid.size_m:.2f} m off those before and after them"
-        return Finding(VerdictStatus.WARN, reason, p_value=find_smallest(step.p_value for step in steps if step.judged))
-    if not jumps:
-        shown = [step for step in steps if step.judged and step.laid.doubt_m <= settings.jump_m]
-        if len(shown) < STEP_FEWEST:
-            reason = "too few steps could be measured to see a jump of the trajectory"
-            return Finding(VerdictStatus.PASS, reason, judged=False)
-        reason = f"no jump of up to {settings.search_m:g} m at any of {count_of(len(shown), 'step')}"
-        return Finding(VerdictStatus.PASS, reason, p_value=find_smallest(step.p_value for step in shown))
-    worst = max(jumps, key=lambda step: step.laid.size_m)
-    others = f" and at {count_of(len(jumps) - 1, 'other place')}" if len(jumps) > 1 else ""
-    reason = f"the map {_describe_jump(worst)} at {worst.t:.1f} s{others}"
-    status = VerdictStatus.FAIL if worst.laid.size_m > settings.torn_m else VerdictStatus.WARN
-    return Finding(status, reason, p_value=find_smallest(step.p_value for step in steps if step.judged))
+        return Finding(VerdictStatus.WARN, reason, p_value=p_value)
+    shown = [step for step in steps if step.judged and step.laid.doubt_m <= settings.jump_m]
+    if len(shown) < STEP_FEWEST:
+        reason = "too few steps could be measured to see a jump of the trajectory"
+        return Finding(VerdictStatus.PASS, reason, judged=False)
+    reason = f"no jump of up to {settings.search_m:g} m at any of {count_of(len(shown), 'step')}"
+    return Finding(VerdictStatus.PASS, reason, p_value=find_smallest(step.p_value for step in shown))
 
 
 def _describe_jump(step: StepAudit) -> str:
@@ -125,10 +126,13 @@ def _describe_jump(step: StepAudit) -> str:
 
 def _is_bump(step: StepAudit, settings: AuditConfig, limits: VerdictConfig) -> bool:
     """Returns whether a few scans are off alone, by twice what a lasting jump may be off by."""
-    laid = step.laid
-    is_large = laid.size_m > max(2.0 * settings.jump_m, laid.doubt_m)
-    is_off = step.judged and step.p_value < limits.share_of_false_alarms and laid.psi_best < laid.psi
-    return is_off and is_large and not step.lasts
+    is_large = step.laid.size_m > max(2.0 * settings.jump_m, step.laid.doubt_m)
+    return is_large and not step.lasts and _fits_better_moved(step, limits)
+
+
+def _fits_better_moved(step: StepAudit, limits: VerdictConfig) -> bool:
+    """Returns whether the sides of a step fit better once they are moved, by more than chance explains."""
+    return step.judged and step.p_value < limits.share_of_false_alarms and step.laid.psi_best < step.laid.psi
 
 
 def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> list[StepAudit]:
@@ -136,15 +140,14 @@ def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: V
 
     The two sides of a step must fit there better than where the trajectory has them, and nowhere else as well: scans that
     share little, such as those of a lidar that turns on the spot, fit many places by chance. A jump that is too small to
-    tear the map must last: a few scans that are off alone are a bump, of which windows tell. So must any between poses that
-    are too sparse for a turn.
+    tear the map must last, since a few scans that are off alone are a bump. So must any between poses that are too sparse
+    for a turn.
 
     Args:
         steps: those that were judged, in the order of time.
         settings: of the audit.
         limits: of the verdict.
     """
-    chance = limits.share_of_false_alarms
 
     def is_off(step: StepAudit) -> bool:
         laid = step.laid
@@ -152,7 +155,7 @@ def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: V
             is_large = step.lasts and laid.size_m > laid.doubt_m
         else:
             is_large = laid.size_m > (settings.jump_m if step.lasts else settings.torn_m)
-        return step.judged and bool(step.p_value < chance and is_large and laid.psi_best < laid.psi)
+        return is_large and _fits_better_moved(step, limits)
 
     off = [step for step in steps if is_off(step)]
     jumps: list[StepAudit] = []

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.auditing.spans.sums import TORN_RAD
 from mqslam.backend.sensors.calibration import FEWEST_MOTIONS, SCALE_TOLERANCE, TOLD_SIGMAS
 from mqslam.backend.sensors.gyroscope import (
     DELAY_TOLERANCE_S,
@@ -26,13 +27,10 @@ from mqslam.core.wording import left_or_right
 # Error of the scale that data sheets of cheap gyroscopes allow: an audit blames nothing on a smaller one.
 _LIKELY_SCALE = 0.03
 
-_KINK_RAD: Final = 0.0087  # turns over some steps that differ by less than this [rad], half a degree, are no contradiction
-_KINK_SIGMAS: Final = 8.0  # usual differences over as many steps that a contradiction exceeds: the gyroscope's bias wanders
-_KINK_STEPS: Final = (
-    1,
-    4,
-    16,
-)  # numbers of steps over which turns are added up: what lasts longer may be the bias of the gyroscope
+# Turns that exceed the usual difference over as many steps by this factor are a contradiction: a gyroscope's bias wanders.
+_KINK_SIGMAS: Final = 8.0
+# Numbers of steps over which turns are added up. What lasts longer may be the bias of the gyroscope.
+_KINK_STEPS: Final = (1, 4, 16)
 
 _SPARSE: Final = 0.7  # poses per scan, below which a trajectory is interpolated between poses: one and a half turns apart
 _LEAST_VARIANCE: Final = 1e-12  # numerical: a trajectory that agrees exactly [rad^2]
@@ -137,8 +135,8 @@ def _find_kink(times: NDArray[np.float64], residuals: NDArray[np.float64]) -> li
             break
         usual = SIGMAS_PER_DEVIATION * float(np.median(np.abs(off)))
         worst = int(np.argmax(np.abs(off)))
-        if abs(off[worst]) > max(_KINK_RAD, _KINK_SIGMAS * usual):
-            kinks.append((abs(off[worst]) / (usual + _KINK_RAD), float(off[worst]), times[worst], times[worst + steps]))
+        if abs(off[worst]) > max(TORN_RAD, _KINK_SIGMAS * usual):
+            kinks.append((abs(off[worst]) / (usual + TORN_RAD), float(off[worst]), times[worst], times[worst + steps]))
     if not kinks:
         return []
     _, turn, begin, end = max(kinks)

@@ -72,7 +72,7 @@ def audit_sums(spans: Sequence[SpanAudit], sweeps: Sweeps, limits: VerdictConfig
         limits: of the verdict.
     """
     judged = [span for span in spans if np.isfinite(span.p_value)]
-    chains = [chain for k in range(len(judged)) for chain in _list_chains(judged, k, sweeps.travelled)]
+    chains = _list_chains(judged, sweeps.travelled)
     if not chains:
         return []
     sums = [_add_up(chain, sweeps) for chain in chains]
@@ -103,10 +103,17 @@ def find_bends(sums: Sequence[SumAudit]) -> list[SumAudit]:
     return sorted(bends, key=lambda one: one.t0)
 
 
-def _list_chains(spans: Sequence[SpanAudit], first: int, travelled: NDArray[np.float64]) -> Iterator[list[SpanAudit]]:
-    """Yields the spans that follow each other from one of them on, for each length that they reach."""
+def _list_chains(spans: Sequence[SpanAudit], travelled: NDArray[np.float64]) -> list[list[SpanAudit]]:
+    """Returns the spans that follow each other from each span on, for each length that they reach."""
     begins_m = travelled[[span.laid.earlier for span in spans]]
-    chain = [spans[first]]
+    return [chain for span in spans for chain in _follow(span, spans, begins_m, travelled)]
+
+
+def _follow(
+    first: SpanAudit, spans: Sequence[SpanAudit], begins_m: NDArray[np.float64], travelled: NDArray[np.float64]
+) -> Iterator[list[SpanAudit]]:
+    """Yields the spans that follow each other from one of N spans on, which begin after some path (N,) [m]."""
+    chain = [first]
     for length_m in _LENGTHS_M:
         while _measure_path(chain, travelled) < length_m - 0.5 * chain[-1].laid.path_m:
             last = chain[-1].laid
