@@ -42,6 +42,9 @@ def batch(terminal: Terminal, **given: Any) -> None:
         from rich.console import Console
 
         Console(soft_wrap=True).print(_tabulate(summary))
+        for run in summary["runs"]:
+            if run["not_judged"]:
+                echo(f"{run['name']} not judged: {show(name_options(run['not_judged']))}")
         echo(f"report: {result.report}")
         terminal.print_warnings(summary["warnings"])
 
@@ -58,9 +61,9 @@ def _tabulate(summary: dict[str, Any]) -> Table:
     from rich.table import Table
 
     table = Table(show_edge=False, pad_edge=False)
-    for head in ("", "verdict", "scans", "path [m]", "psi per point", "loops", "ATE [m]"):
+    for head in ("", "verdict", "scans", "path [m]", "loops", "ATE [m]"):
         table.add_column(head.replace("[", r"\["), justify="left" if head in ("", "verdict") else "right")
-    forms = {"revolutions": "{}", "length_m": "{:.1f}", "psi_per_point": "{:.4f}", "loops": "{}", "ate_rmse_m": "{:.4g}"}
+    forms = {"revolutions": "{}", "length_m": "{:.1f}", "loops": "{}", "ate_rmse_m": "{:.4g}"}
     for run in summary["runs"]:
         cells = ("" if run[key] is None else form.format(run[key]) for key, form in forms.items())
         table.add_row(run["name"], run["verdict"] or "failed", *cells)

@@ -137,12 +137,13 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         elif of_lidar:
             settings = choose_settings(config, LIDAR_CONFIG)
             source = make_lidar_source(lidars.read_lidar(data, settings.reading))
-            subject = _place_recording(source, given or _pick_carried(data, source.tracks, name), settings, work)
+            subject = _place_recording(work, source, given or _pick_carried(data, source.tracks, name), settings)
         else:
             settings = choose_settings(config)
             recording = open_data(data, format, range_resolution, settings, span=(start_s, end_s))
-            subject = _place_recording(*detect_radar(recording, given, name, settings, work), work)
+            subject = _place_recording(work, *detect_radar(recording, given, name, settings, work))
         sweeps, track, settings, notes = subject.sweeps, subject.track, subject.settings, [*subject.notes, *understood]
+        warnings = subject.warnings
         if mount is not None:
             notes.append(f"the trajectory is carried to the sensor by its extrinsics: {_describe_mount(mount)}")
         if given is not None and sweeps.track is not None and not of_cloud:  # the points of a cloud are placed already
@@ -152,8 +153,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         if mount is None:
             relative, missing = find_relative_covariances(covariances, trajectory, given, round(1e6 * time_offset_s), sweeps)
             notes += missing
-        for note in notes:
-            work.tell(note)
+        for line in (*notes, *warnings):
+            work.tell(line)
         if false_alarms is not None:
             settings = set_false_alarms(settings, false_alarms)
 
@@ -165,7 +166,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         dataset = {"format": subject.format, "path": str(data)}
         origin = name if sweeps.track is not None else None
         summary = {
-            **summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, notes, stated),
+            **summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, warnings, stated),
+            "notes": notes,
             "gyroscope": None if subject.turning is None else summarise_check(subject.turning),
         }
         mended: Mended | None = None
@@ -180,7 +182,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             after = None if mended is None else mended.result
             failures = write_audit_page(folder, data.resolve().name, judged, sweeps, settings, summary, after)
             add_warnings(folder / "audit.json", summary, failures)
-        for warning in summary["warnings"][len(notes) :]:
+        for warning in summary["warnings"][len(warnings) :]:
             work.tell(warning)
         return JudgedResult(out, summary)
 
@@ -196,6 +198,7 @@ class _Subject:
         format: name of its layout.
         notes: what a user should know about how it was understood.
         place: returns its points under another trajectory with the same stamps.
+        warnings: what is wrong with it.
         turning: what its gyroscope says of the trajectory; None without one.
     """
 
@@ -205,6 +208,7 @@ class _Subject:
     format: str
     notes: Sequence[str]
     place: Callable[[Trajectory], Sweeps]
+    warnings: Sequence[str] = ()
     turning: GyroscopeCheck | None = None
 
 
@@ -220,19 +224,23 @@ def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config
     return _Subject(sweeps, given, settings, data.suffix.lower()[1:], cloud.notes, move)
 
 
-def _place_recording(source: Source, track: Trajectory, settings: Config, work: Work) -> _Subject:
+def _place_recording(
+    work: Work, source: Source, track: Trajectory, settings: Config, faults: Sequence[str] = ()
+) -> _Subject:
     """Returns a recording under a trajectory; what its gyroscope says is reported."""
     beam = beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
     sweeps, placing = place_source(source, track, beam)
-    notes = [*source.notes, *placing]
+    notes, warnings = [*source.notes, *placing], list(faults)
     turning = None if source.gyroscope is None else check_gyroscope(source.gyroscope, source.scans, track)
     if turning is not None and turning.agrees is False:
-        notes.append(turning.statement)
+        warnings.append(turning.statement)
     elif turning is not None:
         work.tell(turning.statement)
-    return _Subject(
-        sweeps, track, settings, source.format, notes, lambda mended: place_source(source, mended, beam)[0], turning
-    )
+
+    def move(mended: Trajectory) -> Sweeps:
+        return place_source(source, mended, beam)[0]
+
+    return _Subject(sweeps, track, settings, source.format, notes, move, warnings, turning)
 
 
 def _describe_mount(mount: se2.Array) -> str:
@@ -303,8 +311,8 @@ def detect_radar(
     name: str,
     settings: Config,
     work: Work,
-) -> tuple[Source, Trajectory, Config]:
-    """Returns the scans of a radar recording, the trajectory, and the settings with the Doppler shift that was used.
+) -> tuple[Source, Trajectory, Config, list[str]]:
+    """Returns the scans of a radar recording, the trajectory, the settings with the Doppler shift that was used, and faults.
 
     Args:
         recording: the recording.
@@ -322,7 +330,6 @@ def detect_radar(
     track = given or _pick_carried(recording.path, tracks, name)
     require_covered(make_scans(recording), track)  # a mistake is raised before the recording is read
     scans, detected = detect_all(recording, settings.detector, Runner(work.engine, work.progress))
-    notes = (*recording.notes, *recording.faults, *warn_of_unread(detected.unread))
-    source = Source(recording.path, recording.format, scans, tracks, notes, recording.gyroscope)
+    source = Source(recording.path, recording.format, scans, tracks, recording.notes, recording.gyroscope)
     beta = choose_doppler(scans, settings, work.engine).beta
-    return source, track, set_doppler_beta(settings, beta)
+    return source, track, set_doppler_beta(settings, beta), [*recording.faults, *warn_of_unread(detected.unread)]

@@ -94,10 +94,10 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     given, understood = _make_given_rows(trajectories or {}, frontends)
     with claim_folder(out, force=force, resume=resume, sources=[data]):
         recording = open_data(data, format, range_resolution, settings, span=(start_s, end_s))
-        track, notes = choose_odometry(recording, odometry, recording.mount)
-        notes += understood
+        track, unused = choose_odometry(recording, odometry, recording.mount)
         chosen = _choose_gyroscope(recording, imu, frontends)
-        sensors, notes = chosen.sensor, [*notes, *chosen.notes, *chosen.faults]
+        sensors, warnings = chosen.sensor, [*unused, *chosen.faults]
+        recording = replace(recording, notes=(*recording.notes, *understood, *chosen.notes))
         for note in recording.notes:
             work.tell(note)
         if kiss_config is not None and _KISS in frontends:  # a file that KISS-ICP refuses is a mistake, not a row that fails
@@ -107,7 +107,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         with keep_checkpoint(out, key, resume=resume) as checkpoint:
             runner = Runner(work.engine, work.progress, checkpoint)
             scans, detected = detect_all(recording, settings.detector, runner)
-            notes += [*recording.faults, *warn_of_unread(detected.unread)]
+            warnings += [*recording.faults, *warn_of_unread(detected.unread)]
             beta = choose_doppler(scans, settings, work.engine).beta
             settings = set_doppler_beta(settings, beta)
             radar_alone = Context.of(recording, settings, doppler_beta=beta)
@@ -120,7 +120,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
                 for name in frontends
             }
             rows = run_front_ends(contexts, scans, work.engine, work.progress, back_end=not odometry_only) + given
-            comparison = compare_rows(recording, rows, scans, settings, notes, work.engine, work.progress)
+            comparison = compare_rows(recording, rows, scans, settings, warnings, work.engine, work.progress)
             summary = summarise(comparison)
             table, marked = tabulate(summary)
             with write_folder_aside(out) as folder:

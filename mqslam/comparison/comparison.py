@@ -68,7 +68,7 @@ def compare_rows(
     rows: Sequence[Row],
     scans: Scans,
     settings: Config,
-    notes: Sequence[str],
+    warnings: Sequence[str],
     engine: Engine,
     progress: Progress,
 ) -> Comparison:
@@ -79,7 +79,7 @@ def compare_rows(
         rows: front ends and given trajectories, those that failed too.
         scans: of the recording.
         settings: all settings, with the Doppler shift that is used.
-        notes: what the reader has to know about how the data was understood.
+        warnings: what is wrong with the data, or is not used of it.
         engine: where the rows are judged; the result does not depend on it.
         progress: called as the audits go on.
 
@@ -111,7 +111,7 @@ def compare_rows(
         agreement=tuple(compare_pairs(ran)),
         warnings=(
             *(f"{row.name} could not run: {row.failure}" for row in shown if row.failure is not None),
-            *notes,
+            *warnings,
             *([shared] if len(common) < len(scans) else []),
             *(f"{row.name}: {warning}" for row in shown for warning in row.warnings),
         ),

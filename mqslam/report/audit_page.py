@@ -11,11 +11,10 @@ import numpy as np
 
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.rounds import AuditedTrajectory
-from mqslam.auditing.revisits import RevisitAudit, share_torn_revisits
+from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.sizes import TORN_INFLATION, WINDOW
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import VerdictStatus
-from mqslam.auditing.windows.windows import share_torn
 from mqslam.config import AuditConfig, Config, dump_yaml
 from mqslam.core.statistics import pick_evenly
 from mqslam.errors import tolerate
@@ -23,8 +22,8 @@ from mqslam.execution.files import write_bytes
 from mqslam.mapping.measures import Measures
 from mqslam.report.canvas import BLUE, GREY, RED, Chart, Curve, draw_chart, join_lines, mix_shades, over
 from mqslam.report.crops import draw_crop, make_crop
-from mqslam.report.explorer import EXPECTED, LEAST_M, Layer, Place, chart_inflation, explain_torn, explore
-from mqslam.report.heat_map import draw_heat_map
+from mqslam.report.explorer import LEAST_M, Layer, Place, chart_inflation, explain_torn, explore
+from mqslam.report.heat_map import draw_heat_map, explain_heat_map
 from mqslam.report.page import Card, Explorer, Figure, Page, Section, Table, tabulate_tests
 from mqslam.report.spots import (
     BAD_PLACES,
@@ -37,7 +36,7 @@ from mqslam.report.spots import (
     spots_of_torn_pairs,
     write_bad_places,
 )
-from mqslam.report.words import ABSENT, format_length, format_three_digits, format_value, list_values, part_of
+from mqslam.report.words import format_length, format_value, list_facts, list_values, part_of
 
 _MEASURES: Final = {
     "map_entropy": ("mean map entropy", " nat"),
@@ -54,7 +53,7 @@ _COMPARED: Final = (  # what is shown before and after mending: its name, where 
     ("revisits torn", "revisits", "torn", ""),
     ("median offset of two passes", "revisits", "median_m", " m"),
 )
-_CARDS: Final = {
+_GROUPS: Final = {
     "dataset": "Recording",
     "windows": "Windows",
     "steps": "Steps",
@@ -93,77 +92,38 @@ def write_audit_page(
     Raises:
         OutputError: a file cannot be written.
     """
-    settings, turns = config.audit, summary.get("gyroscope")
-    notes = () if turns is None or turns["agrees"] is False else (turns["statement"],)
-    page = Page(title, summary, dump_yaml(config), notes=notes)
+    settings, turns, notes = config.audit, summary.get("gyroscope"), list(summary.get("notes") or ())
+    if turns is not None and turns["agrees"] is not False:
+        notes.append(turns["statement"])
+    facts = list_facts(summary, trajectory=summary.get("trajectory"))
+    page = Page(title, summary, dump_yaml(config), facts=facts, notes=notes)
     with tolerate("heatmap.png", page.failures):
-        write_bytes(folder / "heatmap.png", draw_heat_map(sweeps, audit))
+        write_bytes(folder / "heatmap.png", _draw_heat_map(sweeps, audit, opaque=True))
     with tolerate("the files of the bad places", page.failures):
         write_bad_places(folder, list_bad_places(sweeps, audit, settings))
-    page.add("the first numbers", lambda: _make_tiles(audit, sweeps))
+    page.add_lead("the heat map", lambda: _show_verdict(sweeps, audit))
     page.add("the tests", lambda: tabulate_tests(summary))
     page.add("the mended trajectory", lambda: _show_mended(audit, sweeps, summary, mended))
     page.add_explorer(
         lambda: explore_audit(sweeps, audit, settings),
-        [("the pictures of the map", lambda: _show_map(sweeps, audit, settings))],
+        [("the charts over time", lambda: _show_charts(sweeps, audit, settings))],
     )
     page.add("the worst places", lambda: _list_worst(sweeps, audit, settings))
     page.add("what could not be judged", lambda: _list_unmatched(sweeps, audit, summary))
     page.add("the pictures of the worst places", lambda: _show_crops(sweeps, audit, settings))
-    page.add("the tables", lambda: _list_numbers(audit, summary))
+    page.add("the table of numbers", lambda: _list_numbers(audit, summary))
     return page.write(folder)
 
 
-def _make_tiles(audit: Audit, sweeps: Sweeps) -> Section:
-    return Section("", tiles=[*_make_window_tiles(audit), *_make_revisit_tiles(audit, sweeps)])
+def _draw_heat_map(sweeps: Sweeps, audit: Audit, *, opaque: bool = False) -> bytes:
+    return draw_heat_map(sweeps.points, sweeps.poses[:, :2], sweeps.times, audit, opaque=opaque)
 
 
-def _make_window_tiles(audit: Audit) -> list[tuple[str, str]]:
-    windows = audit.windows
-    if not windows:
-        return []
-    torn = share_torn(windows)
-    median = float(np.median([w.bend.inflation for w in windows]))
-    decided = [window for window in windows if window.undecided is None]
-    worst = max(map(spot_of_window, decided or windows), key=rank_spot).off_m
-    share = (ABSENT, f"of windows torn: none of {len(windows):,} could be decided")
-    if torn.total:
-        counts = f"{torn.count:,} of {torn.total:,}, so that the true share may be {torn.describe_range()}"
-        share = (f"{100.0 * torn.count / torn.total:.1f} %", f"of windows torn: {counts}")
-    return [
-        share,
-        (
-            format_three_digits(median),
-            f"median inflation of a window, {EXPECTED:.2f} expected of a map that is right",
-        ),
-        (format_length(worst), "worst window: how far its correction moves its points (RMS)"),
-    ]
+def _show_verdict(sweeps: Sweeps, audit: Audit) -> Section:
+    return Section("", figures=[Figure(_draw_heat_map(sweeps, audit), "Heat map", explain_heat_map(audit.windows))])
 
 
-def _make_revisit_tiles(audit: Audit, sweeps: Sweeps) -> list[tuple[str, str]]:
-    revisits = audit.revisits
-    distances = [r.revisit.distance_m for r in revisits if r.revisit.sure]
-    if not distances:
-        reason = "it comes back to no place that would show its drift"
-        if sweeps.track is None:
-            reason = "without a trajectory nobody knows where it comes back"
-        elif revisits:
-            reason = f"of {len(revisits):,} places passed twice none is sure enough to judge"
-        return [(ABSENT, f"revisits torn: {reason}")]
-    torn = share_torn_revisits(revisits)
-    share_text = f"revisits torn, of those that are sure, so that the true share may be {torn.describe_range()}"
-    median = format_length(float(np.median(distances)))
-    return [(f"{torn.count:,} of {torn.total:,}", share_text), (median, "median offset of two passes")]
-
-
-def _show_map(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section:
-    caption = (
-        "the map in grey, the path in the colour of its windows' inflation: blue up to the threshold "
-        f"{TORN_INFLATION:.1f}, orange beyond it; red where two passes of a place are off each other"
-    )
-    if any(window.undecided is not None for window in audit.windows):
-        caption += "; grey where nothing could be decided"
-    heat_map = Figure(draw_heat_map(sweeps, audit, opaque=False), "Heat map", caption)
+def _show_charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section | None:
     charts = []
     if audit.windows:
         bend = format_length(settings.bend_m)
@@ -179,7 +139,7 @@ def _show_map(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section:
         f"Every {WINDOW} sweeps are compared with the best map that the same returns can make. Inflation is the "
         "correction that leads there, squared, in units of its own covariance. No ground truth takes part."
     )
-    return Section("Map", [note], figures=[heat_map], stacked=charts)
+    return Section("Windows and revisits", [note], figures=charts) if charts else None
 
 
 def _chart_revisits(revisits: Sequence[RevisitAudit], settings: AuditConfig, x: np.ndarray, x_title: str) -> Chart:
@@ -213,8 +173,8 @@ def _show_mended(
     if mended is None or not after:
         return None
     figures = [
-        Figure(draw_heat_map(sweeps, audit, opaque=False), "As it was given"),
-        Figure(draw_heat_map(mended.sweeps, mended.audit, opaque=False), "Mended"),
+        Figure(_draw_heat_map(sweeps, audit), "As it was given"),
+        Figure(_draw_heat_map(mended.sweeps, mended.audit), "Mended"),
     ]
     rows = [("verdict", *(VerdictStatus(shown["verdict"]["status"]) for shown in (summary, after)))]
     for label, part, key, unit in _COMPARED:
@@ -330,24 +290,24 @@ def _show_crop(sweeps: Sweeps, number: int, spot: Spot) -> Card:
 
 
 def _list_numbers(audit: Audit, summary: Mapping[str, Any]) -> Section:
-    """Returns the tables at the end of an audit's page."""
-    note = "The usual measures of a map depend on the place as much as on the trajectory: none judges a map by itself."
-    cards = [Card("Measures", note, table=_tabulate_measures(audit))] if audit.windows else []
-    for part, heading in _CARDS.items():
-        values = list_values(part, part_of(summary, part))
-        if part == "dataset" and isinstance(summary.get("trajectory"), str):
-            values.append(("trajectory", summary["trajectory"]))
+    """Returns the table at the end of an audit's page."""
+    groups = []
+    for part, heading in _GROUPS.items():  # psi per point may prefer the wrong map: nobody is to read it alone
+        values = {key: value for key, value in part_of(summary, part).items() if key != "psi_per_point"}
         if values:
-            cards.append(Card(heading, values=values))
-    return Section("Numbers", cards=cards, folds=True)
+            groups.append((heading, list_values(part, values)))
+    note = "The usual measures of a map depend on the place as much as on the trajectory: none judges a map by itself."
+    if audit.windows:
+        groups.append(("Measures of the windows: median (5 % to 95 %)", _list_measures(audit)))
+    return Section("Numbers", [note], numbers=groups, folds=True)
 
 
-def _tabulate_measures(audit: Audit) -> Table:
-    """Returns the 5 % quantile, median and 95 % quantile of each measure over the windows where it is known."""
+def _list_measures(audit: Audit) -> list[tuple[str, str]]:
+    """Returns the median and the 5 % and 95 % quantiles of each measure over the windows where it is known."""
     windows = audit.windows
     measured = [
-        ("ψ per point", "", [w.bend.psi for w in windows]),
-        ("ψ per point at its best", "", [w.bend.psi_best for w in windows]),
+        ("ψ of a window per point", "", [w.bend.psi for w in windows]),
+        ("ψ of a window per point at its best", "", [w.bend.psi_best for w in windows]),
         ("points matched", " %", [100.0 * w.bend.matched for w in windows]),
         *((*_MEASURES[one.name], [getattr(w.measures, one.name) for w in windows]) for one in fields(Measures)),
     ]
@@ -355,5 +315,6 @@ def _tabulate_measures(audit: Audit) -> Table:
     for label, unit, values in measured:
         known = [value for value in values if np.isfinite(value)]
         quantiles = np.quantile(known, [0.05, 0.5, 0.95]).tolist() if known else [None] * 3
-        rows.append((label, *(format_value(quantile, unit) for quantile in quantiles)))
-    return Table(("of the windows", "5 %", "median", "95 %"), rows)
+        low, median, high = (format_value(quantile, unit) for quantile in quantiles)
+        rows.append((label, f"{median} ({low} to {high})"))
+    return rows

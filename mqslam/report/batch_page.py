@@ -14,15 +14,13 @@ from mqslam.errors import tolerate
 from mqslam.formats.tum import read_tum
 from mqslam.report.canvas import BLUE, INK, SQUARE, Curve, Drawing, draw_world
 from mqslam.report.page import Card, Cell, Figure, Page, Section, Table
-from mqslam.report.words import ABSENT, NOT_JUDGED, format_length, format_matched, format_value
+from mqslam.report.words import ABSENT, format_length, format_matched, format_value
 
-_WORDS: Final = ("run", "verdict", "why", "drive", "map", "against ground truth")
+_WORDS: Final = ("run", "verdict", "why", "not judged", "drive", "against ground truth")
 _NUMBERS: Final = (  # key of a run in batch.json, head of its column, unit
     ("revolutions", "scans", ""),
     ("duration_s", "duration", " s"),
     ("length_m", "path", " m"),
-    ("psi_per_point_odometry", "ψ per point, odometry", ""),
-    ("psi_per_point", "optimised", ""),
     ("matched", "matched", " %"),
     ("loops", "loops", ""),
     ("ate_rmse_m", "ATE", " m"),
@@ -66,6 +64,7 @@ def _make_tiles(summary: Mapping[str, Any]) -> Section:
         tiles=[
             (judged, f"runs with verdict {' · '.join(VerdictStatus)}"),
             (format_value(counts["failed"]), "runs that failed"),
+            (f"{sum(bool(run['not_judged']) for run in summary['runs'])}", "runs of which not all was judged"),
             (_format_duration(summary["duration_s"]), "of radar"),
             (f"{summary['length_m'] / 1000.0:.2f} km", "driven"),
         ],
@@ -81,7 +80,10 @@ def _format_duration(seconds: float) -> str:
 
 def _tabulate_runs(summary: Mapping[str, Any]) -> Section:
     runs = summary["runs"]
-    notes = ("A name leads to the report of its run.", "ψ per point compares two maps of one run, never two runs.")
+    notes = (
+        "Runs that failed come first, then the worst maps. A name leads to the report of its run.",
+        "What was not judged may be wrong in a map that passes: where range bins are assumed, all of it may be too small.",
+    )
     head = ("run", *(name for _, name, _ in _NUMBERS))
     finished = [
         (run["name"], *(_format_number(key, run[key], unit) for key, _, unit in _NUMBERS))
@@ -104,7 +106,7 @@ def _describe_run(run: Mapping[str, Any]) -> tuple[str | Cell, ...]:
         return name, f"failed: {run['failure']}"
     verdict = VerdictStatus(run["verdict"])
     why = "no test speaks against the map" if verdict is VerdictStatus.PASS else run["reasons"] or ABSENT
-    return name, verdict, why, _describe_drive(run), _describe_map(run), _describe_errors(run)
+    return name, verdict, why, run["not_judged"] or ABSENT, _describe_drive(run), _describe_errors(run)
 
 
 def _describe_drive(run: Mapping[str, Any]) -> str:
@@ -113,20 +115,6 @@ def _describe_drive(run: Mapping[str, Any]) -> str:
     length = f"{run['length_m'] / 1000.0:.2f} km" if run["length_m"] >= 1000.0 else f"{run['length_m']:.0f} m"
     closed = f"{count_of(run['loops'], 'loop')} closed" if run["loops"] else "no loop closed"
     return f"{length} in {_format_duration(run['duration_s'])}, {closed}"
-
-
-def _describe_map(run: Mapping[str, Any]) -> str:
-    before, after, matched = run["psi_per_point_odometry"], run["psi_per_point"], run["matched"]
-    if matched == 0.0:
-        return NOT_JUDGED
-    parts = []
-    if before and after is not None:
-        change = 100.0 * (after - before) / before
-        size = f"{abs(change):.0f} % {'less' if change < 0.0 else 'more'} than" if abs(change) >= 0.5 else "the same as"
-        parts.append(f"ψ per point {size} before optimisation")
-    if matched is not None:
-        parts.append(f"{100.0 * matched:.0f} % of the points seen twice")
-    return ", ".join(parts) or ABSENT
 
 
 def _describe_errors(run: Mapping[str, Any]) -> str:

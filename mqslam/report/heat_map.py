@@ -1,16 +1,18 @@
-"""The heat map of an audit: the map in grey, the path coloured by its windows' inflation, torn revisits as red links."""
+"""The heat map: the map in grey, the path in the colours of its windows' inflation, and what is torn in red."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mqslam.auditing.judge import Audit
-from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.sizes import TORN_INFLATION
-from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.spans.sums import find_bends
+from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.report.canvas import (
     GREY,
     INK,
@@ -35,57 +37,100 @@ if TYPE_CHECKING:
 # the looks of the figure; no result depends on them
 _REACH = 100.0  # factor of inflation that the colours show below the threshold, and above it
 _COLOURS: Final = ((0.0, "#123f86"), (0.5, "#6db3ea"), (0.5, "#f6bd3c"), (0.75, "#b8640a"), (1.0, "#432104"))
-_LABELS = 6  # torn revisits whose offset is written beside them
+_LABELS = 6  # torn places beside which is written how far they are off
 _LABELS_APART = 0.17  # least distance between two such offsets, per width of the picture
 _STRIP_IN = 0.62  # height of the strip above the map
 
 
-def draw_heat_map(sweeps: Sweeps, audit: Audit, *, opaque: bool = True) -> bytes:
-    """Draws an audited map as a PNG file.
+@dataclass(frozen=True, slots=True)
+class _TornPlace:
+    """What is torn between two scans.
 
     Args:
-        sweeps: what was judged.
-        audit: the windows and revisits, judged.
+        earlier, later: numbers of the scans.
+        off_m: how far it is off [m].
+        is_stretch: whether all of the path between them is torn, rather than two passes that lie apart.
+    """
+
+    earlier: int
+    later: int
+    off_m: float
+    is_stretch: bool = True
+
+
+def draw_heat_map(
+    points: Points, path: Points, times: NDArray[np.float64], audit: Audit | None, *, opaque: bool = True
+) -> bytes:
+    """Draws a map and what an audit found of it as a PNG file.
+
+    Args:
+        points: (N, 2) [m] of the map.
+        path: (K, 2) [m] of the scans that were judged.
+        times: (K,) of the scans [s].
+        audit: the judgement; None where there is none.
         opaque: whether it is drawn on white, to be looked at by itself, rather than on a transparent ground, for a page.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
-    path = sweeps.poses[:, :2]
-    view = find_common_view([sweeps.points, path], MAP_SHAPE, OUTERMOST)
+    view = find_common_view([points, path], MAP_SHAPE, OUTERMOST)
     figure, axes = make_world(view, _STRIP_IN)
-    lay_ink(view, [(axes, sweeps.points, GREY)])
+    lay_ink(view, [(axes, points, GREY)])
     axes.plot(*path.T, color="white", linewidth=4.5, solid_joinstyle="round")
     axes.plot(*path.T, color=GREY, linewidth=1.0)
     # blue up to the threshold, orange to brown beyond it, lighter towards it
     shades = LinearSegmentedColormap.from_list("inflation", list(_COLOURS), 512)
     colours = ScalarMappable(LogNorm(TORN_INFLATION / _REACH, TORN_INFLATION * _REACH), shades)
-    decided = [window for window in audit.windows if window.undecided is None]
+    torn = [] if audit is None else _list_torn(audit, times)
+    _draw_torn(axes, path, torn, view)
+    decided = [] if audit is None else [window for window in audit.windows if window.undecided is None]
     for window in sorted(decided, key=lambda w: w.bend.inflation):  # the worst on top where the path crosses itself
         part, width = path[window.begin : window.end + 1], 5.0 if window.torn else 2.0
         (colour,) = colours.to_rgba(np.array([window.bend.inflation]))
         axes.plot(*part.T, color=colour, linewidth=width, solid_capstyle="butt")
-    torn = [r for r in audit.revisits if r.torn]
-    _draw_links(axes, path, torn, view)
-    _draw_colour_strip(figure, axes, colours, len(torn))
+    if audit is not None:
+        _draw_colour_strip(figure, axes, colours, len(torn))
     return encode_png(figure, opaque)
 
 
-def _draw_links(axes: Axes, path: Points, torn: Sequence[RevisitAudit], view: View) -> None:
-    """Draws a line between the two passes of torn revisits, and beside the worst of them how far they are off."""
-    for r in torn:
-        axes.plot(*path[[r.revisit.earlier, r.revisit.later]].T, "-o", color=RED, linewidth=1.0, markersize=2.5, mew=0)
+def explain_heat_map(windows: Sequence[WindowAudit]) -> str:
+    """Returns the caption of the map of a judgement, in which the path has the colours of these windows."""
+    undecided = any(window.undecided is not None for window in windows)
+    return (
+        "every return in grey, the path in the colour of its windows' inflation: blue up to the threshold "
+        f"{TORN_INFLATION:.1f}, orange beyond it, thick where torn; red where anything else is torn, with how far it is off"
+        + ("; grey where nothing could be decided" if undecided else "")
+    )
+
+
+def _list_torn(audit: Audit, times: NDArray[np.float64]) -> list[_TornPlace]:
+    """Returns the jumps, the torn spans, the sums of spans that are bent, and the torn revisits."""
+    places = [_TornPlace(jump.laid.earlier, jump.laid.later, jump.laid.size_m) for jump in audit.jumps]
+    for one in [*(span for span in audit.spans if span.torn), *find_bends(audit.sums)]:
+        earlier, later = np.searchsorted(times, [one.t0, one.t1]).clip(max=len(times) - 1).tolist()
+        places.append(_TornPlace(earlier, later, one.distance_m))
+    revisits = [judged.revisit for judged in audit.revisits if judged.torn]
+    return places + [_TornPlace(r.earlier, r.later, r.distance_m, is_stretch=False) for r in revisits]
+
+
+def _draw_torn(axes: Axes, path: Points, torn: Sequence[_TornPlace], view: View) -> None:
+    """Draws torn stretches beside the path and lines between torn passes, and at the worst of them how far they are off."""
+    for place in torn:
+        if place.is_stretch:
+            part = path[place.earlier : place.later + 1]
+            axes.plot(*part.T, color=RED, linewidth=11.0, alpha=0.35, solid_capstyle="round")
+        else:
+            axes.plot(*path[[place.earlier, place.later]].T, "-o", color=RED, linewidth=1.0, markersize=2.5, mew=0)
     apart_m = _LABELS_APART * (view.x1 - view.x0)
     written: list[Points] = []
-    for revisit in sorted((r.revisit for r in torn), key=lambda revisit: -revisit.distance_m):
-        at = path[[revisit.earlier, revisit.later]].mean(axis=0)
+    for place in sorted(torn, key=lambda place: -place.off_m):
+        at = path[[place.earlier, place.later]].mean(axis=0)
         if len(written) == _LABELS or any(np.hypot(*(at - other)) <= apart_m for other in written):
             continue
         written.append(at)
         offset, side = ((-7, 7), "right") if at[0] > view.x1 - apart_m else ((7, 7), "left")
         style: dict[str, Any] = {"color": RED, "fontsize": 10, "fontweight": "bold", "zorder": 6}
-        label = format_length(revisit.distance_m)
-        text = axes.annotate(label, at, offset, textcoords="offset points", ha=side, **style)
+        text = axes.annotate(format_length(place.off_m), at, offset, textcoords="offset points", ha=side, **style)
         text.set_path_effects(make_halo())
 
 
@@ -112,5 +157,5 @@ def _draw_colour_strip(figure: Figure, axes: Axes, colours: ScalarMappable, torn
     beside = box.x0 + 0.6 * box.width
     figure.text(beside, box.y1 + 0.29 / height, "inflation of the windows", fontsize=9, color=INK, va="center")
     if torn:
-        meaning = f"●–● torn revisits ({torn}), how far off"
+        meaning = f"red: other torn places ({torn})"
         figure.text(beside, box.y1 + 0.12 / height, meaning, fontsize=9, color=RED, va="center")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final, TypeAlias, TypeVar
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.core.wording import count_of, list_judged
@@ -21,6 +22,7 @@ from mqslam.execution.files import write_text
 from mqslam.execution.guards.memory import return_free_memory
 from mqslam.report.canvas import is_svg
 from mqslam.report.words import ABSENT, format_p_value, format_value, part_of
+from mqslam.results.files import read_origin
 
 _PARTLY: Final = "No test shows evidence of a fault of this map; what could not be judged stands below."
 _MEANINGS: Final = {
@@ -40,6 +42,7 @@ _TESTS: Final = {  # the tests of a map, and what they cannot see
     "shaking": ("shaking: scans under smoothed poses", "errors that are as smooth as a drive"),
     "revisits": ("revisits: two passes of one place", "anything where no place is passed twice"),
 }
+_OPTION: Final = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 _TEST_HEAD: Final = ("test", "verdict", "p-value", "what it found", "what it cannot see")
 
 
@@ -89,13 +92,11 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """Small pictures, names with their values or a table under a heading, with a line about them where needed."""
+    """Small pictures under a heading, with a line about them where needed."""
 
     heading: str
     text: str = ""
     figures: Sequence[Figure] = ()
-    values: Sequence[tuple[str, str]] = ()
-    table: Table | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +109,8 @@ class Section:
         tiles: numbers to see first, and what they are.
         figures: pictures side by side.
         stacked: pictures one below the other, beside the others.
-        table: a table; None without one.
+        table: a table, beside a picture that stands alone; None without one.
+        numbers: groups of names with their values, each under its heading, as one dense table.
         cards: cards side by side.
         folded: what there is besides, and need not be seen at once; None without it.
         folds: whether all of it unfolds under its heading.
@@ -120,6 +122,7 @@ class Section:
     figures: Sequence[Figure] = ()
     stacked: Sequence[Figure] = ()
     table: Table | None = None
+    numbers: Sequence[tuple[str, Sequence[tuple[str, str]]]] = ()
     cards: Sequence[Card] = ()
     folded: Section | None = None
     folds: bool = False
@@ -155,18 +158,28 @@ class Page:
         title: its heading.
         summary: content of the JSON file of the result, which holds the verdict, the warnings and the version.
         settings: every setting used, or the plan of a batch, as text.
+        facts: names and values of what was judged, which stand below the heading.
         notes: what the reader should know about how the recording was understood.
         conclusion: sentences that say what the page shows.
     """
 
     def __init__(
-        self, title: str, summary: Mapping[str, Any], settings: str, *, notes: Sequence[str] = (), conclusion: str = ""
+        self,
+        title: str,
+        summary: Mapping[str, Any],
+        settings: str,
+        *,
+        facts: Sequence[tuple[str, str]] = (),
+        notes: Sequence[str] = (),
+        conclusion: str = "",
     ) -> None:
         self.title = title
         self.settings = settings
+        self.facts = list(facts)
         self.notes = tuple(notes)
         self.conclusion = conclusion
         self.warnings = [str(line) for line in summary.get("warnings") or ()]
+        self.lead: list[Part] = []
         self.parts: list[Part] = []
         self.failures: list[str] = []
         self.footer = " · ".join([f"mqslam {summary.get('mqslam_version', ABSENT)}", *list_versions()])
@@ -188,6 +201,10 @@ class Page:
             make: makes it; None where there is nothing to show.
         """
         self.parts += self._make(name, make)
+
+    def add_lead(self, name: str, make: Callable[[], Section | None]) -> None:
+        """Adds what stands beside the verdict; the arguments are those of `add`."""
+        self.lead += self._make(name, make)
 
     def add_explorer(
         self, make: Callable[[], Explorer | None], still: Sequence[tuple[str, Callable[[], Section | None]]]
@@ -214,7 +231,7 @@ class Page:
         return [*made, *failures]
 
     def write(self, folder: Path) -> list[str]:
-        """Writes the page as report.html into an existing folder.
+        """Writes the page as report.html into an existing folder, whose run.log says when and by which command it was made.
 
         Returns:
             what could not be made, and why; the page says it too.
@@ -224,9 +241,15 @@ class Page:
         """
         self.warnings += self.failures
         with tolerate("report.html", self.failures):
+            self.facts += read_origin(folder)
             page = _environment().get_template("page.html").render(page=self).strip()  # the macros leave empty lines
             write_text(folder / "report.html", page + "\n")
         return self.failures
+
+
+def list_tests() -> list[tuple[str, str]]:
+    """Returns name and label of every test of a map."""
+    return [(name, label) for name, (label, _) in _TESTS.items()]
 
 
 def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
@@ -267,6 +290,7 @@ def _environment() -> Environment:
     loader = PackageLoader("mqslam.report")
     made = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     made.filters["data_uri"] = lambda png: Markup(f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}")
+    made.filters["keep_options"] = lambda text: Markup(_OPTION.sub(r'<span class="option">\g<0></span>', str(escape(text))))
     made.filters["inline"] = lambda svg: Markup(svg.decode("utf-8"))
     made.tests["drawn"] = is_svg
     made.tests["verdict"] = lambda value: isinstance(value, VerdictStatus)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -41,10 +41,10 @@ from mqslam.report.canvas import (
     over,
 )
 from mqslam.report.explorer import Layer, Place, chart_inflation, explain_torn, explore, values_of
-from mqslam.report.page import Card, Explorer, Figure, Page, Section, Table, tabulate_tests
+from mqslam.report.heat_map import draw_heat_map, explain_heat_map
+from mqslam.report.page import Explorer, Figure, Page, Section, tabulate_tests
 from mqslam.report.words import (
     ABSENT,
-    NOT_JUDGED,
     describe_motion,
     format_change,
     format_length,
@@ -52,6 +52,7 @@ from mqslam.report.words import (
     format_three_digits,
     format_value,
     label_value,
+    list_facts,
     list_values,
     part_of,
 )
@@ -61,14 +62,13 @@ from mqslam.solution import Run
 _HALF_SIDE_M = 30.0  # half the side of what is shown of a place
 _REACH_M = 43.0  # a circle of this radius holds all of it, whatever its heading
 _SAME_PASS_S = 15.0  # points that were seen earlier or later than this are drawn as those of another pass
-_COVERING = 0.2  # ellipses that reach farther, per side of the map, would cover it and are not shown at first
 _LARGEST = 0.015  # largest ellipse per side of the map
 _ELLIPSES = 150  # most ellipses that are shown, so that a long path is not covered by them
 _CORNERS = 24  # corners of an ellipse
 _SAME_PATH_M: Final = 1e-3  # positions nearer than this are the same in print
 _ALIKE: Final = 10.0  # curves whose medians differ by a larger factor are drawn on a logarithmic axis
 _DISTANCE: Final = "distance [m]"
-_CARDS: Final = {
+_GROUPS: Final = {
     "dataset": "Recording",
     "factors": "Graph factors",
     "evaluation": "Against ground truth",
@@ -95,16 +95,22 @@ def write_run_page(folder: Path, run: Run, recording: Recording, summary: Mappin
     Raises:
         OutputError: the file cannot be written.
     """
-    notes = (f"last pose: {describe_last_pose(summary.get('last_pose'))}", *recording.notes, *list_sensor_notes(summary))
+    facts = list_facts(
+        summary,
+        front_end=summary.get("frontend"),
+        last_pose=describe_last_pose(summary.get("last_pose")),
+        ground_truth=_describe_errors(part_of(summary, "evaluation")),
+    )
+    notes = (*recording.notes, *list_sensor_notes(summary))
     settings = dump_yaml(set_doppler_beta(run.config, run.doppler_beta))
-    page = Page(recording.path.resolve().name, summary, settings, notes=notes)
+    page = Page(recording.path.resolve().name, summary, settings, facts=facts, notes=notes)
     truth = _align_truth(run.optimised, recording.ground_truth)
-    page.add("the first numbers", lambda: _make_tiles(run, summary))
+    page.add_lead("the map of the verdict", lambda: _show_verdict(run))
     page.add("the tests", lambda: tabulate_tests(summary))
     page.add_explorer(
         lambda: explore_run(run, summary, truth),
         [
-            ("the pictures of the maps", lambda: _show_maps(run, summary)),
+            ("the pictures of the maps", lambda: _show_maps(run)),
             ("the pictures of the trajectory", lambda: _show_trajectories(run, truth)),
         ],
     )
@@ -119,31 +125,22 @@ def _stood_still(run: Run) -> bool:
     return len(moved) > 1 and moved.sum() == 1
 
 
-def _make_tiles(run: Run, summary: Mapping[str, Any]) -> Section:
-    psi, dataset, errors = (part_of(summary, key) for key in ("psi", "dataset", "evaluation"))
-    before, after = psi.get("per_point_odometry"), psi.get("per_point_optimised")
-    torn, whole = psi.get("across_passes_odometry"), psi.get("across_passes_optimised")
-    tiles = [
-        (format_value(after), "ψ per point of the optimised map"),
-        (format_change(before, after), f"change of ψ per point from {run.before}"),
-        (format_matched(psi.get("matched_optimised")), "of its points matched"),
-    ]
-    if whole is not None:
-        change = format_change(torn, whole)
-        tiles.insert(0, (format_value(whole), f"ψ per point across passes, later against earlier ones alone ({change})"))
-    if _stood_still(run):
-        tiles = [(NOT_JUDGED, "ψ and matched points: the radar stood still, so the map holds one scan only")]
-    tiles.append((format_value(dataset.get("length_m"), " m"), f"driven in {format_value(dataset.get('duration_s'), ' s')}"))
-    if errors:
-        tiles += [
-            (format_value(errors.get("ate_rmse_m"), " m"), "absolute error against ground truth (RMSE)"),
-            (format_value(errors.get("drift_percent"), " %"), "drift against ground truth"),
-        ]
-    return Section("", tiles=tiles)
+def _describe_errors(errors: Mapping[str, Any]) -> str:
+    """Returns the errors against ground truth in words; nothing without it."""
+    drift = f", drift {format_value(errors['drift_percent'])} %" if errors.get("drift_percent") is not None else ""
+    return f"{format_value(errors.get('ate_rmse_m'), ' m')} off (ATE, RMSE){drift}; no part of the verdict" if errors else ""
 
 
-def _show_maps(run: Run, summary: Mapping[str, Any]) -> Section:
-    psi = part_of(summary, "psi")
+def _show_verdict(run: Run) -> Section | None:
+    """Returns the optimised map with what its judgement found; None where there is no map."""
+    track = run.optimised
+    times, path = track.seconds(int(track.stamps_us[0])), track.poses[:, :2]
+    picture = draw_heat_map(run.map_optimised.points, path, times, run.checked, opaque=False)
+    caption = explain_heat_map(run.checks) if run.checked else "nothing has judged the map"
+    return Section("", figures=[Figure(picture, "Map", caption)])
+
+
+def _show_maps(run: Run) -> Section:
     notes = [
         "Every return of the run, darker where more of them lie; both maps have the same extent and scale, and "
         f"up to {100.0 * OUTERMOST:g} % of the points may lie beyond each edge."
@@ -160,15 +157,15 @@ def _show_maps(run: Run, summary: Mapping[str, Any]) -> Section:
             f"nothing in the graph contradicted {run.before}."
         )
     shown = (
-        (f"Under {run.before}", run.map_odometry, run.odometry, ORANGE, "per_point_odometry"),
-        ("Optimised", run.map_optimised, run.optimised, BLUE, "per_point_optimised"),
+        (f"Under {run.before}", run.map_odometry, run.odometry, ORANGE),
+        ("Optimised", run.map_optimised, run.optimised, BLUE),
     )
-    pictures = draw_maps([(pointmap, track, colour) for _, pointmap, track, colour, _ in shown])
+    pictures = draw_maps([(pointmap, track, colour) for _, pointmap, track, colour in shown])
     figures = [
-        Figure(picture, name, f"ψ per point {format_value(psi.get(key))}, {len(pointmap):,} points")
-        for picture, (name, pointmap, _, _, key) in zip(pictures, shown, strict=True)
+        Figure(picture, name, f"{len(pointmap):,} points")
+        for picture, (name, pointmap, _, _) in zip(pictures, shown, strict=True)
     ]
-    return Section("Map", notes, figures=figures)
+    return Section("Maps", notes, figures=figures)
 
 
 def draw_maps(maps: Sequence[tuple[PointMap, Trajectory, str]]) -> list[bytes]:
@@ -281,7 +278,10 @@ def _make_layer(name: str, colour: str, track: Trajectory, pointmap: PointMap, *
 
 
 def _draw_ellipses(run: Run, summary: Mapping[str, Any]) -> tuple[Curve, list[str]]:
-    """Returns 3-sigma ellipses of the positions, enlarged where they would not be seen, and what to tell the reader."""
+    """Returns 3-sigma ellipses of the positions, enlarged where they would not be seen, and what to tell the reader.
+
+    They would cover the path, so that nothing shows them but their name in the legend.
+    """
     sure = run.covariances
     picked = pick_evenly(len(sure.indices), _ELLIPSES)
     round_trip = np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
@@ -301,14 +301,14 @@ def _draw_ellipses(run: Run, summary: Mapping[str, Any]) -> tuple[Curve, list[st
         explained.append(f"No ellipses are shown: the covariances of the poses are not known ({sure.failure}).")
     if shapes:
         explained.append(
-            f"The largest 3σ ellipse reaches {format_length(largest)} from its middle, with the first pose held fixed."
+            f"The legend shows the 3σ ellipses of the positions, with the first pose held fixed; the largest reaches "
+            f"{format_length(largest)} from its middle."
         )
         if part_of(summary, "last_pose").get("drift_is_prior"):
             explained.append(
                 "Drift that both directions of time have in common cannot be measured in one pass; a prior stands for it."
             )
-    shown = len(shapes) > 0 and largest <= max(_COVERING * side, 1.0)
-    return Curve(name, PURPLE, drawn, width=1.2, shown=shown), explained
+    return Curve(name, PURPLE, drawn, width=1.2, shown=False), explained
 
 
 def _round_down(factor: float) -> float:
@@ -458,35 +458,32 @@ def _chart_sigmas(run: Run) -> list[Figure]:
 
 
 def _list_numbers(run: Run, summary: Mapping[str, Any]) -> Section:
-    """Returns the tables at the end of a run's page; angles are in degrees."""
+    """Returns the table at the end of a run's page; angles are in degrees."""
     parts = {**summary, **part_of(summary, "sensors")}
-    cards = [Card("Map quality", table=_tabulate_quality(run, summary))]
-    for group, heading in _CARDS.items():
+    groups = [(f"Map quality: {run.before} → optimised", _list_quality(run, part_of(summary, "psi")))]
+    for group, heading in _GROUPS.items():
         values = list_values(group, part_of(parts, group))
         if group in ("mount", "gyroscope", "gnss", "chirps"):  # what is not known of a sensor is left out
             values = [(label, text) for label, text in values if text != ABSENT]
         if group == "runtime_s" and summary.get("peak_rss_mb") is not None:
             values.append(("peak memory", label_value("peak_rss_mb", summary["peak_rss_mb"])[1]))
         if values:
-            cards.append(Card(heading, values=values))
-    return Section("Numbers", cards=cards)
+            groups.append((heading, values))
+    return Section("Numbers", numbers=groups)
 
 
-def _tabulate_quality(run: Run, summary: Mapping[str, Any]) -> Table:
-    psi = part_of(summary, "psi")
-
-    def pair(key: str) -> tuple[Any, Any]:
-        return psi.get(f"{key}_odometry" if key else "odometry"), psi.get(f"{key}_optimised" if key else "optimised")
-
-    total, per_point, matched, across = (pair(key) for key in ("", "per_point", "matched", "across_passes"))
-    is_known = all(matched)
+def _list_quality(run: Run, psi: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Returns what the map was before optimisation and is after it."""
+    across, matched = ([psi.get(f"{key}_{when}") for when in ("odometry", "optimised")] for key in ("across_passes", "matched"))
     rows = [
-        ("ψ", *map(format_value, total), format_change(*total) if is_known else ABSENT),
-        ("ψ per point", *map(format_value, per_point), format_change(*per_point) if is_known else ABSENT),
-        ("points matched", *map(format_matched, matched), format_change(*matched) if is_known else ABSENT),
-        ("points", f"{len(run.map_odometry):,}", f"{len(run.map_optimised):,}", ""),
-        ("path", format_value(run.odometry.length_m, " m"), format_value(run.optimised.length_m, " m"), ""),
+        ("points matched", _show_change(map(format_matched, matched), format_change(*matched) if all(matched) else "")),
+        ("points", _show_change([f"{len(pointmap):,}" for pointmap in (run.map_odometry, run.map_optimised)])),
+        ("path", _show_change([format_value(track.length_m, " m") for track in (run.odometry, run.optimised)])),
     ]
     if None not in across:
-        rows.insert(0, ("ψ per point across passes", *map(format_value, across), format_change(*across)))
-    return Table(("", run.before, "optimised", "change"), rows)
+        rows.insert(0, ("ψ per point across passes", _show_change(map(format_value, across), format_change(*across))))
+    return rows
+
+
+def _show_change(both: Iterable[str], change: str = "") -> str:
+    return " → ".join(both) + (f" ({change})" if change else "")

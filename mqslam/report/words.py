@@ -78,6 +78,24 @@ def list_values(group: str, values: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [label_value(key, value, group) for key, value in values.items() if not isinstance(value, Mapping | list | tuple)]
 
 
+def list_facts(summary: Mapping[str, Any], **others: str | None) -> list[tuple[str, str]]:
+    """Returns what was judged, by name: the recording, how long the drive is, and what else is given.
+
+    Args:
+        summary: content of summary.json or audit.json; what is absent is left out.
+        others: what else was judged, by its name.
+    """
+    dataset = part_of(summary, "dataset")
+    scans = next((dataset[key] for key in ("revolutions", "sweeps") if key in dataset), None)
+    shown = ((dataset.get("length_m"), " m"), (dataset.get("duration_s"), " s"), (scans, " scans"))
+    facts = {
+        "recording": f"{dataset['path']} ({dataset['format']})" if dataset else None,
+        "drive": ", ".join(format_value(value, unit) for value, unit in shown if value is not None),
+        **others,
+    }
+    return [(name.replace("_", " "), value) for name, value in facts.items() if value]
+
+
 def label_value(key: str, value: Any, group: str = "") -> tuple[str, str]:
     """Returns the label of a value of a summary, and the value as text with its unit.
 

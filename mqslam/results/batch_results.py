@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mqslam.auditing.verdict import VerdictStatus
+from mqslam.auditing.verdict import GRAVEST_FIRST, VerdictStatus
 from mqslam.config import Config
 from mqslam.core.sensors import RADAR
 from mqslam.errors import OutputError, Remedy
@@ -78,8 +78,9 @@ def check_batch(out: Path, *, force: bool) -> None:
 
 
 def summarise(orders: Sequence[Order], outcomes: Sequence[RunOutcome]) -> dict[str, Any]:
-    """Returns the content of batch.json."""
+    """Returns the content of batch.json; the runs that failed come first, then the worst maps."""
     runs = [_list_run(order, outcome) for order, outcome in zip(orders, outcomes, strict=True)]
+    runs.sort(key=lambda run: (None, *GRAVEST_FIRST).index(run["verdict"]))
     states = [run["verdict"] or "failed" for run in runs]
     return {
         "mqslam_version": __version__,
@@ -104,6 +105,7 @@ def _list_run(order: Order, outcome: RunOutcome) -> dict[str, Any]:
         "frontend": order.frontend,
         "verdict": verdict.get("status"),
         "reasons": "; ".join(verdict.get("reasons", ())),
+        "not_judged": "; ".join(summary.get("not_judged", ())),
         "failure": outcome.failure,
         "revolutions": dataset.get("revolutions"),
         "unread": dataset.get("unread"),

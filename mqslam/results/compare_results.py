@@ -46,7 +46,6 @@ _BADNESS: Final[dict[str, Callable[[float], float]]] = {
     "↑": lambda value: -value,
     "→ 1": lambda value: abs(value - 1.0) / (value + 1.0),  # 2 and 0.5 are equally far from 1
 }
-_PSI, _PSI_ACROSS = "psi_per_point", "psi_across_passes"
 _COLUMNS: Final = (
     _Column("drift_percent", "drift [%]", "{:.3f}", "↓"),
     _Column("drift_deg_per_100m", "[deg/100 m]", "{:.3f}", "↓"),
@@ -54,8 +53,7 @@ _COLUMNS: Final = (
     _Column("rpe_v_rms", "speed error [m/s]", "{:.3f}", "↓"),
     _Column("odometry_drift_percent", "before back end [%]", "{:.3f}", "↓"),
     _Column("nees_per_degree", "NEES/3", "{:.2f}", "→ 1"),
-    _Column(_PSI_ACROSS, "psi across passes", "{:.4f}", "↓"),
-    _Column(_PSI, "psi per point", "{:.4f}"),  # neighbours in time make it, and a worse map may have less of it
+    _Column("psi_across_passes", "psi across passes", "{:.4f}", "↓"),
     _Column("matched", "matched", "{:.1%}", "↑"),
     _Column("verdict", "verdict", "{}"),
     _Column("inflation", "inflation", "{:.3g}", "↓"),
@@ -116,8 +114,8 @@ def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: i
         "nees_per_degree": judged.nees,
         "verdict": judged.audit.status,
         "reasons": "; ".join(judged.audit.reasons),
-        _PSI_ACROSS: across,
-        _PSI: judged.psi_per_point,
+        "psi_across_passes": across,
+        "psi_per_point": judged.psi_per_point,
         "matched": judged.matched,
         "inflation": _find_median_inflation(judged.audit),
         "windows": len(windows),
@@ -147,7 +145,7 @@ def _find_median_inflation(audit: Audit) -> float | None:
 def tabulate(summary: Mapping[str, Any]) -> tuple[list[list[str]], frozenset[tuple[int, int]]]:
     """Writes the table as a person reads it.
 
-    Columns that no row has are left out, and so is psi per point where psi per point across passes says more.
+    Columns that no row has are left out, and so is psi per point: neighbours in time make it, and a worse map may have less.
 
     Args:
         summary: content of compare.json.
@@ -158,8 +156,6 @@ def tabulate(summary: Mapping[str, Any]) -> tuple[list[list[str]], frozenset[tup
     """
     rows: list[dict[str, Any]] = summary["rows"]
     shown = [column for column in _COLUMNS if any(row.get(column.key) is not None for row in rows)]
-    if any(column.key == _PSI_ACROSS for column in shown):
-        shown = [column for column in shown if column.key != _PSI]
     cells = [["", *(f"{column.head} {column.arrow}".rstrip() for column in shown)]]
     for row in rows:
         if row["failure"] is not None:

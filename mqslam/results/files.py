@@ -83,6 +83,13 @@ def format_log(title: str, lines: Sequence[str]) -> str:
     return "\n".join(map(show, (title, *origin, *lines))) + "\n"
 
 
+def read_origin(folder: Path) -> list[tuple[str, str]]:
+    """Returns when and by which command a folder's results were made, as its run.log says; nothing without such a file."""
+    log = folder / "run.log"
+    lines = log.read_text(encoding="utf-8").splitlines()[1:3] if log.is_file() else []
+    return [(name, value) for name, _, value in (line.partition(": ") for line in lines)]
+
+
 def list_verdict(summary: Mapping[str, Any]) -> list[str]:
     """Returns the lines of a log about the verdict of a summary, and about what could not be judged."""
     verdict, unjudged = summary["verdict"], summary["not_judged"]

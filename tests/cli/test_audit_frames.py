@@ -41,7 +41,7 @@ def test_a_bases_trajectory_with_extrinsics_is_the_sensors(street: Path, quick: 
     assert b["windows"]["inflation_median"] == pytest.approx(a["windows"]["inflation_median"], rel=1e-3)
     assert a["extrinsics"] is None and b["extrinsics"] == [-1.5, 0.4, 90.0]
     said = "carried to the sensor by its extrinsics: 1.5 m behind, 0.4 m to the left, turned by 90 deg to the left"
-    assert said in given.err and any(said in warning for warning in b["warnings"])
+    assert said in given.err and any(said in note for note in b["notes"])
     assert said in (tmp_path / "given" / "report.html").read_text()
 
 

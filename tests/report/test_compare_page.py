@@ -30,7 +30,14 @@ from mqslam.comparison.rows import Row
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
 from mqslam.evaluation import Evaluation
-from mqslam.report.compare_page import draw_overlay, rank_rows, select_moving_places, select_moving_windows, smooth_inflation
+from mqslam.report.compare_page import (
+    draw_difference,
+    draw_overlay,
+    rank_rows,
+    select_moving_places,
+    select_moving_windows,
+    smooth_inflation,
+)
 
 
 def test_the_table_is_the_terminals_with_ranks(pages: dict[str, Path]) -> None:
@@ -61,18 +68,28 @@ def test_inflation_is_a_running_median_that_one_window_does_not_move() -> None:
     assert times.tolist() == [0.5 * (w.t0 + w.t1) for w in windows]
 
 
-def test_every_place_shows_every_row_on_one_extent(pages: dict[str, Path]) -> None:
+def test_the_rows_stand_in_one_picture_where_they_are_the_farthest_apart(pages: dict[str, Path]) -> None:
     images = page_of(pages["compare"] / "report.html").images
-    shown = [name for name in images if " apart, " in name]
-    assert [name.split(" apart, ")[1] for name in shown] == ["psi", "_kiss_$icp$ <icp>"] * 2
-    assert "1.5 s to 3.0 s, up to 1.25 m apart" in shown[0]
-    assert "up to 40 mm apart" in shown[2]
-    assert len({Image.open(io.BytesIO(images[name])).size for name in shown}) == 1
+    assert set(images) == {"All rows in one map", "Trajectories"}
+    drawn = draw_difference([judged_row("one", bow(0.0)), judged_row("two", bow(0.001))], None)
+    assert drawn is not None
+    _, apart_m, time_s = drawn
+    assert apart_m == pytest.approx(19.9, abs=0.3) and time_s == pytest.approx(49.75)
+    assert draw_difference([judged_row("one", bow(0.0))], None) is None
+
+
+def test_a_sceptic_reads_who_judges_and_by_what(pages: dict[str, Path], tmp_path: Path) -> None:
+    text = text_of(pages["compare"])
+    for shown in ("The same audit for every row", "60 scans", "It uses no ground truth", "bends of 5 cm and more"):
+        assert shown in text, shown
+    audit = replace(ROWS[0].audit, tests={"windows": []})
+    write_comparison(tmp_path, a_comparison((replace(ROWS[0], audit=audit), ROWS[1])))
+    assert "By what?\nwindows: a few scans against their best map\n" in text_of(tmp_path)
 
 
 def test_agreement_and_failures_are_listed(pages: dict[str, Path]) -> None:
     text = text_of(pages["compare"])
-    assert re.search(r"psi – _kiss_\$icp\$ <icp>\n\d+\.\d{3} m\n\d+\.\d{3} %", text)
+    assert re.search(r"psi – _kiss_\$icp\$ <icp>\n\d+\.\d{3} m, \d+\.\d{3} %", text)
     assert "Could not run\nodometry\nno odometry; give <FILE>" in text
 
 

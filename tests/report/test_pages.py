@@ -42,8 +42,8 @@ def test_what_is_written_by_others_is_escaped(pages: dict[str, Path], name: str)
 @pytest.mark.parametrize(
     ("name", "order"),
     [
-        ("run", ("\nwarn\n", "Something is wrong", "torn near t = 31 s", HOSTILE, "ψ per point of", "Map quality")),
-        ("audit", ("\nwarn\n", "Something is wrong", HOSTILE, "of windows torn: 1 of 10", "Heat map")),
+        ("run", ("\nwarn\n", "Something is wrong", "torn near t = 31 s", HOSTILE, "every return in grey", "Map quality")),
+        ("audit", ("\nwarn\n", "Something is wrong", HOSTILE, "Heat map", "Measures of the windows")),
         ("compare", ("psi is best", HOSTILE, "drift [%]\n", "running median")),
         ("batch", (HOSTILE, "runs that failed", "against ground truth")),
         (
@@ -70,8 +70,9 @@ def test_the_same_result_gives_the_same_bytes(pages: dict[str, Path], tmp_path: 
     ("name", "broken", "lost", "kept"),
     [
         ("run", "run_page.explore_run", "the map to move in", ("Map quality", "Under odometry", "Optimised", "Trajectory")),
+        ("run", "run_page.draw_heat_map", "the map of the verdict", ("Map quality", "Optimised", "Trajectory")),
         ("audit", "audit_page.draw_crop", "the pictures of the worst places", ("Worst places", "Measures", "Heat map")),
-        ("compare", "compare_page.draw_place", "where the rows differ", ("Agreement", "Trajectories")),
+        ("compare", "compare_page.draw_difference", "where the rows differ", ("Agreement", "Trajectories")),
         ("batch", "batch_page._describe_run", "the table of the runs", ("runs that failed",)),
         ("merge", "merge_page.draw_change", "the pictures of the changes", ("Recognition", "Trajectories")),
         ("localise", "localise_page.draw_world", "the picture of the map", ("Overlap", "Scans")),
@@ -80,7 +81,7 @@ def test_the_same_result_gives_the_same_bytes(pages: dict[str, Path], tmp_path: 
 def test_a_part_that_cannot_be_made_costs_no_other_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, broken: str, lost: str, kept: tuple[str, ...]
 ) -> None:
-    monkeypatch.setattr(f"mqslam.report.{broken}", lambda *_: 1 / 0)
+    monkeypatch.setattr(f"mqslam.report.{broken}", lambda *_, **__: 1 / 0)
     failure = f"{lost} could not be made (ZeroDivisionError: division by zero); the other results are whole"
     assert WRITERS[name](tmp_path) == [failure]
     text = text_of(tmp_path)
@@ -118,6 +119,31 @@ def test_a_gyroscope_that_contradicts_nothing_is_a_note(tmp_path: Path, agrees: 
     told = "what the gyroscope says of the trajectory"
     write_audit(tmp_path, {**AUDIT_SUMMARY, "gyroscope": {"agrees": agrees, "statement": told}})
     assert (f"Notes\n{told}" in text_of(tmp_path)) == (agrees is not False)
+
+
+def test_a_page_says_when_and_by_which_command_it_was_made(tmp_path: Path) -> None:
+    for name in ("run", "audit"):
+        folder = tmp_path / name
+        folder.mkdir()
+        lines = ("mqslam 9.8.7", "finished: 2026-11-28 14:31:14 UTC", f"command: mqslam {name} <drive> --range-resolution 0.06")
+        (folder / "run.log").write_text("\n".join(lines) + "\nnote: command: none\n")
+        assert WRITERS[name](folder) == []
+        page, text = (folder / "report.html").read_text(), text_of(folder)
+        assert f"mqslam {name} &lt;drive&gt; " in page and "command: none" not in text
+        assert text.index("/data/<run>") < text.index("finished\n2026-11-28 14:31:14 UTC") < text.index("\nwarn\n")
+
+
+def test_options_stay_in_one_piece(tmp_path: Path) -> None:
+    verdict = {"status": "warn", "reasons": ["the scale is wrong: give --range-resolution or a well-known trajectory"]}
+    write_audit(tmp_path, {**AUDIT_SUMMARY, "verdict": verdict})
+    page = (tmp_path / "report.html").read_text()
+    assert 'give <span class="option">--range-resolution</span> or a well-known trajectory' in page
+
+
+def test_notes_are_no_warnings(tmp_path: Path) -> None:
+    write_audit(tmp_path, {**AUDIT_SUMMARY, "notes": ["range bins are <assumed>"], "warnings": []})
+    page, text = (tmp_path / "report.html").read_text(), text_of(tmp_path)
+    assert "Notes\nrange bins are <assumed>" in text and "Warnings" not in text and 'class="warnings"' not in page
 
 
 def test_the_tests_of_a_map_stand_side_by_side_with_their_p_values(tmp_path: Path) -> None:

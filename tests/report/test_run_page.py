@@ -24,7 +24,7 @@ from mqslam.report.explorer import MOST_POINTS
 from mqslam.report.page import Figure
 from mqslam.report.run_page import chart_path, draw_maps
 
-PICTURES = {"Under odometry", "Optimised", "Trajectory"}
+PICTURES = {"Map", "Under odometry", "Optimised", "Trajectory"}
 
 
 def along(scale: float, scans: int = 240) -> Trajectory:
@@ -58,27 +58,32 @@ def test_notes_on_the_recording_stand_below_the_warnings(pages: dict[str, Path],
     assert "how sure it is, is not known" in text_of(pages["run"])
 
 
-def test_psi_across_passes_comes_first_where_places_were_passed_twice(pages: dict[str, Path], tmp_path: Path) -> None:
+def test_psi_is_shown_across_passes_only(pages: dict[str, Path], tmp_path: Path) -> None:
     psi = RUN_SUMMARY["psi"] | {"across_passes_odometry": 0.8, "across_passes_optimised": 0.4875}
     write_run(tmp_path, {**RUN_SUMMARY, "psi": psi})
     text = text_of(tmp_path)
-    assert text.index("0.487\nψ per point across passes") < text.index("ψ per point of the optimised map")
-    assert "ψ per point across passes\n0.8\n0.487\n−39.1 %" in text
+    assert "ψ per point across passes\n0.8 → 0.487 (−39.1 %)" in text
     assert "across passes" not in text_of(pages["run"])
+    for value in ("0.033", "0.0248", "132", "−25.0 %"):  # psi of the whole map
+        assert value not in text
 
 
 def test_the_map_of_a_radar_that_stood_still_is_not_judged(tmp_path: Path) -> None:
     psi = RUN_SUMMARY["psi"] | {"matched_optimised": 0.0, "per_point_optimised": 2.25}
     write_run(tmp_path, {**RUN_SUMMARY, "psi": psi}, optimised=along(0.0))
     text = text_of(tmp_path)
-    assert "not judged\nψ and matched points: the radar stood still" in text
-    assert "points matched\n71 %\nnot judged\n–" in text and "%\nof its points matched" not in text
+    assert "points matched\n71 % → not judged" in text and "%\nof its points matched" not in text
     assert "the optimised map holds the returns of one scan only" in text
+
+
+def test_ellipses_wait_for_their_name_in_the_legend(pages: dict[str, Path]) -> None:
+    (ellipses,) = (line for line in scene_of(pages["run"])["lines"] if line["name"].startswith("3σ ellipses"))
+    assert ellipses["shown"] is False
 
 
 def test_numbers_of_the_summary_are_shown_with_units_and_angles_in_degrees(pages: dict[str, Path]) -> None:
     text = text_of(pages["run"])
-    for shown in ("0.0248", "−25.0 %", "82 %", "0.312 m", "0.41 °/100 m", "812 MB", "20 scans: 19 converged, 1 lost"):
+    for shown in ("71 % → 82 % (+15.5 %)", "0.312 m", "0.41 °/100 m", "812 MB", "20 scans: 19 converged, 1 lost"):
         assert shown in text, shown
     assert "drift\n–" in text
     assert "bias\n2 °/s" in text and "turns its end by\n1 °" in text and "yaw rate error, RMS\n3 °/s" in text
@@ -111,7 +116,7 @@ def test_covariances_that_are_not_known_are_said_and_not_drawn(pages: dict[str, 
 def test_one_map_that_could_not_be_rendered_leaves_the_other_to_be_looked_at(tmp_path: Path, empty: str) -> None:
     assert write_run(tmp_path, **{empty: PointMap.empty()}) == []
     page = page_of(tmp_path / "report.html")
-    assert len(page.images) == 3 and {"ψ per scan", "Matched share"} <= set(page.drawings)
+    assert len(page.images) == 4 and {"ψ per scan", "Matched share"} <= set(page.drawings)
 
 
 def test_scans_without_odometry_have_one_curve(tmp_path: Path) -> None:

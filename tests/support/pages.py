@@ -134,6 +134,7 @@ def a_run(**changed: Any) -> Any:
         "measurements": measured(20),
         "before": "odometry",
         "checks": judged_walls(swept_walls()).windows,
+        "checked": judged_walls(swept_walls()),
         "config": Config(),
         "doppler_beta": 0.0,
         "loops": [SimpleNamespace(earlier=0, later=59)],
@@ -201,6 +202,7 @@ def batched_run(name: str, **changed: Any) -> dict[str, Any]:
         "name": name,
         "verdict": "pass",
         "reasons": "0 of 40 windows are torn",
+        "not_judged": "",
         "failure": None,
         "revolutions": 240,
         "duration_s": 60.0,
@@ -219,7 +221,7 @@ def batched_run(name: str, **changed: Any) -> dict[str, Any]:
 
 def write_batch(folder: Path) -> list[str]:
     runs = [
-        batched_run("good"),
+        batched_run("good", not_judged="on <assumed> range bins rests its scale"),
         batched_run("bad", verdict="fail", reasons="33 of 40 windows are <torn>", length_m=2500.0, loops=0, ate_rmse_m=None),
         batched_run("alone", psi_per_point_odometry=None, duration_s=20.0),
         {**dict.fromkeys(batched_run("")), "name": "gone", "failure": HOSTILE},

@@ -127,5 +127,5 @@ def test_a_run_and_an_audit_take_odometry_as_the_motion_of_the_radar(mounted: Re
     assert unknown is mounted.odometry
     convert(mounted, tmp_path / "drive.mcap")
     config = Config.model_validate({"sensor": {"doppler_beta": 0.0}})
-    _, audited, _ = detect_radar(open_data(tmp_path / "drive.mcap", None, None, config), None, "odometry", config, QUIET)
+    _, audited, *_ = detect_radar(open_data(tmp_path / "drive.mcap", None, None, config), None, "odometry", config, QUIET)
     np.testing.assert_allclose(audited.poses, expected, atol=1e-9)
