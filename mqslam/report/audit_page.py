@@ -12,7 +12,7 @@ import numpy as np
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.rounds import AuditedTrajectory
 from mqslam.auditing.revisits import RevisitAudit
-from mqslam.auditing.sizes import TORN_INFLATION, WINDOW
+from mqslam.auditing.sizes import WINDOW
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import AuditConfig, Config, dump_yaml
@@ -299,7 +299,7 @@ def _list_numbers(audit: Audit, summary: Mapping[str, Any]) -> Section:
     note = "The usual measures of a map depend on the place as much as on the trajectory: none judges a map by itself."
     if audit.windows:
         groups.append(("Measures of the windows: median (5 % to 95 %)", _list_measures(audit)))
-    return Section("Numbers", [note], numbers=groups, folds=True)
+    return Section("Numbers", [note], numbers=groups)
 
 
 def _list_measures(audit: Audit) -> list[tuple[str, str]]:

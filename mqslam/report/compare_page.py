@@ -25,7 +25,7 @@ from mqslam.mapping.render import TRAVEL_M, TRAVEL_RAD
 from mqslam.report import explorer
 from mqslam.report.canvas import PATH_SHAPE, TRUTH_GREY, Chart, Curve, Drawing, Points, View, draw_chart, draw_world, over
 from mqslam.report.explorer import LEAST_M, LEVELS, Layer, explore, trace_inflation, values_of
-from mqslam.report.page import Cell, Explorer, Figure, Page, Section, Table, list_tests
+from mqslam.report.page import TESTS, Cell, Explorer, Figure, Page, Section, Table
 from mqslam.report.words import ABSENT, format_length, list_facts, list_values, part_of
 
 # the looks of the page; no result depends on them
@@ -322,8 +322,8 @@ def draw_difference(rows: Sequence[JudgedRow], truth: Trajectory | None) -> tupl
 
 
 def _answer_sceptic(comparison: Comparison) -> list[tuple[str, str]]:
-    """Returns who judges the rows, by what, and what it means where ground truth and audit disagree."""
-    audits = [row.audit for row in comparison.judged.values()]
+    """Returns who judges the rows, by what and with what reasons, and what it means where ground truth disagrees."""
+    audits = {name: row.audit for name, row in comparison.judged.items()}
     who = (
         f"The same audit for every row: the same returns of the same {comparison.compared:,} scans, the same settings, and "
         "nothing that says which front end a trajectory comes from. It uses no ground truth. It lays scans on each other by "
@@ -333,15 +333,16 @@ def _answer_sceptic(comparison: Comparison) -> list[tuple[str, str]]:
     differ = (
         "The two ask for different things. Ground truth says how far poses are off over the whole drive, and seldom knows a "
         "few centimetres. The audit says whether neighbouring scans lie on each other, and counts bends of "
-        f"{100.0 * comparison.settings.audit.bend_m:g} cm and more. A row that is the best by ground truth and fails is the "
-        "nearest to the true path, and its map is still doubled or blurred in many places. A row that passes may drift slowly "
-        "where no place is passed twice."
+        f"{100.0 * comparison.settings.audit.bend_m:g} cm and more. A row that is the best by ground truth and fails is "
+        "the nearest to the true path, and its map is still doubled or blurred in many places. A row that passes may drift "
+        "slowly where no place is passed twice."
     )
-    tests = [label for name, label in list_tests() if any(name in audit.tests for audit in audits)]
+    tests = [label for name, (label, _) in TESTS.items() if any(name in audit.tests for audit in audits.values())]
     return [
         ("Who judges?", who),
         ("By what?", "; ".join(tests)),
         ("What if the best by ground truth fails?", differ),
+        *((f"Why is {name} judged {audit.status}?", "; ".join(audit.reasons)) for name, audit in audits.items()),
     ]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -51,21 +50,11 @@ def draw_crop(crop: Crop) -> list[bytes]:
     shown = [points for points in (*crop[0], *crop[1]) if len(points)]
     half = 0.5 * _CLOSE_M
     view = find_common_view(shown, SQUARE) if shown else View(-half, half, -half, half)
-    return draw_dots(view, [list(zip(passes, mix_shades(len(passes)), strict=True)) for passes in crop])
-
-
-def draw_dots(view: View, pictures: Sequence[Sequence[tuple[Points, str]]]) -> list[bytes]:
-    """Draws groups of points (M, 2) [m], each in its colour, as small pictures of one square.
-
-    Args:
-        view: the square.
-        pictures: groups of each picture.
-    """
     drawings = []
-    for groups in pictures:
-        strengths = 0.4 + 0.4 * np.abs(np.linspace(-1.0, 1.0, len(groups)))  # the first and the last are the farthest apart
-        drawn = zip(groups, strengths.tolist(), strict=True)
-        drawings.append(Drawing((), [Curve("", colour, points, ".", 3.5, alpha) for (points, colour), alpha in drawn]))
+    for passes in crop:
+        strengths = 0.4 + 0.4 * np.abs(np.linspace(-1.0, 1.0, len(passes)))  # the first and the last are the farthest apart
+        looks = zip(mix_shades(len(passes)), passes, strengths.tolist(), strict=True)
+        drawings.append(Drawing((), [Curve("", colour, points, ".", 3.5, strength) for colour, points, strength in looks]))
     return draw_world(drawings, view=view, is_small=True)
 
 

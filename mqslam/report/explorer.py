@@ -43,7 +43,7 @@ LEVELS: Final = (
 """Name, value and colour of what inflation is to be held against."""
 
 # limits of a page's size: what a browser moves with ease and a page holds in a few megabytes
-MOST_POINTS: Final = 120_000  # points of all layers together
+MOST_POINTS: Final = 90_000  # points of all layers together
 _MOST_CROPPED: Final = 150_000  # points of all places together
 _STEPS: Final = 65_535  # of 16 bits
 _CROP_STEP_M = 0.01  # resolution of the points of a place, which take 16 bits each way

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.sizes import TORN_INFLATION
-from mqslam.auditing.spans.sums import find_bends
+from mqslam.auditing.spans.sums import SumAudit, find_bends
+from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.report.canvas import (
     GREY,
@@ -68,7 +70,8 @@ def draw_heat_map(
         path: (K, 2) [m] of the scans that were judged.
         times: (K,) of the scans [s].
         audit: the judgement; None where there is none.
-        opaque: whether it is drawn on white, to be looked at by itself, rather than on a transparent ground, for a page.
+        opaque: whether it is drawn on white, to be looked at by itself, rather than on a transparent ground and in 256
+            colours, which take a third of the bytes, for a page.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
@@ -90,7 +93,17 @@ def draw_heat_map(
         axes.plot(*part.T, color=colour, linewidth=width, solid_capstyle="butt")
     if audit is not None:
         _draw_colour_strip(figure, axes, colours, len(torn))
-    return encode_png(figure, opaque)
+    picture = encode_png(figure, opaque)
+    return picture if opaque else _reduce_colours(picture)
+
+
+def _reduce_colours(picture: bytes) -> bytes:
+    """Returns a PNG file in 256 colours."""
+    from PIL import Image
+
+    file = io.BytesIO()
+    Image.open(io.BytesIO(picture)).quantize(256, Image.Quantize.FASTOCTREE).save(file, "PNG", optimize=True)
+    return file.getvalue()
 
 
 def explain_heat_map(windows: Sequence[WindowAudit]) -> str:
@@ -106,7 +119,8 @@ def explain_heat_map(windows: Sequence[WindowAudit]) -> str:
 def _list_torn(audit: Audit, times: NDArray[np.float64]) -> list[_TornPlace]:
     """Returns the jumps, the torn spans, the sums of spans that are bent, and the torn revisits."""
     places = [_TornPlace(jump.laid.earlier, jump.laid.later, jump.laid.size_m) for jump in audit.jumps]
-    for one in [*(span for span in audit.spans if span.torn), *find_bends(audit.sums)]:
+    stretches: list[SpanAudit | SumAudit] = [*(span for span in audit.spans if span.torn), *find_bends(audit.sums)]
+    for one in stretches:
         earlier, later = np.searchsorted(times, [one.t0, one.t1]).clip(max=len(times) - 1).tolist()
         places.append(_TornPlace(earlier, later, one.distance_m))
     revisits = [judged.revisit for judged in audit.revisits if judged.torn]

@@ -31,7 +31,7 @@ _MEANINGS: Final = {
     "fail": "Do not trust this map; the reasons say what is wrong, and the map shows where.",
     "not judged": "There is too little evidence to say whether this map is good.",
 }
-_TESTS: Final = {  # the tests of a map, and what they cannot see
+TESTS: Final = {  # the tests of a map by name: what they are called, and what they cannot see
     "trajectory": ("trajectory: its poses as they were given", "errors that are as smooth as a drive"),
     "speeds": ("speeds: successive scans searched for each other", "errors that windows are wide enough to measure"),
     "windows": ("windows: a few scans against their best map", "jumps, and errors that grow slowly"),
@@ -113,7 +113,6 @@ class Section:
         numbers: groups of names with their values, each under its heading, as one dense table.
         cards: cards side by side.
         folded: what there is besides, and need not be seen at once; None without it.
-        folds: whether all of it unfolds under its heading.
     """
 
     heading: str
@@ -125,7 +124,6 @@ class Section:
     numbers: Sequence[tuple[str, Sequence[tuple[str, str]]]] = ()
     cards: Sequence[Card] = ()
     folded: Section | None = None
-    folds: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,11 +245,6 @@ class Page:
         return self.failures
 
 
-def list_tests() -> list[tuple[str, str]]:
-    """Returns name and label of every test of a map."""
-    return [(name, label) for name, (label, _) in _TESTS.items()]
-
-
 def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
     """Returns what each test of a map found, and what it cannot see; None where none was made.
 
@@ -261,7 +254,7 @@ def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
     found = part_of(summary, "tests")
     calm: list[tuple[str, ...]] = []
     others: list[tuple[str, ...]] = []
-    for name, (label, blind) in _TESTS.items():
+    for name, (label, blind) in TESTS.items():
         if (test := found.get(name)) is not None:
             status = VerdictStatus(test["status"])
             row = (label, status, format_p_value(test.get("p_value")), "; ".join(test["reasons"]), blind)

@@ -101,7 +101,7 @@ def write_run_page(folder: Path, run: Run, recording: Recording, summary: Mappin
         last_pose=describe_last_pose(summary.get("last_pose")),
         ground_truth=_describe_errors(part_of(summary, "evaluation")),
     )
-    notes = (*recording.notes, *list_sensor_notes(summary))
+    notes = (*recording.notes, *list_sensor_notes({**summary, "psi": None}))  # psi of a whole map may prefer the wrong one
     settings = dump_yaml(set_doppler_beta(run.config, run.doppler_beta))
     page = Page(recording.path.resolve().name, summary, settings, facts=facts, notes=notes)
     truth = _align_truth(run.optimised, recording.ground_truth)
@@ -474,7 +474,7 @@ def _list_numbers(run: Run, summary: Mapping[str, Any]) -> Section:
 
 def _list_quality(run: Run, psi: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Returns what the map was before optimisation and is after it."""
-    across, matched = ([psi.get(f"{key}_{when}") for when in ("odometry", "optimised")] for key in ("across_passes", "matched"))
+    across, matched = ((psi.get(f"{key}_odometry"), psi.get(f"{key}_optimised")) for key in ("across_passes", "matched"))
     rows = [
         ("points matched", _show_change(map(format_matched, matched), format_change(*matched) if all(matched) else "")),
         ("points", _show_change([f"{len(pointmap):,}" for pointmap in (run.map_odometry, run.map_optimised)])),

@@ -375,5 +375,6 @@ def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> Non
     dataset, trajectory = summary["dataset"], summary["trajectory"]
     under = "" if trajectory is None else f" under {trajectory}"
     title = f"mqslam {summary['mqslam_version']}: audit of {dataset['path']} ({dataset['format']}){under}"
-    write_text(folder / "run.log", format_log(title, [*list_notes(summary, summary.get("notes", ())), *list_verdict(summary)]))
+    lines = [*list_notes(summary, summary.get("notes", ())), *list_verdict(summary)]
+    write_text(folder / "run.log", format_log(title, lines))
     write_json(folder / "audit.json", summary)

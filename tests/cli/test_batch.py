@@ -69,7 +69,7 @@ def test_every_run_that_can_be_is_done_and_its_files_are_those_of_a_run(work: Pa
 def test_the_numbers_of_all_runs_stand_together(work: Path) -> None:
     summary = json.loads((work / "out" / "batch.json").read_text())
     runs = {run["name"]: run for run in summary["runs"]}
-    assert list(runs)[0] == "gone" and set(runs) == {"gone", *NAMES}
+    assert next(iter(runs)) == "gone" and set(runs) == {"gone", *NAMES}
     assert summary["counts"]["failed"] == 1 and sum(summary["counts"].values()) == 4 and summary["kept"] == 0
     assert "does not exist" in runs["gone"]["failure"] and runs["gone"]["verdict"] is None
     for name in NAMES:

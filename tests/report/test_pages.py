@@ -125,11 +125,11 @@ def test_a_page_says_when_and_by_which_command_it_was_made(tmp_path: Path) -> No
     for name in ("run", "audit"):
         folder = tmp_path / name
         folder.mkdir()
-        lines = ("mqslam 9.8.7", "finished: 2026-11-28 14:31:14 UTC", f"command: mqslam {name} <drive> --range-resolution 0.06")
-        (folder / "run.log").write_text("\n".join(lines) + "\nnote: command: none\n")
+        lines = ("mqslam 9.8.7", "finished: 2026-11-28 14:31:14 UTC", f"command: mqslam {name} <drive>", "command: none")
+        (folder / "run.log").write_text("\n".join(lines))
         assert WRITERS[name](folder) == []
         page, text = (folder / "report.html").read_text(), text_of(folder)
-        assert f"mqslam {name} &lt;drive&gt; " in page and "command: none" not in text
+        assert f"mqslam {name} &lt;drive&gt;" in page and "command\nnone" not in text
         assert text.index("/data/<run>") < text.index("finished\n2026-11-28 14:31:14 UTC") < text.index("\nwarn\n")
 
 
