@@ -315,6 +315,6 @@ def _list_measures(audit: Audit) -> list[tuple[str, str]]:
     for label, unit, values in measured:
         known = [value for value in values if np.isfinite(value)]
         quantiles = np.quantile(known, [0.05, 0.5, 0.95]).tolist() if known else [None] * 3
-        low, median, high = (format_value(quantile, unit) for quantile in quantiles)
-        rows.append((label, f"{median} ({low} to {high})"))
+        low, median, high = quantiles
+        rows.append((label, f"{format_value(median, unit)} ({format_value(low)} to {format_value(high)})"))
     return rows

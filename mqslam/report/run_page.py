@@ -131,8 +131,8 @@ def _describe_errors(errors: Mapping[str, Any]) -> str:
     return f"{format_value(errors.get('ate_rmse_m'), ' m')} off (ATE, RMSE){drift}; no part of the verdict" if errors else ""
 
 
-def _show_verdict(run: Run) -> Section | None:
-    """Returns the optimised map with what its judgement found; None where there is no map."""
+def _show_verdict(run: Run) -> Section:
+    """Returns the optimised map with what its judgement found."""
     track = run.optimised
     times, path = track.seconds(int(track.stamps_us[0])), track.poses[:, :2]
     picture = draw_heat_map(run.map_optimised.points, path, times, run.checked, opaque=False)

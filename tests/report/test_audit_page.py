@@ -86,7 +86,7 @@ def test_an_undecided_window_is_not_said_to_be_whole(tmp_path: Path) -> None:
 
 def test_measures_of_windows_without_a_value_leave_the_others(pages: dict[str, Path]) -> None:
     text = text_of(pages["audit"])
-    assert "joint less separate entropy\n0.2 nat (0.2 nat to 0.2 nat)" in text
+    assert "joint less separate entropy\n0.2 nat (0.2 to 0.2)" in text
     assert "mean plane variance\n0.07 m²" in text
     assert "yaw\n0.0573 °/m\nyaw, sigma\n0.00573 °/m" in text
 
