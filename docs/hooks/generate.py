@@ -15,6 +15,7 @@ from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
+from mqslam.auditing.table import TESTS
 from mqslam.config import Config
 
 
@@ -60,3 +61,42 @@ def on_page_content(content: str, **_: Any) -> str:
         return f'<{match[1]} class="arithmatex">{convert(html.unescape(match[3]).strip(), display=display)}</{match[1]}>'
 
     return re.sub(r'<(div|span) class="arithmatex">\\([\[(])(.*?)\\[\])]</\1>', set_equation, content, flags=re.DOTALL)
+
+
+def describe_verdict() -> str:
+    """Returns the page about the verdict: what it says, and the table of its tests."""
+    rows = []
+    for test in TESTS:
+        name = f"{test.name} (runs only)" if test.of_run else test.name
+        cells = name, test.compares, test.describe_tolerance(Config().audit), test.blind
+        rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join([_VERDICT, *rows, "", _AFTER_TABLE])
+
+
+_VERDICT = """# The verdict
+
+The verdict on a map is `pass`, `warn`, `fail` or `not judged`. An audit and a run take the same tests, without ground
+truth: each compares parts of the map with each other, or with what another sensor says, and tells how far they are
+off, in metres and degrees.
+
+1. The first line is the *diagnosis*: what is most likely wrong and what mends it, or how many tests found no fault. A
+   fault that explains others comes first: late stamps tear windows, so that the stamps are named and not the windows.
+2. After it comes what each test found, how much and where. `fail` comes before `warn`; tests that found nothing stay
+   silent.
+3. The last lines say what could *not* be judged, and the largest error that could hide there.
+
+A fault counts only if it is larger than chance explains *and* larger than its tolerance. `--tolerance METRES` scales
+those of windows, shaking, steps, spans, sums and revisits in proportion; they are given here for the default, 0.5 m
+between two passes. Chance calls one good map in a hundred bad (`--false-alarms`): that rate is shared by all tests
+with a p-value. Where a test looks at shares (of windows, of revisits), `fail` takes 95 % confidence that the share is
+above its bound, and too few places are `not judged`.
+
+| test | what it compares | what it tolerates | what it cannot see |
+|---|---|---|---|"""
+
+_AFTER_TABLE = """*Final psi* is how far psi is above the best that the same returns can have, over windows and
+across passes: 1.00 is as crisp as they can be. psi per point of a whole map is not part of the verdict, since
+it can prefer the wrong map.
+[The tests of a map](map-tests.md) says how each test works. `audit.json` and `summary.json` hold the diagnosis, the
+reasons, and each test's verdict and p-value.
+"""

@@ -14,10 +14,21 @@ from mqslam.auditing.sizes import STEP_FEWEST, STEP_SCANS, WINDOW
 from mqslam.auditing.spans.delay import Delay
 from mqslam.auditing.spans.lever import Lever
 from mqslam.auditing.spans.pooled import Pooled
-from mqslam.auditing.spans.sums import TORN_RAD, SumAudit, find_bends
+from mqslam.auditing.spans.sums import LENGTHS_M, SumAudit, find_bends
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.steps import StepAudit
-from mqslam.auditing.verdict import WINDOWS_FAIL, WINDOWS_WARN, Finding, Share, VerdictStatus
+from mqslam.auditing.table import (
+    DELAY_WARN_S,
+    LEVER_WARN,
+    SCALE_WARN,
+    TURN_WARN,
+    share_of_false_alarms,
+    tolerate_row,
+    tolerate_span,
+    tolerate_step,
+    tolerate_sum,
+)
+from mqslam.auditing.verdict import WINDOWS_FAIL, WINDOWS_WARN, Cause, Finding, Share, VerdictStatus
 from mqslam.auditing.windows.windows import Undecided, WindowAudit, share_torn
 from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core import se2
@@ -25,21 +36,12 @@ from mqslam.core.statistics import correct_for_places, find_smallest
 from mqslam.core.wording import count_of, is_or_are, left_or_right
 from mqslam.errors import Remedy
 
-# Distances or directions that are off by a larger share than this are worth a look [m/m].
-SCALE_WARN = 0.002
-
 # A map with a larger share of torn revisits than this is worth a look; a few may be places that only look alike.
 _REVISITS_WARN = 0.02
 # A larger share of torn revisits than this shows that the whole map drifts.
 _REVISITS_FAIL = 0.1
-# So many successive revisits that agree on an offset of this [m] in the mean show that one pass lies beside the other.
-_ROW, _BESIDE_M = 3, 0.2
-# A sensor that sits farther from where the trajectory has it than this is worth a look [m].
-_LEVER_WARN = 0.05
-# A yaw that drifts by more than this is worth a look [rad/m]: 0.05 degrees in 100 m.
-_TURN_WARN = 8.7e-6
-# A trajectory whose stamps are late or early by more than this is worth a look [s].
-_DELAY_WARN_S = 0.01
+# So many successive revisits that agree on an offset show that one pass lies beside the other.
+_ROW = 3
 # A window in which a smaller share of points than this is seen twice does not overlap, so that psi cannot judge it.
 LEAST_MATCHED = 0.15
 # With a larger share than this of windows that do not overlap, a map is useless as a whole.
@@ -69,7 +71,11 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int) -> list[Finding]:
         reason += f", which is no evidence of more than {WINDOWS_WARN:.0%}"
     if 0 < torn.total < len(windows):
         reason += f", {len(windows) - torn.total} undecided"
-    findings = [Finding(status, reason, p_value=find_smallest(window.p_value for window in windows))]
+    p_value = find_smallest(window.p_value for window in windows)
+    worst = max((window for window in windows if window.torn), key=lambda window: window.bend.size_m, default=None)
+    if worst is not None:
+        reason += f", the worst by {worst.bend.size_m:.2f} m from {worst.t0:.1f} s to {worst.t1:.1f} s"
+    findings = [Finding(status, reason, p_value=p_value)]
     blind = Share(sum(w.undecided is Undecided.APART for w in windows), len(windows))
     if blind.is_above(WINDOWS_FAIL):
         reason = f"{blind.count} of {count_of(blind.total, 'window')} {is_or_are(blind.count)} undecided: {Undecided.APART}"
@@ -78,7 +84,9 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int) -> list[Finding]:
     apart = Share(sum(w.bend.matched < LEAST_MATCHED for w in known), len(known))
     if apart.is_above(_APART_FAIL):
         matched = float(np.median([w.bend.matched for w in known]))
-        findings.append(Finding(VerdictStatus.FAIL, f"only {matched:.0%} of the points are seen twice: nothing overlaps"))
+        reason = f"only {matched:.0%} of the points are seen twice"
+        explanation = "the poses belong to another recording or are far off, since nothing overlaps"
+        findings.append(Finding(VerdictStatus.FAIL, reason, cause=Cause.RECORDING, explanation=explanation))
     return findings
 
 
@@ -95,27 +103,31 @@ def judge_steps(
     """
     p_value = find_smallest(step.p_value for step in steps if step.judged)
     if jumps:
-        worst = max(jumps, key=lambda step: step.laid.size_m)
+        worst = max(jumps, key=lambda step: step.registration.size_m)
         others = f" and at {count_of(len(jumps) - 1, 'other place')}" if len(jumps) > 1 else ""
         reason = f"the map {_describe_jump(worst)} at {worst.t:.1f} s{others}"
-        status = VerdictStatus.FAIL if worst.laid.size_m > settings.torn_m else VerdictStatus.WARN
-        return Finding(status, reason, p_value=p_value)
+        status = VerdictStatus.FAIL if worst.registration.size_m > settings.torn_m else VerdictStatus.WARN
+        explanation = f"the trajectory {_describe_jump(worst)} in a single step at {worst.t:.1f} s"
+        if len(jumps) > 1:
+            explanation = f"the trajectory jumps at {len(jumps)} places, the farthest at {worst.t:.1f} s"
+        return Finding(status, reason, p_value=p_value, cause=Cause.JUMP, explanation=explanation)
     bumps = [step for step in steps if _is_bump(step, settings, limits)]
     if bumps:
-        worst = max(bumps, key=lambda step: step.laid.size_m)
-        reason = f"a few scans around {worst.t:.1f} s lie {worst.laid.size_m:.2f} m off those before and after them"
-        return Finding(VerdictStatus.WARN, reason, p_value=p_value)
-    shown = [step for step in steps if step.judged and step.laid.doubt_m <= settings.jump_m]
+        worst = max(bumps, key=lambda step: step.registration.size_m)
+        reason = f"a few scans around {worst.t:.1f} s lie {worst.registration.size_m:.2f} m off those before and after them"
+        return Finding(VerdictStatus.WARN, reason, p_value=p_value, cause=Cause.JUMP, explanation=reason)
+    shown = [step for step in steps if step.judged and step.registration.doubt_m <= settings.jump_m]
     if len(shown) < STEP_FEWEST:
-        reason = "too few steps could be measured to see a jump of the trajectory"
+        reason = f"jumps: too few steps could be measured, so that one of up to {settings.torn_m:g} m could hide"
         return Finding(VerdictStatus.PASS, reason, judged=False)
-    reason = f"no jump of up to {settings.search_m:g} m at any of {count_of(len(shown), 'step')}"
+    tolerated_m, _ = tolerate_step(settings)
+    reason = f"no jump of more than {tolerated_m:g} m at any of {count_of(len(shown), 'step')}"
     return Finding(VerdictStatus.PASS, reason, p_value=find_smallest(step.p_value for step in shown))
 
 
 def _describe_jump(step: StepAudit) -> str:
     """Returns what a step does to a map, in words: most of what moves points may be a turn."""
-    offset, size_m = step.laid.offset, step.laid.size_m
+    offset, size_m = step.registration.offset, step.registration.size_m
     moved_m = float(np.hypot(offset[0], offset[1]))
     if moved_m > 0.5 * size_m:
         return f"jumps by {size_m:.2f} m"
@@ -126,13 +138,15 @@ def _describe_jump(step: StepAudit) -> str:
 
 def _is_bump(step: StepAudit, settings: AuditConfig, limits: VerdictConfig) -> bool:
     """Returns whether a few scans are off alone, by twice what a lasting jump may be off by."""
-    is_large = step.laid.size_m > max(2.0 * settings.jump_m, step.laid.doubt_m)
+    is_large = step.registration.size_m > max(2.0 * settings.jump_m, step.registration.doubt_m)
     return is_large and not step.lasts and _fits_better_moved(step, limits)
 
 
 def _fits_better_moved(step: StepAudit, limits: VerdictConfig) -> bool:
     """Returns whether the sides of a step fit better once they are moved, by more than chance explains."""
-    return step.judged and step.p_value < limits.share_of_false_alarms and step.laid.psi_best < step.laid.psi
+    return (
+        step.judged and step.p_value < share_of_false_alarms(limits) and step.registration.psi_best < step.registration.psi
+    )
 
 
 def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> list[StepAudit]:
@@ -150,18 +164,18 @@ def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: V
     """
 
     def is_off(step: StepAudit) -> bool:
-        laid = step.laid
-        if laid.doubt_m > settings.jump_m:  # what interpolation is off by is gone at the next pose
-            is_large = step.lasts and laid.size_m > laid.doubt_m
+        registration = step.registration
+        if registration.doubt_m > settings.jump_m:  # what interpolation is off by is gone at the next pose
+            is_large = step.lasts and registration.size_m > registration.doubt_m
         else:
-            is_large = laid.size_m > (settings.jump_m if step.lasts else settings.torn_m)
+            is_large = registration.size_m > (settings.jump_m if step.lasts else settings.torn_m)
         return is_large and _fits_better_moved(step, limits)
 
     off = [step for step in steps if is_off(step)]
     jumps: list[StepAudit] = []
     for step in off:
-        if jumps and step.laid.later - jumps[-1].laid.later <= 2 * STEP_SCANS:  # they share scans
-            jumps[-1] = min(jumps[-1], step, key=lambda s: s.laid.psi_best)
+        if jumps and step.registration.later - jumps[-1].registration.later <= 2 * STEP_SCANS:  # they share scans
+            jumps[-1] = min(jumps[-1], step, key=lambda s: s.registration.psi_best)
         else:
             jumps.append(step)
     return jumps
@@ -185,7 +199,10 @@ def judge_pooled(
         time_offset_s: what was added to the trajectory's stamps as it was given; None where it cannot be chosen.
     """
     if pooled is None:
-        reason = "too few places that far apart see the same to show whether the scale is right"
+        reason = (
+            "scale, mount and stamps: too few places some path apart see the same, so that any scale could hide that "
+            "odometry does not contradict"
+        )
         return Finding(VerdictStatus.PASS, reason, judged=False)
     biases = find_biases(pooled, limits)
     wishes = [_WISHES[axis](float(pooled.bias[axis]), float(pooled.sigma[axis])) for axis in biases]
@@ -201,13 +218,18 @@ def judge_pooled(
     if not reasons:
         reason = "scale (against the sensor's own ranges), direction of travel and yaw rate fit what the sensor sees"
         return Finding(VerdictStatus.PASS, reason, p_value=p_value)
-    reason = ", and ".join(reasons)
+    cause = Cause.STAMPS if delay is not None else Cause.MOUNT if lever is not None or _SIDE in biases else Cause.SCALE
+    if cause is Cause.SCALE and biases == [_YAW]:
+        cause = Cause.DRIFT
+    mends_mount = mends_stamps = ""
     if (_SIDE in biases or lever is not None) and extrinsics is not None:
         turned = float(-find_bias(pooled, limits)[_SIDE])
-        reason += f"; {Remedy.GIVE_EXTRINSICS} {_name_extrinsics(extrinsics, turned, lever)}"
+        mends_mount = f"; {Remedy.GIVE_EXTRINSICS} {_name_extrinsics(extrinsics, turned, lever)}"
     if delay is not None and time_offset_s is not None:
-        reason += f"; {Remedy.GIVE_TIME_OFFSET} {time_offset_s - delay.seconds:.3f}"
-    return Finding(VerdictStatus.WARN, reason, p_value=p_value)
+        mends_stamps = f"; {Remedy.GIVE_TIME_OFFSET} {time_offset_s - delay.seconds:.3f}"
+    explanation = f"{reasons[-1]}{mends_stamps}" if delay is not None else f"{' and '.join(reasons)}{mends_mount}"
+    reason = f"{', and '.join(reasons)}{mends_mount}{mends_stamps}"
+    return Finding(VerdictStatus.WARN, reason, p_value=p_value, cause=cause, explanation=explanation)
 
 
 def find_lever(pooled: Pooled, limits: VerdictConfig) -> Lever | None:
@@ -215,14 +237,14 @@ def find_lever(pooled: Pooled, limits: VerdictConfig) -> Lever | None:
     lever = pooled.lever
     if lever is None:
         return None
-    found = (np.abs(lever.arm) > _LEVER_WARN) & (lever.p_value < limits.share_of_false_alarms)
+    found = (np.abs(lever.arm) > LEVER_WARN) & (lever.p_value < share_of_false_alarms(limits))
     return lever if found.any() else None
 
 
 def find_delay(pooled: Pooled, limits: VerdictConfig) -> Delay | None:
     """Returns how late all of a map asks for the stamps of its trajectory to be, or None if that is tolerated."""
     delay = pooled.delay
-    found = abs(delay.seconds) > _DELAY_WARN_S and delay.p_value < limits.share_of_false_alarms
+    found = abs(delay.seconds) > DELAY_WARN_S and delay.p_value < share_of_false_alarms(limits)
     return delay if found else None
 
 
@@ -236,8 +258,8 @@ def _name_extrinsics(given: se2.Array, turned: float, lever: Lever | None) -> st
 
 def find_biases(pooled: Pooled, limits: VerdictConfig) -> list[int]:
     """Returns the axes (forward 0, left 1, yaw 2) along which all of a map asks for a correction that is worth a look."""
-    largest = (SCALE_WARN, SCALE_WARN, _TURN_WARN)
-    found = (np.abs(pooled.bias) > largest) & (pooled.p_value < limits.share_of_false_alarms)
+    largest = (SCALE_WARN, SCALE_WARN, TURN_WARN)
+    found = (np.abs(pooled.bias) > largest) & (pooled.p_value < share_of_false_alarms(limits))
     return np.flatnonzero(found).tolist()
 
 
@@ -277,61 +299,90 @@ def _wish_stamps(delay: Delay) -> str:
 
 
 _WISHES: Final = (_wish_length, _wish_side, _wish_turn)  # what is asked for forward, to the side and in yaw, in words
-_SIDE: Final = 1  # index of that to the side
+_SIDE, _YAW = 1, 2  # indices of those to the side and in yaw
 
 
-def judge_spans(spans: Sequence[SpanAudit]) -> Finding:
-    """Returns what single spans of a map say about it; they have the limits of windows."""
+def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: VerdictConfig) -> Finding:
+    """Returns what single spans of a map say about it; they have the limits of windows.
+
+    Args:
+        spans: of the map.
+        settings: of the audit, which say what is tolerated.
+        limits: of the verdict.
+    """
+    tolerated_m, _ = tolerate_span(settings)
     judged = [span for span in spans if np.isfinite(span.p_value)]
     if not judged:
-        reason = "too few places some path apart see the same to show a stretch that is off"
+        why = "too few places some path apart see the same"
+        reason = f"stretches of path: {why}, so that one could be off by what windows tolerate each"
         return Finding(VerdictStatus.PASS, reason, judged=False)
     p_value = find_smallest(span.p_value for span in judged)
-    usual_m = float(np.median([span.laid.path_m for span in judged]))
+    usual_m = float(np.median([span.registration.path_m for span in judged]))
     all_spans = f"{count_of(len(judged), 'span')} of {usual_m:.0f} m of path"
     torn = [span for span in judged if span.torn]
     if not torn:
-        return Finding(VerdictStatus.PASS, f"none of {all_spans} is off by more than chance explains", p_value=p_value)
-    worst = max(torn, key=lambda span: span.distance_m)
+        off = sum(span.p_value < share_of_false_alarms(limits) for span in judged)
+        reason = f"none of {all_spans} is off by more than chance explains"
+        if off:
+            each = f"more than chance explains, each by less than the {tolerated_m:.2g} m that {is_or_are(1)} tolerated"
+            reason = f"{off} of {all_spans} {is_or_are(off)} off by {each}"
+        return Finding(VerdictStatus.PASS, reason, p_value=p_value)
+    worst = max(torn, key=lambda span: span.size_m)
     reason = f"{len(torn)} of {all_spans} {is_or_are(len(torn))} off, the worst {_describe_span(worst)}"
     fails = Share(len(torn), len(judged)).is_above(WINDOWS_FAIL)
-    return Finding(VerdictStatus.FAIL if fails else VerdictStatus.WARN, reason, p_value=p_value)
+    explanation = f"the trajectory is bent or stretched: {reason}"
+    status = VerdictStatus.FAIL if fails else VerdictStatus.WARN
+    return Finding(status, reason, p_value=p_value, cause=Cause.DRIFT, explanation=explanation)
 
 
 def _describe_span(span: SpanAudit) -> str:
     """Returns by how much and where a span is off, in words."""
     where = f"from {span.t0:.1f} s to {span.t1:.1f} s"
+    if span.distance_m < np.sqrt(0.5) * span.size_m:
+        turn = f"{np.degrees(abs(span.offset[2])):.1f} deg to the {left_or_right(-span.offset[2])}"
+        return f"turned by {turn} {where}, which moves points by {span.size_m:.2f} m"
     if abs(span.forward_m) < np.sqrt(0.5) * span.distance_m:
         return f"by {span.distance_m:.2f} m to the side {where}"
     return f"{abs(span.forward_m):.2f} m too {'short' if span.forward_m > 0.0 else 'long'} {where}"
 
 
-def judge_sums(sums: Sequence[SumAudit], path_m: float) -> Finding:
+def judge_sums(sums: Sequence[SumAudit], path_m: float, settings: AuditConfig, limits: VerdictConfig) -> Finding:
     """Returns what spans say about a map once they are added up; they have the limits of windows, by path.
 
     Args:
         sums: of successive spans.
         path_m: length of the path [m].
+        settings: of the audit, which say what is tolerated.
+        limits: of the verdict.
     """
     if not sums:
-        reason = "too few spans follow each other to show a bend that is spread over a long stretch"
+        each_m, _ = tolerate_span(settings)
+        reason = f"bends: too few spans follow each other, so that one of up to {each_m:.2g} m in each span could hide"
         return Finding(VerdictStatus.PASS, reason, judged=False)
+    tolerated_m, tolerated_rad = tolerate_sum(settings)
     p_value = find_smallest(one.p_value for one in sums)
     bends = find_bends(sums)
     if not bends:
-        reason = f"no stretch of {min(s.path_m for s in sums):.0f} to {max(s.path_m for s in sums):.0f} m is bent"
+        lengths = f"{min(one.path_m for one in sums):.0f} to {max(one.path_m for one in sums):.0f} m"
+        most = f"more than {tolerated_m:.2g} m or {np.degrees(tolerated_rad):.2g} deg"
+        reason = f"no stretch of {lengths} is off by {most}"
+        off = sum(one.p_value < share_of_false_alarms(limits) for one in sums)
+        if off:
+            some = f"{off} of {len(sums)} stretches of {lengths} {is_or_are(off)}"
+            reason = f"{some} off by more than chance explains, none by {most}"
         return Finding(VerdictStatus.PASS, reason, p_value=p_value)
     worst = min(bends, key=lambda one: one.p_value)
     others = f", and it is bent at {count_of(len(bends) - 1, 'other place')}" if len(bends) > 1 else ""
     fails = sum(one.path_m for one in bends) > WINDOWS_FAIL * path_m
     status = VerdictStatus.FAIL if fails else VerdictStatus.WARN
-    return Finding(status, f"the trajectory {_describe_sum(worst)}{others}", p_value=p_value)
+    reason = f"the trajectory {_describe_sum(worst, tolerated_rad)}{others}"
+    return Finding(status, reason, p_value=p_value, cause=Cause.DRIFT, explanation=reason)
 
 
-def _describe_sum(one: SumAudit) -> str:
+def _describe_sum(one: SumAudit, tolerated_rad: float) -> str:
     """Returns by how much and where a long stretch is off, in words."""
     where = f"over {one.path_m:.0f} m from {one.t0:.1f} s to {one.t1:.1f} s"
-    if abs(one.offset[2]) > TORN_RAD:
+    if abs(one.offset[2]) > tolerated_rad:
         turn = f"{np.degrees(abs(one.offset[2])):.1f} deg (± {np.degrees(np.sqrt(one.covariance[2, 2])):.1f})"
         side = left_or_right(-one.offset[2])
         return f"turns by {turn} too far to the {side} {where}, whose end is off by {one.distance_m:.2f} m"
@@ -347,24 +398,30 @@ def judge_locally(windows: Sequence[WindowAudit]) -> Finding:
     return Finding(VerdictStatus.NOT_JUDGED, reason)
 
 
-def judge_revisits(revisits: Sequence[RevisitAudit], limits: VerdictConfig) -> Finding:
+def judge_revisits(
+    revisits: Sequence[RevisitAudit], settings: AuditConfig, limits: VerdictConfig, path_m: float | None = None
+) -> Finding:
     """Returns what the revisits of a map say about it. A map passes without any: many a drive comes back to no place.
 
     Args:
         revisits: of the map, in the order of time.
+        settings: of the audit, which say what is tolerated.
         limits: of the verdict.
+        path_m: length of the path whose sums of spans show no more than is tolerated [m]; None where they were not judged.
     """
     sure = [r for r in revisits if r.revisit.sure]
     if not sure:
-        return Finding(VerdictStatus.PASS, _explain_no_revisit(revisits), judged=False)
+        return Finding(VerdictStatus.PASS, _explain_no_revisit(revisits, settings, path_m), judged=False)
     off, excused = [r for r in sure if r.torn], [r for r in sure if r.excused]
     p_value = find_smallest(r.p_value for r in sure)
     reason = f"{len(off)} of {count_of(len(sure), 'revisit')} {is_or_are(len(off))} torn"
-    status = VerdictStatus.PASS
+    status, explanation = VerdictStatus.PASS, ""
     if off:
-        reason += f", by up to {max(r.revisit.distance_m for r in off):.2f} m"
+        worst = max(off, key=lambda one: one.revisit.distance_m)
+        reason += f", by up to {worst.revisit.distance_m:.2f} m"
         if any(r.stated_covariance is not None for r in off):
             reason += ", beyond what the trajectory claims to know"
+        explanation = f"the trajectory drifts: two passes of a place lie {worst.revisit.distance_m:.2f} m apart"
         torn = Share(len(off), len(sure))
         status = torn.judge(_REVISITS_WARN, _REVISITS_FAIL)
         # one torn revisit alone may be of two places that look alike
@@ -372,28 +429,34 @@ def judge_revisits(revisits: Sequence[RevisitAudit], limits: VerdictConfig) -> F
             status = VerdictStatus.WARN
         if status is VerdictStatus.NOT_JUDGED:
             reason += f", too few to judge drift by: the share of torn ones may be {torn.describe_range()}"
-    beside = _find_beside(sure, limits)
+    beside = _find_beside(sure, settings, limits)
     if beside:
-        reason += (
-            f", and {count_of(len(beside), 'revisit')} in a row agree on {_measure_mean(beside):.2f} m between their passes"
-        )
+        row = f"{count_of(len(beside), 'revisit')} in a row agree on {_measure_mean(beside):.2f} m between their passes"
+        reason += f", and {row}"
+        explanation = explanation or f"one pass lies beside the other: {row}"
         status = VerdictStatus.WARN if status in (VerdictStatus.PASS, VerdictStatus.NOT_JUDGED) else status
+    elif not off:
+        some = sum(one.p_value < share_of_false_alarms(limits) for one in sure)
+        if some:
+            reason += f"; {some} {is_or_are(some)} off by more than chance explains, each by less than is tolerated"
     if excused:
         farthest = max(r.revisit.distance_m for r in excused)
         reason += f", and the passes of {len(excused)} lie up to {farthest:.2f} m apart, as the trajectory says they may"
         if status is VerdictStatus.PASS and Share(len(excused), len(sure)).is_above(_REVISITS_WARN):
             status = VerdictStatus.WARN
-    return Finding(status, reason, p_value=p_value)
+            explanation = f"the trajectory drifts, as it says itself: passes lie up to {farthest:.2f} m apart"
+    cause = Cause.PASSES if explanation else None
+    return Finding(status, reason, p_value=p_value, cause=cause, explanation=explanation)
 
 
-def _find_beside(sure: Sequence[RevisitAudit], limits: VerdictConfig) -> list[RevisitAudit]:
+def _find_beside(sure: Sequence[RevisitAudit], settings: AuditConfig, limits: VerdictConfig) -> list[RevisitAudit]:
     """Returns the longest row of revisits whose passes lie beside each other alike, by more than chance explains."""
     rows = [
         list(row)
-        for off, row in itertools.groupby(sure, lambda one: bool(one.p_value < limits.share_of_false_alarms))
+        for off, row in itertools.groupby(sure, lambda one: bool(one.p_value < share_of_false_alarms(limits)))
         if off
     ]
-    rows = [row for row in rows if len(row) >= _ROW and _measure_mean(row) > _BESIDE_M]
+    rows = [row for row in rows if len(row) >= _ROW and _measure_mean(row) > tolerate_row(settings)]
     return max(rows, key=len, default=[])
 
 
@@ -402,8 +465,13 @@ def _measure_mean(row: Sequence[RevisitAudit]) -> float:
     return float(np.hypot(*np.mean([one.revisit.offset[:2] for one in row], axis=0)))
 
 
-def _explain_no_revisit(revisits: Sequence[RevisitAudit]) -> str:
-    """Returns why no revisit shows the map's drift."""
+def _explain_no_revisit(revisits: Sequence[RevisitAudit], settings: AuditConfig, path_m: float | None) -> str:
+    """Returns why no revisit shows the map's drift, and how much of it could hide."""
+    why = "no place is passed twice"
     if revisits:
-        return f"none of {count_of(len(revisits), 'revisit')} is sure enough to show its drift"
-    return "it comes back to no place that would show its drift"
+        why = f"none of {count_of(len(revisits), 'revisit')} is sure enough to show it"
+    if path_m is None:
+        return f"drift: {why}, so that any could hide"
+    metres, radians = tolerate_sum(settings)
+    parts = max(path_m / LENGTHS_M[-1], 1.0)
+    return f"drift: {why}, so that up to {parts * metres + 0.5 * path_m * parts * radians:.0f} m at the end could hide"

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.spans.sums import TORN_RAD
+from mqslam.auditing.verdict import Cause, Finding, VerdictStatus
 from mqslam.backend.sensors.calibration import FEWEST_MOTIONS, SCALE_TOLERANCE, TOLD_SIGMAS
 from mqslam.backend.sensors.gyroscope import (
     DELAY_TOLERANCE_S,
@@ -27,6 +27,8 @@ from mqslam.core.wording import left_or_right
 # Error of the scale that data sheets of cheap gyroscopes allow: an audit blames nothing on a smaller one.
 _LIKELY_SCALE = 0.03
 
+# A turn over a few scans that the gyroscope does not show is tolerated up to this [rad]: half a degree.
+_KINK_RAD: Final = 0.0087
 # Turns that exceed the usual difference over as many steps by this factor are a contradiction: a gyroscope's bias wanders.
 _KINK_SIGMAS: Final = 8.0
 # Numbers of steps over which turns are added up. What lasts longer may be the bias of the gyroscope.
@@ -93,6 +95,17 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory) 
     return GyroscopeCheck(source, f"the gyroscope ({source}) {outcome}", not faults, found.rotation, spread)
 
 
+def judge_gyroscope(check: GyroscopeCheck) -> Finding:
+    """Returns what a gyroscope says about a trajectory, as the finding of a test."""
+    if check.agrees is None:
+        return Finding(VerdictStatus.PASS, check.statement, judged=False)
+    if check.agrees:
+        return Finding(VerdictStatus.PASS, check.statement)
+    mirrored = check.rotation is not None and check.rotation.sign < 0.0
+    cause = Cause.MIRROR if mirrored else Cause.GYROSCOPE
+    return Finding(VerdictStatus.WARN, check.statement, cause=cause, explanation=check.statement)
+
+
 def _pick_stamps(scans_us: NDArray[np.int64], poses_us: NDArray[np.int64]) -> NDArray[np.int64]:
     """Returns the stamps [us] between which turns are compared: those of scans, or of poses that are sparser than these.
 
@@ -135,8 +148,8 @@ def _find_kink(times: NDArray[np.float64], residuals: NDArray[np.float64]) -> li
             break
         usual = SIGMAS_PER_DEVIATION * float(np.median(np.abs(off)))
         worst = int(np.argmax(np.abs(off)))
-        if abs(off[worst]) > max(TORN_RAD, _KINK_SIGMAS * usual):
-            kinks.append((abs(off[worst]) / (usual + TORN_RAD), float(off[worst]), times[worst], times[worst + steps]))
+        if abs(off[worst]) > max(_KINK_RAD, _KINK_SIGMAS * usual):
+            kinks.append((abs(off[worst]) / (usual + _KINK_RAD), float(off[worst]), times[worst], times[worst + steps]))
     if not kinks:
         return []
     _, turn, begin, end = max(kinks)

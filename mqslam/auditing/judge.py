@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
-from typing import TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import gtsam
 import numpy as np
@@ -25,11 +24,13 @@ from mqslam.auditing.findings import (
     judge_sums,
     judge_windows,
 )
-from mqslam.auditing.laying import Laid
+from mqslam.auditing.frame import Place, judge_frame, judge_readings
+from mqslam.auditing.gyroscope_check import GyroscopeCheck, judge_gyroscope
+from mqslam.auditing.registration import Registration
 from mqslam.auditing.revisits import RevisitAudit, audit_revisits, doubt_interpolated
 from mqslam.auditing.sizes import STEP_SCANS
 from mqslam.auditing.spans.delay import measure_twists
-from mqslam.auditing.spans.measured import lay_spans
+from mqslam.auditing.spans.measured import register_spans
 from mqslam.auditing.spans.pooled import Pooled, pool, predict_offsets
 from mqslam.auditing.spans.sums import SumAudit, audit_sums
 from mqslam.auditing.spans.torn import SpanAudit, audit_spans
@@ -43,8 +44,9 @@ from mqslam.auditing.speeds import (
 )
 from mqslam.auditing.steps import StepAudit, audit_steps
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
+from mqslam.auditing.table import apply_tolerance, share_of_false_alarms, sort_tests
 from mqslam.auditing.tracks import judge_doubt, judge_part, judge_track, mark_interpolated
-from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
+from mqslam.auditing.verdict import Finding, Verdict, verdict_of
 from mqslam.auditing.windows.shaking import judge_shaking
 from mqslam.auditing.windows.windows import Undecided, WindowAudit, audit_windows, state_p_values
 from mqslam.backend.marginals import GraphCovariances, RelativeCovariances
@@ -77,8 +79,7 @@ class Audit:
         pooled: what all of it asks for together; None where too few places show it, and for a cloud without a trajectory.
         revisits: places that the trajectory comes back to; none for a cloud without one.
         tests: what each test found, by its name.
-        status: the verdict.
-        reasons: why.
+        verdict: what they give together.
         capture: how wrong a trajectory may be for its windows to measure it.
     """
 
@@ -90,9 +91,41 @@ class Audit:
     pooled: Pooled | None
     revisits: list[RevisitAudit]
     tests: dict[str, list[Finding]]
-    status: VerdictStatus
-    reasons: list[str]
+    verdict: Verdict
     capture: CaptureRange
+
+    def compute_psi_over_best(self) -> float | None:
+        """Returns psi of the windows over the best that the same returns can have; None where no window was decided."""
+        decided = [window.bend for window in self.windows if window.undecided is None]
+        return _divide(sum(bend.psi for bend in decided), sum(bend.psi_best for bend in decided))
+
+    def compute_psi_over_best_of_passes(self) -> float | None:
+        """Returns psi across passes over the best that the same returns can have; None without a sure revisit."""
+        sure = [one.revisit for one in self.revisits if one.revisit.sure]
+        return _divide(sum(one.psi for one in sure), sum(one.psi_best for one in sure))
+
+
+class Known(NamedTuple):
+    """What is known of a trajectory besides its poses.
+
+    Args:
+        stated: how sure it is of itself, by the numbers of the sweeps; None where it does not say.
+        place: returns the points under other poses, so that other readings of the trajectory can be tried; None tries none.
+        turning: a gyroscope, held against it; None without one.
+    """
+
+    stated: RelativeCovariances | None = None
+    place: Place | None = None
+    turning: GyroscopeCheck | None = None
+
+
+UNKNOWN: Final = Known()
+"""Nothing is known of a trajectory besides its poses."""
+
+
+def _divide(psi: float, best: float) -> float | None:
+    """Returns psi over the best one, which may be lower only by how exactly it was found."""
+    return max(psi / best, 1.0) if best > 0.0 else None
 
 
 def audit(
@@ -103,7 +136,7 @@ def audit(
     engine: Engine,
     progress: Progress,
     sampled: int | None = None,
-    stated: RelativeCovariances | None = None,
+    known: Known = UNKNOWN,
 ) -> Audit:
     """Judges a map.
 
@@ -115,15 +148,16 @@ def audit(
         engine: where windows and revisits are judged; the result does not depend on it.
         progress: called as its parts are done.
         sampled: how many windows at most are judged, evenly spread; None takes all.
-        stated: how sure the trajectory is of itself, by the numbers of the sweeps; None where it does not say.
+        known: what is known of the trajectory besides.
     """
+    settings = apply_tolerance(settings, limits)
     windows = audit_windows(sweeps, settings, estimator, engine, progress, sampled)
     interpolated = _mark_interpolated(sweeps)
     middles = [(w.begin + w.end) // 2 - 1 for w in windows]
     speeds = check_speeds(sweeps, middles, ~interpolated, settings, estimator, engine, progress)
     capture = find_capture_range(sweeps.revolution_s, estimator)
     windows = state_p_values(_decide(windows, speeds, interpolated, capture))
-    steps = audit_steps(sweeps, ~interpolated, settings, estimator, limits, engine, progress)
+    steps = audit_steps(sweeps, ~interpolated, settings, estimator, share_of_false_alarms(limits), engine, progress)
     jumps = find_torn_steps(steps, settings, limits)
     track = sweeps.track
     tests = {
@@ -139,23 +173,25 @@ def audit(
     if track is None:
         tests["revisits"] = [judge_locally(windows)]
     else:
-        laid = lay_spans(sweeps, ~interpolated, settings, estimator, engine, progress)
+        registrations = register_spans(sweeps, ~interpolated, settings, estimator, engine, progress)
         twists = measure_twists(sweeps, STEP_SCANS)
-        pooled = pool(laid, twists)
-        spans = audit_spans(laid, _expect(laid, twists, pooled, limits), sweeps.times, limits)
-        sums = audit_sums(spans, sweeps, limits)
-        revisits = audit_revisits(sweeps, settings, estimator, limits, engine, progress, stated)
+        pooled = pool(registrations, twists)
+        spans = audit_spans(registrations, _expect(registrations, twists, pooled, limits), sweeps.times, settings, limits)
+        sums = audit_sums(spans, sweeps, settings, limits)
+        revisits = audit_revisits(sweeps, settings, estimator, limits, engine, progress, known.stated)
         revisits = doubt_interpolated(revisits, interpolated)
+        path_m = float(sweeps.travelled[-1])
         tests |= {
-            "spans": [judge_spans(spans)],
-            "sums": [judge_sums(sums, float(sweeps.travelled[-1]))],
+            "frame": _judge_frame(sweeps, windows, known.place, settings, estimator, engine),
+            "spans": [judge_spans(spans, settings, limits)],
+            "sums": [judge_sums(sums, path_m, settings, limits)],
             "pooled": [judge_pooled(pooled, limits, track.extrinsics, track.time_offset_s)],
             "shaking": [judge_shaking(sweeps, windows, settings, estimator, limits, engine)],
-            "revisits": [judge_revisits(revisits, limits)],
+            "revisits": [judge_revisits(revisits, settings, limits, path_m if sums else None)],
+            "sensors": [] if known.turning is None else [judge_gyroscope(known.turning)],
         }
-    tests = {name: findings for name, findings in tests.items() if findings}
-    verdict = verdict_of(chain.from_iterable(tests.values()))
-    return Audit(windows, steps, jumps, spans, sums, pooled, revisits, tests, *verdict, capture)
+    tests = sort_tests(tests)
+    return Audit(windows, steps, jumps, spans, sums, pooled, revisits, tests, verdict_of(tests), capture)
 
 
 def audit_trajectory(
@@ -178,11 +214,11 @@ def audit_trajectory(
     sweeps, inside = place_sweeps(scans, trajectory, beam)
     stated = None if optimum is None else GraphCovariances(*optimum, inside, sweeps.poses)
     sections = config.audit, config.estimator, config.verdict
-    return audit(sweeps, *sections, runner.engine, runner.progress, _SAMPLED_WINDOWS, stated)
+    return audit(sweeps, *sections, runner.engine, runner.progress, _SAMPLED_WINDOWS, Known(stated))
 
 
 def _expect(
-    spans: Sequence[Laid], twists: NDArray[np.float64], pooled: Pooled | None, limits: VerdictConfig
+    spans: Sequence[Registration], twists: NDArray[np.float64], pooled: Pooled | None, limits: VerdictConfig
 ) -> NDArray[np.float64]:
     """Returns the offsets (N, 3) of spans that the test of pooled corrections tells of already."""
     if pooled is None:
@@ -196,6 +232,21 @@ def _judge_trajectory(sweeps: Sweeps, settings: AuditConfig) -> list[Finding]:
         return []
     own = judge_track(sweeps.track, sweeps.times, sweeps.revolution_s, settings)
     return [*own, *judge_part(sweeps.track), *judge_doubt(sweeps.doubt_m, settings)]
+
+
+def _judge_frame(
+    sweeps: Sweeps,
+    windows: Sequence[WindowAudit],
+    place: Place | None,
+    settings: AuditConfig,
+    estimator: EstimatorConfig,
+    engine: Engine,
+) -> list[Finding]:
+    """Returns whether a trajectory is in the frame of its points, as far as there is a question of that."""
+    findings = [judge_frame(sweeps)] if sweeps.is_finished else []
+    if place is not None:
+        findings.append(judge_readings(sweeps, windows, place, settings, estimator, engine))
+    return findings
 
 
 def _mark_interpolated(sweeps: Sweeps) -> NDArray[np.bool_]:

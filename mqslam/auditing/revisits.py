@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from mqslam.auditing.laying import Laid, lay
+from mqslam.auditing.registration import Registration, register
 from mqslam.auditing.sizes import PROBABILITY, TORN_INFLATION
 from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.table import share_of_false_alarms
 from mqslam.auditing.verdict import Share
 from mqslam.backend.loops.passes import LATER_SHARE, find_passes, pick_around
 from mqslam.backend.loops.registration import TOLERANCES
@@ -154,9 +155,6 @@ def _chance_of_agreement(
     return min(limit * float(np.sqrt(np.linalg.det(covariance[:2, :2]))) / searched_m**2, 1.0)
 
 
-# Where the trajectory says how sure it is, two passes are torn if that and the measurement do not explain their offset,
-# unless it moves the points by less than this [m]. torn_m and torn_rad do not count then.
-_STATED_M = 0.1
 # A revisit is sure if the next best pose also scores worse by this many standard deviations of the difference of the two
 # scores, so that one of several places that look alike is not best by chance.
 _RIVAL_SIGMAS = 3.0
@@ -239,11 +237,13 @@ def audit_revisits(
     """
     pairs = find_revisit_pairs(sweeps, settings)
 
-    def report(number: int, laid: Laid | None) -> None:
+    def report(number: int, registration: Registration | None) -> None:
         progress("revisits", number, len(pairs))
 
-    laid = [one for one in engine.map(_lay_pair, (sweeps, settings, estimator), pairs, report) if one is not None]
-    return judge_laid(laid, sweeps, settings, estimator, limits, stated)
+    registrations = [
+        one for one in engine.map(_register_pair, (sweeps, settings, estimator), pairs, report) if one is not None
+    ]
+    return judge_registrations(registrations, sweeps, settings, estimator, limits, stated)
 
 
 def doubt_interpolated(revisits: Sequence[RevisitAudit], interpolated: NDArray[np.bool_]) -> list[RevisitAudit]:
@@ -261,8 +261,8 @@ def doubt_interpolated(revisits: Sequence[RevisitAudit], interpolated: NDArray[n
     ]
 
 
-def judge_laid(
-    laid: Sequence[Laid],
+def judge_registrations(
+    registrations: Sequence[Registration],
     sweeps: Sweeps,
     settings: AuditConfig,
     estimator: EstimatorConfig,
@@ -275,29 +275,29 @@ def judge_laid(
     between neighbouring revisits shows it: a drift of the whole trajectory, which is what revisits are there to find, moves
     neighbours alike.
     """
-    if not laid:
+    if not registrations:
         return []
-    measured, freedom = _measure_offsets(laid, sweeps, settings)
-    sure = np.array([one.unrivalled and not len(one.rivals) for one in laid])
+    measured, freedom = _measure_offsets(registrations, sweeps, settings)
+    sure = np.array([one.unrivalled and not len(one.rivals) for one in registrations])
     sure |= find_agreeing(
         measured,
-        np.array([one.observed for one in laid]),
-        [one.rivals for one in laid],
-        np.array([compute_reach(one.path_m, settings)[0] for one in laid]),
+        np.array([one.observed for one in registrations]),
+        [one.rivals for one in registrations],
+        np.array([compute_reach(one.path_m, settings)[0] for one in registrations]),
         settings.least_path_m,
         compute_same_m(estimator),
         PROBABILITY,
     )
-    known = stated.relate([(one.earlier, one.later) for one in laid]) if stated is not None else None
+    known = stated.relate([(one.earlier, one.later) for one in registrations]) if stated is not None else None
     total = measured if known is None else replace(measured, covariances=measured.covariances + known)
     inflations = total.inflations
-    p_values = np.full(len(laid), np.nan)
+    p_values = np.full(len(registrations), np.nan)
     if freedom > 0.0:
         p_values[sure] = compute_p_values(inflations[sure], freedom)
     p_values = correct_for_places(p_values)
-    chance = limits.share_of_false_alarms
+    chance = share_of_false_alarms(limits)
     audited = []
-    for k, one in enumerate(laid):
+    for k, one in enumerate(registrations):
         revisit = Revisit(
             earlier=one.earlier,
             later=one.later,
@@ -315,24 +315,24 @@ def judge_laid(
             continue
         torn = is_torn(revisit, settings)  # by the constants, where too few revisits give p-values
         if np.isfinite(p_value):
-            torn = p_value < chance and one.size_m > _STATED_M  # by what the trajectory claims to know
+            torn = p_value < chance and one.size_m > settings.jump_m  # by what the trajectory claims to know
         alone = is_torn(replace(revisit, inflation=float(measured.inflations[k])), settings)
         audited.append(RevisitAudit(revisit, torn, p_value, known[k], excused=alone and not torn))
     return audited
 
 
-def _measure_offsets(laid: Sequence[Laid], sweeps: Sweeps, settings: AuditConfig) -> tuple[Offsets, float]:
+def _measure_offsets(registrations: Sequence[Registration], sweeps: Sweeps, settings: AuditConfig) -> tuple[Offsets, float]:
     """Returns the offsets with covariances that fit their neighbours, and how many degrees of freedom these have.
 
     No covariance is made smaller. Without enough neighbours all stay as they are, and have no degree of freedom.
     """
     curvature = Offsets(
-        offsets=np.array([one.offset for one in laid]),
-        covariances=np.array([one.covariance for one in laid]) + np.diag(TOLERANCES**2),
-        poses=sweeps.poses[[one.later for one in laid]],
-        places=np.array([sweeps.travelled[[one.earlier, one.later]] for one in laid]),
+        offsets=np.array([one.offset for one in registrations]),
+        covariances=np.array([one.covariance for one in registrations]) + np.diag(TOLERANCES**2),
+        poses=sweeps.poses[[one.later for one in registrations]],
+        places=np.array([sweeps.travelled[[one.earlier, one.later]] for one in registrations]),
     )
-    known = curvature.take(np.array([one.observed for one in laid]))
+    known = curvature.take(np.array([one.observed for one in registrations]))
     squares = compare_neighbours(known, 2.0 * settings.submap_m, settings.least_path_m)
     if len(squares) < _REVISIT_FEWEST:
         return curvature, 0.0
@@ -365,12 +365,12 @@ def compute_reach(path_m: float, settings: AuditConfig) -> tuple[float, float]:
     return position_m, yaw
 
 
-def _lay_pair(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], pair: tuple[int, int]) -> Laid | None:
+def _register_pair(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], pair: tuple[int, int]) -> Registration | None:
     """Lays the later pass of a pair on the earlier one; returns None where either holds too few points."""
     sweeps, settings, estimator = shared
     earlier, later = pair
     reach = compute_reach(float(sweeps.travelled[later] - sweeps.travelled[earlier]), settings)
-    return lay(sweeps, pair, pick_passes(sweeps, earlier, later, settings), reach, settings, estimator, _RIVAL_SIGMAS)
+    return register(sweeps, pair, pick_passes(sweeps, earlier, later, settings), reach, settings, estimator, _RIVAL_SIGMAS)
 
 
 def is_torn(revisit: Revisit, settings: AuditConfig) -> bool:

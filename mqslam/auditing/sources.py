@@ -212,6 +212,7 @@ def divide_cloud(
         doubt_m=np.zeros(len(present)),  # whoever made the cloud has put its points where they are
         revolution_s=revolution_s,
         track=track,
+        is_finished=True,
     )
 
 

@@ -16,19 +16,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.laying import (
+from mqslam.auditing.registration import (
     SPEED_ERROR_MPS,
-    Laid,
+    Registration,
     ask_of_single_scans,
     compute_far_reach,
     fits_far_better,
-    lay,
     measure_span,
+    register,
 )
 from mqslam.auditing.sizes import WINDOW
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.tracks import Track, find_gaps
-from mqslam.auditing.verdict import WINDOWS_FAIL, WINDOWS_WARN, Finding, Share, VerdictStatus
+from mqslam.auditing.verdict import WINDOWS_FAIL, WINDOWS_WARN, Cause, Finding, Share, VerdictStatus
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
@@ -198,32 +198,39 @@ def _measure_claimed(gap: tuple[float, float], track: Track) -> float:
 def _measure_twist(shared: _Shared, begin: int) -> se2.Array | None:
     """Measures the mean twist from a sweep to the next one [m/s, m/s, rad/s]; returns None where it is not sure."""
     sweeps = shared[0]
-    measured = _lay_on_next(shared, begin)
+    measured = _register_next(shared, begin)
     if measured is None or not measured[1].sure:
         return None
-    laid = measured[0]
+    registration = measured[0]
     duration_s = float(sweeps.times[begin + 1] - sweeps.times[begin])
-    return np.asarray(se2.log(se2.compose(laid.between, laid.offset)) / duration_s)
+    return np.asarray(se2.log(se2.compose(registration.between, registration.offset)) / duration_s)
 
 
 def _check_from(shared: _Shared, begin: int) -> SpeedCheck | None:
     """Compares the motion from a sweep to the next one."""
-    measured = _lay_on_next(shared, begin)
+    measured = _register_next(shared, begin)
     return None if measured is None else measured[1]
 
 
-def _lay_on_next(shared: _Shared, begin: int) -> tuple[Laid, SpeedCheck] | None:
+def check_speed(sweeps: Sweeps, begin: int, settings: AuditConfig, estimator: EstimatorConfig) -> SpeedCheck | None:
+    """Compares the motion from a sweep to the next one with the trajectory's; None where either holds too few points."""
+    return _check_from((sweeps, settings, estimator), begin)
+
+
+def _register_next(shared: _Shared, begin: int) -> tuple[Registration, SpeedCheck] | None:
     """Lays the sweep after a given one on it, and compares the motion between the two with the trajectory's."""
     sweeps, settings, estimator = shared
     span_s = measure_span(sweeps, begin)
     reach = compute_far_reach(span_s, settings)
-    laid = lay(sweeps, (begin, begin + 1), ([begin], [begin + 1]), reach, ask_of_single_scans(settings), estimator)
-    if laid is None:
+    registration = register(
+        sweeps, (begin, begin + 1), ([begin], [begin + 1]), reach, ask_of_single_scans(settings), estimator
+    )
+    if registration is None:
         return None
-    check = SpeedCheck(laid.offset / span_s, laid.unrivalled)
+    check = SpeedCheck(registration.offset / span_s, registration.unrivalled)
     if contradicts(check, _find_capture(shared)):  # the wide search may lead away
-        return laid, replace(check, sure=fits_far_better(laid))
-    return laid, check
+        return registration, replace(check, sure=fits_far_better(registration))
+    return registration, check
 
 
 def contradicts(check: SpeedCheck | None, capture: CaptureRange) -> bool:
@@ -255,11 +262,13 @@ def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange) -> 
         f"m/s in the median: corrections beyond {capture.window_m:.2g} m over a window ({capture.speed_mps:.2g} m/s) cannot "
         "be measured, and inflation means nothing there"
     )
+    status = VerdictStatus.WARN if share.is_above(WINDOWS_WARN) else VerdictStatus.PASS
+    explanation = f"the trajectory's speed is wrong by {median:.1f} m/s at {count_of(share.count, 'place')}"
     if share.is_above(WINDOWS_FAIL):
+        status = VerdictStatus.FAIL
         if 2 * share.count >= share.total:
-            reason += (
-                "; if its scale, its clock and the frame of its poses (the mount of the sensor, the order of quaternions) "
-                "are right, the trajectory may belong to another recording"
+            explanation = (
+                "the trajectory belongs to another recording, or its clock, its scale or the frame of its poses (the mount "
+                "of the sensor, the order of quaternions) is wrong"
             )
-        return [Finding(VerdictStatus.FAIL, reason)]
-    return [Finding(VerdictStatus.WARN if share.is_above(WINDOWS_WARN) else VerdictStatus.PASS, reason)]
+    return [Finding(status, reason, cause=Cause.RECORDING, explanation=explanation)]

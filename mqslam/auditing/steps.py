@@ -13,11 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from mqslam.auditing.laying import Laid, ask_of_scans, compute_far_reach, fits_far_better, lay, measure_span
+from mqslam.auditing.registration import (
+    Registration,
+    ask_of_scans,
+    compute_far_reach,
+    fits_far_better,
+    measure_span,
+    register,
+)
 from mqslam.auditing.sizes import STEP_FEWEST, STEP_SCANS
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.backend.loops.registration import TOLERANCES, score_at_pose
-from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
+from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.statistics import correct_for_places, find_usual_scale
@@ -36,7 +43,7 @@ class StepAudit:
     """The judgement of one step.
 
     Args:
-        laid: the scans after it laid on those before it; the later frame is that of the first scan after it.
+        registration: the scans after it laid on those before it; the later frame is that of the first scan after it.
         t: when it is [s] since the recording's start.
         p_value: probability that a step as far off as this shows somewhere in a map without a jump; NaN where its scans do
             not hold every direction or too few steps show what is usual.
@@ -44,7 +51,7 @@ class StepAudit:
             few scans are off and the map does not jump.
     """
 
-    laid: Laid
+    registration: Registration
     t: float
     p_value: float
     lasts: bool = True
@@ -52,7 +59,7 @@ class StepAudit:
     @property
     def judged(self) -> bool:
         """Whether a jump here would be seen: its two sides fit one place alone, and enough steps show what is usual."""
-        return bool(np.isfinite(self.p_value)) and self.laid.unrivalled
+        return bool(np.isfinite(self.p_value)) and self.registration.unrivalled
 
 
 def audit_steps(
@@ -60,7 +67,7 @@ def audit_steps(
     known: NDArray[np.bool_],
     settings: AuditConfig,
     estimator: EstimatorConfig,
-    limits: VerdictConfig,
+    chance: float,
     engine: Engine,
     progress: Progress,
 ) -> list[StepAudit]:
@@ -71,7 +78,7 @@ def audit_steps(
         known: (S,) which sweeps lie in no gap of the trajectory.
         settings: of the audit.
         estimator: settings of the score.
-        limits: of the verdict.
+        chance: probability below which a step is off by more than chance explains.
         engine: where the steps are judged; the result does not depend on it.
         progress: called as steps are done.
     """
@@ -83,37 +90,37 @@ def audit_steps(
     places = list(filter(lies_in_no_gap, range(size, len(sweeps) - size + 1, _EVERY)))
     shared = sweeps, settings, estimator
 
-    def report(number: int, laid: Laid | None) -> None:
+    def report(number: int, registration: Registration | None) -> None:
         progress("steps", number, len(places))
 
-    near = dict(zip(places, engine.map(_lay_near, shared, places, report), strict=True))
+    near = dict(zip(places, engine.map(_register_near, shared, places, report), strict=True))
     doubtful = list(filter(lies_in_no_gap, _pick_doubtful(near)))
 
-    def report_far(number: int, laid: Laid | None) -> None:
+    def report_far(number: int, registration: Registration | None) -> None:
         progress("doubtful steps", number, len(doubtful))
 
-    far = dict(zip(doubtful, engine.map(_lay_far, shared, doubtful, report_far), strict=True))
+    far = dict(zip(doubtful, engine.map(_register_far, shared, doubtful, report_far), strict=True))
     found = {place: step for place, step in near.items() if step is not None}
     found |= {place: step for place, step in far.items() if step is not None}
-    beside = [(place, reach) for place, reach in _pick_beside(found, settings, limits) if lies_in_no_gap(place)]
-    placed = zip(beside, engine.map(_lay_beside, shared, beside), strict=True)
+    beside = [(place, reach) for place, reach in _pick_beside(found, settings, chance) if lies_in_no_gap(place)]
+    placed = zip(beside, engine.map(_register_beside, shared, beside), strict=True)
     found |= {place: step for (place, _), step in placed if step is not None}
-    laid = [step for _, step in sorted(found.items())]
-    steps = zip(laid, compute_p_values(laid).tolist(), strict=True)
-    return [StepAudit(step, float(sweeps.times[step.later]), p, _lasts(step, p, shared, limits)) for step, p in steps]
+    registrations = [step for _, step in sorted(found.items())]
+    steps = zip(registrations, compute_p_values(registrations).tolist(), strict=True)
+    return [StepAudit(step, float(sweeps.times[step.later]), p, _lasts(step, p, shared, chance)) for step, p in steps]
 
 
-def _lasts(step: Laid, p_value: float, shared: _Shared, limits: VerdictConfig) -> bool:
+def _lasts(step: Registration, p_value: float, shared: _Shared, chance: float) -> bool:
     """Returns whether what a step is off by, if that is more than chance explains, shows between the scans around it, too.
 
     Args:
         step: the step.
         p_value: of the step.
         shared: what steps are laid with.
-        limits: of the verdict.
+        chance: probability below which it is more than chance explains.
     """
     sweeps, settings, estimator = shared
-    if not (p_value < limits.share_of_false_alarms and step.size_m > settings.jump_m):
+    if not (p_value < chance and step.size_m > settings.jump_m):
         return True
     size, place = STEP_SCANS, step.later
     before = range(max(place - 2 * size, 0), max(place - size, size))
@@ -128,7 +135,7 @@ def _lasts(step: Laid, p_value: float, shared: _Shared, limits: VerdictConfig) -
     return moved_psi < kept_psi
 
 
-def compute_p_values(steps: Sequence[Laid]) -> NDArray[np.float64]:
+def compute_p_values(steps: Sequence[Registration]) -> NDArray[np.float64]:
     """Returns for each step the probability that one as far off shows somewhere in a map without a jump.
 
     The curvature's covariance of so few scans is too small by a factor that depends on the world, and a trajectory that is
@@ -152,14 +159,14 @@ def compute_p_values(steps: Sequence[Laid]) -> NDArray[np.float64]:
     return correct_for_places(p_values)
 
 
-def scale_covariances(steps: Sequence[Laid]) -> NDArray[np.float64]:
+def scale_covariances(steps: Sequence[Registration]) -> NDArray[np.float64]:
     """Returns the covariances (N, 3, 3) of steps, scaled per axis until the median step is as far off as it should be."""
     offsets = np.array([step.offset for step in steps])
     covariances = np.array([step.covariance for step in steps]) + np.diag(TOLERANCES**2)
     return se2.scale_covariance(covariances, find_usual_scale(offsets**2 / np.einsum("kii->ki", covariances)))
 
 
-def _pick_doubtful(near: Mapping[int, Laid | None]) -> list[int]:
+def _pick_doubtful(near: Mapping[int, Registration | None]) -> list[int]:
     """Returns the places in order whose two sides are to be looked for farther apart: a jump may be wider than the search.
 
     They are those that fit nowhere near or worse than the others do, and the places up to the next steps, since the scans of
@@ -168,13 +175,13 @@ def _pick_doubtful(near: Mapping[int, Laid | None]) -> list[int]:
     Args:
         near: the step of each place that was laid, in order; None where either side holds too few points.
     """
-    laid = {place: step for place, step in near.items() if step is not None}
-    if not laid:
+    registrations = {place: step for place, step in near.items() if step is not None}
+    if not registrations:
         return []
-    poor = np.quantile([step.matched for step in laid.values()], _DOUBTFUL)
+    poor = np.quantile([step.matched for step in registrations.values()], _DOUBTFUL)
     picked = {
         place + aside
-        for place, step in laid.items()
+        for place, step in registrations.items()
         if step.matched <= poor or not step.unrivalled
         for aside in range(1 - _EVERY, _EVERY)
     }
@@ -182,56 +189,56 @@ def _pick_doubtful(near: Mapping[int, Laid | None]) -> list[int]:
 
 
 def _pick_beside(
-    laid: Mapping[int, Laid], settings: AuditConfig, limits: VerdictConfig
+    registrations: Mapping[int, Registration], settings: AuditConfig, chance: float
 ) -> list[tuple[int, tuple[float, float]]]:
     """Returns the places up to the next steps from those that are off by more than chance explains, and where to look there.
 
     A step whose scans lie on both sides of a jump shows it, too. The place between two steps may be where it is.
 
     Args:
-        laid: the step of each place that was laid.
+        registrations: the step of each place that was laid.
         settings: of the audit.
-        limits: of the verdict, to which the same steps are off.
+        chance: probability below which a step is off by more than chance explains.
 
     Returns:
         places in order, each with how far off its two sides may be [m], [rad].
     """
-    places = sorted(laid)
+    places = sorted(registrations)
     reaches: dict[int, tuple[float, float]] = {}
-    p_values = compute_p_values([laid[place] for place in places])
+    p_values = compute_p_values([registrations[place] for place in places])
     for place, p_value in zip(places, p_values.tolist(), strict=True):
-        off_m = float(np.hypot(*laid[place].offset[:2]))
-        if not (p_value < limits.share_of_false_alarms and laid[place].size_m > settings.jump_m):
+        off_m = float(np.hypot(*registrations[place].offset[:2]))
+        if not (p_value < chance and registrations[place].size_m > settings.jump_m):
             continue
         for other in range(place + 1 - _EVERY, place + _EVERY):
-            if other not in laid and places[0] <= other <= places[-1]:
+            if other not in registrations and places[0] <= other <= places[-1]:
                 reaches[other] = (max(settings.search_m, 2.0 * off_m), settings.search_rad)
     return sorted(reaches.items())
 
 
-def _lay_near(shared: _Shared, place: int) -> Laid | None:
+def _register_near(shared: _Shared, place: int) -> Registration | None:
     """Lays the scans from a place on upon those before it, near where the trajectory has them."""
     settings = shared[1]
-    return _lay_step(shared, place, (settings.search_m, settings.search_rad))
+    return _register_step(shared, place, (settings.search_m, settings.search_rad))
 
 
-def _lay_far(shared: _Shared, place: int) -> Laid | None:
+def _register_far(shared: _Shared, place: int) -> Registration | None:
     """Lays the same as far away as any plausible speed leads; returns None where they do not fit far better there."""
     sweeps, settings, _ = shared
-    laid = _lay_step(shared, place, compute_far_reach(measure_span(sweeps, place - 1), settings))
-    return laid if laid is not None and fits_far_better(laid) else None
+    registration = _register_step(shared, place, compute_far_reach(measure_span(sweeps, place - 1), settings))
+    return registration if registration is not None and fits_far_better(registration) else None
 
 
-def _lay_beside(shared: _Shared, item: tuple[int, tuple[float, float]]) -> Laid | None:
+def _register_beside(shared: _Shared, item: tuple[int, tuple[float, float]]) -> Registration | None:
     """Lays the same beside a step that is off, as far away as it may be there."""
     place, reach = item
-    return _lay_step(shared, place, reach)
+    return _register_step(shared, place, reach)
 
 
-def _lay_step(shared: _Shared, place: int, reach: tuple[float, float]) -> Laid | None:
+def _register_step(shared: _Shared, place: int, reach: tuple[float, float]) -> Registration | None:
     """Lays the scans from a place on upon those before it, where they may be off by a reach [m], [rad]."""
     sweeps, settings, estimator = shared
-    return lay(sweeps, (place - 1, place), pick_sides(place), reach, ask_of_scans(settings), estimator)
+    return register(sweeps, (place - 1, place), pick_sides(place), reach, ask_of_scans(settings), estimator)
 
 
 def pick_sides(place: int) -> tuple[range, range]:

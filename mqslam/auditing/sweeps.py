@@ -39,6 +39,7 @@ class Sweeps:
         revolution_s: usual duration of a sweep [s].
         track: the trajectory as it was given; None for a cloud without one, of which the poses and the path are only those
             of the middles of its points.
+        is_finished: whether the points came placed, as those of a finished cloud do.
     """
 
     points: NDArray[np.float64]
@@ -52,6 +53,7 @@ class Sweeps:
     doubt_m: NDArray[np.float64]
     revolution_s: float
     track: Track | None
+    is_finished: bool = False
 
     def __len__(self) -> int:
         return len(self.times)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.sizes import WINDOW
-from mqslam.auditing.verdict import Finding, VerdictStatus
+from mqslam.auditing.verdict import Cause, Finding, VerdictStatus
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.wording import count_of
@@ -105,12 +105,13 @@ def judge_track(track: Track, times: NDArray[np.float64], revolution_s: float, s
             findings.append(Finding(VerdictStatus.NOT_JUDGED, reason))
         else:
             reason = f"the trajectory has a gap {where}: {why}, and windows there are left undecided"
-            findings.append(Finding(VerdictStatus.WARN, reason))
+            explanation = f"poses are missing {where}"
+            findings.append(Finding(VerdictStatus.WARN, reason, cause=Cause.NO_POSES, explanation=explanation))
     jumps = find_jumps(track, span_s, settings)
     if jumps:
         named = [f"at {jump.t0:.1f} s {_describe_jump(jump)}" for jump in jumps]
         reason = f"the trajectory jumps {_join(named)}: no vehicle moves like that"
-        findings.append(Finding(VerdictStatus.WARN, reason))
+        findings.append(Finding(VerdictStatus.WARN, reason, cause=Cause.JUMP, explanation=reason))
     return findings
 
 
@@ -138,7 +139,8 @@ def measure_doubt(track: Track, times: NDArray[np.float64], revolution_s: float,
     """Returns how far off (S,) points may be that scans put on the map, since poses are interpolated [m].
 
     Between two poses the sensor is taken to move on a smooth curve (`se2.smooth`). How far the curve leaves the straight
-    way at a steady rate of turn says how much of the motion is a guess. Nothing is, where every scan has a pose.
+    way at a steady rate of turn says how much of the motion is a guess. Nothing is, where every scan has a pose, nor across
+    a pause of the recording that has a pose at either end.
 
     Args:
         track: the trajectory.
@@ -153,9 +155,21 @@ def measure_doubt(track: Track, times: NDArray[np.float64], revolution_s: float,
     curve, chord = (fit(track.times, track.poses, at) for fit in (se2.smooth, se2.interpolate))
     off = se2.wrapped_between(chord, curve)
     off_m = (np.hypot(off[:, 0], off[:, 1]) + range_m * np.abs(off[:, 2])).reshape(-1, len(_INSIDE)).max(axis=1)
-    off_m[durations <= _LONGEST_TURNS * revolution_s] = 0.0
+    is_dense = durations <= _LONGEST_TURNS * revolution_s
+    off_m[[0, -1]] *= 2.0  # beyond either end no pose says how the curve goes on
+    own = _have_own_pose(track, times, revolution_s)
+    within = _find_steps(track, times[~own])
+    is_dense |= ~np.isin(np.arange(len(durations)), within)
+    off_m[is_dense] = 0.0
     first, last = _find_steps(track, times) - 1, _find_steps(track, times + revolution_s) + 1  # the curve needs those beside
     return np.array([off_m[max(a, 0) : b + 1].max() for a, b in zip(first.tolist(), last.tolist(), strict=True)])
+
+
+def _have_own_pose(track: Track, times: NDArray[np.float64], revolution_s: float) -> NDArray[np.bool_]:
+    """Returns which scans (S,) have a pose within half a turn."""
+    before = _find_steps(track, times)
+    apart = np.minimum(np.abs(times - track.times[before]), np.abs(track.times[before + 1] - times))
+    return np.asarray(apart <= _CLOSE_TURNS * revolution_s)
 
 
 def judge_doubt(doubt_m: NDArray[np.float64], settings: AuditConfig) -> list[Finding]:
@@ -243,7 +257,8 @@ def _judge_cover(track: Track) -> list[Finding]:
         f"to {end:.1f} s: the others were not judged, and its stamps may not fit the recording's"
     )
     too_few = track.scans - track.uncovered < WINDOW
-    return [Finding(VerdictStatus.NOT_JUDGED if too_few else VerdictStatus.WARN, reason)]
+    status = VerdictStatus.NOT_JUDGED if too_few else VerdictStatus.WARN
+    return [Finding(status, reason, cause=Cause.PART, explanation=reason)]
 
 
 def judge_part(track: Track) -> list[Finding]:
@@ -255,7 +270,7 @@ def judge_part(track: Track) -> list[Finding]:
         f"the trajectory covers only a part of the recording, {track.scans - track.uncovered} of "
         f"{count_of(track.scans, 'scan')} from {begin:.1f} s to {end:.1f} s: the others were not judged"
     )
-    return [Finding(VerdictStatus.WARN, reason)]
+    return [Finding(VerdictStatus.WARN, reason, cause=Cause.PART, explanation=reason)]
 
 
 def _list_spans(spans: Sequence[tuple[float, float]], last: float) -> str:

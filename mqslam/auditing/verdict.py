@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
-from typing import Final
+from enum import IntEnum, StrEnum, auto
+from itertools import chain
+from typing import Final, NamedTuple
 
 from scipy.special import betaincinv
+
+from mqslam.core.wording import count_of
 
 # Confidence of the exact binomial bounds (Clopper and Pearson) of a share. The lower one must exceed a limit before the
 # share is called too large: at most one in twenty good maps is called bad by chance.
@@ -83,32 +86,86 @@ class Share:
         return f"anything from {low:.0f} to {high:.0f} %"
 
 
+class Cause(IntEnum):
+    """What may be wrong with a trajectory or a recording. Each explains what the next ones would be found for, too."""
+
+    NO_POSES = auto()
+    FRAME = auto()
+    MIRROR = auto()
+    RECORDING = auto()
+    STAMPS = auto()
+    MOUNT = auto()
+    SCALE = auto()
+    TRACKING = auto()
+    OPTIMISATION = auto()
+    GYROSCOPE = auto()
+    SHAKING = auto()
+    JUMP = auto()
+    DRIFT = auto()
+    PASSES = auto()
+    PART = auto()
+
+
 @dataclass(frozen=True, slots=True)
 class Finding:
     """The outcome of one test of a map.
 
     Args:
         status: the verdict that the test alone would give.
-        reason: why.
+        reason: what was found, how much and where.
         judged: whether the test could judge anything; one that could not holds nothing against a map.
         p_value: probability that a good map shows something as bad anywhere; None where the test gives none.
+        cause: what would explain the finding; None where nothing is known to.
+        explanation: the cause in words, with what mends it.
     """
 
     status: VerdictStatus
     reason: str
     judged: bool = True
     p_value: float | None = None
+    cause: Cause | None = None
+    explanation: str = ""
 
 
-def verdict_of(findings: Iterable[Finding]) -> tuple[VerdictStatus, list[str]]:
-    """Returns the gravest verdict of all findings, and the reasons for it, the gravest first.
+class Verdict(NamedTuple):
+    """The verdict on a map.
+
+    Args:
+        status: the gravest of all findings.
+        diagnosis: what is most likely wrong, and what mends it; of a map that passes, how many tests found no fault.
+        reasons: what was found, the gravest first; of a map that does not pass, only what is held against it.
+    """
+
+    status: VerdictStatus
+    diagnosis: str
+    reasons: list[str]
+
+
+def verdict_of(tests: Mapping[str, Sequence[Finding]]) -> Verdict:
+    """Returns the verdict that the findings of all tests give together.
 
     Evidence of a fault counts more than lack of evidence: if the windows cannot judge a map but its run lost track, the
     verdict is `warn`.
+
+    Args:
+        tests: the findings of each test, by its name.
     """
+    findings = list(chain.from_iterable(tests.values()))
     ranked = sorted(findings, key=lambda finding: GRAVEST_FIRST.index(finding.status))
     if not ranked:
-        return VerdictStatus.NOT_JUDGED, ["nothing was judged"]
+        return Verdict(VerdictStatus.NOT_JUDGED, "nothing was judged", ["nothing was judged"])
     status = ranked[0].status
-    shown = [f for f in ranked if f.status is not VerdictStatus.PASS or status is VerdictStatus.PASS]
-    return status, [finding.reason for finding in shown]
+    judged = [finding for finding in ranked if finding.judged] or ranked
+    shown = [f.reason for f in judged if f.status is not VerdictStatus.PASS or status is VerdictStatus.PASS]
+    if status is VerdictStatus.PASS:
+        count = sum(any(finding.judged for finding in found) for found in tests.values())
+        return Verdict(status, f"no fault found by {count} of {count_of(len(tests), 'test')}", shown)
+    explained = [f for f in findings if f.cause is not None and f.status in (VerdictStatus.FAIL, VerdictStatus.WARN)]
+    diagnosis = min(explained, key=_rank_cause).explanation if explained else shown[0]
+    return Verdict(status, diagnosis, shown)
+
+
+def _rank_cause(finding: Finding) -> int:
+    """Returns the rank of the cause of a finding that has one."""
+    assert finding.cause is not None
+    return finding.cause

@@ -59,10 +59,12 @@ _OWN: Options = {
     "mend": flag("Write the trajectory with the corrections put in as mended.tum, and judge that one, too.", "--mend"),
 }
 
+_LISTED = 3  # of each kind
+
 
 @command(
-    "data out trajectory times topic frame time_offset_s extrinsics z_range covariances false_alarms fail_on mend config "
-    "format range_resolution start_s end_s jobs cluster force as_json quiet verbose",
+    "data out trajectory times topic frame time_offset_s extrinsics z_range covariances false_alarms tolerance fail_on mend "
+    "config format range_resolution start_s end_s jobs cluster force as_json quiet verbose",
     _OWN,
 )
 def audit(
@@ -121,55 +123,37 @@ def _parse_heights(text: str | None) -> tuple[float, float] | None:
     return low, high
 
 
-def _count_undecided(count: int) -> str:
-    """Returns how many windows were left undecided; nothing where none was."""
-    return f", {count} undecided" if count else ""
-
-
-def _format_revisits(revisits: dict[str, Any] | None) -> str:
-    """Returns what the revisits show in words; a cloud without a trajectory knows none."""
-    if revisits is None:
-        return "unknown without a trajectory"
-    return f"{revisits['torn']} of {revisits['sure']} torn, {revisits['count'] - revisits['sure']} not sure"
+def _describe_final_psi(final: dict[str, float | None]) -> str:
+    """Returns in words how far psi of a map is above the best that the same returns can have."""
+    windows, passes = final["over_best_of_windows"], final["over_best_of_passes"]
+    parts = [] if windows is None else [f"{windows:.2f} times the best of its windows"]
+    parts += [] if passes is None else [f"{passes:.2f} times the best across passes"]
+    return " and ".join(parts) or "unknown"
 
 
 def _format_results(summary: dict[str, Any]) -> str:
-    """Returns the lines that a person reads first: the verdict, and what is torn worst."""
-    from mqslam.core.wording import list_judged
-
-    windows, revisits = summary["windows"], summary["revisits"]
-    inflation = "no windows"
-    if windows["count"]:
-        median = windows["inflation_median"]
-        tolerance = f"{summary['threshold']:.3g} and off by {summary['bend_m']:g} m"
-        inflation = f"median {median:.3g} (2.37 by chance alone); torn above {tolerance}"
-    rows = [
-        *format_verdict(summary),
-        ("windows", f"{windows['torn']} of {windows['count']} torn{_count_undecided(windows['undecided'])}"),
-        ("inflation", inflation),
-        ("revisits", _format_revisits(revisits)),
-    ]
-    worst = sorted((w for w in summary["per_window"] if w["torn"]), key=lambda w: -w["size_m"])[:5]
-    rows += [
-        ("torn window", f"{w['t0']:.1f} to {w['t1']:.1f} s at ({w['x']:.1f}, {w['y']:.1f}) m: bent by {w['size_m']:.2f} m")
-        for w in worst
-    ]
-    torn = [r for r in summary["per_revisit"] if r["torn"]]
-    rows += [
-        (
-            "torn revisit",
-            f"{r['t_later']:.1f} s on {r['t_earlier']:.1f} s at ({r['x']:.1f}, {r['y']:.1f}) m: "
-            f"off by {r['dx']:.2f} m, {r['dy']:.2f} m, {57.29578 * r['dyaw']:.2f} deg",
-        )
-        for r in sorted(torn, key=lambda r: -(r["dx"] ** 2 + r["dy"] ** 2))[:5]
-    ]
+    """Returns the lines that a person reads first: the verdict, how crisp the map is, and what is torn worst."""
+    rows = [*format_verdict(summary), ("final psi", _describe_final_psi(summary["final_psi"]))]
+    if summary["verdict"]["status"] != "pass":
+        rows += _list_worst(summary)
+    if summary["verdict"]["status"] in ("warn", "fail") and summary["trajectory"] is not None and "mended" not in summary:
+        rows.append(("to mend it", "audit it with --mend, which writes the trajectory with the corrections put in"))
     if "mended" in summary:
-        mended = summary["mended"]
-        windows, verdict = mended["windows"], mended["verdict"]
-        rows += [
-            ("mended", mended["sentence"]),
-            ("verdict then", f"{verdict['status']}: {'; '.join(list_judged(verdict['reasons'], summary['not_judged']))}"),
-            ("windows then", f"{windows['torn']} of {windows['count']} torn{_count_undecided(windows['undecided'])}"),
-            ("revisits then", _format_revisits(mended["revisits"])),
-        ]
+        verdict = summary["mended"]["verdict"]
+        rows += [("mended", summary["mended"]["sentence"]), ("verdict then", f"{verdict['status']}: {verdict['diagnosis']}")]
     return format_rows(rows, 14)
+
+
+def _list_worst(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """Returns the worst torn windows and revisits, as named lines."""
+    windows = sorted((w for w in summary["per_window"] if w["torn"]), key=lambda w: -w["size_m"])[:_LISTED]
+    rows = [("torn window", f"{_place(w, w['t0'], w['t1'])}: bent by {w['size_m']:.2f} m") for w in windows]
+    revisits = [r for r in summary["per_revisit"] if r["torn"]]
+    for r in sorted(revisits, key=lambda r: -(r["dx"] ** 2 + r["dy"] ** 2))[:_LISTED]:
+        off = f"off by {r['dx']:.2f} m, {r['dy']:.2f} m, {57.29578 * r['dyaw']:.2f} deg"
+        rows.append(("torn revisit", f"{_place(r, r['t_earlier'], r['t_later'])}: {off}"))
+    return rows
+
+
+def _place(row: dict[str, Any], begin: float, end: float) -> str:
+    return f"{begin:.1f} to {end:.1f} s at ({row['x']:.1f}, {row['y']:.1f}) m"

@@ -232,6 +232,13 @@ OPTIONS: Final[Options] = {
         "the map could not be judged.",
     ),
     "resume": flag("Continue the unfinished work at --out, if there is any.", "--resume"),
+    "tolerance": option(
+        float | None,
+        None,
+        r"How far two passes of a good map may be apart \[m], 0.5 for a radar by default; all other tolerances of the "
+        "verdict (in metres and degrees) follow in proportion.",
+        metavar="METRES",
+    ),
     "force": flag("Replace whatever is at --out.", "--force"),
     "jobs": option(
         int, os.cpu_count() or 1, "Number of processes to use; the result does not depend on it.", "--jobs", "-j", min=1

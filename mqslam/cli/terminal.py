@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
@@ -119,8 +122,18 @@ def echo(text: str, *, end: str = "\n") -> None:
 
 
 def format_rows(rows: Iterable[tuple[str, str]], width: int) -> str:
-    """Returns named values as lines, the values in a column of their own."""
-    return "\n".join(f"{name:<{width}}{value}" if value else name for name, value in rows)
+    """Returns named values as lines, the values in a column of their own.
+
+    A name that is the same as the one above is not repeated. On a terminal, lines are wrapped at words.
+    """
+    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
+    lines, above = [], ""
+    for name, value in rows:
+        head = f"{'' if name == above else name:<{width}}" if value else name
+        wrapped = textwrap.wrap(value, max(columns - width, 40)) if columns else [value]
+        lines.append(head + f"\n{'':<{width}}".join(wrapped))
+        above = name
+    return "\n".join(lines)
 
 
 def format_verdict(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -129,12 +142,13 @@ def format_verdict(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     Args:
         summary: content of audit.json or summary.json.
     """
-    from mqslam.core.wording import list_judged
+    from mqslam.core.wording import list_reasons
 
-    verdict, unjudged = summary["verdict"], summary["not_judged"]
-    reasons = show(name_options("; ".join(list_judged(verdict["reasons"], unjudged))))
-    lines = [("verdict", f"{verdict['status']}: {reasons}")]
-    return [*lines, ("not judged", show("; ".join(unjudged)))] if unjudged else lines
+    verdict = summary["verdict"]
+    told = [("verdict", f"{verdict['status']}: {verdict['diagnosis']}")]
+    told += [("because", reason) for reason in list_reasons(verdict)]
+    told += [("not judged", reason) for reason in summary["not_judged"]]
+    return [(name, show(name_options(text))) for name, text in told]
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from mqslam.backend.marginals import RelativeCovariances
 from mqslam.commands.inputs import WHOLE, carry_to_radar, choose_settings, open_data, read_extrinsics
 from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config, set_doppler_beta, set_false_alarms
+from mqslam.config import Config, set_doppler_beta, set_false_alarms, set_tolerance
 from mqslam.core import se2
 from mqslam.core.point_map import TimedCloud
 from mqslam.core.recording import Recording
@@ -66,6 +67,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     heights: tuple[float, float] | None = None,
     covariances: Path | str | None = None,
     false_alarms: float | None = None,
+    tolerance: float | None = None,
     config: Config | Path | str | None = None,
     format: str | None = None,
     range_resolution: float | None = None,
@@ -93,6 +95,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         covariances: file of the covariances of the trajectory's poses, as a run's covariances.csv, which revisits are held
             against; None takes the one beside a run's own trajectory.tum.
         false_alarms: probability with which an audit calls a good map bad, in (0, 0.5); None takes that of the settings.
+        tolerance: how far two passes may be apart [m]; all other tolerances follow in proportion. None takes those of the
+            settings.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
@@ -115,8 +119,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     """
     data, out = Path(data), Path(out)
     with claim_folder(out, force=force, sources=[data]):
-        if false_alarms is not None and not 0.0 < false_alarms < 0.5:
-            raise ConfigError(f"a rate of false alarms of {false_alarms:g} is not between 0 and 0.5; give one such as 0.01")
+        set_limits = _choose_limits(false_alarms, tolerance)
         of_cloud = is_cloud(data)
         of_lidar = not of_cloud and format is None and data.exists() and lidars.recognises(data)
         if (of_cloud or of_lidar) and (start_s, end_s) != WHOLE:
@@ -155,12 +158,12 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             notes += missing
         for line in (*notes, *warnings):
             work.tell(line)
-        if false_alarms is not None:
-            settings = set_false_alarms(settings, false_alarms)
+        settings = set_limits(settings)
 
         def judge_sweeps(shown: Sweeps, stated: RelativeCovariances | None = None) -> judge.Audit:
             sections = settings.audit, settings.estimator, settings.verdict
-            return judge.audit(shown, *sections, work.engine, work.progress, stated=stated)
+            known = judge.Known(stated, None if track is None else subject.place_poses, subject.check_turns(shown))
+            return judge.audit(shown, *sections, work.engine, work.progress, known=known)
 
         judged = judge_sweeps(sweeps, relative)
         dataset = {"format": subject.format, "path": str(data)}
@@ -168,7 +171,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         summary = {
             **summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, warnings, stated),
             "notes": notes,
-            "gyroscope": None if subject.turning is None else summarise_check(subject.turning),
+            "gyroscope": _summarise_turns(subject, work),
         }
         mended: Mended | None = None
         if mend and track is not None:
@@ -187,6 +190,23 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         return JudgedResult(out, summary)
 
 
+def _choose_limits(false_alarms: float | None, tolerance: float | None) -> Callable[[Config], Config]:
+    """Returns what puts a rate of false alarms and a tolerance [m] into settings; None leaves each as it is.
+
+    Raises:
+        ConfigError: either is out of its range.
+    """
+    if false_alarms is not None and not 0.0 < false_alarms < 0.5:
+        raise ConfigError(f"a rate of false alarms of {false_alarms:g} is not between 0 and 0.5; give one such as 0.01")
+    set_tolerance(Config(), tolerance)  # a mistake is raised before anything is read
+
+    def set_limits(settings: Config) -> Config:
+        chosen = settings if false_alarms is None else set_false_alarms(settings, false_alarms)
+        return set_tolerance(chosen, tolerance)
+
+    return set_limits
+
+
 @dataclass(frozen=True)
 class _Subject:
     """What is audited.
@@ -199,7 +219,7 @@ class _Subject:
         notes: what a user should know about how it was understood.
         place: returns its points under another trajectory with the same stamps.
         warnings: what is wrong with it.
-        turning: what its gyroscope says of the trajectory; None without one.
+        source: the recording; None for a cloud.
     """
 
     sweeps: Sweeps
@@ -209,7 +229,29 @@ class _Subject:
     notes: Sequence[str]
     place: Callable[[Trajectory], Sweeps]
     warnings: Sequence[str] = ()
-    turning: GyroscopeCheck | None = None
+    source: Source | None = None
+
+    def place_poses(self, poses: se2.Array) -> Sweeps:
+        """Returns its points under other poses (M, 3) of its trajectory, which it must have."""
+        assert self.track is not None
+        return self.place(Trajectory(self.track.stamps_us, poses))
+
+    def check_turns(self, shown: Sweeps) -> GyroscopeCheck | None:
+        """Holds the recording's gyroscope, if it has one, against the trajectory that its points are shown under."""
+        if self.source is None or self.source.gyroscope is None or self.track is None or shown.track is None:
+            return None
+        trajectory = Trajectory(self.track.stamps_us, shown.track.poses)
+        return check_gyroscope(self.source.gyroscope, self.source.scans, trajectory)
+
+
+def _summarise_turns(subject: _Subject, work: Work) -> dict[str, Any] | None:
+    """Returns what audit.json says of a gyroscope, None without one, and tells the user that it agrees."""
+    turning = subject.check_turns(subject.sweeps)
+    if turning is None:
+        return None
+    if turning.agrees is not False:
+        work.tell(turning.statement)
+    return summarise_check(turning)
 
 
 def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config: Config | Path | str | None) -> _Subject:
@@ -227,20 +269,15 @@ def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config
 def _place_recording(
     work: Work, source: Source, track: Trajectory, settings: Config, faults: Sequence[str] = ()
 ) -> _Subject:
-    """Returns a recording under a trajectory; what its gyroscope says is reported."""
+    """Returns a recording under a trajectory."""
     beam = beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
     sweeps, placing = place_source(source, track, beam)
     notes, warnings = [*source.notes, *placing], list(faults)
-    turning = None if source.gyroscope is None else check_gyroscope(source.gyroscope, source.scans, track)
-    if turning is not None and turning.agrees is False:
-        warnings.append(turning.statement)
-    elif turning is not None:
-        work.tell(turning.statement)
 
     def move(mended: Trajectory) -> Sweeps:
         return place_source(source, mended, beam)[0]
 
-    return _Subject(sweeps, track, settings, source.format, notes, move, warnings, turning)
+    return _Subject(sweeps, track, settings, source.format, notes, move, warnings, source)
 
 
 def _describe_mount(mount: se2.Array) -> str:

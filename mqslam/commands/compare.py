@@ -45,6 +45,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     kiss_config: Path | None = None,
     odometry: str = "auto",
     imu: str = "auto",
+    tolerance: float | None = None,
     config: Config | Path | str | None = None,
     format: str | None = None,
     range_resolution: float | None = None,
@@ -67,6 +68,8 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         kiss_config: YAML file with KISS-ICP's own settings.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file; it serves row `odometry` only.
         imu: `auto` (the recording's own gyroscope), `none`, or the path of a file; it serves rows `...+gyro` only.
+        tolerance: how far two passes of a good map may be apart [m]; all other tolerances of the verdict follow in
+            proportion. None takes those of the settings.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.

@@ -21,7 +21,7 @@ from mqslam.commands.inputs import (
 )
 from mqslam.commands.result import RunResult
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config
+from mqslam.config import Config, set_tolerance
 from mqslam.core.recording import Recording
 from mqslam.core.sensors import NO_SENSORS, RADAR, Sensors
 from mqslam.core.trajectory import Trajectory
@@ -51,6 +51,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     gnss: str = "auto",
     extrinsics: tuple[float, float, float] | str = "auto",
     frame: str = RADAR,
+    tolerance: float | None = None,
     config: Config | Path | str | None = None,
     format: str | None = None,
     range_resolution: float | None = None,
@@ -74,6 +75,8 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
             metres forward, metres to the left and degrees to the left, as numbers or as a text X,Y,YAW.
         frame: whose poses are written, in the frame of its first one: `radar` or `vehicle`, for which it must be known where
             the radar sits.
+        tolerance: how far two passes of a good map may be apart [m]; all other tolerances of the verdict follow in
+            proportion. None takes those of the settings.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
@@ -95,7 +98,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
         >>> print(result.verdict, result.report)  # doctest: +SKIP
     """
     data, out = Path(data), Path(out)
-    settings = choose_settings(config)
+    settings = set_tolerance(choose_settings(config), tolerance)
     inputs = Inputs(str(odometry), str(imu), str(gnss), name_extrinsics(extrinsics), frame)
     with claim_folder(out, force=force, resume=resume, sources=[data]):
         job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=(start_s, end_s))

@@ -276,11 +276,6 @@ class MergeConfig(Section):
     changes: bool = Field(True, description="Whether changes between the recordings are looked for.")
 
 
-# by definition: tests that share the rate of false alarms: steps, spans, three biases, two of the lever arm, the delay,
-# shaking, and revisits
-_SHARERS: Final = 10
-
-
 class AuditConfig(Section):
     """How a map is judged."""
 
@@ -309,12 +304,16 @@ class AuditConfig(Section):
         0.05, ge=0.0, description="A window whose best correction moves its points by less than this [m] is not torn."
     )
     jump_m: float = Field(0.1, ge=0.0, description="A step that moves the points after it by less than this [m] is no jump.")
-    radius_m: float = Field(1.0, gt=0.0, description="Radius [m] of the neighbourhoods of the entropies and plane variance.")
-    cell_m: float = Field(0.5, gt=0.0, description="Side of a cell of the evidence grid [m].")
+    radius_m: float = Field(
+        1.0,
+        gt=0.0,
+        description="Radius [m] of the neighbourhoods of the entropies and plane variance; cells of the evidence grid are "
+        "half as wide.",
+    )
     submap_spacing_m: float = Field(5.0, gt=0.0, description="Path [m] between the scans that a submap is rendered from.")
     torn_m: float = Field(0.5, gt=0.0, description="Two passes are torn if they are farther apart than this [m].")
     torn_rad: float = Field(
-        0.02, gt=0.0, description="Two passes are torn, too, if one is turned against the other by more than this [rad]."
+        0.0175, gt=0.0, description="Two passes are torn, too, if one is turned against the other by more than this [rad]."
     )
     drift: float = Field(0.02, ge=0.0, description="Drift of the trajectory to reckon with, per length of path [m/m].")
     drift_rad: float = Field(1e-4, ge=0.0, description="Drift of the yaw to reckon with, per length of path [rad/m].")
@@ -329,20 +328,20 @@ class AuditConfig(Section):
 
 
 class VerdictConfig(Section):
-    """How often a verdict may be wrong about a good map."""
+    """How often a verdict may be wrong about a good map, and how large a fault matters."""
 
     false_alarms: float = Field(
         0.01,
         gt=0.0,
         lt=0.5,
-        description="Probability with which the tests of steps, spans, pooled corrections, shaking and revisits against "
-        "what the trajectory claims to know together call a good map bad.",
+        description="Probability with which all tests that give p-values together call a good map bad.",
     )
-
-    @property
-    def share_of_false_alarms(self) -> float:
-        """Probability with which each of the tests that share the rate may call a good map bad."""
-        return self.false_alarms / _SHARERS
+    tolerance_m: float | None = Field(
+        None,
+        gt=0.0,
+        description="Two passes may be this far apart [m]; all other tolerances of the verdict (in section audit) follow in "
+        "proportion. null takes audit.torn_m, and leaves the others as they are.",
+    )
 
 
 class Config(Section):
@@ -411,6 +410,19 @@ def set_sensor(config: Config, **changed: float | str | None) -> Config:
 def set_false_alarms(config: Config, rate: float) -> Config:
     """Returns the settings with another rate of false alarms per recording."""
     return config.model_copy(update={"verdict": config.verdict.model_copy(update={"false_alarms": rate})})
+
+
+def set_tolerance(config: Config, metres: float | None) -> Config:
+    """Returns the settings with another tolerance of the verdict [m]; the same settings for None.
+
+    Raises:
+        ConfigError: the tolerance is not positive and finite.
+    """
+    if metres is None:
+        return config
+    if not 0.0 < metres < math.inf:
+        raise ConfigError(f"a tolerance of {metres:g} m is not a length above 0; give one in metres, such as 0.3")
+    return config.model_copy(update={"verdict": config.verdict.model_copy(update={"tolerance_m": metres})})
 
 
 def dump_yaml(config: Config) -> str:

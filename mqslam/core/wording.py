@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 
@@ -22,9 +22,14 @@ def left_or_right(value: float) -> str:
     return "left" if value >= 0.0 else "right"
 
 
-def list_judged(reasons: Sequence[str], unjudged: Collection[str]) -> list[str]:
-    """Returns the reasons of a verdict without those that say what could not be judged; all where there are no others."""
-    return [reason for reason in reasons if reason not in unjudged] or list(reasons)
+def list_reasons(verdict: Mapping[str, Any]) -> list[str]:
+    """Returns the reasons of a verdict that a person is told besides the diagnosis: none where nothing is wrong.
+
+    Args:
+        verdict: `verdict` of a summary.
+    """
+    reasons = [str(reason) for reason in verdict.get("reasons") or ()]
+    return [] if verdict.get("status") == "pass" or reasons == [verdict.get("diagnosis")] else reasons
 
 
 def describe_last_pose(last: Mapping[str, Any] | None) -> str:

@@ -72,7 +72,7 @@ def compute_measures(
         map_entropy=_mean(joint),
         plane_variance=_mean(least),
         joint_entropy=_mean(joint[both] - separate[both]),
-        grid_entropy=compute_grid_entropy(points, sensors, settings.cell_m),
+        grid_entropy=compute_grid_entropy(points, sensors, 0.5 * settings.radius_m),
     )
 
 

@@ -14,6 +14,7 @@ from mqslam.auditing.mending.rounds import AuditedTrajectory
 from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.sizes import WINDOW
 from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.table import apply_tolerance
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import AuditConfig, Config, dump_yaml
 from mqslam.core.statistics import pick_evenly
@@ -59,6 +60,7 @@ _GROUPS: Final = {
     "steps": "Steps",
     "spans": "Spans",
     "pooled": "Pooled corrections",
+    "final_psi": "Final ψ",
     "revisits": "Revisits",
 }
 _PLACE_HEAD: Final = ("", "what", "time", "place", "off by", "correction", "inflation", "verdict")
@@ -92,7 +94,11 @@ def write_audit_page(
     Raises:
         OutputError: a file cannot be written.
     """
-    settings, turns, notes = config.audit, summary.get("gyroscope"), list(summary.get("notes") or ())
+    settings, turns, notes = (
+        apply_tolerance(config.audit, config.verdict),
+        summary.get("gyroscope"),
+        list(summary.get("notes") or ()),
+    )
     if turns is not None and turns["agrees"] is not False:
         notes.append(turns["statement"])
     facts = list_facts(summary, trajectory=summary.get("trajectory"))
@@ -211,7 +217,7 @@ def explore_audit(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explor
         ),
         lines=[Curve(f"torn revisits ({len(torn)})", RED, join_lines(torn), width=2.0)],
         first=max(range(len(spots)), key=lambda k: rank_spot(spots[k]), default=0),
-        is_calm=audit.status is VerdictStatus.PASS,
+        is_calm=audit.verdict.status is VerdictStatus.PASS,
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from mqslam.auditing.table import TESTS
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.comparison.best import Standing, find_best
@@ -18,6 +19,7 @@ from mqslam.comparison.judgement import JudgedRow, Place
 from mqslam.config import dump_yaml
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import list_reasons
 from mqslam.errors import tolerate
 from mqslam.evaluation import Evaluation, align_positions
 from mqslam.execution.files import write_bytes
@@ -25,7 +27,7 @@ from mqslam.mapping.render import TRAVEL_M, TRAVEL_RAD
 from mqslam.report import explorer
 from mqslam.report.canvas import PATH_SHAPE, TRUTH_GREY, Chart, Curve, Drawing, Points, View, draw_chart, draw_world, over
 from mqslam.report.explorer import LEAST_M, LEVELS, Layer, explore, trace_inflation, values_of
-from mqslam.report.page import TESTS, Cell, Explorer, Figure, Page, Section, Table
+from mqslam.report.page import Cell, Explorer, Figure, Page, Section, Table
 from mqslam.report.words import ABSENT, format_length, list_facts, list_values, part_of
 
 # the looks of the page; no result depends on them
@@ -337,12 +339,18 @@ def _answer_sceptic(comparison: Comparison) -> list[tuple[str, str]]:
         "the nearest to the true path, and its map is still doubled or blurred in many places. A row that passes may drift "
         "slowly where no place is passed twice."
     )
-    tests = [label for name, (label, _) in TESTS.items() if any(name in audit.tests for audit in audits.values())]
+    tests = [f"{test.name}: {test.compares}" for test in TESTS if any(test.name in audit.tests for audit in audits.values())]
     return [
         ("Who judges?", who),
         ("By what?", "; ".join(tests)),
         ("What if the best by ground truth fails?", differ),
-        *((f"Why is {name} judged {audit.status}?", "; ".join(audit.reasons)) for name, audit in audits.items()),
+        *(
+            (
+                f"Why is {name} judged {audit.verdict.status}?",
+                "; ".join([audit.verdict.diagnosis, *list_reasons(audit.verdict._asdict())]),
+            )
+            for name, audit in audits.items()
+        ),
     ]
 
 

@@ -118,7 +118,9 @@ def explain_heat_map(windows: Sequence[WindowAudit]) -> str:
 
 def _list_torn(audit: Audit, times: NDArray[np.float64]) -> list[_TornPlace]:
     """Returns the jumps, the torn spans, the sums of spans that are bent, and the torn revisits."""
-    places = [_TornPlace(jump.laid.earlier, jump.laid.later, jump.laid.size_m) for jump in audit.jumps]
+    places = [
+        _TornPlace(jump.registration.earlier, jump.registration.later, jump.registration.size_m) for jump in audit.jumps
+    ]
     stretches: list[SpanAudit | SumAudit] = [*(span for span in audit.spans if span.torn), *find_bends(audit.sums)]
     for one in stretches:
         earlier, later = np.searchsorted(times, [one.t0, one.t1]).clip(max=len(times) - 1).tolist()

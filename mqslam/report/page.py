@@ -14,8 +14,9 @@ from typing import Any, Final, TypeAlias, TypeVar
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from mqslam.auditing.table import TESTS
 from mqslam.auditing.verdict import VerdictStatus
-from mqslam.core.wording import count_of, list_judged
+from mqslam.core.wording import count_of, list_reasons
 from mqslam.errors import tolerate
 from mqslam.execution.extras import list_versions
 from mqslam.execution.files import write_text
@@ -30,17 +31,6 @@ _MEANINGS: Final = {
     "warn": "Something is wrong with this map or the run; the reasons say what, and the map shows where.",
     "fail": "Do not trust this map; the reasons say what is wrong, and the map shows where.",
     "not judged": "There is too little evidence to say whether this map is good.",
-}
-TESTS: Final = {  # the tests of a map by name: what they are called, and what they cannot see
-    "trajectory": ("trajectory: its poses as they were given", "errors that are as smooth as a drive"),
-    "speeds": ("speeds: successive scans searched for each other", "errors that windows are wide enough to measure"),
-    "windows": ("windows: a few scans against their best map", "jumps, and errors that grow slowly"),
-    "steps": ("steps: scans against those just before", "errors that grow slowly"),
-    "spans": ("spans: scans some 30 m of path apart", "errors that grow more slowly than that shows"),
-    "sums": ("sums: spans added up over 60 to 240 m", "bends of less than 0.5 degrees and 0.5 m"),
-    "pooled": ("pooled corrections: all of the drive together", "errors that come and go; one scale for everything"),
-    "shaking": ("shaking: scans under smoothed poses", "errors that are as smooth as a drive"),
-    "revisits": ("revisits: two passes of one place", "anything where no place is passed twice"),
 }
 _OPTION: Final = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 _TEST_HEAD: Final = ("test", "verdict", "p-value", "what it found", "what it cannot see")
@@ -184,7 +174,8 @@ class Page:
         verdict = part_of(summary, "verdict")
         self.verdict = str(verdict.get("status", ""))
         self.unjudged = [str(line) for line in summary.get("not_judged") or ()]
-        self.reasons = list_judged([str(line) for line in verdict.get("reasons") or ()], self.unjudged)
+        self.diagnosis = str(verdict.get("diagnosis", ""))
+        self.reasons = list_reasons(verdict)
 
     @property
     def meaning(self) -> str:
@@ -254,23 +245,24 @@ def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
     found = part_of(summary, "tests")
     calm: list[tuple[str, ...]] = []
     others: list[tuple[str, ...]] = []
-    for name, (label, blind) in TESTS.items():
-        if (test := found.get(name)) is not None:
+    for known in TESTS:
+        if (test := found.get(known.name)) is not None:
             status = VerdictStatus(test["status"])
-            row = (label, status, format_p_value(test.get("p_value")), "; ".join(test["reasons"]), blind)
+            label = f"{known.name}: {known.compares}"
+            row = (label, status, format_p_value(test.get("p_value")), "; ".join(test["reasons"]), known.blind)
             (calm if status is VerdictStatus.PASS else others).append(row)
     if not calm and not others:
         return None
     notes = [
-        "What each test of the map found, and what it cannot see. Findings about the run stand with the verdict only.",
+        "What each test compares, what it found, and what it cannot see.",
         "The p-value is the probability that a test shows as much anywhere in a map without a fault, as far as the stated "
         "covariances are right. A small one alone is no fault: what is off must matter, too.",
     ]
     if alarms := part_of(summary, "false_alarms"):
+        least, share = format_p_value(alarms["p_value_below"]), format_value(100.0 * alarms["rate"])
         notes.append(
-            f"Steps, spans, sums, pooled corrections, shaking and revisits take as chance what has a p-value of "
-            f"{format_p_value(alarms['p_value_below'])} or more, so that chance alone should make them call no more than "
-            f"{format_value(100.0 * alarms['rate'])} % of the good maps bad."
+            f"Tests that give p-values take as chance what has one of {least} or more, so that chance alone should make "
+            f"them call no more than {share} % of the good maps bad."
         )
     passed = Section(f"{count_of(len(calm), 'test')} passed", table=Table(_TEST_HEAD, calm, holds_words=True))
     table = Table(_TEST_HEAD, others, holds_words=True) if others else None

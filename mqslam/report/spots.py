@@ -141,17 +141,17 @@ def spots_of_torn_pairs(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> 
     """
     spots: list[Spot] = []
     off: tuple[float, se2.Array, float | None]
-    for laid in (jump.laid for jump in audit.jumps):
-        fit = f"What was seen after it fits where it is moved {describe_motion(laid.offset)}"
-        text = f"{fit}, which moves its points by {format_length(laid.size_m)}"
-        pair, off = (laid.earlier, laid.later), (laid.size_m, laid.offset, None)
-        spots.append(_spot_of_pair(sweeps, "jump", pair, pick_sides(laid.later), off, text, laid.matched))
+    for registration in (jump.registration for jump in audit.jumps):
+        fit = f"What was seen after it fits where it is moved {describe_motion(registration.offset)}"
+        text = f"{fit}, which moves its points by {format_length(registration.size_m)}"
+        pair, off = (registration.earlier, registration.later), (registration.size_m, registration.offset, None)
+        spots.append(_spot_of_pair(sweeps, "jump", pair, pick_sides(registration.later), off, text, registration.matched))
     for span in (span for span in audit.spans if span.torn):
-        pair = span.laid.earlier, span.laid.later
+        pair = span.registration.earlier, span.registration.later
         inflation = float(se2.normalise(span.offset[None], span.covariance[None])[0])
         off = span.distance_m, span.offset, inflation
         text = _describe_fit("The end of the span", span.distance_m, span.offset)
-        spots.append(_spot_of_pair(sweeps, "span", pair, pick_ends(pair), off, text, span.laid.matched))
+        spots.append(_spot_of_pair(sweeps, "span", pair, pick_ends(pair), off, text, span.registration.matched))
     for revisit in (judged.revisit for judged in audit.revisits if judged.torn):
         pair, off = (revisit.earlier, revisit.later), (revisit.distance_m, revisit.offset, revisit.inflation)
         text = _describe_fit("The later pass", revisit.distance_m, revisit.offset)
@@ -220,7 +220,7 @@ def list_unmatched(sweeps: Sweeps, audit: Audit) -> list[tuple[str, ...]]:
     ] = {  # of each: why nothing was decided, if so, begin and end [s], and pose
         ("window", "audit.csv"): [(w.undecided, w.t0, w.t1, w.pose) for w in audit.windows],
         ("step", "steps.csv"): [
-            (None if step.judged else unfit, step.t, step.t, sweeps.poses[step.laid.later]) for step in audit.steps
+            (None if step.judged else unfit, step.t, step.t, sweeps.poses[step.registration.later]) for step in audit.steps
         ],
         ("revisit", "revisits.csv"): [
             (None if r.sure else unsure, *sweeps.times[[r.earlier, r.later]].tolist(), sweeps.poses[r.later])

@@ -11,7 +11,6 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.findings import SCALE_WARN
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.rounds import Mended
 from mqslam.auditing.revisits import share_torn_revisits
@@ -19,6 +18,7 @@ from mqslam.auditing.sizes import TORN_INFLATION, WINDOW
 from mqslam.auditing.spans.pooled import Pooled
 from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.table import SCALE_WARN, apply_tolerance, share_of_false_alarms
 from mqslam.auditing.verdict import CONFIDENCE, Finding, Share, VerdictStatus, verdict_of
 from mqslam.auditing.windows.windows import share_torn
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
@@ -79,10 +79,10 @@ _REVISIT: Final[Columns] = {
 _SPAN: Final[Columns] = {  # the offsets are without what all of the map asks for
     "t_earlier": lambda s, _: s.t0,
     "t_later": lambda s, _: s.t1,
-    _POSE: lambda s, sweeps: sweeps.poses[s.laid.later],
-    "path_m": lambda s, _: s.laid.path_m,
+    _POSE: lambda s, sweeps: sweeps.poses[s.registration.later],
+    "path_m": lambda s, _: s.registration.path_m,
     _OFFSET: lambda s, _: s.offset,
-    "matched": lambda s, _: s.laid.matched,
+    "matched": lambda s, _: s.registration.matched,
     "p_value": lambda s, _: _known(s.p_value),
     "torn": lambda s, _: s.torn if np.isfinite(s.p_value) else None,
 }
@@ -92,12 +92,12 @@ def _make_step_columns(jumps: Collection[int] = ()) -> Columns:
     """Returns the columns of steps, of which those to some sweeps are jumps."""
     return {
         "t": lambda s, _: s.t,
-        _POSE: lambda s, sweeps: sweeps.poses[s.laid.later],
-        _OFFSET: lambda s, _: s.laid.offset,
-        "size_m": lambda s, _: s.laid.size_m,
-        "matched": lambda s, _: s.laid.matched,
+        _POSE: lambda s, sweeps: sweeps.poses[s.registration.later],
+        _OFFSET: lambda s, _: s.registration.offset,
+        "size_m": lambda s, _: s.registration.size_m,
+        "matched": lambda s, _: s.registration.matched,
         "p_value": lambda s, _: _known(s.p_value),
-        "torn": lambda s, _: s.laid.later in jumps if s.judged else None,
+        "torn": lambda s, _: s.registration.later in jumps if s.judged else None,
     }
 
 
@@ -175,10 +175,10 @@ def summarise(
             "points": len(sweeps.points),
         },
         "trajectory": trajectory,
-        "verdict": {"status": audit.status, "reasons": audit.reasons},
+        "verdict": audit.verdict._asdict(),
         "not_judged": list_unjudged(audit) + _list_uncovered(sweeps),
         "threshold": TORN_INFLATION,
-        "bend_m": settings.bend_m,
+        "bend_m": apply_tolerance(settings, bounds).bend_m,
         "speeds": _summarise_speeds(audit),
         "windows": {
             "count": len(audit.windows),
@@ -189,12 +189,13 @@ def summarise(
             "matched": _mean([w.bend.matched for w in audit.windows]),
         },
         "revisits": revisits if sweeps.track is not None else None,
-        **summarise_tests(audit, bounds),
+        **summarise_audit(audit),
+        **summarise_tests(audit.tests, bounds),
         "extrinsics": None if extrinsics is None else list(extrinsics),
         "warnings": list(warnings),
         "per_window": _list_rows(audit.windows, _WINDOW, sweeps),
         "per_revisit": _list_rows(audit.revisits, _REVISIT, sweeps),
-        "per_step": _list_rows(audit.steps, _make_step_columns({step.laid.later for step in audit.jumps}), sweeps),
+        "per_step": _list_rows(audit.steps, _make_step_columns({step.registration.later for step in audit.jumps}), sweeps),
         "per_span": _list_rows(audit.spans, _SPAN, sweeps),
     }
 
@@ -239,7 +240,7 @@ def describe_mended(mended: Mended, given: Mapping[str, Any]) -> str:
         return "The audit could not judge enough to mend anything: the trajectory is as it was given."
     if not mended.rounds:
         return "The audit found nothing to mend: the trajectory is as it was given."
-    after = mended.result.audit.status
+    after = mended.result.audit.verdict.status
     if mended.is_worse:
         return (
             f"Mending failed: the mended trajectory is judged worse ({after}) than the given one ({before}). Keep that one."
@@ -302,19 +303,18 @@ def _median(values: Sequence[float]) -> float | None:
     return float(np.median(values)) if values else None
 
 
-def summarise_tests(audit: Audit, bounds: VerdictConfig) -> dict[str, Any]:
-    """Returns what each test of a map found, and the numbers of those besides windows and revisits, by name.
-
-    Args:
-        audit: the map, judged.
-        bounds: settings of the verdict.
-    """
+def summarise_audit(audit: Audit) -> dict[str, Any]:
+    """Returns the numbers of the tests besides windows and revisits, by name, and how much crisper the map could be."""
     return {
+        "final_psi": {
+            "over_best_of_windows": audit.compute_psi_over_best(),
+            "over_best_of_passes": audit.compute_psi_over_best_of_passes(),
+        },
         "steps": {
             "count": len(audit.steps),
             "judged": sum(step.judged for step in audit.steps),
             "jumps": len(audit.jumps),
-            "median_m": _median([s.laid.size_m for s in audit.steps]),
+            "median_m": _median([s.registration.size_m for s in audit.steps]),
         },
         "spans": {
             "count": len(audit.spans),
@@ -323,8 +323,19 @@ def summarise_tests(audit: Audit, bounds: VerdictConfig) -> dict[str, Any]:
         },
         "sums": {"count": len(audit.sums), "torn": sum(one.torn for one in audit.sums)},
         "pooled": _summarise_pooled(audit.pooled),
-        "tests": {name: _summarise_findings(findings) for name, findings in audit.tests.items()},
-        "false_alarms": {"rate": bounds.false_alarms, "p_value_below": bounds.share_of_false_alarms},
+    }
+
+
+def summarise_tests(tests: Mapping[str, Sequence[Finding]], bounds: VerdictConfig) -> dict[str, Any]:
+    """Returns what each test of a map found, by its name, and below which p-value it takes notice.
+
+    Args:
+        tests: what they found.
+        bounds: settings of the verdict.
+    """
+    return {
+        "tests": {name: _summarise_findings(findings) for name, findings in tests.items()},
+        "false_alarms": {"rate": bounds.false_alarms, "p_value_below": share_of_false_alarms(bounds)},
     }
 
 
@@ -352,7 +363,7 @@ def _name_axes(names: Sequence[str], *parts: NDArray[np.float64]) -> dict[str, f
 
 
 def _summarise_findings(findings: Sequence[Finding]) -> dict[str, Any]:
-    status, reasons = verdict_of(findings)
+    status, _, reasons = verdict_of({"": findings})
     p_value = find_smallest(f.p_value for f in findings if f.p_value is not None)
     judged = status if any(f.judged for f in findings) else VerdictStatus.NOT_JUDGED
     return {"status": judged, "p_value": p_value, "reasons": reasons}

@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from mqslam.core.trajectory import Trajectory
-from mqslam.core.wording import list_judged
+from mqslam.core.wording import list_reasons
 from mqslam.errors import show
 from mqslam.evaluation import pair_poses
 from mqslam.execution.extras import list_versions
@@ -92,9 +92,13 @@ def read_origin(folder: Path) -> list[tuple[str, str]]:
 
 def list_verdict(summary: Mapping[str, Any]) -> list[str]:
     """Returns the lines of a log about the verdict of a summary, and about what could not be judged."""
-    verdict, unjudged = summary["verdict"], summary["not_judged"]
-    judged = f"verdict: {verdict['status']}: {'; '.join(list_judged(verdict['reasons'], unjudged))}"
-    return [judged, *(f"not judged: {line}" for line in unjudged)]
+    verdict = summary["verdict"]
+    lines = [f"verdict: {verdict['status']}: {verdict['diagnosis']}"]
+    return [
+        *lines,
+        *(f"because: {line}" for line in list_reasons(verdict)),
+        *(f"not judged: {x}" for x in summary["not_judged"]),
+    ]
 
 
 def list_notes(summary: Mapping[str, Any], notes: Sequence[str] = ()) -> list[str]:

@@ -10,6 +10,7 @@ import gtsam
 import numpy as np
 
 from mqslam.auditing.gyroscope_check import GyroscopeCheck
+from mqslam.auditing.verdict import verdict_of
 from mqslam.auditing.windows.windows import share_torn
 from mqslam.backend.marginals import PoseCovariances
 from mqslam.backend.pose_graph import count_submaps
@@ -37,7 +38,7 @@ from mqslam.formats.maps.nav2_map import write_nav2_map
 from mqslam.formats.ply import MapClock, write_ply
 from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
-from mqslam.results.audit_results import list_unjudged, share_to_numbers, summarise_tests
+from mqslam.results.audit_results import list_unjudged, share_to_numbers, summarise_audit, summarise_tests
 from mqslam.results.files import TRUTH, format_csv, format_log, list_notes, list_stages, list_verdict, write_truth
 from mqslam.results.run_verdict import judge_run, list_unknown_scale
 from mqslam.solution import Run, Solution
@@ -56,7 +57,8 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
     before, after = run.map_odometry, run.map_optimised
     torn = share_torn(run.checks)
     truth = recording.ground_truth
-    status, reasons = judge_run(run)
+    tests = judge_run(run)
+    verdict = verdict_of(tests)
     return {
         "mqslam_version": __version__,
         "frontend": run.frontend,
@@ -87,8 +89,9 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
             **share_to_numbers(torn),
             "median": float(np.median([w.bend.inflation for w in run.checks])) if run.checks else None,
         },
-        **(summarise_tests(run.checked, run.config.verdict) if run.checked else {}),
-        "verdict": {"status": status, "reasons": reasons},
+        **(summarise_audit(run.checked) if run.checked else {}),
+        **summarise_tests(tests, run.config.verdict),
+        "verdict": verdict._asdict(),
         "not_judged": [*(list_unjudged(run.checked) if run.checked else []), *list_unknown_scale(run, recording)],
         "last_pose": _describe_last_pose(run),
         "factors": {

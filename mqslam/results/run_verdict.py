@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.findings import judge_windows
-from mqslam.auditing.verdict import Finding, Share, VerdictStatus, verdict_of
+from mqslam.auditing.table import sort_tests
+from mqslam.auditing.verdict import Cause, Finding, Share, VerdictStatus
 from mqslam.backend.sensors.gnss import FixUse
 from mqslam.check.checks import LEAST_SPEED
 from mqslam.check.stretches import FEWEST_STEPS
@@ -46,22 +46,31 @@ _WRONG_SCALE = 0.1
 _SAME_UNIT: Final = 0.1  # by which a wheel's scale, or a range bin's, may be off besides
 
 
-def judge_run(run: Run) -> tuple[VerdictStatus, list[str]]:
-    """Returns the verdict on a run's map, with its reasons, from the run alone.
+def judge_run(run: Run) -> dict[str, list[Finding]]:
+    """Returns what each test of a run's map found, by its name, from the run alone.
 
     Only windows show the map. Without any, the map is not judged, and all other findings are reasons.
     """
     if run.checked is None and CHECK in run.crashes:
         crash = f"{CHECK} crashed ({run.crashes[CHECK]}), so that nothing has judged the map; run.log has the traceback"
-        seen = [Finding(VerdictStatus.NOT_JUDGED, crash)]
+        tests = {"windows": [Finding(VerdictStatus.NOT_JUDGED, crash)]}
     elif run.checked is None:
-        seen = judge_windows([], len(run.optimised))
+        tests = {"windows": judge_windows([], len(run.optimised))}
     else:
-        seen = list(chain.from_iterable(run.checked.tests.values()))
-    others = [*_judge_direction(run), *_judge_scale(run), *_judge_track(run), *_judge_whole_map(run)]
+        tests = run.checked.tests
+    others = {
+        "sensors": [*_judge_direction(run), *_judge_scale(run)],
+        "tracking": _judge_track(run),
+        "graph": [*_judge_passes(run), *_judge_whole_map(run)],
+    }
     if not run.checks:
-        others = [replace(f, status=VerdictStatus.NOT_JUDGED) if f.status is VerdictStatus.WARN else f for f in others]
-    return verdict_of([*_judge_passes(run), *seen, *others])  # psi across passes sees a torn map: it leads
+        others = {name: list(map(_judge_nothing, findings)) for name, findings in others.items()}
+    return sort_tests({**tests, **others})
+
+
+def _judge_nothing(finding: Finding) -> Finding:
+    """Returns a finding on a map that no window shows: what would be worth a look is not judged then."""
+    return replace(finding, status=VerdictStatus.NOT_JUDGED) if finding.status is VerdictStatus.WARN else finding
 
 
 def _judge_direction(run: Run) -> list[Finding]:
@@ -71,7 +80,8 @@ def _judge_direction(run: Run) -> list[Finding]:
         return []
     who = f"{', '.join(opposite[:-1])} and {opposite[-1]} turn the other way than the radar"
     remedy = "set sensor.clockwise: false, as for a radar that is mounted upside down"
-    return [Finding(VerdictStatus.WARN, f"the map is mirrored: {who}; {remedy}")]
+    reason = f"the map is mirrored: {who}"
+    return [Finding(VerdictStatus.WARN, reason, cause=Cause.MIRROR, explanation=f"{reason}; {remedy}")]
 
 
 def list_warnings(run: Run, recording: Recording) -> list[str]:
@@ -149,20 +159,28 @@ def _judge_track(run: Run) -> list[Finding]:
     if lost.count:
         grave = lost.is_above(_LOST_FAIL)
         reason = f"{lost.count} of {lost.total} scans lost track and follow the prediction"
-        findings = [Finding(VerdictStatus.FAIL if grave else VerdictStatus.WARN, reason)]
+        status = VerdictStatus.FAIL if grave else VerdictStatus.WARN
+        findings = [Finding(status, reason, cause=Cause.TRACKING, explanation=reason)]
     if run.unread:
         reason = f"{len(run.unread)} of {len(run.optimised)} polar scans could not be read"
-        findings.append(Finding(VerdictStatus.WARN, reason))
+        findings.append(Finding(VerdictStatus.WARN, reason, cause=Cause.PART, explanation=reason))
     if degenerate.is_above(_DEGENERATE_WARN):
         reason = f"{degenerate.count} of {degenerate.total} scans do not observe every direction of motion"
-        findings.append(Finding(VerdictStatus.WARN, reason))
+        explanation = f"the scene shows too little, as in a tunnel or on open ground: {reason}; odometry would fill this in"
+        findings.append(Finding(VerdictStatus.WARN, reason, cause=Cause.TRACKING, explanation=explanation))
     return findings
 
 
 def _judge_passes(run: Run) -> list[Finding]:
     """Returns what optimisation made of psi across passes; nothing where psi cannot tell."""
     compared = _compare_psi(run, run.refined.psi_before, run.refined.psi_across)
-    return [Finding(status, f"psi per point across passes {ratio}") for status, ratio in compared]
+    return [_blame_optimisation(status, f"psi per point across passes {ratio}") for status, ratio in compared]
+
+
+def _blame_optimisation(status: VerdictStatus, reason: str) -> Finding:
+    """Returns the finding of a map that optimisation made worse, if it did."""
+    explanation = "loops or other sensors bend the map: it was crisper before they joined; try the run without them"
+    return Finding(status, reason, cause=Cause.OPTIMISATION, explanation=explanation)
 
 
 def _judge_whole_map(run: Run) -> list[Finding]:
@@ -172,7 +190,7 @@ def _judge_whole_map(run: Run) -> list[Finding]:
     """
     if run.unoptimised is not None:
         reason = f"the pose graph could not be optimised: the trajectory is {run.frontend}'s motions, chained"
-        return [Finding(VerdictStatus.FAIL, reason)]
+        return [Finding(VerdictStatus.FAIL, reason, cause=Cause.OPTIMISATION, explanation=reason)]
     if run.checks and run.map_optimised.matched_share == 0.0:
         reason = "no point of the map was seen by two of its scans, so that nothing shows how good it is"
         return [Finding(VerdictStatus.NOT_JUDGED, reason)]
@@ -185,7 +203,7 @@ def _judge_whole_map(run: Run) -> list[Finding]:
             meaning = "the returns of other passes count in it once the passes meet, so that psi across passes decides"
         elif status is VerdictStatus.PASS:
             meaning = f"it did not blur the map, {takes}, but drift hardly shows in this number"
-        findings.append(Finding(status, f"psi per point {ratio}: {meaning}"))
+        findings.append(_blame_optimisation(status, f"psi per point {ratio}: {meaning}"))
     return findings
 
 
@@ -241,7 +259,7 @@ def _judge_scale(run: Run) -> list[Finding]:
             f"GNSS fixes lie {stretch:.3g} times as far apart as the trajectory has them: range bins "
             f"{stretch:.3g} times as long would fit: {Remedy.GIVE_RANGE_RESOLUTION}"
         )
-    return [Finding(VerdictStatus.WARN, reason) for reason in reasons]
+    return [Finding(VerdictStatus.WARN, reason, cause=Cause.SCALE, explanation=reason) for reason in reasons]
 
 
 def _shows_scale(fixes: FixUse | None) -> bool:

@@ -40,7 +40,7 @@ def judged(shift_m: float, jobs: int = 1) -> Audit:
 
 def test_the_true_map_passes() -> None:
     judgement = judged(0.0)
-    assert judgement.status == "pass", judgement.reasons
+    assert judgement.verdict.status == "pass", judgement.verdict.reasons
     assert len(judgement.windows) == -(-len(block_drive()[1]) // WINDOW)
     assert judgement.windows[-1].end == len(block_drive()[1])
     sure = [r.revisit for r in judgement.revisits if r.revisit.sure]
@@ -57,18 +57,18 @@ def test_poses_of_every_fourth_scan_pass_and_still_show_a_jump(jump_m: float, st
     sparse = Trajectory(truth.stamps_us[::4], poses[::4])
     sweeps, _ = place_sweeps(scans, sparse, BEAM)
     judgement = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
-    assert judgement.status == status, judgement.reasons
+    assert judgement.verdict.status == status, judgement.verdict.reasons
     assert any("too sparse for its turns" in finding.reason for finding in judgement.tests["trajectory"])
     if status == "pass":  # nothing is claimed of steps in turns, where a jump may be interpolation's
-        shown = [step for step in judgement.steps if step.judged and step.laid.doubt_m <= CONFIG.audit.jump_m]
+        shown = [step for step in judgement.steps if step.judged and step.registration.doubt_m <= CONFIG.audit.jump_m]
         assert len(shown) < STEP_FEWEST <= sum(step.judged for step in judgement.steps)
         assert not judgement.tests["steps"][0].judged
 
 
 def test_a_torn_loop_fails_and_its_offset_is_measured() -> None:
     judgement = judged(3.0)
-    assert judgement.status == "fail"
-    assert any("revisits are torn" in reason for reason in judgement.reasons)
+    assert judgement.verdict.status == "fail"
+    assert any("revisits are torn" in reason for reason in judgement.verdict.reasons)
     torn = [r.revisit for r in judgement.revisits if r.torn]
     assert len(torn) >= 3
     recording, _ = block_drive()
@@ -91,7 +91,7 @@ def test_a_trajectory_that_has_nothing_to_do_with_the_recording_fails(wrong: str
     }[wrong]
     sweeps, _ = place_sweeps(scans, Trajectory(truth.stamps_us, poses), BEAM)
     judgement = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
-    assert judgement.status == "fail", judgement.reasons
+    assert judgement.verdict.status == "fail", judgement.verdict.reasons
 
 
 def test_the_verdict_does_not_depend_on_the_number_of_processes() -> None:
@@ -135,7 +135,7 @@ def test_a_window_that_tells_next_to_nothing_is_judged_all_the_same(kind: str, b
     (scan,) = judgement.windows
     assert np.isfinite([scan.bend.inflation, scan.bend.size_m, *np.diag(scan.bend.covariance)]).all()
     assert scan.bend.inflation >= 0.0
-    assert judgement.status is VerdictStatus.NOT_JUDGED
+    assert judgement.verdict.status is VerdictStatus.NOT_JUDGED
 
 
 def test_windows_without_a_point_are_left_out() -> None:

@@ -13,13 +13,13 @@ from scipy.spatial.transform import Rotation
 from support.drives import block_drive
 
 from mqslam.auditing.judge import Audit, audit
-from mqslam.auditing.laying import Laid
 from mqslam.auditing.mending.along import measure_along, weigh_ties
 from mqslam.auditing.mending.evidence import allow_for_turns, tie_spans
 from mqslam.auditing.mending.rounds import AuditedTrajectory, Mended, carry, mend
+from mqslam.auditing.registration import Registration
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
-from mqslam.auditing.verdict import VerdictStatus
+from mqslam.auditing.verdict import Verdict, VerdictStatus
 from mqslam.auditing.windows.windows import share_torn
 from mqslam.config import Config
 from mqslam.core import se2
@@ -113,9 +113,9 @@ def mended(given: AuditedTrajectory, jobs: int = 2) -> Mended:
 )
 def test_what_an_audit_finds_is_mended(distort: Distort, share: float) -> None:
     given = distorted(distort)
-    assert given.audit.status in (VerdictStatus.WARN, VerdictStatus.FAIL)
+    assert given.audit.verdict.status in (VerdictStatus.WARN, VerdictStatus.FAIL)
     result = mended(given)
-    assert result.result.audit.status in (VerdictStatus.PASS, VerdictStatus.WARN) and not result.is_worse
+    assert result.result.audit.verdict.status in (VerdictStatus.PASS, VerdictStatus.WARN) and not result.is_worse
     assert absolute_error(result.result.trajectory) < share * absolute_error(given.trajectory)
     assert result.result.trajectory.stamps_us.tolist() == given.trajectory.stamps_us.tolist()
     assert result.result.trajectory.poses[0] == pytest.approx(given.trajectory.poses[0], abs=2e-3)
@@ -126,15 +126,17 @@ def test_a_span_whose_scans_lie_on_both_sides_of_a_jump_ties_nothing(jump_at: in
     """The scans at its ends are those around the sweeps 10 and 20."""
     sweeps = place(block_drive()[0].ground_truth)
     sure = 1e-4 * np.eye(3)
-    laid = Laid(10, 20, np.array([30.0, 0.0, 0.0]), 30.0, np.zeros(3), sure, 0.1, 0.8, 1.0, 1.0, True, True)
-    span = SpanAudit(laid, 2.5, 5.0, np.zeros(3), sure, 0.5, torn=False)
+    registration = Registration(
+        10, 20, np.array([30.0, 0.0, 0.0]), 30.0, np.zeros(3), sure, np.zeros(2), 30.0, 0.8, 1.0, 1.0, True, True
+    )
+    span = SpanAudit(registration, 2.5, 5.0, np.zeros(3), sure, 0.5, torn=False)
     assert len(tie_spans([span], sweeps, {jump_at})) == ties
 
 
 @pytest.mark.slow
 def test_steps_that_are_turned_among_others_that_are_right_are_mended() -> None:
     given = distorted(turn_at_random)
-    assert given.audit.status is VerdictStatus.FAIL
+    assert given.audit.verdict.status is VerdictStatus.FAIL
     result = mended(given)
     assert absolute_error(result.result.trajectory) < 0.05 * absolute_error(given.trajectory)
     assert share_torn(result.result.audit.windows).count < 0.1 * share_torn(given.audit.windows).count
@@ -150,7 +152,7 @@ def test_odometry_may_be_off_by_as_much_as_the_scans_turn_it_and_its_end_to_the_
 def test_a_trajectory_that_passes_is_left_as_it_is() -> None:
     given = distorted(lambda poses: poses)
     result = mended(given)
-    assert given.audit.status is VerdictStatus.PASS
+    assert given.audit.verdict.status is VerdictStatus.PASS
     assert result.result is given and result.rounds == 0 and not result.is_worse
 
 
@@ -164,10 +166,10 @@ def test_a_worse_trajectory_is_said_to_be_worse() -> None:
     given = distorted(stretch)
 
     def judge_badly(sweeps: Sweeps) -> Audit:
-        return replace(judge(sweeps), status=VerdictStatus.FAIL)
+        return replace(judge(sweeps), verdict=Verdict(VerdictStatus.FAIL, "worse", ["worse"]))
 
     result = mend(given, place, judge_badly, CONFIG, LocalEngine(2), ignore_progress)
-    assert given.audit.status is VerdictStatus.WARN and result.is_worse
+    assert given.audit.verdict.status is VerdictStatus.WARN and result.is_worse
 
 
 def test_poses_between_scans_move_with_the_scans_beside_them() -> None:

@@ -62,7 +62,7 @@ def test_a_period_is_a_rival_and_no_tear(shift_m: float) -> None:
     assert len(revisits) >= 4
     assert not any(r.torn for r in revisits)
     assert not any(r.revisit.sure and r.revisit.distance_m > 0.5 for r in revisits)
-    assert judge_revisits(revisits, CONFIG.verdict).status is VerdictStatus.PASS
+    assert judge_revisits(revisits, CONFIG.audit, CONFIG.verdict).status is VerdictStatus.PASS
 
 
 def test_the_same_shift_is_a_tear_where_nothing_repeats() -> None:

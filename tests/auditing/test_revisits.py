@@ -10,9 +10,10 @@ import pytest
 from support.reported import swept_walls
 
 from mqslam.auditing.findings import judge_revisits
-from mqslam.auditing.laying import Laid
-from mqslam.auditing.revisits import RevisitAudit, judge_laid
+from mqslam.auditing.registration import Registration
+from mqslam.auditing.revisits import RevisitAudit, judge_registrations
 from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.table import share_of_false_alarms
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config
 from mqslam.core import se2
@@ -43,23 +44,26 @@ def passed_twice(count: int) -> Sweeps:
 
 def lay_passes(
     sweeps: Sweeps, moved: tuple[float, float, float] = (0.0, 0.0, 0.0), spread: float = 1.5, seed: int = 1
-) -> list[Laid]:
+) -> list[Registration]:
     """Returns the second pass laid on the first: off by a rigid motion, and by `spread` times what the curvature states."""
     count = len(sweeps.poses) // 2
     noise = spread * SIGMAS * np.random.default_rng(seed).normal(size=(count, 3))
-    laid = []
+    registrations = []
     for k in range(count):
         pose = sweeps.poses[count + k]
         off = se2.between(pose, se2.compose(np.array(moved), pose)) + noise[k]
-        size_m = float(np.hypot(np.hypot(off[0], off[1]), LEVER_M * off[2]))
         path_m = float(sweeps.travelled[count + k] - sweeps.travelled[k])
-        laid.append(Laid(k, count + k, np.zeros(3), path_m, off, np.diag(SIGMAS**2), size_m, 0.8, 1.4, 1.0, True, True))
-    return laid
+        registrations.append(
+            Registration(
+                k, count + k, np.zeros(3), path_m, off, np.diag(SIGMAS**2), np.zeros(2), LEVER_M, 0.8, 1.4, 1.0, True, True
+            )
+        )
+    return registrations
 
 
-def judged(sweeps: Sweeps, laid: list[Laid], sigma_m: float | None = None) -> list[RevisitAudit]:
+def judged(sweeps: Sweeps, registrations: list[Registration], sigma_m: float | None = None) -> list[RevisitAudit]:
     stated = None if sigma_m is None else Alike(sigma_m)
-    return judge_laid(laid, sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.verdict, stated)
+    return judge_registrations(registrations, sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.verdict, stated)
 
 
 @pytest.mark.parametrize("count", [12, 40])
@@ -81,44 +85,44 @@ def test_too_few_revisits_have_no_p_value_but_large_offsets_are_torn_all_the_sam
     sweeps = passed_twice(4)
     few = judged(sweeps, lay_passes(sweeps, (0.8, 0.0, 0.0)))
     assert all(np.isnan(r.p_value) and r.torn for r in few)
-    assert judge_revisits(few, CONFIG.verdict).p_value is None
+    assert judge_revisits(few, CONFIG.audit, CONFIG.verdict).p_value is None
     assert all(r.torn for r in judged(sweeps, lay_passes(sweeps, (0.8, 0.0, 0.0)), 0.02))
 
 
 @pytest.mark.parametrize("moved", [(0.3, 0.0, 0.0), (0.0, 0.0, 0.003)])
 def test_a_trajectory_that_is_sure_and_off_is_torn_below_the_constant(moved: tuple[float, float, float]) -> None:
     sweeps = passed_twice(17)
-    laid = lay_passes(sweeps, moved)
-    assert not any(r.torn for r in judged(sweeps, laid))  # the constants let it pass
-    sure = judged(sweeps, laid, 0.005)
-    finding = judge_revisits(sure, CONFIG.verdict)
+    registrations = lay_passes(sweeps, moved)
+    assert not any(r.torn for r in judged(sweeps, registrations))  # the constants let it pass
+    sure = judged(sweeps, registrations, 0.005)
+    finding = judge_revisits(sure, CONFIG.audit, CONFIG.verdict)
     assert finding.status is VerdictStatus.FAIL and "beyond what the trajectory claims to know" in finding.reason
-    assert finding.p_value is not None and finding.p_value < CONFIG.verdict.share_of_false_alarms
+    assert finding.p_value is not None and finding.p_value < share_of_false_alarms(CONFIG.verdict)
 
 
 def test_a_pass_that_lies_beside_the_other_all_along_is_found_though_no_revisit_is_torn() -> None:
     sweeps = passed_twice(40)
     revisits = judged(sweeps, lay_passes(sweeps, (0.0, 0.45, 0.0)))
-    finding = judge_revisits(revisits, CONFIG.verdict)
+    finding = judge_revisits(revisits, CONFIG.audit, CONFIG.verdict)
     assert not any(one.torn for one in revisits) and finding.status is VerdictStatus.WARN
     assert finding.reason.startswith("0 of 40 revisits are torn, and 40 revisits in a row agree on 0.4"), finding.reason
-    few = judge_revisits(judged(sweeps, lay_passes(sweeps, (0.0, 0.15, 0.0))), CONFIG.verdict)
+    few = judge_revisits(judged(sweeps, lay_passes(sweeps, (0.0, 0.15, 0.0))), CONFIG.audit, CONFIG.verdict)
     assert few.status is VerdictStatus.PASS
 
 
 def test_what_nobody_minds_is_not_torn_however_sure_the_trajectory_is() -> None:
     sweeps = passed_twice(40)
     tiny = judged(sweeps, lay_passes(sweeps, (0.07, 0.0, 0.0), spread=1.0), 1e-4)
-    assert not any(r.torn for r in tiny) and min(r.p_value for r in tiny) < CONFIG.verdict.share_of_false_alarms
-    assert judge_revisits(tiny, CONFIG.verdict).status is VerdictStatus.PASS
+    assert not any(r.torn for r in tiny) and min(r.p_value for r in tiny) < share_of_false_alarms(CONFIG.verdict)
+    assert judge_revisits(tiny, CONFIG.audit, CONFIG.verdict).status is VerdictStatus.PASS
 
 
 def test_a_trajectory_that_says_it_may_be_off_is_not_torn_but_worth_a_look() -> None:
     sweeps = passed_twice(17)
-    laid = lay_passes(sweeps, (1.5, 0.0, 0.0))
-    assert judge_revisits(judged(sweeps, laid), CONFIG.verdict).status is VerdictStatus.FAIL
-    unsure = judged(sweeps, laid, 1.0)
-    finding = judge_revisits(unsure, CONFIG.verdict)
+    registrations = lay_passes(sweeps, (1.5, 0.0, 0.0))
+    assert judge_revisits(judged(sweeps, registrations), CONFIG.audit, CONFIG.verdict).status is VerdictStatus.FAIL
+    unsure = judged(sweeps, registrations, 1.0)
+    finding = judge_revisits(unsure, CONFIG.audit, CONFIG.verdict)
     assert not any(r.torn for r in unsure) and all(r.excused for r in unsure)
     assert finding.status is VerdictStatus.WARN and "as the trajectory says they may" in finding.reason
     assert finding.p_value is not None and finding.p_value > 0.05
@@ -127,23 +131,28 @@ def test_a_trajectory_that_says_it_may_be_off_is_not_torn_but_worth_a_look() -> 
 def test_a_true_map_passes_with_claims_and_without() -> None:
     sweeps = passed_twice(30)
     for seed in range(20):
-        laid = lay_passes(sweeps, seed=seed)
+        registrations = lay_passes(sweeps, seed=seed)
         for sigma_m in (None, 1e-4, 0.5):
-            assert judge_revisits(judged(sweeps, laid, sigma_m), CONFIG.verdict).status is VerdictStatus.PASS
+            assert (
+                judge_revisits(judged(sweeps, registrations, sigma_m), CONFIG.audit, CONFIG.verdict).status
+                is VerdictStatus.PASS
+            )
 
 
-def unsure(laid: list[Laid], rivals: np.ndarray | None = None) -> list[Laid]:
+def unsure(registrations: list[Registration], rivals: np.ndarray | None = None) -> list[Registration]:
     """Returns revisits as if their passes had matched too little, or had rivals (R, 3)."""
     none = np.empty((0, 3))
-    return [replace(one, unrivalled=False, matched=0.3, rivals=none if rivals is None else rivals) for one in laid]
+    return [replace(one, unrivalled=False, matched=0.3, rivals=none if rivals is None else rivals) for one in registrations]
 
 
 def test_unsure_revisits_that_agree_count_and_those_that_fit_every_period_do_not() -> None:
     sweeps = passed_twice(17)
-    laid = lay_passes(sweeps, (5.0, 0.0, 0.0))
-    together = judged(sweeps, unsure(laid))
+    registrations = lay_passes(sweeps, (5.0, 0.0, 0.0))
+    together = judged(sweeps, unsure(registrations))
     assert all(r.revisit.sure and r.torn for r in together)
-    assert judge_revisits(together, CONFIG.verdict).status is VerdictStatus.FAIL
-    repeating = judged(sweeps, unsure(laid, np.array([[0.0, 0.0, 0.0]])))  # where the trajectory has it fits as well
+    assert judge_revisits(together, CONFIG.audit, CONFIG.verdict).status is VerdictStatus.FAIL
+    repeating = judged(
+        sweeps, unsure(registrations, np.array([[0.0, 0.0, 0.0]]))
+    )  # where the trajectory has it fits as well
     assert not any(r.revisit.sure or r.torn for r in repeating) and all(np.isnan(r.p_value) for r in repeating)
-    assert judge_revisits(repeating, CONFIG.verdict).status is VerdictStatus.PASS
+    assert judge_revisits(repeating, CONFIG.audit, CONFIG.verdict).status is VerdictStatus.PASS

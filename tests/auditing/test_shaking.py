@@ -34,7 +34,7 @@ def street() -> tuple[Scans, Trajectory]:
     return scans, Trajectory(recording.start_us + np.round(1e6 * ends).astype(np.int64), recording.drive.poses(ends))
 
 
-def laid(shift_m: float, scans: int | None = None) -> Sweeps:
+def registered(shift_m: float, scans: int | None = None) -> Sweeps:
     """Returns the map of the drive with every second pose shifted to the side."""
     recorded, truth = street()
     poses = truth.poses.copy()
@@ -48,26 +48,26 @@ def judged(sweeps: Sweeps) -> Finding:
 
 
 def test_a_right_trajectory_does_not_shake() -> None:
-    finding = judged(laid(0.0))
+    finding = judged(registered(0.0))
     assert finding.judged and finding.status is VerdictStatus.PASS
     assert finding.p_value is not None and finding.p_value > 0.1
 
 
 @pytest.mark.parametrize("shift_m", [0.2, 0.4])
 def test_poses_that_jump_to_and_fro_are_a_warning_that_says_how_far(shift_m: float) -> None:
-    finding = judged(laid(shift_m))
+    finding = judged(registered(shift_m))
     assert finding.status is VerdictStatus.WARN
     said = re.search(r"is crisper once the poses are smoothed: they jump to and fro by (\d\.\d\d) m", finding.reason)
     assert said is not None and float(said[1]) == pytest.approx(0.5 * shift_m, rel=0.3)
 
 
 def test_a_few_windows_judge_nothing() -> None:
-    finding = judged(laid(0.4, scans=40))
+    finding = judged(registered(0.4, scans=40))
     assert not finding.judged and finding.status is VerdictStatus.PASS
 
 
 def test_poses_are_smoothed_where_as_many_lie_on_either_side() -> None:
-    sweeps = laid(0.0)
+    sweeps = registered(0.0)
     sweeps.numbers[30:] += 5.0
     known = np.isfinite(smooth_poses(sweeps)).all(axis=1)
     assert np.flatnonzero(~known).tolist() == [0, 1, 2, 27, 28, 29, 30, 31, 32, *range(len(sweeps) - 3, len(sweeps))]

@@ -77,13 +77,15 @@ def test_without_its_trajectory_a_cloud_is_judged_by_its_crispness_only() -> Non
         return audit(sweeps, *SETTINGS, LocalEngine(1), ignore_progress)
 
     crisp = judge(POSES, None)
-    assert crisp.status is VerdictStatus.NOT_JUDGED and crisp.revisits == []
-    assert any("without its trajectory nothing global can be judged" in reason for reason in crisp.reasons)
-    assert any(reason.startswith("its 4 windows are crisp, but ") for reason in crisp.reasons)
+    assert crisp.verdict.status is VerdictStatus.NOT_JUDGED and crisp.revisits == []
+    assert any("without its trajectory nothing global can be judged" in reason for reason in crisp.verdict.reasons)
+    assert any(reason.startswith("its 4 windows are crisp, but ") for reason in crisp.verdict.reasons)
     wrong = se2.compose(POSES, np.c_[0.08 * np.arange(24), np.zeros((24, 2))])
     torn = judge(wrong, None)
-    assert torn.status is VerdictStatus.FAIL and torn.reasons[0] == "4 of 4 windows are torn"
-    assert "nothing global" not in " ".join(judge(POSES, Trajectory(TIMES_US, POSES)).reasons)
+    assert torn.verdict.status is VerdictStatus.FAIL and torn.verdict.reasons[0].startswith(
+        "4 of 4 windows are torn, the worst by"
+    )
+    assert "nothing global" not in " ".join(judge(POSES, Trajectory(TIMES_US, POSES)).verdict.reasons)
 
 
 def test_a_cloud_whose_points_have_times_of_their_own_is_cut_into_sweeps() -> None:
@@ -121,5 +123,5 @@ def test_a_real_corrected_log_passes_and_its_wheels_fail(name: str) -> None:
     for track in ("recording", "odometry"):
         sweeps, _ = place_source(source, source.tracks[track], BEAM)
         result[track] = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
-    assert result["recording"].status == "pass", result["recording"].reasons
-    assert result["odometry"].status == "fail"
+    assert result["recording"].verdict.status == "pass", result["recording"].verdict.reasons
+    assert result["odometry"].verdict.status == "fail"

@@ -10,10 +10,11 @@ import pytest
 from support.drives import block_drive
 
 from mqslam.auditing.findings import judge_spans
-from mqslam.auditing.laying import Laid, lay
-from mqslam.auditing.spans.measured import find_spans, fit_to_reach, lay_spans, pick_ends
+from mqslam.auditing.registration import Registration, register
+from mqslam.auditing.spans.measured import find_spans, fit_to_reach, pick_ends, register_spans
 from mqslam.auditing.spans.torn import SpanAudit, audit_spans, estimate_covariances
 from mqslam.auditing.sweeps import place_sweeps
+from mqslam.auditing.table import share_of_false_alarms
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config
 from mqslam.core import se2
@@ -35,20 +36,20 @@ def judged(stretch: float, first_m: float = 0.0, last_m: float = 0.0) -> list[Sp
     track = Trajectory(truth.stamps_us, se2.chain(steps, truth.poses[0]))
     sweeps = place_sweeps(scans, track, beam_of(CONFIG.estimator, 0.0))[0]
     known = np.ones(len(sweeps), bool)
-    spans = lay_spans(sweeps, known, CONFIG.audit, CONFIG.estimator, LocalEngine(2), ignore_progress)
-    return audit_spans(spans, np.zeros((len(spans), 3)), sweeps.times, CONFIG.verdict)
+    spans = register_spans(sweeps, known, CONFIG.audit, CONFIG.estimator, LocalEngine(2), ignore_progress)
+    return audit_spans(spans, np.zeros((len(spans), 3)), sweeps.times, CONFIG.audit, CONFIG.verdict)
 
 
 def test_no_span_of_the_truth_is_torn() -> None:
-    finding = judge_spans(judged(0.0))
+    finding = judge_spans(judged(0.0), CONFIG.audit, CONFIG.verdict)
     assert finding.status is VerdictStatus.PASS and finding.judged, finding.reason
 
 
 @pytest.mark.parametrize("stretch", [-0.01, 0.01])
 def test_a_stretch_that_is_too_long_by_a_hundredth_is_found(stretch: float) -> None:
     spans = judged(stretch, 120.0, 220.0)
-    finding = judge_spans(spans)
-    assert finding.status is not VerdictStatus.PASS and finding.p_value < CONFIG.verdict.share_of_false_alarms
+    finding = judge_spans(spans, CONFIG.audit, CONFIG.verdict)
+    assert finding.status is not VerdictStatus.PASS and finding.p_value < share_of_false_alarms(CONFIG.verdict)
     torn = [span for span in spans if span.torn]
     assert all(np.sign(span.offset[0]) == -np.sign(stretch) for span in torn)
     side = "long" if stretch > 0.0 else "short"
@@ -66,9 +67,9 @@ def test_scans_at_one_end_that_see_other_things_move_no_span() -> None:
     points[sweeps.span(middle[1] - 1, middle[1] + 2)] += [0.3, 0.0]
     moved = replace(sweeps, points=points)
     sections = CONFIG.audit, CONFIG.estimator
-    asked = lay(moved, middle, pick_ends(middle), (2.0, 0.1), *sections)
+    asked = register(moved, middle, pick_ends(middle), (2.0, 0.1), *sections)
     assert asked is not None and np.hypot(*asked.offset[:2]) == pytest.approx(0.3, abs=0.06)
-    spans = lay_spans(moved, known, *sections, LocalEngine(2), ignore_progress)
+    spans = register_spans(moved, known, *sections, LocalEngine(2), ignore_progress)
     assert max(np.hypot(*span.offset[:2]) for span in spans if (span.earlier, span.later) == middle) < 0.1
 
 
@@ -80,15 +81,30 @@ def test_a_heading_that_passes_180_deg_between_the_ends_of_a_span_is_no_whole_tu
     sweeps = place_sweeps(scans, Trajectory(truth.stamps_us, poses), beam_of(CONFIG.estimator, 0.0))[0]
     crossing = int(np.argmax(np.abs(np.diff(sweeps.poses[:, 2]))))
     pair = crossing - 1, crossing + 2
-    laid = lay(sweeps, pair, pick_ends(pair), (2.0, 0.1), CONFIG.audit, CONFIG.estimator)
-    assert laid is not None and abs(laid.between[2]) < 1.0
+    registration = register(sweeps, pair, pick_ends(pair), (2.0, 0.1), CONFIG.audit, CONFIG.estimator)
+    assert registration is not None and abs(registration.between[2]) < 1.0
 
 
-def lay_by_chance(random: np.random.Generator, spread: float, offset: object = 0.0) -> Laid:
+def lay_by_chance(random: np.random.Generator, spread: float, offset: object = 0.0) -> Registration:
     """Returns a span that is off, as three measurements show it whose errors are larger than their covariance says."""
     repeats = offset + random.normal(0.0, spread, (3, 3)) * [1.0, 1.0, 0.05]
     off, covariance = np.median(repeats, axis=0), 1e-4 * np.diag([1.0, 1.0, 0.0025])
-    return Laid(0, 1, np.array([30.0, 0.0, 0.0]), 30.0, off, covariance, 0.1, 0.8, 1.0, 1.0, True, True, repeats=repeats)
+    return Registration(
+        0,
+        1,
+        np.array([30.0, 0.0, 0.0]),
+        30.0,
+        off,
+        covariance,
+        np.zeros(2),
+        30.0,
+        0.8,
+        1.0,
+        1.0,
+        True,
+        True,
+        repeats=repeats,
+    )
 
 
 def test_a_good_map_is_called_bad_as_rarely_as_promised() -> None:
@@ -97,7 +113,7 @@ def test_a_good_map_is_called_bad_as_rarely_as_promised() -> None:
     least = []
     for _ in range(200):
         spans = [lay_by_chance(random, 0.03) for _ in range(60)]
-        judged = audit_spans(spans, np.zeros((60, 3)), np.zeros(2), CONFIG.verdict)
+        judged = audit_spans(spans, np.zeros((60, 3)), np.zeros(2), CONFIG.audit, CONFIG.verdict)
         least.append(min(span.p_value for span in judged))
     assert np.mean(np.array(least) < 0.05) < 0.1
 
@@ -114,21 +130,35 @@ def test_a_trajectory_that_is_off_here_and_there_is_not_taken_for_noise(every: i
     random = np.random.default_rng(1)
     weave = [0.3 * (-1.0) ** (k // every) for k in range(40)]
     spans = [lay_by_chance(random, 0.02, np.array([0.0, off, 0.0])) for off in weave]
-    judged = audit_spans(spans, np.zeros((40, 3)), np.zeros(2), CONFIG.verdict)
+    judged = audit_spans(spans, np.zeros((40, 3)), np.zeros(2), CONFIG.audit, CONFIG.verdict)
     assert all(span.torn for span in judged)
 
 
 def test_half_of_a_drive_that_is_off_does_not_pass_for_what_is_usual() -> None:
     random = np.random.default_rng(1)
     spans = [lay_by_chance(random, 0.02, np.array([0.3 * (k >= 20), 0.0, 0.0])) for k in range(40)]
-    judged = audit_spans(spans, np.zeros((40, 3)), np.zeros(2), CONFIG.verdict)
+    judged = audit_spans(spans, np.zeros((40, 3)), np.zeros(2), CONFIG.audit, CONFIG.verdict)
     torn = [span for span in judged if span.torn]
-    assert len(torn) >= 18 and judge_spans(judged).status is VerdictStatus.FAIL
+    assert len(torn) >= 18 and judge_spans(judged, CONFIG.audit, CONFIG.verdict).status is VerdictStatus.FAIL
 
 
 def test_a_few_spans_show_nothing() -> None:
     spans = audit_spans(
-        [lay_by_chance(np.random.default_rng(1), 0.02, np.ones(3))] * 5, np.zeros((5, 3)), np.zeros(2), CONFIG.verdict
+        [lay_by_chance(np.random.default_rng(1), 0.02, np.ones(3))] * 5,
+        np.zeros((5, 3)),
+        np.zeros(2),
+        CONFIG.audit,
+        CONFIG.verdict,
     )
-    assert not judge_spans(spans).judged
-    assert audit_spans([], np.zeros((0, 3)), np.zeros(2), CONFIG.verdict) == []
+    assert not judge_spans(spans, CONFIG.audit, CONFIG.verdict).judged
+    assert audit_spans([], np.zeros((0, 3)), np.zeros(2), CONFIG.audit, CONFIG.verdict) == []
+
+
+def test_a_weave_that_no_span_surely_shows_is_found_by_all_of_them() -> None:
+    """Half of the spans are off by 0.2 m, which is unusual for each and surely too much for none."""
+    random = np.random.default_rng(3)
+    spans = [lay_by_chance(random, 0.07, np.array([0.0, 0.2 * (-1.0) ** (k // 2), 0.0])) for k in range(80)]
+    judged = audit_spans(spans, np.zeros((80, 3)), np.zeros(2), CONFIG.audit, CONFIG.verdict)
+    assert sum(span.torn for span in judged) > 20
+    fine = [lay_by_chance(random, 0.07) for _ in range(80)]
+    assert not any(span.torn for span in audit_spans(fine, np.zeros((80, 3)), np.zeros(2), CONFIG.audit, CONFIG.verdict))

@@ -11,9 +11,10 @@ from support.drives import street_drive
 
 from mqslam.auditing import steps as steps_module
 from mqslam.auditing.findings import find_torn_steps, judge_steps
-from mqslam.auditing.laying import Laid
+from mqslam.auditing.registration import Registration
 from mqslam.auditing.steps import StepAudit, audit_steps, compute_p_values
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
+from mqslam.auditing.table import share_of_false_alarms
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config, VerdictConfig
 from mqslam.core import se2
@@ -54,7 +55,7 @@ def judged(jump: tuple[float, float, float], jobs: int = 1) -> list[StepAudit]:
         np.ones(len(sweeps), bool),
         CONFIG.audit,
         CONFIG.estimator,
-        CONFIG.verdict,
+        share_of_false_alarms(CONFIG.verdict),
         LocalEngine(jobs),
         ignore_progress,
     )
@@ -63,8 +64,8 @@ def judged(jump: tuple[float, float, float], jobs: int = 1) -> list[StepAudit]:
 def test_a_map_without_a_jump_shows_none() -> None:
     steps = judged((0.0, 0.0, 0.0))
     finding = judge_steps(steps, find_torn_steps(steps, CONFIG.audit, CONFIG.verdict), CONFIG.audit, CONFIG.verdict)
-    assert finding.status is VerdictStatus.PASS and finding.reason.startswith("no jump of up to 3 m at any of")
-    assert max(step.laid.size_m for step in steps) < 0.1
+    assert finding.status is VerdictStatus.PASS and finding.reason.startswith("no jump of more than 0.1 m at any of")
+    assert max(step.registration.size_m for step in steps) < 0.1
 
 
 @pytest.mark.parametrize(
@@ -80,10 +81,10 @@ def test_a_map_without_a_jump_shows_none() -> None:
 def test_a_lasting_jump_is_found_where_it_is(jump: tuple[float, float, float], status: VerdictStatus) -> None:
     steps = judged(jump)
     found = find_torn_steps(steps, CONFIG.audit, CONFIG.verdict)
-    assert [abs(step.laid.later - PLACE) <= 1 for step in found] == [True]
+    assert [abs(step.registration.later - PLACE) <= 1 for step in found] == [True]
     assert judge_steps(steps, found, CONFIG.audit, CONFIG.verdict).status is status
-    at = min(steps, key=lambda step: abs(step.laid.later - PLACE))
-    np.testing.assert_allclose(at.laid.offset[:2], -np.array(jump[:2]), atol=0.15)
+    at = min(steps, key=lambda step: abs(step.registration.later - PLACE))
+    np.testing.assert_allclose(at.registration.offset[:2], -np.array(jump[:2]), atol=0.15)
 
 
 @pytest.mark.parametrize("place", [30, 31])
@@ -96,9 +97,11 @@ def test_a_jump_between_the_places_that_are_judged_is_placed_where_it_is(
     monkeypatch.setattr(steps_module, "STEP_FEWEST", 10)
     sweeps = lay_street(jump, place)
     known = np.ones(len(sweeps), bool)
-    steps = audit_steps(sweeps, known, CONFIG.audit, CONFIG.estimator, CONFIG.verdict, LocalEngine(2), ignore_progress)
-    assert [step.laid.later for step in find_torn_steps(steps, CONFIG.audit, CONFIG.verdict)] == [place]
-    judged = [step.laid.later for step in steps]
+    steps = audit_steps(
+        sweeps, known, CONFIG.audit, CONFIG.estimator, share_of_false_alarms(CONFIG.verdict), LocalEngine(2), ignore_progress
+    )
+    assert [step.registration.later for step in find_torn_steps(steps, CONFIG.audit, CONFIG.verdict)] == [place]
+    judged = [step.registration.later for step in steps]
     assert judged == sorted(set(judged)) and len(judged) < 0.75 * len(sweeps)
 
 
@@ -111,8 +114,10 @@ def test_what_is_off_beside_a_step_follows_the_rate_of_false_alarms_as_the_verdi
     known = np.ones(len(sweeps), bool)
 
     def lay_beside(limits: VerdictConfig) -> set[int]:
-        steps = audit_steps(sweeps, known, CONFIG.audit, CONFIG.estimator, limits, LocalEngine(2), ignore_progress)
-        return {step.laid.later for step in steps}
+        steps = audit_steps(
+            sweeps, known, CONFIG.audit, CONFIG.estimator, share_of_false_alarms(limits), LocalEngine(2), ignore_progress
+        )
+        return {step.registration.later for step in steps}
 
     usual, strict = lay_beside(CONFIG.verdict), lay_beside(VerdictConfig(false_alarms=1e-300))
     assert 30 in usual - strict and strict < usual
@@ -123,13 +128,14 @@ def test_the_result_does_not_depend_on_the_workers() -> None:
     assert [step.p_value for step in one] == [step.p_value for step in two]
 
 
-def wander(count: int, spread: float, seed: int) -> list[Laid]:
+def wander(count: int, spread: float, seed: int) -> list[Registration]:
     """Returns steps that are off by chance, by so many times as much as their covariance says."""
     sigmas = np.array([0.01, 0.02, 0.001])
     offsets = spread * sigmas * np.random.default_rng(seed).normal(size=(count, 3))
     covariance = np.diag(sigmas**2)
     return [
-        Laid(k, k + 1, np.zeros(3), 2.0, off, covariance, 0.1, 0.8, 1.0, 1.0, True, True) for k, off in enumerate(offsets)
+        Registration(k, k + 1, np.zeros(3), 2.0, off, covariance, np.zeros(2), 30.0, 0.8, 1.0, 1.0, True, True)
+        for k, off in enumerate(offsets)
     ]
 
 
@@ -148,7 +154,10 @@ def test_a_step_that_stands_out_is_seen_however_noisy_the_others_are() -> None:
 
 def test_too_few_steps_and_those_that_do_not_hold_every_direction_judge_nothing() -> None:
     assert np.isnan(compute_p_values(wander(10, 1.0, 1))).all()
-    hidden = [Laid(k, k + 1, np.zeros(3), 2.0, np.ones(3), np.eye(3), 0.1, 0.8, 1.0, 1.0, False, False) for k in range(30)]
+    hidden = [
+        Registration(k, k + 1, np.zeros(3), 2.0, np.ones(3), np.eye(3), np.zeros(2), 30.0, 0.8, 1.0, 1.0, False, False)
+        for k in range(30)
+    ]
     assert np.isnan(compute_p_values(hidden)).all()
     finding = judge_steps([StepAudit(step, 0.0, float("nan")) for step in hidden], [], CONFIG.audit, CONFIG.verdict)
-    assert finding.reason == "too few steps could be measured to see a jump of the trajectory"
+    assert finding.reason == "jumps: too few steps could be measured, so that one of up to 0.5 m could hide"

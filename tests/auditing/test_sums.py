@@ -10,7 +10,7 @@ import pytest
 from support.drives import block_drive
 
 from mqslam.auditing.findings import judge_sums
-from mqslam.auditing.laying import Laid
+from mqslam.auditing.registration import Registration
 from mqslam.auditing.spans.sums import SumAudit, audit_sums, find_bends
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
@@ -40,10 +40,10 @@ def judge(turns: np.ndarray, seed: int, missing: slice = slice(0, 0), noise: flo
     spans = []
     for k, turn in enumerate(turns):
         off = noise * random.multivariate_normal(np.zeros(3), COVARIANCE) + [0.0, 0.5 * SPAN_M * turn, turn]
-        laid = Laid(k, k + 2, BETWEEN, SPAN_M, off, COVARIANCE, 0.1, 0.8, 1.0, 1.0, True, True)
-        spans.append(SpanAudit(laid, float(k), float(k + 2), off, COVARIANCE, 0.5, False))
+        registration = Registration(k, k + 2, BETWEEN, SPAN_M, off, COVARIANCE, np.zeros(2), 30.0, 0.8, 1.0, 1.0, True, True)
+        spans.append(SpanAudit(registration, float(k), float(k + 2), off, COVARIANCE, 0.5, False))
     del spans[missing]
-    return audit_sums(spans, lie_straight(), CONFIG.verdict)
+    return audit_sums(spans, lie_straight(), CONFIG.audit, CONFIG.verdict)
 
 
 def test_good_maps_are_called_bent_more_rarely_than_promised() -> None:
@@ -62,7 +62,7 @@ def test_a_bend_that_no_span_shows_is_found_where_it_is(degrees: float, over: in
         worst = min(bends, key=lambda one: one.p_value)
         assert np.degrees(-worst.offset[2]) == pytest.approx(degrees, abs=0.5)
         assert worst.t0 < 10 + over and worst.t1 > 10
-    finding = judge_sums(judge(turns, 0), SPAN_M * COUNT)
+    finding = judge_sums(judge(turns, 0), SPAN_M * COUNT, CONFIG.audit, CONFIG.verdict)
     side = "left" if degrees > 0.0 else "right"
     said = rf"the trajectory turns by \d\.\d deg \(± 0\.\d\) too far to the {side} over \d+ m from [\d.]+ s to [\d.]+ s"
     assert re.match(said, finding.reason) and finding.status is not VerdictStatus.PASS
@@ -81,7 +81,7 @@ def test_spans_across_a_stretch_that_nothing_was_measured_in_are_not_added_up() 
 
 
 def test_without_spans_nothing_is_judged() -> None:
-    finding = judge_sums(audit_sums([], lie_straight(), CONFIG.verdict), 100.0)
+    finding = judge_sums(audit_sums([], lie_straight(), CONFIG.audit, CONFIG.verdict), 100.0, CONFIG.audit, CONFIG.verdict)
     assert finding.status is VerdictStatus.PASS and not finding.judged
 
 

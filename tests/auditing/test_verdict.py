@@ -10,9 +10,11 @@ from scipy.stats import binomtest
 from support.reported import judge_map, judged_revisit, judged_window, swept_walls
 
 from mqslam.auditing import findings
+from mqslam.auditing.findings import judge_revisits
 from mqslam.auditing.revisits import RevisitAudit
-from mqslam.auditing.verdict import WINDOWS_FAIL, WINDOWS_WARN, Finding, Share, VerdictStatus, verdict_of
+from mqslam.auditing.verdict import WINDOWS_FAIL, WINDOWS_WARN, Cause, Finding, Share, VerdictStatus, verdict_of
 from mqslam.auditing.windows.windows import Undecided, WindowAudit
+from mqslam.config import AuditConfig, VerdictConfig
 
 PASS, WARN, FAIL, NOT_JUDGED = VerdictStatus
 
@@ -68,11 +70,11 @@ def test_one_good_map_in_twenty_at_most_is_called_bad_by_chance() -> None:
 
 def test_the_gravest_finding_is_the_verdict_and_its_reasons_come_first() -> None:
     findings = [Finding(PASS, "fine"), Finding(NOT_JUDGED, "few"), Finding(WARN, "odd"), Finding(FAIL, "torn")]
-    assert verdict_of(findings) == (FAIL, ["torn", "odd", "few"])
-    assert verdict_of(findings[:3]) == (WARN, ["odd", "few"])
-    assert verdict_of(findings[:2]) == (NOT_JUDGED, ["few"])
-    assert verdict_of(findings[:1]) == (PASS, ["fine"])
-    assert verdict_of([])[0] is NOT_JUDGED
+    assert verdict_of({"": findings})[::2] == (FAIL, ["torn", "odd", "few"])
+    assert verdict_of({"": findings[:3]})[::2] == (WARN, ["odd", "few"])
+    assert verdict_of({"": findings[:2]})[::2] == (NOT_JUDGED, ["few"])
+    assert verdict_of({"": findings[:1]})[::2] == (PASS, ["fine"])
+    assert verdict_of({})[0] is NOT_JUDGED
 
 
 def scans(torn: int, total: int) -> list[WindowAudit]:
@@ -99,7 +101,7 @@ def test_a_map_of_which_no_window_could_be_checked_is_not_judged() -> None:
 def test_one_torn_window_of_three_is_too_little_evidence() -> None:
     status, reasons = judge_map(scans(1, 3), [], 18)
     assert status is NOT_JUDGED
-    assert reasons[0] == (
+    assert reasons[0].startswith(
         "1 of 3 windows is torn, too few to judge the map by: the share of torn ones may be anything from 2 to 86 %"
     )
 
@@ -107,7 +109,7 @@ def test_one_torn_window_of_three_is_too_little_evidence() -> None:
 def test_points_that_are_seen_once_fail_where_enough_windows_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(findings, "LEAST_MATCHED", 0.9)
     status, reasons = judge_map(scans(0, 10), [], 60)
-    assert status is FAIL and reasons == ["only 80% of the points are seen twice: nothing overlaps"]
+    assert status is FAIL and reasons == ["only 80% of the points are seen twice"]
     assert judge_map(scans(0, 4), [], 24)[0] is NOT_JUDGED
 
 
@@ -129,16 +131,20 @@ def test_torn_revisits_need_evidence_too(torn: tuple[int, ...], total: int, stat
 
 def test_what_cannot_be_sure_is_no_revisit() -> None:
     unsure = [judged_revisit(k, k + 30, (9.0, 0.0, 0.0), False, sure=False) for k in range(3)]
-    assert judge_map(scans(0, 40), unsure, 240) == (
-        PASS,
-        ["0 of 40 windows are torn", "none of 3 revisits is sure enough to show its drift"],
+    assert judge_map(scans(0, 40), unsure, 240) == (PASS, ["0 of 40 windows are torn"])
+    assert not judge_revisits(unsure, AuditConfig(), VerdictConfig()).judged
+    hidden = judge_revisits(unsure, AuditConfig(), VerdictConfig(), path_m=480.0).reason
+    # two stretches of 240 m, each by half a metre and half a degree, which the other half of the path carries on
+    assert hidden == (
+        f"drift: none of 3 revisits is sure enough to show it, so that up to {2 * 0.5 + 240.0 * np.radians(1.0):.0f} m at "
+        "the end could hide"
     )
 
 
 def test_undecided_windows_count_neither_as_torn_nor_as_whole() -> None:
     gaps = [replace(window, undecided=Undecided.GAP) for window in scans(0, 20)]
     status, reasons = judge_map([*scans(5, 10), *gaps], [], 180)
-    assert status is FAIL and reasons == ["5 of 10 windows are torn, 20 undecided"]
+    assert status is FAIL and reasons == ["5 of 10 windows are torn, 20 undecided, the worst by 0.06 m from 0.0 s to 1.5 s"]
     status, reasons = judge_map(gaps, [], 120)
     assert status is NOT_JUDGED and reasons == ["none of 20 windows could be decided"]
 
@@ -152,7 +158,8 @@ def test_many_windows_in_which_nothing_is_seen_twice_are_a_warning() -> None:
 
 def test_what_is_wrong_with_the_trajectory_comes_first() -> None:
     jump = Finding(FAIL, "it jumps")
-    assert judge_map(scans(40, 40), [], 240, [jump]) == (FAIL, ["it jumps", "40 of 40 windows are torn"])
+    status, reasons = judge_map(scans(40, 40), [], 240, [jump])
+    assert status is FAIL and reasons[0] == "it jumps" and reasons[1].startswith("40 of 40 windows are torn")
 
 
 def test_without_a_trajectory_a_crisp_map_is_not_judged_and_a_torn_one_still_fails() -> None:
@@ -160,4 +167,22 @@ def test_without_a_trajectory_a_crisp_map_is_not_judged_and_a_torn_one_still_fai
     status, reasons = judge_map(scans(0, 40), None, 240)
     assert status is NOT_JUDGED and reasons == [f"its 40 windows are crisp, but {nothing}"]
     status, reasons = judge_map(scans(20, 40), None, 240)
-    assert status is FAIL and reasons == ["20 of 40 windows are torn", nothing]
+    assert status is FAIL and reasons == ["20 of 40 windows are torn, the worst by 0.06 m from 0.0 s to 1.5 s", nothing]
+
+
+def test_the_diagnosis_is_the_cause_that_explains_the_others() -> None:
+    late = Finding(WARN, "late by 0.1 s", cause=Cause.STAMPS, explanation="the stamps are late; give an offset")
+    torn = Finding(FAIL, "half of the windows are torn")
+    drift = Finding(FAIL, "passes are torn", cause=Cause.PASSES, explanation="the trajectory drifts")
+    verdict = verdict_of({"windows": [torn], "pooled": [late], "revisits": [drift]})
+    assert verdict == (FAIL, late.explanation, [torn.reason, drift.reason, late.reason])
+    assert verdict_of({"windows": [torn]}).diagnosis == torn.reason
+
+
+def test_a_map_that_passes_says_how_many_tests_found_no_fault() -> None:
+    fine, blind = Finding(PASS, "fine"), Finding(PASS, "blind", judged=False)
+    assert verdict_of({"windows": [fine], "steps": [fine, blind], "spans": [blind]}) == (
+        PASS,
+        "no fault found by 2 of 3 tests",
+        ["fine", "fine"],
+    )

@@ -72,7 +72,7 @@ def test_a_map_that_was_not_judged_is_not_said_to_need_no_mending() -> None:
 
 @pytest.mark.parametrize("stretch", [1.0, 1.028, 0.99])
 def test_a_trajectory_that_is_mended_in_its_scale_is_said_to_be(stretch: float) -> None:
-    audited = SimpleNamespace(audit=SimpleNamespace(status="pass"))
+    audited = SimpleNamespace(audit=SimpleNamespace(verdict=SimpleNamespace(status="pass")))
     mended = SimpleNamespace(rounds=1, result=audited, is_worse=False, ties=3, loops=1, moved_m=2.45, stretch=stretch)
     sentence = describe_mended(mended, {"verdict": {"status": "fail"}})
     assert sentence.startswith(

@@ -229,6 +229,7 @@ def test_one_scan_has_a_pose_and_no_verdict(drive: Path, tmp_path: Path, monkeyp
     assert run(one, tmp_path / "out", "--odometry", "auto").code == 0
     assert summary_of(tmp_path / "out")["verdict"] == {
         "status": "not judged",
+        "diagnosis": "1 scan is too few to judge a map by: a window takes 6",
         "reasons": ["1 scan is too few to judge a map by: a window takes 6"],
     }
 

@@ -38,7 +38,7 @@ def test_a_run_shows_psi_across_passes_where_places_are_passed_twice(across: flo
         "evaluation_odometry": None,
         "dataset": {"revolutions": 9, "duration_s": 2.0, "length_m": 8.0},
         "runtime_s": {"total": 1.0},
-        "verdict": {"status": "pass", "reasons": ["fine"]},
+        "verdict": {"status": "pass", "diagnosis": "fine", "reasons": ["fine"]},
         "not_judged": [],
         "last_pose": None,
     }

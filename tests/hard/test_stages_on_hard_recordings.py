@@ -57,7 +57,7 @@ def rendered(scans: Sequence[Scan], poses: se2.Array) -> PointMap:
 
 def assert_sound(result: Audit) -> None:
     """Checks that what is judged holds points, that its numbers are finite and its covariances positive definite."""
-    assert result.status in ("pass", "warn", "fail", "not judged")
+    assert result.verdict.status in ("pass", "warn", "fail", "not judged")
     for scan in result.windows:
         assert scan.bend.points > 0
         assert np.isfinite([scan.bend.inflation, scan.bend.size_m, scan.bend.psi, scan.bend.psi_best]).all()
@@ -89,7 +89,7 @@ def test_a_hard_recording_is_rendered_and_checked(name: str) -> None:
         return  # there is nothing to judge, which an audit says by an error
     judged = audit_trajectory(joined(scans), track, CONFIG, BEAM, Runner())
     assert all(check.bend.points and np.isfinite(check.bend.inflation) for check in judged.windows)
-    assert all(np.isfinite(step.laid.offset).all() for step in judged.steps)
+    assert all(np.isfinite(step.registration.offset).all() for step in judged.steps)
     assert find_candidates(chain_of(TrackedRun.of(scans, poses)), set()) == ([], [])
 
 

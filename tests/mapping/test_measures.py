@@ -29,7 +29,7 @@ def entropy(points: np.ndarray) -> float:
 
 
 def test_mean_map_entropy_and_plane_variance_are_those_of_numpy() -> None:
-    result = compute_measures(POINTS, SWEEPS, SENSORS, AuditConfig(radius_m=1.0, cell_m=0.5))
+    result = compute_measures(POINTS, SWEEPS, SENSORS, AuditConfig(radius_m=1.0))
     filled = [n for n in neighbourhoods(POINTS, 1.0) if len(n) >= 5]
     assert result.map_entropy == pytest.approx(np.mean([entropy(n) for n in filled]), abs=1e-9)
     least = [np.linalg.eigvalsh(np.cov(n.T, bias=True) + 1e-6 * np.eye(2))[0] for n in filled]
@@ -37,7 +37,7 @@ def test_mean_map_entropy_and_plane_variance_are_those_of_numpy() -> None:
 
 
 def test_joint_entropy_is_that_of_all_sweeps_less_that_of_each_points_own() -> None:
-    result = compute_measures(POINTS, SWEEPS, SENSORS, AuditConfig(radius_m=1.5, cell_m=0.5))
+    result = compute_measures(POINTS, SWEEPS, SENSORS, AuditConfig(radius_m=1.5))
     differences = []
     for point, sweep in zip(POINTS, SWEEPS, strict=True):
         near = np.hypot(*(POINTS - point).T) <= 1.5
@@ -52,7 +52,7 @@ def test_a_doubled_wall_is_worse_by_every_entropy_than_a_single_one() -> None:
     y = 5.0 + 0.01 * RNG.normal(size=400)
     twice = np.c_[x, y + np.repeat([0.0, 0.4], 200)]
     sweeps, sensors = np.repeat([0, 1], 200), np.zeros((400, 2))
-    good, bad = (compute_measures(p, sweeps, sensors, AuditConfig(radius_m=0.5, cell_m=0.2)) for p in (np.c_[x, y], twice))
+    good, bad = (compute_measures(p, sweeps, sensors, AuditConfig(radius_m=0.5)) for p in (np.c_[x, y], twice))
     assert bad.map_entropy > good.map_entropy + 1.0
     assert bad.plane_variance > 10.0 * good.plane_variance
     assert bad.joint_entropy > good.joint_entropy + 1.0

@@ -25,7 +25,7 @@ from support.reported import (
 )
 
 from mqslam.auditing.judge import Audit
-from mqslam.auditing.laying import Laid
+from mqslam.auditing.registration import Registration
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.sweeps import Sweeps
@@ -106,9 +106,11 @@ def drawn(sweeps: Sweeps, audit: Audit, *, opaque: bool = True) -> bytes:
 
 def test_the_heat_map_shows_jumps_and_torn_spans() -> None:
     sweeps, fine = swept_walls(), audit_of([], [])
-    laid = Laid(20, 26, np.zeros(3), 1.0, np.array([-2.0, 0.5, 0.0]), np.eye(3), 2.1, 0.75, 2.0, 1.0, True, True)
-    span = SpanAudit(laid, 5.0, 6.5, laid.offset, np.eye(3), 1e-9, True)
-    broken = replace(fine, jumps=[StepAudit(laid, 6.5, 1e-9)])
+    registration = Registration(
+        20, 26, np.zeros(3), 1.0, np.array([-2.0, 0.5, 0.0]), np.eye(3), np.zeros(2), 30.0, 0.75, 2.0, 1.0, True, True
+    )
+    span = SpanAudit(registration, 5.0, 6.5, registration.offset, np.eye(3), 1e-9, True)
+    broken = replace(fine, jumps=[StepAudit(registration, 6.5, 1e-9)])
     bent = replace(fine, spans=[span])
 
     def count_red(audit: Audit) -> int:

@@ -80,7 +80,11 @@ def test_without_a_trajectory_there_is_no_path_and_no_revisit(tmp_path: Path) ->
 
 def test_a_table_without_rows_still_names_its_columns(tmp_path: Path) -> None:
     rows = {"per_window": [], "per_revisit": [], "per_step": [], "per_span": []}
-    judged = {"verdict": {"status": "not judged", "reasons": ["no points"]}, "not_judged": [], "warnings": ["few points"]}
+    judged = {
+        "verdict": {"status": "not judged", "diagnosis": "no points", "reasons": ["no points"]},
+        "not_judged": [],
+        "warnings": ["few points"],
+    }
     origin = {"mqslam_version": "1", "dataset": {"path": "drive", "format": "native"}, "trajectory": None}
     write_audit(tmp_path, CONFIG, {**rows, **judged, **origin})
     log = (tmp_path / "run.log").read_text()

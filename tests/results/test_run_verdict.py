@@ -7,7 +7,7 @@ import pytest
 from support.reported import judged_window, swept_walls
 
 from mqslam.auditing.findings import judge_windows
-from mqslam.auditing.verdict import VerdictStatus
+from mqslam.auditing.verdict import VerdictStatus, verdict_of
 from mqslam.backend.sensor_use import SensorUse
 from mqslam.backend.sensors.chirps import VelocityUse
 from mqslam.backend.sensors.gnss import FixUse
@@ -121,7 +121,7 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others)
     ],
 )
 def test_the_verdict_of_a_run_needs_evidence(found, status, reason):
-    verdict_status, reasons = judge_run(found)
+    verdict_status, _, reasons = verdict_of(judge_run(found))
     assert verdict_status is status, reasons
     assert any(said.startswith(reason) for said in reasons), reasons
 
@@ -142,7 +142,7 @@ def test_the_verdict_of_a_run_needs_evidence(found, status, reason):
 )
 def test_psi_per_point_says_that_it_hardly_sees_drift_and_psi_across_passes_leads(after, across, status, ratio, meaning):
     refined = Refined([], []) if across is None else Refined([], [], 0.9, 0.6, across)
-    judged, reasons = judge_run(run(240, after=after, refined=refined))
+    judged, _, reasons = verdict_of(judge_run(run(240, after=after, refined=refined)))
     said = f"psi per point is {ratio} times that of the map before optimisation: {meaning}"
     assert judged is status and any(reason.startswith(said) for reason in reasons)
     leads = "psi per point across passes is 0.50 times that of the map before optimisation"
@@ -179,25 +179,29 @@ def test_of_many_gaps_the_first_are_named_and_the_others_counted() -> None:
 @pytest.mark.parametrize("step_m", [0.25, 0.85, 1.0, 1.05, 4.0])
 def test_a_trajectory_of_another_scale_than_odometry_does_not_pass(step_m: float) -> None:
     found, is_right = run(240, odometry=driven(240, step_m)), abs(np.log(step_m)) < 0.09
-    status, reasons = judge_run(found)
+    status, _, reasons = verdict_of(judge_run(found))
     assert status is (PASS if is_right else WARN)
     said = [reason for reason in reasons if "times as fast as odometry" in reason]
     assert not said if is_right else f"{1.0 / step_m:.3g} times as fast" in said[0] and f"bins {step_m:.3g} times" in said[0]
 
 
 def test_odometry_in_another_unit_is_told_and_range_bins_are_not_blamed_where_gnss_agrees_with_the_radar() -> None:
-    (said,) = [reason for reason in judge_run(run(240, odometry=driven(240, 3.6)))[1] if "as fast as odometry" in reason]
+    (said,) = [
+        reason
+        for reason in verdict_of(judge_run(run(240, odometry=driven(240, 3.6)))).reasons
+        if "as fast as odometry" in reason
+    ]
     assert "as if its speeds were in km/h, or range bins 3.6 times as long" in said
     agreeing = SensorUse(fixes=FixUse("gnss.csv", (), None, None, 1.001))
     found = run(240, odometry=driven(240, 3.6), sensors=agreeing)
-    (said,) = [reason for reason in judge_run(found)[1] if "as fast as odometry" in reason]
+    (said,) = [reason for reason in verdict_of(judge_run(found)).reasons if "as fast as odometry" in reason]
     assert "in km/h, mend odometry's speeds, since GNSS agrees with the radar" in said and "range bins" not in said
 
 
 @pytest.mark.parametrize("stretch", [None, 0.8, 0.95, 1.05, 1.3])
 def test_fixes_that_lie_farther_apart_than_the_trajectory_has_them_do_not_pass(stretch: float | None) -> None:
     fixes = FixUse("gnss.csv", (), None, None, stretch)
-    status, reasons = judge_run(run(240, sensors=SensorUse(fixes=fixes)))
+    status, _, reasons = verdict_of(judge_run(run(240, sensors=SensorUse(fixes=fixes))))
     said = [reason for reason in reasons if "GNSS fixes lie" in reason]
     assert (status, len(said)) == ((WARN, 1) if stretch in (0.8, 1.3) else (PASS, 0))
     unknown = list_unknown_scale(run(240, odometry_factors=0, sensors=SensorUse(fixes=fixes)), ASSUMED)
@@ -230,10 +234,10 @@ MIRRORED, FITTING = FixUse("gnss.csv", (), is_mirrored=True), FixUse("gnss.csv",
 def test_two_sensors_that_turn_the_other_way_than_the_radar_show_that_it_is_mirrored(
     used: SensorUse, who: str | None
 ) -> None:
-    status, reasons = judge_run(run(240, sensors=used))
+    status, diagnosis, reasons = verdict_of(judge_run(run(240, sensors=used)))
     said = [reason for reason in reasons if "the map is mirrored" in reason]
     assert (status, len(said)) == ((PASS, 0) if who is None else (WARN, 1))
-    assert who is None or (f"{who} the other way than the radar" in said[0] and "set sensor.clockwise: false" in said[0])
+    assert who is None or (f"{who} the other way than the radar" in said[0] and "set sensor.clockwise: false" in diagnosis)
 
 
 def test_on_what_the_scale_rests_is_said_where_nothing_is_held_against_it() -> None:

@@ -27,10 +27,10 @@ from mqslam.auditing.revisits import Revisit, RevisitAudit
 from mqslam.auditing.speeds import find_capture_range
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.tracks import Track
-from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
+from mqslam.auditing.verdict import Finding, Verdict, VerdictStatus, verdict_of
 from mqslam.auditing.windows.inflation import Bend
 from mqslam.auditing.windows.windows import WindowAudit
-from mqslam.config import EstimatorConfig, VerdictConfig
+from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.mapping.measures import Measures
 
@@ -229,8 +229,9 @@ def judge_map(
     others: Sequence[Finding] = (),
 ) -> tuple[VerdictStatus, list[str]]:
     """Returns the verdict on a map by its windows and, unless it has no trajectory, its revisits, and the reasons."""
-    last = judge_locally(windows) if revisits is None else judge_revisits(revisits, VerdictConfig())
-    return verdict_of([*others, *judge_windows(windows, scans), last])
+    last = judge_locally(windows) if revisits is None else judge_revisits(revisits, AuditConfig(), VerdictConfig())
+    status, _, reasons = verdict_of({"others": others, "windows": judge_windows(windows, scans), "revisits": [last]})
+    return status, reasons
 
 
 def audit_of(
@@ -241,4 +242,4 @@ def audit_of(
 ) -> Audit:
     """Returns the judgement of a map of which only windows and revisits were judged."""
     capture = find_capture_range(0.25, EstimatorConfig())
-    return Audit(windows, [], [], [], [], None, revisits, {}, status, list(reasons), capture)
+    return Audit(windows, [], [], [], [], None, revisits, {}, Verdict(status, "", list(reasons)), capture)

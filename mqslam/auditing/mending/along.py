@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from mqslam.auditing.mending.evidence import tie_spans, tie_steps
-from mqslam.auditing.spans.measured import lay_spans
+from mqslam.auditing.spans.measured import register_spans
 from mqslam.auditing.spans.torn import audit_spans
 from mqslam.auditing.steps import audit_steps
 from mqslam.auditing.sweeps import place_sweeps
@@ -31,6 +31,7 @@ from mqslam.execution.kept import ALONG
 from mqslam.execution.runner import Runner
 from mqslam.psi.place import Beam
 
+_CHANCE: Final = 1e-3  # steps that are off by more than this probability explains are looked at beside, too
 _DENSER: Final = 3  # an audit needs few spans to show what is wrong; so many times as many leave less to chance
 
 
@@ -53,9 +54,9 @@ def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Be
     def report(stage: str, done: int, total: int) -> None:
         runner.progress(f"{stage} along", done, total)
 
-    steps = audit_steps(sweeps, known, config.audit, config.estimator, config.verdict, runner.engine, report)
-    laid = lay_spans(sweeps, known, config.audit, config.estimator, runner.engine, report, _DENSER)
-    spans = audit_spans(laid, np.zeros(3), sweeps.times, config.verdict)
+    steps = audit_steps(sweeps, known, config.audit, config.estimator, _CHANCE, runner.engine, report)
+    registrations = register_spans(sweeps, known, config.audit, config.estimator, runner.engine, report, _DENSER)
+    spans = audit_spans(registrations, np.zeros(3), sweeps.times, config.audit, config.verdict)
     ties = [*tie_steps(steps, sweeps, ()).values(), *tie_spans(spans, sweeps, ())]
     return [Loop(inside[tie.a], inside[tie.b], tie.pose, tie.covariance, np.nan, np.nan) for tie in ties]
 

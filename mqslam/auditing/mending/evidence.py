@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from mqslam.auditing.judge import Audit
-from mqslam.auditing.laying import Laid, ask_of_single_scans, lay
 from mqslam.auditing.mending.tied_chain import Tie
+from mqslam.auditing.registration import Registration, ask_of_single_scans, register
 from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.sizes import STEP_SCANS
 from mqslam.auditing.spans.measured import pick_ends
@@ -110,13 +110,13 @@ def tie_steps(steps: Sequence[StepAudit], sweeps: Sweeps, jumps: Collection[int]
     Returns:
         ties by the first sweep after the step.
     """
-    judged = [step.laid for step in steps if np.isfinite(step.p_value)]
+    judged = [step.registration for step in steps if np.isfinite(step.p_value)]
     if not judged:
         return {}
     return {
-        laid.later: _tie_step(laid, covariance, sweeps, STEP_SCANS // 2)
-        for laid, covariance in zip(judged, scale_covariances(judged), strict=True)
-        if laid.unrivalled and not any(0 < abs(laid.later - jump) < STEP_SCANS for jump in jumps)
+        registration.later: _tie_step(registration, covariance, sweeps, STEP_SCANS // 2)
+        for registration, covariance in zip(judged, scale_covariances(judged), strict=True)
+        if registration.unrivalled and not any(0 < abs(registration.later - jump) < STEP_SCANS for jump in jumps)
     }
 
 
@@ -129,21 +129,21 @@ def tie_spans(spans: Sequence[SpanAudit], sweeps: Sweeps, jumps: Collection[int]
         jumps: sweeps that a jump leads to.
     """
     return [
-        _tie_step(span.laid, span.covariance, sweeps, 0)
+        _tie_step(span.registration, span.covariance, sweeps, 0)
         for span in spans
-        if np.isfinite(span.p_value) and not _holds_any(span.laid, jumps)
+        if np.isfinite(span.p_value) and not _holds_any(span.registration, jumps)
     ]
 
 
-def _holds_any(laid: Laid, jumps: Collection[int]) -> bool:
+def _holds_any(registration: Registration, jumps: Collection[int]) -> bool:
     """Returns whether any jump lies within a span, the scans around its ends included."""
-    begin, end = pick_ends((laid.earlier, laid.later))
+    begin, end = pick_ends((registration.earlier, registration.later))
     return any(begin[0] < jump <= end[-1] for jump in jumps)
 
 
 def lay_successive(
     sweeps: Sweeps, settings: AuditConfig, estimator: EstimatorConfig, engine: Engine, progress: Progress
-) -> list[Laid]:
+) -> list[Registration]:
     """Lays every scan on the one before it; returns those that hold every direction.
 
     Args:
@@ -155,21 +155,21 @@ def lay_successive(
     """
     places = list(range(1, len(sweeps)))
 
-    def report(number: int, laid: Laid | None) -> None:
+    def report(number: int, registration: Registration | None) -> None:
         progress("scans", number, len(places))
 
     pairs = engine.map(_lay_scan, (sweeps, settings, estimator), places, report)
     return [pair for pair in pairs if pair is not None and pair.observed]
 
 
-def _lay_scan(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], place: int) -> Laid | None:
+def _lay_scan(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], place: int) -> Registration | None:
     """Lays a scan on the one before it."""
     sweeps, settings, estimator = shared
     reach = settings.search_m, settings.search_rad
-    return lay(sweeps, (place - 1, place), ([place - 1], [place]), reach, ask_of_single_scans(settings), estimator)
+    return register(sweeps, (place - 1, place), ([place - 1], [place]), reach, ask_of_single_scans(settings), estimator)
 
 
-def tie_scans(pairs: Sequence[Laid], sweeps: Sweeps) -> list[Tie]:
+def tie_scans(pairs: Sequence[Registration], sweeps: Sweeps) -> list[Tie]:
     """Returns by how much the sensor turns from scans to the next ones, as psi has it.
 
     Single scans show the yaw better than odometry does, but slide along corridors, so that nothing is said of the position.
@@ -181,15 +181,18 @@ def tie_scans(pairs: Sequence[Laid], sweeps: Sweeps) -> list[Tie]:
     if not pairs:
         return []
     covariances = scale_covariances(pairs)
-    return [_keep_yaw(_tie_step(laid, covariance, sweeps, 0)) for laid, covariance in zip(pairs, covariances, strict=True)]
+    return [
+        _keep_yaw(_tie_step(registration, covariance, sweeps, 0))
+        for registration, covariance in zip(pairs, covariances, strict=True)
+    ]
 
 
-def _tie_step(laid: Laid, covariance: NDArray[np.float64], sweeps: Sweeps, half: int) -> Tie:
+def _tie_step(registration: Registration, covariance: NDArray[np.float64], sweeps: Sweeps, half: int) -> Tie:
     """Returns the motion across a step between the middles of the scans on either side."""
-    a, b = laid.earlier - half, laid.later + half
-    before = se2.between(sweeps.poses[a], sweeps.poses[laid.earlier])
-    place = se2.compose(se2.compose(before, laid.between), laid.offset)
-    pose = se2.compose(place, se2.between(sweeps.poses[laid.later], sweeps.poses[b]))
+    a, b = registration.earlier - half, registration.later + half
+    before = se2.between(sweeps.poses[a], sweeps.poses[registration.earlier])
+    place = se2.compose(se2.compose(before, registration.between), registration.offset)
+    pose = se2.compose(place, se2.between(sweeps.poses[registration.later], sweeps.poses[b]))
     x, y, _ = place - pose
     lever = se2.adjoint([x, y, 0.0])
     pose[2] = se2.wrap(pose[2])

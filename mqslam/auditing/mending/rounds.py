@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.findings import find_bias
 from mqslam.auditing.judge import Audit
-from mqslam.auditing.laying import Laid
 from mqslam.auditing.mending.evidence import (
     allow_for_turns,
     allow_for_walk,
@@ -33,6 +32,7 @@ from mqslam.auditing.mending.evidence import (
     tie_windows,
 )
 from mqslam.auditing.mending.tied_chain import Tie, TiedChain
+from mqslam.auditing.registration import Registration
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import GRAVEST_FIRST, WINDOWS_WARN, VerdictStatus
 from mqslam.auditing.windows.windows import share_torn
@@ -75,7 +75,7 @@ class AuditedTrajectory:
     @property
     def rank(self) -> tuple[int, int, int]:
         """How bad the map is: its verdict first, then how few revisits are whole, then how many windows are torn."""
-        return -GRAVEST_FIRST.index(self.audit.status), -self.whole, self.torn
+        return -GRAVEST_FIRST.index(self.audit.verdict.status), -self.whole, self.torn
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def mend(
         EstimationError: the uncertainty of the trajectory cannot be computed.
     """
     mender = _Mender(given, config, engine, progress)
-    if given.audit.status is VerdictStatus.PASS or mender.finds_nothing(given.audit):
+    if given.audit.verdict.status is VerdictStatus.PASS or mender.finds_nothing(given.audit):
         return Mended(given)
     best: Mended | None = None
     current = given
@@ -142,7 +142,7 @@ def mend(
             moved_m = float(np.hypot(*(track.poses - given.trajectory.poses)[:, :2].T).max())
             stretch = track.length_m / given.trajectory.length_m if given.trajectory.length_m else 1.0
             best = Mended(mended, number + 1, ties, loops, moved_m, stretch, mended.rank > given.rank)
-        if mended.audit.status is VerdictStatus.PASS:
+        if mended.audit.verdict.status is VerdictStatus.PASS:
             break
         if mended.whole <= current.whole and mended.torn >= current.torn:
             break
@@ -192,12 +192,12 @@ class _Mender:
         self._steps, self._chain = steps, se2.chain(steps, poses[0])
         self._is_noisy = share_torn(given.audit.windows).is_above(WINDOWS_WARN)
         self._jumps = {
-            step.laid.later: step.laid.offset
+            step.registration.later: step.registration.offset
             for step in given.audit.jumps
-            if not self._is_noisy or np.hypot(*step.laid.offset[:2]) > config.audit.jump_m
+            if not self._is_noisy or np.hypot(*step.registration.offset[:2]) > config.audit.jump_m
         }
         self._across: dict[int, Tie] = {}  # jumps, as the last round that is sure of each has measured it
-        self._pairs: dict[int, Laid] = {}  # successive scans as the round has laid them in which they fit best
+        self._pairs: dict[int, Registration] = {}  # successive scans as the round has laid them in which they fit best
         windows = tie_windows(given.audit, given.sweeps, self._jumps)
         self._torn = tie_windows(given.audit, given.sweeps, self._jumps, torn=True)
         bent = [] if self._is_noisy else [span for span in given.audit.spans if span.torn]  # noise bends every span a little
@@ -213,7 +213,7 @@ class _Mender:
     def solve(self, current: AuditedTrajectory) -> tuple[se2.Array, int, int]:
         """Returns the poses (S, 3) of the sweeps with what an audit has found, and how many ties and loops hold them."""
         config, audit, sweeps = self._config, current.audit, current.sweeps
-        jumps = {step.laid.later for step in audit.jumps}
+        jumps = {step.registration.later for step in audit.jumps}
         across = tie_steps(audit.steps, sweeps, jumps)
         self._across |= {place: across[place] for place in self._jumps if place in across}
         windows = tie_windows(audit, sweeps, jumps)

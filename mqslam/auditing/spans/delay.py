@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.laying import Laid
+from mqslam.auditing.registration import Registration
 from mqslam.auditing.spans import effects
 from mqslam.auditing.spans.robust import fit_effects, judge_by_jackknife, split_into_blocks
 from mqslam.auditing.sweeps import Sweeps
@@ -46,7 +46,7 @@ def measure_twists(sweeps: Sweeps, about: int) -> NDArray[np.float64]:
 
 
 def estimate_delay(
-    spans: Sequence[Laid], offsets: NDArray[np.float64], twists: NDArray[np.float64], *, with_lever: bool
+    spans: Sequence[Registration], offsets: NDArray[np.float64], twists: NDArray[np.float64], *, with_lever: bool
 ) -> Delay:
     """Returns the delay that spans ask for.
 

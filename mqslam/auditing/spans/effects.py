@@ -7,16 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.laying import Laid
+from mqslam.auditing.registration import Registration
 from mqslam.core import se2
 
 
-def measure_moves(spans: Sequence[Laid]) -> NDArray[np.float64]:
+def measure_moves(spans: Sequence[Registration]) -> NDArray[np.float64]:
     """Returns the way (N, 2) [m] from the begin of spans to their end, as seen from there."""
     return np.array([-se2.inverse(span.between)[:2] for span in spans]).reshape(-1, 2)
 
 
-def resolve(spans: Sequence[Laid], placed: NDArray[np.float64]) -> NDArray[np.float64]:
+def resolve(spans: Sequence[Registration], placed: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns offsets of position (N, 2) [m] along the way of their spans and to the left of it (N, 2) [m]."""
     moves = measure_moves(spans)
     x, y = moves.T
@@ -24,27 +24,27 @@ def resolve(spans: Sequence[Laid], placed: NDArray[np.float64]) -> NDArray[np.fl
     return np.asarray(along / np.hypot(x, y)[:, None])
 
 
-def of_direction(spans: Sequence[Laid]) -> NDArray[np.float64]:
+def of_direction(spans: Sequence[Registration]) -> NDArray[np.float64]:
     """Returns the matrices (N, 2, 2) that take biases forward and to the left [m/m] to the offsets of spans [m]."""
     x, y = measure_moves(spans).T
     return np.moveaxis(np.array([[x, -y], [y, x]]), -1, 0)
 
 
-def of_turn(spans: Sequence[Laid]) -> NDArray[np.float64]:
+def of_turn(spans: Sequence[Registration]) -> NDArray[np.float64]:
     """Returns the offsets (N, 3) of spans per bias of the yaw [rad/m]: the end moves sideways by half of the angle, too."""
     path = np.array([span.path_m for span in spans])
     x, y = measure_moves(spans).T
     return np.column_stack([-0.5 * path * y, 0.5 * path * x, path])
 
 
-def of_lever(spans: Sequence[Laid]) -> NDArray[np.float64]:
+def of_lever(spans: Sequence[Registration]) -> NDArray[np.float64]:
     """Returns the matrices (N, 2, 2) that take a lever arm [m] to the offsets of spans [m]."""
     yaws = np.array([span.between[2] for span in spans])
     c, s = np.cos(yaws), np.sin(yaws)
     return np.moveaxis(np.array([[1.0 - c, -s], [s, 1.0 - c]]), -1, 0)
 
 
-def of_delay(spans: Sequence[Laid], twists: NDArray[np.float64]) -> NDArray[np.float64]:
+def of_delay(spans: Sequence[Registration], twists: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the offsets (N, 3) of spans per second by which the stamps of the trajectory are late [m/s, m/s, rad/s].
 
     The sensor then is, at both ends, where the trajectory has it a little later.

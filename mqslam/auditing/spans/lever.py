@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.laying import Laid
+from mqslam.auditing.registration import Registration
 from mqslam.auditing.spans import effects
 from mqslam.auditing.spans.robust import fit_effects, judge_by_jackknife
 
@@ -40,14 +40,16 @@ class Lever:
     turns: int
 
 
-def find_turns(spans: Sequence[Laid]) -> list[NDArray[np.int64]]:
+def find_turns(spans: Sequence[Registration]) -> list[NDArray[np.int64]]:
     """Returns the spans of each turn by their indices; none where turns are too few to show where the sensor sits."""
     turning = np.flatnonzero(np.abs([span.between[2] for span in spans]) > _LEVER_TURN_RAD)
     turns = np.split(turning, np.flatnonzero(np.diff(turning) > 2) + 1)  # spans of one turn share some of its path
     return turns if len(turns) >= _LEVER_TURNS else []
 
 
-def estimate_lever(spans: Sequence[Laid], offsets: NDArray[np.float64], turns: Sequence[NDArray[np.int64]]) -> Lever | None:
+def estimate_lever(
+    spans: Sequence[Registration], offsets: NDArray[np.float64], turns: Sequence[NDArray[np.int64]]
+) -> Lever | None:
     """Returns the lever arm that turns ask for, or None without any.
 
     It is found together with the biases of direction, which the straight spans show. It is robust against places that are

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.laying import Laid, lay
+from mqslam.auditing.registration import Registration, register
 from mqslam.auditing.sizes import STEP_SCANS
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.config import AuditConfig, EstimatorConfig
@@ -39,7 +39,7 @@ _EVERY = 0.5
 _SWEEPS: Final = 500  # sweeps whose ranges are in memory at a time: a matter of memory only
 
 
-def lay_spans(
+def register_spans(
     sweeps: Sweeps,
     known: NDArray[np.bool_],
     settings: AuditConfig,
@@ -47,7 +47,7 @@ def lay_spans(
     engine: Engine,
     progress: Progress,
     denser: float = 1.0,
-) -> list[Laid]:
+) -> list[Registration]:
     """Lays the spans of a map; returns in the order of time those that hold every direction and lead away from a place.
 
     Args:
@@ -64,14 +64,14 @@ def lay_spans(
         return []
     pairs = [(a, b) for a, b in find_spans(sweeps.travelled, span_m, denser) if known[[a, b]].all()]
 
-    def report(number: int, laid: Laid | None) -> None:
+    def report(number: int, registration: Registration | None) -> None:
         progress("spans", number, len(pairs))
 
     shared = sweeps, known, span_m, settings, estimator
-    return [span for span in engine.map(_lay_span, shared, pairs, report) if span is not None]
+    return [span for span in engine.map(_register_span, shared, pairs, report) if span is not None]
 
 
-def _leads_away(span: Laid, span_m: float) -> bool:
+def _leads_away(span: Registration, span_m: float) -> bool:
     """Returns whether the ends of a span are at least half as far apart as the path between them is long."""
     return bool(np.hypot(*span.between[:2]) >= 0.5 * span_m)
 
@@ -108,24 +108,24 @@ def find_spans(travelled: NDArray[np.float64], span_m: float, denser: float = 1.
     return list(zip(earlier[there].tolist(), later[there].tolist(), strict=True))
 
 
-def _lay_span(
+def _register_span(
     shared: tuple[Sweeps, NDArray[np.bool_], float, AuditConfig, EstimatorConfig], pair: tuple[int, int]
-) -> Laid | None:
+) -> Registration | None:
     """Lays a span, by the scans at its ends and by those before and after these; None where the first are of no use."""
     sweeps, known, span_m, settings, estimator = shared
     reach = settings.search_m, settings.search_rad
-    laid = lay(sweeps, pair, pick_ends(pair), reach, settings, estimator)
-    if laid is None or not laid.observed or not _leads_away(laid, span_m):
+    registration = register(sweeps, pair, pick_ends(pair), reach, settings, estimator)
+    if registration is None or not registration.observed or not _leads_away(registration, span_m):
         return None
-    offsets = [laid.offset]
+    offsets = [registration.offset]
     for aside in (-STEP_SCANS, STEP_SCANS):
         beside = pair[0] + aside, pair[1] + aside
         if not all(_is_there(end, known) for end in pick_ends(beside)):
             continue
-        look = lay(sweeps, beside, pick_ends(beside), reach, settings, estimator)
+        look = register(sweeps, beside, pick_ends(beside), reach, settings, estimator)
         if look is not None and look.observed:
-            offsets.append(_carry_over(look, laid, sweeps))
-    return replace(laid, offset=np.median(offsets, axis=0), repeats=np.array(offsets))
+            offsets.append(_carry_over(look, registration, sweeps))
+    return replace(registration, offset=np.median(offsets, axis=0), repeats=np.array(offsets))
 
 
 def _is_there(stretch: range, known: NDArray[np.bool_]) -> bool:
@@ -133,12 +133,12 @@ def _is_there(stretch: range, known: NDArray[np.bool_]) -> bool:
     return stretch.start >= 0 and stretch.stop <= len(known) and bool(known[stretch.start : stretch.stop].all())
 
 
-def _carry_over(look: Laid, laid: Laid, sweeps: Sweeps) -> se2.Array:
+def _carry_over(look: Registration, registration: Registration, sweeps: Sweeps) -> se2.Array:
     """Returns the offset (3,) that a span has by a look from beside its ends, as the trajectory ties both together."""
     seen = se2.compose(look.between, look.offset)
-    begin = se2.between(sweeps.poses[laid.earlier], sweeps.poses[look.earlier])
-    end = se2.between(sweeps.poses[look.later], sweeps.poses[laid.later])
-    return se2.wrapped_between(laid.between, se2.compose(se2.compose(begin, seen), end))
+    begin = se2.between(sweeps.poses[registration.earlier], sweeps.poses[look.earlier])
+    end = se2.between(sweeps.poses[look.later], sweeps.poses[registration.later])
+    return se2.wrapped_between(registration.between, se2.compose(se2.compose(begin, seen), end))
 
 
 def pick_ends(pair: tuple[int, int]) -> tuple[range, range]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from mqslam.auditing.laying import Laid
+from mqslam.auditing.registration import Registration
 from mqslam.auditing.spans import effects
 from mqslam.auditing.spans.delay import Delay, estimate_delay
 from mqslam.auditing.spans.lever import Lever, estimate_lever, find_turns
@@ -50,7 +50,7 @@ class Pooled:
     lever: Lever | None = None
 
 
-def pool(spans: Sequence[Laid], twists: NDArray[np.float64]) -> Pooled | None:
+def pool(spans: Sequence[Registration], twists: NDArray[np.float64]) -> Pooled | None:
     """Returns what spans ask for together, or None where they are too few.
 
     Args:
@@ -76,7 +76,7 @@ def pool(spans: Sequence[Laid], twists: NDArray[np.float64]) -> Pooled | None:
 
 
 def predict_offsets(
-    spans: Sequence[Laid],
+    spans: Sequence[Registration],
     twists: NDArray[np.float64],
     bias: NDArray[np.float64],
     lever: Lever | None,

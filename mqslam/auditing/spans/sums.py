@@ -13,27 +13,19 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.spans.torn import FREEDOM, SpanAudit
+from mqslam.auditing.spans.torn import COMMON, FREEDOM, SpanAudit
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.backend.submaps import COMMON_DRIFT_M, COMMON_DRIFT_RAD
-from mqslam.config import VerdictConfig
+from mqslam.auditing.table import share_of_false_alarms, tolerate_sum
+from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.statistics import compute_p_values, correct_for_places
 
-TORN_M: Final = 0.5
-"""A sum of spans is not torn if its end is off its begin by less than this [m], and by less than `TORN_RAD` in yaw."""
-TORN_RAD: Final = 0.0087
-"""Yaw by which the end of a sum may be off its begin [rad]: 0.5 degrees."""
-_LENGTHS_M: Final = (
-    60.0,
-    120.0,
-    240.0,
-)  # path over which spans are added up: a bend of any length fills half of one at least
+LENGTHS_M: Final = (60.0, 120.0, 240.0)
+"""Lengths of path over which spans are added up [m]: a bend of any length fills half of one at least."""
 _LARGEST_GAP: Final = 0.5  # path between two successive spans of which nothing is measured, as a share of a span
 _OVERLAP: Final = (
     0.1  # path that two successive spans may share, since scans are not spaced as spans are, as a share of a span
 )
-_COMMON: Final = np.diag([COMMON_DRIFT_M**2, COMMON_DRIFT_M**2, COMMON_DRIFT_RAD**2]) / 100.0  # per metre of path
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,12 +55,13 @@ class SumAudit:
         return float(np.hypot(self.offset[0], self.offset[1]))
 
 
-def audit_sums(spans: Sequence[SpanAudit], sweeps: Sweeps, limits: VerdictConfig) -> list[SumAudit]:
+def audit_sums(spans: Sequence[SpanAudit], sweeps: Sweeps, settings: AuditConfig, limits: VerdictConfig) -> list[SumAudit]:
     """Judges the sums of successive spans.
 
     Args:
         spans: of a map, in the order of time; none is judged where their p-values are unknown.
         sweeps: points under the trajectory to judge.
+        settings: of the audit, which say what is tolerated.
         limits: of the verdict.
     """
     judged = [span for span in spans if np.isfinite(span.p_value)]
@@ -78,8 +71,9 @@ def audit_sums(spans: Sequence[SpanAudit], sweeps: Sweeps, limits: VerdictConfig
     sums = [_add_up(chain, sweeps) for chain in chains]
     offsets, covariances = (np.array(part) for part in zip(*sums, strict=True))
     p_values = correct_for_places(compute_p_values(se2.normalise(offsets, covariances), FREEDOM * len(judged)))
-    is_large = (np.hypot(*offsets[:, :2].T) > TORN_M) | (np.abs(offsets[:, 2]) > TORN_RAD)
-    torn = is_large & (p_values < limits.share_of_false_alarms)
+    metres, radians = tolerate_sum(settings)
+    is_large = (np.hypot(*offsets[:, :2].T) > metres) | (np.abs(offsets[:, 2]) > radians)
+    torn = is_large & (p_values < share_of_false_alarms(limits))
     return [
         SumAudit(
             t0=chain[0].t0,
@@ -105,7 +99,7 @@ def find_bends(sums: Sequence[SumAudit]) -> list[SumAudit]:
 
 def _list_chains(spans: Sequence[SpanAudit], travelled: NDArray[np.float64]) -> list[list[SpanAudit]]:
     """Returns the spans that follow each other from each span on, for each length that they reach."""
-    begins_m = travelled[[span.laid.earlier for span in spans]]
+    begins_m = travelled[[span.registration.earlier for span in spans]]
     return [chain for span in spans for chain in _follow(span, spans, begins_m, travelled)]
 
 
@@ -114,9 +108,9 @@ def _follow(
 ) -> Iterator[list[SpanAudit]]:
     """Yields the spans that follow each other from one of N spans on, which begin after some path (N,) [m]."""
     chain = [first]
-    for length_m in _LENGTHS_M:
-        while _measure_path(chain, travelled) < length_m - 0.5 * chain[-1].laid.path_m:
-            last = chain[-1].laid
+    for length_m in LENGTHS_M:
+        while _measure_path(chain, travelled) < length_m - 0.5 * chain[-1].registration.path_m:
+            last = chain[-1].registration
             end_m = travelled[last.later]
             k = int(np.searchsorted(begins_m, end_m - _OVERLAP * last.path_m))
             if k == len(spans) or begins_m[k] - end_m > _LARGEST_GAP * last.path_m:
@@ -127,17 +121,17 @@ def _follow(
 
 def _measure_path(chain: Sequence[SpanAudit], travelled: NDArray[np.float64]) -> float:
     """Returns the length of the path [m] from the begin of the first span of a chain to the end of its last one."""
-    return float(travelled[chain[-1].laid.later] - travelled[chain[0].laid.earlier])
+    return float(travelled[chain[-1].registration.later] - travelled[chain[0].registration.earlier])
 
 
 def _add_up(chain: Sequence[SpanAudit], sweeps: Sweeps) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Returns by how much (3,) the end of successive spans is off, in its own frame, and the covariance (3, 3) of that."""
-    end = sweeps.poses[chain[-1].laid.later]
-    levers = [se2.adjoint(se2.between(end, sweeps.poses[span.laid.later])) for span in chain]
+    end = sweeps.poses[chain[-1].registration.later]
+    levers = [se2.adjoint(se2.between(end, sweeps.poses[span.registration.later])) for span in chain]
     offset = sum((lever @ span.offset for lever, span in zip(levers, chain, strict=True)), np.zeros(3))
     covariance = sum(
         (
-            lever @ (span.covariance + _COMMON * span.laid.path_m) @ lever.T
+            lever @ (span.covariance + COMMON * span.registration.path_m) @ lever.T
             for lever, span in zip(levers, chain, strict=True)
         ),
         np.zeros((3, 3)),

@@ -11,18 +11,26 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binom
 
-from mqslam.auditing.laying import Laid
+from mqslam.auditing.registration import Registration
 from mqslam.auditing.spans import effects
 from mqslam.auditing.spans.pooled import SPAN_FEWEST
+from mqslam.auditing.table import share_of_false_alarms, tolerate_span
 from mqslam.backend.loops.registration import TOLERANCES
-from mqslam.config import VerdictConfig
+from mqslam.backend.submaps import COMMON_DRIFT_M, COMMON_DRIFT_RAD
+from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.statistics import compute_p_values, correct_for_places, find_trimmed_scale
 
-# A span is not torn if the scans at its ends are off each other by less than this [m], besides what all of the map asks
-# for.
-_SPAN_TORN_M = 0.15
+_TURNED: Final = 2.0
+"""Times the tolerance that a turn may move points: psi's own yaw over a span errs by a fifth of a degree at times."""
+
+_UNUSUAL: Final = 0.05
+"""Probability below which a span of a good map is unusual, so that one in twenty is."""
+
+COMMON: Final = np.diag([COMMON_DRIFT_M**2, COMMON_DRIFT_M**2, COMMON_DRIFT_RAD**2]) / 100.0
+"""Covariance of what psi itself may drift by, which repeated measurements do not show, per metre of path."""
 
 FREEDOM: Final = 1.0
 """Degrees of freedom of a scale, per span: half of what repeats have, since neighbours share half of their path."""
@@ -34,7 +42,7 @@ class SpanAudit:
     """The judgement of one span.
 
     Args:
-        laid: the scans at its end laid on those at its begin.
+        registration: the scans at its end laid on those at its begin.
         t0, t1: when its begin and its end are [s] since the recording's start.
         offset: (3,) of the end, without what all of the map asks for [m, m, rad].
         covariance: (3, 3) of the offset, as far as measurement explains one.
@@ -43,7 +51,7 @@ class SpanAudit:
         torn: whether it is off by more than chance explains and than is tolerated.
     """
 
-    laid: Laid
+    registration: Registration
     t0: float
     t1: float
     offset: se2.Array
@@ -57,15 +65,21 @@ class SpanAudit:
         return float(np.hypot(self.offset[0], self.offset[1]))
 
     @property
+    def size_m(self) -> float:
+        """Root mean square of how far the offset moves the points at its end [m]."""
+        return self.registration.move_points(self.offset)
+
+    @property
     def forward_m(self) -> float:
         """How much it has too little along the way from its begin to its end [m]."""
-        return float(effects.resolve([self.laid], self.offset[None, :2])[0, 0])
+        return float(effects.resolve([self.registration], self.offset[None, :2])[0, 0])
 
 
 def audit_spans(
-    spans: Sequence[Laid],
+    spans: Sequence[Registration],
     expected: NDArray[np.float64],
     times: NDArray[np.float64],
+    settings: AuditConfig,
     limits: VerdictConfig,
 ) -> list[SpanAudit]:
     """Judges the spans of a map.
@@ -77,20 +91,28 @@ def audit_spans(
         spans: in the order of time.
         expected: (N, 3) offsets that all of the map asks for.
         times: (S,) of the sweeps [s].
+        settings: of the audit, which say what is tolerated.
         limits: of the verdict.
     """
     if not spans:
         return []
     offsets = np.array([span.offset for span in spans]) - expected
     covariances = estimate_covariances(spans)
-    p_values = np.full(len(spans), np.nan)
+    p_values = chances = np.full(len(spans), np.nan)
     if len(spans) >= SPAN_FEWEST:
-        p_values = _compute_p_values(spans, offsets, covariances)
-    tolerated = np.maximum(_SPAN_TORN_M, [span.doubt_m for span in spans])
-    torn = (p_values < limits.share_of_false_alarms) & (np.hypot(*offsets[:, :2].T) > tolerated)
+        drift = COMMON * np.array([span.path_m for span in spans])[:, None, None]
+        chances = _compute_p_values(spans, offsets, covariances + drift)
+        p_values = correct_for_places(chances)
+    sizes_m = np.array([span.move_points(offset) for span, offset in zip(spans, offsets, strict=True)])
+    tolerated = np.maximum(tolerate_span(settings)[0], [span.doubt_m for span in spans])
+    is_large = (np.hypot(*offsets[:, :2].T) > tolerated) | (sizes_m > _TURNED * tolerated)
+    share = share_of_false_alarms(limits)
+    torn = (p_values < share) & is_large
+    if _count_chance(chances) < share:
+        torn |= (chances < _UNUSUAL) & is_large
     return [
         SpanAudit(
-            laid=span,
+            registration=span,
             t0=float(times[span.earlier]),
             t1=float(times[span.later]),
             offset=offsets[k],
@@ -102,7 +124,7 @@ def audit_spans(
     ]
 
 
-def estimate_covariances(spans: Sequence[Laid]) -> NDArray[np.float64]:
+def estimate_covariances(spans: Sequence[Registration]) -> NDArray[np.float64]:
     """Returns the covariances (N, 3, 3) of the offsets of N spans, scaled per axis as their repeated measurements differ."""
     stated = np.array([span.covariance for span in spans]) + np.diag(TOLERANCES**2)
     variances = np.einsum("kii->ki", stated)
@@ -120,9 +142,9 @@ def _contrast(repeats: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _compute_p_values(
-    spans: Sequence[Laid], offsets: NDArray[np.float64], covariances: NDArray[np.float64]
+    spans: Sequence[Registration], offsets: NDArray[np.float64], covariances: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Returns the p-values (N,) of offsets (N, 3) with covariances (N, 3, 3), corrected for the number of spans.
+    """Returns the p-values (N,) of offsets (N, 3) with covariances (N, 3, 3), each for its own place.
 
     A stretch that is longer than a span shows in one span after the other alike, which chance hardly does: each is judged
     alone and together with the next one that begins where it ends, by the mean of both.
@@ -137,4 +159,17 @@ def _compute_p_values(
     least = compute_p_values(se2.normalise(offsets, covariances), freedom)
     np.minimum.at(least, first, together)
     np.minimum.at(least, second, together)
-    return correct_for_places(np.minimum(2.0 * least, 1.0))
+    return np.asarray(np.minimum(2.0 * least, 1.0))
+
+
+def _count_chance(chances: NDArray[np.float64]) -> float:
+    """Returns the probability that as many of N spans are unusual in a good map; neighbours share half of their path.
+
+    A trajectory that weaves is off by a little more than is tolerated in many places, and surely so in none of them.
+
+    Args:
+        chances: (N,) probability that a span is as far off as each; NaN where that is not known.
+    """
+    known = chances[np.isfinite(chances)]
+    count = int(np.count_nonzero(known < _UNUSUAL))
+    return float(binom.sf(count // 2 - 1, max(len(known) // 2, 1), _UNUSUAL)) if count > 1 else 1.0

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.stats import wilcoxon
 
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.verdict import Finding, VerdictStatus
+from mqslam.auditing.table import share_of_false_alarms
+from mqslam.auditing.verdict import Cause, Finding, VerdictStatus
 from mqslam.auditing.windows.inflation import count_in_sweeps
 from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
@@ -52,17 +53,20 @@ def judge_shaking(
     smoothed = smooth_poses(sweeps)
     spans = [(w.begin, w.end) for w in windows if w.undecided is None and w.end < len(sweeps)]
     spans = [(begin, end) for begin, end in spans if np.isfinite(smoothed[begin : end + 1]).all()]
-    if 0.5 ** len(spans) >= limits.share_of_false_alarms:  # not even all of them would show anything
-        return Finding(VerdictStatus.PASS, "too few windows show whether poses jump to and fro", judged=False)
+    if 0.5 ** len(spans) >= share_of_false_alarms(limits):  # not even all of them would show anything
+        reason = "noise of the poses: too few windows show it, so that what windows tolerate could hide"
+        return Finding(VerdictStatus.PASS, reason, judged=False)
     shared = sweeps, smoothed, estimator
     rises = np.array(engine.map(_measure_rise, shared, spans))
     p_value = float(wilcoxon(rises, alternative="greater").pvalue) if rises.any() else 1.0
     off = se2.between(sweeps.poses, smoothed)
     off_m = float(np.nanmedian(np.hypot(off[:, 0], off[:, 1])))
-    if p_value >= limits.share_of_false_alarms or off_m <= settings.bend_m:
+    if p_value >= share_of_false_alarms(limits) or off_m <= settings.bend_m:
         return Finding(VerdictStatus.PASS, "smoother poses make the map no crisper", p_value=p_value)
+    explanation = f"every pose errs on its own, by {off_m:.2f} m in the median: the trajectory is noisy"
     where = f"in {np.count_nonzero(rises > 0.0)} of {len(rises)} windows the map is crisper once the poses are smoothed"
-    return Finding(VerdictStatus.WARN, f"{where}: they jump to and fro by {off_m:.2f} m in the median", p_value=p_value)
+    reason = f"{where}: they jump to and fro by {off_m:.2f} m in the median"
+    return Finding(VerdictStatus.WARN, reason, p_value=p_value, cause=Cause.SHAKING, explanation=explanation)
 
 
 def smooth_poses(sweeps: Sweeps) -> se2.Array:

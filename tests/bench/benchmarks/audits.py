@@ -170,7 +170,7 @@ def _judge_tracks(data: Path, tracks: Mapping[str, PoseTrajectory3D]) -> Iterato
         poses = np.column_stack([track.positions_xyz[:, :2], se2.wrap(headings(track))])
         sweeps, _ = place_source(source, Trajectory(stamps, poses), beam)
         judged = judge.audit(sweeps, settings.audit, settings.estimator, settings.verdict, work.engine, work.progress)
-        yield name, str(judged.status)
+        yield name, str(judged.verdict.status)
 
 
 def _count_bad(verdicts: Sequence[str]) -> int:

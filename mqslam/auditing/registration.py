@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.backend.loops.registration import RIVAL, align, is_unrivalled, score_at_pose
-from mqslam.backend.loops.rigid import place_rigidly
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.score import make_references
@@ -23,7 +22,7 @@ _SPEED_FEWEST = 40
 
 
 @dataclass(frozen=True, slots=True)
-class Laid:
+class Registration:
     """Two stretches, the later one laid on the earlier one.
 
     Args:
@@ -33,7 +32,8 @@ class Laid:
         offset: (3,) where psi has the later stretch against where the trajectory has it, in the frame of the later sweep
             [m, m, rad].
         covariance: (3, 3) of the offset, as psi's curvature states it.
-        size_m: root mean square of how far the offset moves the points of the later stretch [m].
+        centre, spread_m: mean (2,) of the points of the later stretch, in the frame of the later sweep, and root mean square
+            of their distances from it [m].
         matched: share of these points that lie on the earlier stretch.
         psi, psi_best: score per point as the trajectory has it and with the offset corrected.
         observed: whether the two stretches hold every direction.
@@ -49,7 +49,8 @@ class Laid:
     path_m: float
     offset: se2.Array
     covariance: NDArray[np.float64]
-    size_m: float
+    centre: NDArray[np.float64]
+    spread_m: float
     matched: float
     psi: float
     psi_best: float
@@ -58,6 +59,16 @@ class Laid:
     doubt_m: float = 0.0
     rivals: se2.Array = field(default_factory=lambda: np.empty((0, 3)))
     repeats: se2.Array = field(default_factory=lambda: np.empty((0, 3)))
+
+    @property
+    def size_m(self) -> float:
+        """Root mean square of how far the offset moves the points of the later stretch [m]."""
+        return self.move_points(self.offset)
+
+    def move_points(self, offset: se2.Array) -> float:
+        """Returns the root mean square of how far an offset (3,) moves the points of the later stretch [m]."""
+        moved = se2.transform(offset, self.centre[None])[0] - self.centre
+        return float(np.hypot(np.hypot(*moved), 2.0 * np.sin(0.5 * offset[2]) * self.spread_m))
 
 
 def ask_of_scans(settings: AuditConfig) -> AuditConfig:
@@ -83,12 +94,12 @@ def compute_far_reach(span_s: float, settings: AuditConfig) -> tuple[float, floa
     return min(SPEED_ERROR_MPS * span_s, settings.gate_m), settings.search_rad
 
 
-def fits_far_better(laid: Laid) -> bool:
+def fits_far_better(registration: Registration) -> bool:
     """Returns whether two stretches fit where a wide search has laid them, and not where the trajectory has them."""
-    return laid.unrivalled and laid.psi_best * RIVAL <= laid.psi
+    return registration.unrivalled and registration.psi_best * RIVAL <= registration.psi
 
 
-def lay(
+def register(
     sweeps: Sweeps,
     frames: tuple[int, int],
     stretches: tuple[Sequence[int], Sequence[int]],
@@ -96,7 +107,7 @@ def lay(
     settings: AuditConfig,
     estimator: EstimatorConfig,
     rival_sigmas: float | None = None,
-) -> Laid | None:
+) -> Registration | None:
     """Lays one stretch on another; returns None where either holds too few points.
 
     Args:
@@ -116,15 +127,16 @@ def lay(
     between = se2.wrapped_between(sweeps.poses[a], sweeps.poses[b])
     references = make_references(reference)
     alignment = align(references, query, between, reach, estimator, rival_sigmas)
-    moved = place_rigidly(query.points, alignment.pose) - place_rigidly(query.points, between)
-    return Laid(
+    centre = query.points.mean(axis=0)
+    return Registration(
         earlier=a,
         later=b,
         between=between,
         path_m=float(sweeps.travelled[b] - sweeps.travelled[a]),
         offset=se2.wrapped_between(between, alignment.pose),
         covariance=se2.rotate_covariance(alignment.covariance, -between[2]),
-        size_m=float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))),
+        centre=centre,
+        spread_m=float(np.sqrt(np.mean(np.sum((query.points - centre) ** 2, axis=1)))),
         matched=alignment.matched,
         psi=score_at_pose(references, query, between, estimator),
         psi_best=alignment.psi,

@@ -1,0 +1,190 @@
+"""Whether a trajectory is in the frame of its cloud, and whether a torn map would be whole under another reading of it.
+
+A finished cloud keeps its shape wherever its trajectory lies. But a sensor sees what is around it: in the right frame the
+points of every sweep lie around its pose.
+
+A mirrored trajectory, and yaw that is counted the other way, tear a map in every turn. Either can be undone, and the same
+windows then are whole. Headings that are missing show in the poses themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from mqslam.auditing.spans.robust import HUBER, measure_spread, split_into_blocks
+from mqslam.auditing.speeds import check_speed, contradicts, find_capture_range
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.verdict import Cause, Finding, VerdictStatus
+from mqslam.auditing.windows.windows import WindowAudit, audit_window
+from mqslam.config import AuditConfig, EstimatorConfig
+from mqslam.core import se2
+from mqslam.core.engine import Engine
+
+Place = Callable[[se2.Array], Sweeps]
+"""Returns the points of a map under other poses (M, 3) of its track."""
+
+_FAR: Final = 0.3  # of the spread of a sweep, by which a frame must be off: less may be what one side shows more of
+_SIGMAS: Final = 5.0  # by which it must be off besides
+_FEWEST: Final = 40  # sweeps that show where the sensor was
+
+_TURNS: Final = 0.1  # windows that turn by less than this [rad] are much the same in a mirror
+_TRIED: Final = 20  # windows in which other readings of a trajectory are tried, those that turn the most
+_LEAST_TORN: Final = 4  # windows: with fewer torn ones nothing is tried
+_WHOLE: Final = 0.5  # of the tried windows, which the right reading makes whole and crisper
+_NOT_MIRRORED: Final = "the map is not torn as a trajectory that is mirrored or has no headings tears it"
+_LEAST_TURN: Final = 0.02  # headings that all lie within this [rad] are none where the path turns
+_PATH_TURNS: Final = 0.5  # by more than this [rad]
+
+
+def judge_frame(sweeps: Sweeps) -> Finding:
+    """Returns whether the points of a finished cloud lie around the poses from which they were seen.
+
+    Args:
+        sweeps: points of a finished cloud and its trajectory.
+    """
+    filled = np.flatnonzero(np.diff(sweeps.begins) > 0)
+    if len(filled) < _FEWEST:
+        reason = "frame: too few scans show where the sensor was, so that a trajectory in another frame could hide"
+        return Finding(VerdictStatus.PASS, reason, judged=False)
+    middles = np.array([np.median(sweeps.points[sweeps.span(k, k + 1)], axis=0) for k in filled.tolist()])
+    spreads = [
+        np.median(np.hypot(*(sweeps.points[sweeps.span(k, k + 1)] - middle).T))
+        for k, middle in zip(filled.tolist(), middles, strict=True)
+    ]
+    poses = sweeps.poses[filled]
+    found = _fit_frame(middles, poses)
+    blocks = split_into_blocks(len(filled))
+    without = [_fit_frame(np.delete(middles, block, axis=0), np.delete(poses, block, axis=0)) for block in blocks]
+    moved = se2.transform(found, middles)
+    off_m = float(np.sqrt(np.mean(np.sum((moved - middles) ** 2, axis=1))))
+    spread = [np.mean(np.sum((se2.transform(one, middles) - moved) ** 2, axis=1)) for one in without]
+    sigma_m = float(np.sqrt((len(blocks) - 1.0) / len(blocks) * np.sum(spread)))
+    if off_m <= max(_FAR * float(np.median(spreads)), _SIGMAS * sigma_m):
+        reason = f"the points lie around the poses from which they were seen, give or take {max(off_m, sigma_m):.1f} m"
+        return Finding(VerdictStatus.PASS, reason)
+    reason = f"the points lie {off_m:.0f} m (± {sigma_m:.0f}) off the poses from which they were seen"
+    explanation = f"the trajectory is in another frame than the cloud: {reason}; give both in one frame"
+    return Finding(VerdictStatus.FAIL, reason, cause=Cause.FRAME, explanation=explanation)
+
+
+def _fit_frame(middles: NDArray[np.float64], poses: se2.Array) -> se2.Array:
+    """Returns the motion (3,) of a cloud by which its sweeps lie around their poses.
+
+    A sensor may see more on one side of itself, always the same one. That is no fault of the frame, and is fitted besides.
+
+    Args:
+        middles: (N, 2) of the points of the sweeps [m].
+        poses: (N, 3) from which they were seen.
+    """
+    centre, towards = middles.mean(axis=0), poses[:, :2].mean(axis=0)
+    cross = (middles - centre).T @ (poses[:, :2] - towards)
+    yaw = float(np.arctan2(cross[0, 1] - cross[1, 0], cross[0, 0] + cross[1, 1]))
+    start = np.append(towards - se2.transform([0.0, 0.0, yaw], centre[None])[0], yaw)
+    reach_m = max(float(np.sqrt(np.mean(np.sum((middles - centre) ** 2, axis=1)))), 1.0)
+
+    def miss(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        seen = se2.compose(poses, np.append(x[3:], 0.0))[:, :2]
+        return np.asarray((se2.transform(x[:3], middles) - seen).ravel())
+
+    spread_m = measure_spread(miss(np.append(start, np.zeros(2))))
+    fitted = least_squares(
+        miss, np.append(start, np.zeros(2)), loss="huber", f_scale=HUBER * spread_m, x_scale=[1, 1, 1 / reach_m, 1, 1]
+    )
+    return np.asarray(fitted.x[:3])
+
+
+class Reading(NamedTuple):
+    """Another reading of a trajectory.
+
+    Args:
+        name: what is wrong if the map is whole under it.
+        remedy: what mends it.
+        read: returns poses (M, 3) under it.
+    """
+
+    name: str
+    remedy: str
+    read: Callable[[se2.Array], se2.Array]
+
+
+def _mirror(poses: se2.Array) -> se2.Array:
+    return np.asarray(poses * np.array([1.0, -1.0, -1.0]))
+
+
+def _turn_yaw(poses: se2.Array) -> se2.Array:
+    return np.asarray(poses * np.array([1.0, 1.0, -1.0]))
+
+
+def _misses_headings(poses: se2.Array) -> bool:
+    """Returns whether all poses look the same way while their path turns."""
+    along = np.diff(poses[:, :2], axis=0)
+    along = along[np.hypot(*along.T) > 1e-3]
+    if len(along) < 2 or np.ptp(np.unwrap(poses[:, 2])) > _LEAST_TURN:
+        return False
+    return bool(np.ptp(np.unwrap(np.arctan2(along[:, 1], along[:, 0]))) > _PATH_TURNS)
+
+
+_READINGS: Final = (
+    Reading("the trajectory is mirrored", "give y and yaw to the left, as seen from above", _mirror),
+    Reading("the trajectory counts yaw the other way", "give yaw to the left, as seen from above", _turn_yaw),
+)
+
+
+def judge_readings(
+    sweeps: Sweeps,
+    windows: Sequence[WindowAudit],
+    place: Place,
+    settings: AuditConfig,
+    estimator: EstimatorConfig,
+    engine: Engine,
+) -> Finding:
+    """Returns whether the torn windows of a map are whole under another reading of its trajectory.
+
+    Args:
+        sweeps: points under the trajectory to judge.
+        windows: of the map.
+        place: returns its points under other poses.
+        settings: of the audit.
+        estimator: settings of the score.
+        engine: where windows are judged; the result does not depend on it.
+    """
+    track = sweeps.track
+    assert track is not None  # a cloud without one has no poses to read
+    if sum(window.torn for window in windows) < _LEAST_TORN:
+        return Finding(VerdictStatus.PASS, _NOT_MIRRORED)
+    if _misses_headings(track.poses):
+        reason = "the headings of the trajectory are missing: all poses look the same way while the path turns"
+        explanation = f"{reason}; give poses with their yaw"
+        return Finding(VerdictStatus.FAIL, reason, cause=Cause.MIRROR, explanation=explanation)
+    turning = [window for window in windows if _measure_turn(sweeps, window) > _TURNS]
+    tried = sorted(turning, key=lambda window: -_measure_turn(sweeps, window))[:_TRIED]
+    if len(tried) < _LEAST_TORN:
+        return Finding(VerdictStatus.PASS, _NOT_MIRRORED)
+    for reading in _READINGS:
+        whole = sum(engine.map(_is_whole, (place(reading.read(track.poses)), settings, estimator), tried))
+        if whole >= _WHOLE * len(tried):
+            reason = f"{whole} of the {len(tried)} windows that turn the most are whole once that is undone"
+            said = f"{reading.name}: {reading.remedy}"
+            return Finding(VerdictStatus.FAIL, f"{reading.name}: {reason}", cause=Cause.MIRROR, explanation=said)
+    return Finding(VerdictStatus.PASS, "no other reading of the trajectory (mirrored, yaw counted the other way) is whole")
+
+
+def _measure_turn(sweeps: Sweeps, window: WindowAudit) -> float:
+    """Returns how far the trajectory turns within a window [rad]."""
+    begin, end = sweeps.poses[[window.begin, window.end - 1], 2]
+    return abs(float(se2.wrap(end - begin)))
+
+
+def _is_whole(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], given: WindowAudit) -> bool:
+    """Returns whether a window is crisper than as it was given, not torn, and its two middle scans confirm its speed."""
+    sweeps, settings, estimator = shared
+    window = audit_window(sweeps, given.begin, given.end, settings, estimator)
+    if window.torn or window.bend.psi >= given.bend.psi:
+        return False
+    check = check_speed(sweeps, (given.begin + given.end) // 2 - 1, settings, estimator)
+    return check is not None and check.sure and not contradicts(check, find_capture_range(sweeps.revolution_s, estimator))

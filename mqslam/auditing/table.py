@@ -1,0 +1,208 @@
+"""The table of tests: what each one compares, what it tolerates, and what it cannot see.
+
+The verdict, its pages and the documentation take the names, the tolerances and the limits of the tests from here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final, TypeVar
+
+import numpy as np
+
+from mqslam.config import AuditConfig, VerdictConfig
+
+_Found = TypeVar("_Found")
+
+
+@dataclass(frozen=True, slots=True)
+class MapTest:
+    """One test of a map.
+
+    Args:
+        name: key of the test in audit.json and summary.json.
+        compares: what is compared with what.
+        blind: what the test cannot see.
+        tolerance: returns up to how many metres and radians it calls nothing wrong; None where it has no such tolerance.
+        rate: returns the tolerance in words where it is not one of metres and radians.
+        quantities: number of p-values by which it may call a good map bad; they share the rate of false alarms.
+        of_run: whether it judges only runs, of whose making more is known.
+    """
+
+    name: str
+    compares: str
+    blind: str
+    tolerance: Callable[[AuditConfig], tuple[float, float | None]] | None = None
+    rate: str = ""
+    quantities: int = 0
+    of_run: bool = False
+
+    def describe_tolerance(self, settings: AuditConfig) -> str:
+        """Returns in words what the test tolerates."""
+        if self.tolerance is None:
+            return self.rate
+        metres, radians = self.tolerance(settings)
+        turn = "" if radians is None else f" or {np.degrees(radians):.2g}°"
+        return f"{metres:.2g} m{turn}{self.rate}"
+
+
+_SPAN: Final = 1.5  # tolerance of a span, in steps: it is known from farther away
+_ROW: Final = 0.4  # tolerance of the mean of revisits that agree, as a share of that of a single one
+
+SCALE_WARN: Final = 0.002
+"""Distances or directions that are off by a larger share than this are worth a look [m/m]."""
+TURN_WARN: Final = 8.7e-6
+"""A yaw that drifts by more than this is worth a look [rad/m]: 0.05 degrees in 100 m."""
+LEVER_WARN: Final = 0.05
+"""A sensor that sits farther than this from where the trajectory has it is worth a look [m]."""
+DELAY_WARN_S: Final = 0.01
+"""A trajectory whose stamps are late or early by more than this is worth a look [s]."""
+
+
+def tolerate_window(settings: AuditConfig) -> tuple[float, None]:
+    """Returns by how many metres the best correction of a window may move its points."""
+    return settings.bend_m, None
+
+
+def tolerate_step(settings: AuditConfig) -> tuple[float, None]:
+    """Returns by how many metres the points on either side of a step may be off each other."""
+    return settings.jump_m, None
+
+
+def tolerate_span(settings: AuditConfig) -> tuple[float, None]:
+    """Returns by how many metres the points at either end of a span may be off each other."""
+    return _SPAN * settings.jump_m, None
+
+
+def tolerate_sum(settings: AuditConfig) -> tuple[float, float]:
+    """Returns by how many metres and radians the end of several spans in a row may be off their begin."""
+    return settings.torn_m, 0.5 * settings.torn_rad
+
+
+def tolerate_revisit(settings: AuditConfig) -> tuple[float, float]:
+    """Returns by how many metres and radians two passes of a place may be off each other."""
+    return settings.torn_m, settings.torn_rad
+
+
+def tolerate_row(settings: AuditConfig) -> float:
+    """Returns by how many metres revisits in a row, which agree, may be off in the mean."""
+    return _ROW * settings.torn_m
+
+
+TESTS: Final = (
+    MapTest(
+        "trajectory",
+        "the poses with each other and with the scans' times: gaps, jumps that no vehicle makes, scans without a pose",
+        "poses that are wrong and smooth",
+        rate="0.5 m beyond what a vehicle can do; 10 % of the scans",
+    ),
+    MapTest(
+        "frame",
+        "the poses with the middles of a finished cloud's scans; a torn map with the maps under the mirrored trajectory and "
+        "under yaw counted the other way",
+        "a frame that is off by less than the width of a street",
+        rate="0.3 of the distance at which things are seen; half of the turning windows whole again",
+    ),
+    MapTest(
+        "graph",
+        "psi of the map, and across passes, before and after optimisation",
+        "loops that change nothing in the map",
+        rate="a tenth",
+        of_run=True,
+    ),
+    MapTest(
+        "tracking",
+        "the motion of every scan with what it observed",
+        "scans that converged to something wrong",
+        rate="no lost scan; 10 % that observe too little",
+        of_run=True,
+    ),
+    MapTest(
+        "sensors",
+        "the trajectory's turns with a gyroscope's; of a run, its speed, distances and turns with those of odometry and "
+        "GNSS",
+        "what a bias of the gyroscope explains",
+        rate="0.5° in a few scans, 3 % of the turns, 0.1 s; 10 % of the speed",
+    ),
+    MapTest(
+        "speeds",
+        "each window's two middle scans, searched for each other over all plausible speeds",
+        "errors that windows can measure",
+        rate="what a window can correct; 5 % of the places",
+    ),
+    MapTest(
+        "windows",
+        "six scans with their own best under a correction of the speed",
+        "what lies between windows, and drift",
+        tolerate_window,
+        rate=", in 5 % of the windows",
+    ),
+    MapTest(
+        "shaking",
+        "windows with the same windows under smoothed poses",
+        "poses that err alike for a second",
+        tolerate_window,
+        rate=" in the median",
+        quantities=1,
+    ),
+    MapTest(
+        "steps",
+        "the three scans before a place with the three after it",
+        "what grows slowly",
+        tolerate_step,
+        quantities=1,
+    ),
+    MapTest(
+        "spans",
+        "the scans at either end of 30 m of path",
+        "bends over more than that",
+        tolerate_span,
+        rate=", twice that where a turn moves points",
+        quantities=2,
+    ),
+    MapTest(
+        "sums",
+        "60, 120 and 240 m of path, added up of spans",
+        "drift over more than that",
+        tolerate_sum,
+        quantities=1,
+    ),
+    MapTest(
+        "pooled",
+        "all spans together with one scale, direction of travel, drift of yaw, place of the sensor and delay of the stamps",
+        "whether trajectory or ranges are wrong: what is scaled or mirrored with the ranges shows nowhere",
+        rate="0.2 %, 0.11°, 0.05° per 100 m, 0.05 m, 0.01 s",
+        quantities=6,
+    ),
+    MapTest(
+        "revisits",
+        "two passes of a place, and the mean of those in a row that agree",
+        "drift where no place is passed twice",
+        tolerate_revisit,
+        quantities=1,
+    ),
+)
+"""All tests, in the order in which a fault that one finds explains those of the next ones."""
+
+_ORDER: Final = {test.name: number for number, test in enumerate(TESTS)}
+_QUANTITIES: Final = sum(test.quantities for test in TESTS)
+
+
+def apply_tolerance(settings: AuditConfig, limits: VerdictConfig) -> AuditConfig:
+    """Returns the settings of an audit with the tolerances that a user has asked for, all in the same proportion."""
+    if limits.tolerance_m is None:
+        return settings
+    factor = limits.tolerance_m / settings.torn_m
+    names = ("bend_m", "jump_m", "torn_m", "torn_rad")
+    return settings.model_copy(update={name: factor * getattr(settings, name) for name in names})
+
+
+def share_of_false_alarms(limits: VerdictConfig) -> float:
+    """Returns the probability with which each quantity that is tested by a p-value may call a good map bad."""
+    return limits.false_alarms / _QUANTITIES
+
+
+def sort_tests(found: Mapping[str, list[_Found]]) -> dict[str, list[_Found]]:
+    """Returns what each test has found, without those that found nothing, in the order of the table."""
+    return {name: found[name] for name in sorted(found, key=_ORDER.__getitem__) if found[name]}
