@@ -32,7 +32,7 @@ from mqslam.auditing.sizes import STEP_SCANS
 from mqslam.auditing.spans.delay import measure_twists
 from mqslam.auditing.spans.measured import register_spans
 from mqslam.auditing.spans.pooled import Pooled, pool, predict_offsets
-from mqslam.auditing.spans.sums import SumAudit, audit_sums
+from mqslam.auditing.spans.sums import SumAudit, audit_sums, find_bends
 from mqslam.auditing.spans.torn import SpanAudit, audit_spans
 from mqslam.auditing.speeds import (
     CaptureRange,
@@ -187,7 +187,7 @@ def audit(
             "sums": [judge_sums(sums, path_m, settings, limits)],
             "pooled": [judge_pooled(pooled, limits, track.extrinsics, track.time_offset_s)],
             "shaking": [judge_shaking(sweeps, windows, settings, estimator, limits, engine)],
-            "revisits": [judge_revisits(revisits, settings, limits, path_m if sums else None)],
+            "revisits": [judge_revisits(revisits, settings, limits, path_m if sums and not find_bends(sums) else None)],
             "sensors": [] if known.turning is None else [judge_gyroscope(known.turning)],
         }
     tests = sort_tests(tests)

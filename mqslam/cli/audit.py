@@ -136,7 +136,8 @@ def _format_results(summary: dict[str, Any]) -> str:
     rows = [*format_verdict(summary), ("final psi", _describe_final_psi(summary["final_psi"]))]
     if summary["verdict"]["status"] != "pass":
         rows += _list_worst(summary)
-    if summary["verdict"]["status"] in ("warn", "fail") and summary["trajectory"] is not None and "mended" not in summary:
+    verdict, can_mend = summary["verdict"], summary["trajectory"] is not None and "mended" not in summary
+    if can_mend and verdict["status"] in ("warn", "fail") and "give " not in verdict["diagnosis"]:  # which mends it better
         rows.append(("to mend it", "audit it with --mend, which writes the trajectory with the corrections put in"))
     if "mended" in summary:
         verdict = summary["mended"]["verdict"]

@@ -28,8 +28,9 @@ def list_reasons(verdict: Mapping[str, Any]) -> list[str]:
     Args:
         verdict: `verdict` of a summary.
     """
-    reasons = [str(reason) for reason in verdict.get("reasons") or ()]
-    return [] if verdict.get("status") == "pass" or reasons == [verdict.get("diagnosis")] else reasons
+    if verdict.get("status") == "pass":
+        return []
+    return [str(reason) for reason in verdict.get("reasons") or () if reason != verdict.get("diagnosis")]
 
 
 def describe_last_pose(last: Mapping[str, Any] | None) -> str:
