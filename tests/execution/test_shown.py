@@ -36,8 +36,9 @@ def test_the_terminal_shows_escapes(capsys: pytest.CaptureFixture[str]) -> None:
     echo(HOSTILE)
     shown = capsys.readouterr()
     assert shown.err == f"note: {SHOWN}\nwarning: {SHOWN}\n" and shown.out == SHOWN.replace(r"\n", "\n") + "\n"
-    verdict = {"verdict": {"status": "warn", "reasons": [HOSTILE]}, "not_judged": [HOSTILE]}
-    assert format_verdict(verdict) == [("verdict", f"warn: {SHOWN}"), ("not judged", SHOWN)]
+    verdict = {"status": "warn", "diagnosis": HOSTILE, "reasons": [HOSTILE, f"two: {HOSTILE}"]}
+    shown = format_verdict({"verdict": verdict, "not_judged": [HOSTILE]})
+    assert shown == [("verdict", f"warn: {SHOWN}"), ("because", f"two: {SHOWN}"), ("not judged", SHOWN)]
 
 
 def test_files_hold_escapes(tmp_path: Path) -> None:
