@@ -27,7 +27,7 @@ FINDINGS = {
         assert run.map_optimised.psi.mean() < 0.6 * run.map_odometry.psi.mean()
         """,
     "03_audit_and_compare": """
-        assert audits["true"][1].status == "pass" and audits["bent"][1].status == "fail"
+        assert audits["true"][1].verdict.status == "pass" and audits["bent"][1].verdict.status == "fail"
         torn = [window for window in audits["bent"][1].windows if window.torn]
         assert len(torn) > 4 and all(window.t1 > 20.0 and window.t0 < 30.0 for window in torn)
         assert 1.5 < np.median(inflations("true")) < 4.5

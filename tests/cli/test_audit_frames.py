@@ -66,7 +66,7 @@ def test_the_remedy_for_a_turned_mount_of_a_radar_mends_it(quick: Path, tmp_path
     base = base_of(truth, (0.0, 0.0, degrees))
     warned = package.audit(drive, tmp_path / "a", trajectory=base, config=quick)
     assert warned.verdict != "pass"
-    remedy = re.search(r"give extrinsics (\S+),(\S+),(\S+)$", " ".join(warned.reasons))
+    remedy = re.search(r"give extrinsics ([^,]+),([^,]+),([-.\d]+)", " ".join(warned.reasons))
     assert remedy is not None
     x, y, yaw = (float(remedy[k]) for k in (1, 2, 3))
     assert (x, y) == (0.0, 0.0) and yaw == pytest.approx(degrees, abs=0.1)
