@@ -89,7 +89,9 @@ A fault counts only if it is larger than chance explains *and* larger than its t
 those of windows, shaking, steps, spans, sums and revisits in proportion; they are given here for the default, 0.5 m
 between two passes. Chance calls one good map in a hundred bad (`--false-alarms`): that rate is shared by all tests
 with a p-value. Where a test looks at shares (of windows, of revisits), `fail` takes 95 % confidence that the share is
-above its bound, and too few places are `not judged`.
+above its bound, and too few places are `not judged`. `fail` means that the map is not to be trusted: more than 20 % of
+its windows, spans or path, or 10 % of its revisits are off, or it jumps by more than two passes may be apart. `warn`
+says that something smaller is off. A map that passes may hold what could not be judged.
 
 | test | what it compares | what it tolerates | what it cannot see |
 |---|---|---|---|"""

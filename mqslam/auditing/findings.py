@@ -108,9 +108,11 @@ def judge_steps(
         reason = f"the map {_describe_jump(worst)} at {worst.t:.1f} s{others}"
         status = VerdictStatus.FAIL if worst.registration.size_m > settings.torn_m else VerdictStatus.WARN
         explanation = f"the trajectory {_describe_jump(worst)} in a single step at {worst.t:.1f} s"
-        if len(jumps) > 1:
+        cause = Cause.JUMP
+        if len(jumps) > 1:  # which bends and noise make, too
             explanation = f"the trajectory jumps at {len(jumps)} places, the farthest at {worst.t:.1f} s"
-        return Finding(status, reason, p_value=p_value, cause=Cause.JUMP, explanation=explanation)
+            cause = Cause.JUMPS
+        return Finding(status, reason, p_value=p_value, cause=cause, explanation=explanation)
     bumps = [step for step in steps if _is_bump(step, settings, limits)]
     if bumps:
         worst = max(bumps, key=lambda step: step.registration.size_m)
@@ -131,9 +133,8 @@ def _describe_jump(step: StepAudit) -> str:
     moved_m = float(np.hypot(offset[0], offset[1]))
     if moved_m > 0.5 * size_m:
         return f"jumps by {size_m:.2f} m"
-    return (
-        f"turns by {np.degrees(abs(offset[2])):.1f} deg and jumps by {moved_m:.2f} m, which moves points by {size_m:.2f} m,"
-    )
+    turn = f"turns by {np.degrees(abs(offset[2])):.1f} deg"
+    return f"{turn} and jumps by {moved_m:.2f} m, which together move points by {size_m:.2f} m,"
 
 
 def _is_bump(step: StepAudit, settings: AuditConfig, limits: VerdictConfig) -> bool:

@@ -130,8 +130,8 @@ def _misses_headings(poses: se2.Array) -> bool:
 
 
 _READINGS: Final = (
-    Reading("the trajectory is mirrored", "give y and yaw to the left, as seen from above", _mirror),
-    Reading("the trajectory counts yaw the other way", "give yaw to the left, as seen from above", _turn_yaw),
+    Reading("the trajectory is mirrored", "y and yaw must count to the left, as seen from above", _mirror),
+    Reading("the trajectory counts yaw the other way", "yaw must count to the left, as seen from above", _turn_yaw),
 )
 
 

@@ -126,7 +126,7 @@ def _list_faults(rotation: Rotation, *, own_clock: bool) -> list[str]:
         faults.append(_compare_turns(off))
     if not own_clock and abs(late_s) > max(TOLD_SIGMAS * rotation.delay_sigma_s, DELAY_TOLERANCE_S):
         faults.append(
-            f"the trajectory's stamps are {abs(late_s):.2f} s {'later' if late_s > 0.0 else 'earlier'} than its own"
+            f"the trajectory's stamps are {abs(late_s):.2f} s {'later' if late_s > 0.0 else 'earlier'} than the gyroscope's"
         )
     return faults
 

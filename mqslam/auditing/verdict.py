@@ -103,6 +103,7 @@ class Cause(IntEnum):
     JUMP = auto()
     DRIFT = auto()
     PASSES = auto()
+    JUMPS = auto()
     PART = auto()
 
 

@@ -30,7 +30,8 @@ def list_reasons(verdict: Mapping[str, Any]) -> list[str]:
     """
     if verdict.get("status") == "pass":
         return []
-    return [str(reason) for reason in verdict.get("reasons") or () if reason != verdict.get("diagnosis")]
+    diagnosis = str(verdict.get("diagnosis", ""))
+    return [str(reason) for reason in verdict.get("reasons") or () if str(reason) not in diagnosis]
 
 
 def describe_last_pose(last: Mapping[str, Any] | None) -> str:

@@ -64,8 +64,8 @@ def test_sparse_poses_of_a_trajectory_that_turns_as_the_radar_did_agree(every: i
         (trajectory(scale=1.05), r"the trajectory turns 4\.\d% farther than it"),
         (trajectory(scale=0.95), r"the trajectory turns 5\.\d% less than it"),
         (trajectory(scale=-1.0), "it turns the other way"),
-        (trajectory(late_s=0.15), "the trajectory's stamps are 0.15 s later than its own"),
-        (trajectory(late_s=-0.15), "the trajectory's stamps are 0.15 s earlier than its own"),
+        (trajectory(late_s=0.15), "the trajectory's stamps are 0.15 s later than the gyroscope's"),
+        (trajectory(late_s=-0.15), "the trajectory's stamps are 0.15 s earlier than the gyroscope's"),
     ],
 )
 def test_a_trajectory_that_turned_otherwise_is_told_how(track: Trajectory, said: str) -> None:
