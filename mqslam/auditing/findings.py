@@ -325,7 +325,7 @@ def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: Verdi
         off = sum(span.p_value < share_of_false_alarms(limits) for span in judged)
         reason = f"none of {all_spans} is off by more than chance explains"
         if off:
-            each = f"more than chance explains, each by less than the {tolerated_m:.2g} m that {is_or_are(1)} tolerated"
+            each = f"more than chance explains, each by less than the {tolerated_m:.2g} m that is tolerated"
             reason = f"{off} of {all_spans} {is_or_are(off)} off by {each}"
         return Finding(VerdictStatus.PASS, reason, p_value=p_value)
     worst = max(torn, key=lambda span: span.size_m)

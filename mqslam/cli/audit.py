@@ -137,9 +137,8 @@ def _format_results(summary: dict[str, Any]) -> str:
     if summary["verdict"]["status"] != "pass":
         rows += _list_worst(summary)
     verdict, can_mend = summary["verdict"], summary["trajectory"] is not None and "mended" not in summary
-    if (
-        can_mend and verdict["status"] in ("warn", "fail") and not {"give", "must"} & set(verdict["diagnosis"].split())
-    ):  # which mends it better
+    names_remedy = not {"give", "must"}.isdisjoint(verdict["diagnosis"].split())  # which mends it better
+    if can_mend and verdict["status"] in ("warn", "fail") and not names_remedy:
         rows.append(("to mend it", "audit it with --mend, which writes the trajectory with the corrections put in"))
     if "mended" in summary:
         verdict = summary["mended"]["verdict"]

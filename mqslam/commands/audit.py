@@ -119,7 +119,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     """
     data, out = Path(data), Path(out)
     with claim_folder(out, force=force, sources=[data]):
-        set_limits = _choose_limits(false_alarms, tolerance)
+        _set_limits(Config(), false_alarms, tolerance)  # a mistake is raised before anything is read
         of_cloud = is_cloud(data)
         of_lidar = not of_cloud and format is None and data.exists() and lidars.recognises(data)
         if (of_cloud or of_lidar) and (start_s, end_s) != WHOLE:
@@ -158,7 +158,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             notes += missing
         for line in (*notes, *warnings):
             work.tell(line)
-        settings = set_limits(settings)
+        settings = _set_limits(settings, false_alarms, tolerance)
 
         def judge_sweeps(shown: Sweeps, stated: RelativeCovariances | None = None) -> judge.Audit:
             sections = settings.audit, settings.estimator, settings.verdict
@@ -190,21 +190,17 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         return JudgedResult(out, summary)
 
 
-def _choose_limits(false_alarms: float | None, tolerance: float | None) -> Callable[[Config], Config]:
-    """Returns what puts a rate of false alarms and a tolerance [m] into settings; None leaves each as it is.
+def _set_limits(settings: Config, false_alarms: float | None, tolerance: float | None) -> Config:
+    """Returns settings with another rate of false alarms and another tolerance [m]; None leaves each as it is.
 
     Raises:
         ConfigError: either is out of its range.
     """
-    if false_alarms is not None and not 0.0 < false_alarms < 0.5:
-        raise ConfigError(f"a rate of false alarms of {false_alarms:g} is not between 0 and 0.5; give one such as 0.01")
-    set_tolerance(Config(), tolerance)  # a mistake is raised before anything is read
-
-    def set_limits(settings: Config) -> Config:
-        chosen = settings if false_alarms is None else set_false_alarms(settings, false_alarms)
-        return set_tolerance(chosen, tolerance)
-
-    return set_limits
+    if false_alarms is not None:
+        if not 0.0 < false_alarms < 0.5:
+            raise ConfigError(f"a rate of false alarms of {false_alarms:g} is not between 0 and 0.5; give one such as 0.01")
+        settings = set_false_alarms(settings, false_alarms)
+    return set_tolerance(settings, tolerance)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from mqslam.auditing.table import TESTS
+from mqslam.auditing.table import TESTS, apply_tolerance
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.comparison.best import Standing, find_best
@@ -332,10 +332,11 @@ def _answer_sceptic(comparison: Comparison) -> list[tuple[str, str]]:
         "psi, which the front end psi also makes small, so that it is no stranger to that row; errors against ground truth "
         "are independent of all rows."
     )
+    tolerated = apply_tolerance(comparison.settings.audit, comparison.settings.verdict)
     differ = (
         "The two ask for different things. Ground truth says how far poses are off over the whole drive, and seldom knows a "
         "few centimetres. The audit says whether neighbouring scans lie on each other, and counts bends of "
-        f"{100.0 * comparison.settings.audit.bend_m:g} cm and more. A row that is the best by ground truth and fails is "
+        f"{100.0 * tolerated.bend_m:g} cm and more. A row that is the best by ground truth and fails is "
         "the nearest to the true path, and its map is still doubled or blurred in many places. A row that passes may drift "
         "slowly where no place is passed twice."
     )

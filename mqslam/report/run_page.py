@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.spatial import cKDTree
 
+from mqslam.auditing.table import apply_tolerance
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.config import dump_yaml, set_doppler_beta
@@ -257,7 +258,7 @@ def explore_run(run: Run, summary: Mapping[str, Any], truth: Trajectory | None) 
         (
             "Click a dot or a curve to see that place in both maps, as the sensor sees it, ahead to the right.",
             *explained,
-            explain_torn(run.config.audit),
+            explain_torn(apply_tolerance(run.config.audit, run.config.verdict)),
         ),
         lines=lines,
         groups=("this pass", "other passes"),
