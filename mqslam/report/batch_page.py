@@ -50,25 +50,22 @@ def write_batch_page(out: Path, title: str, summary: Mapping[str, Any], plan: st
         if run["trajectory"]:
             with tolerate(f"the picture of {run['name']}", page.failures):  # a kept run may have lost its file since
                 tracks[run["name"]] = read_tum(out / run["trajectory"])
-    page.add("the first numbers", lambda: _make_tiles(summary))
+    page.add("the numbers", lambda: _list_numbers(summary))
     page.add("the table of the runs", lambda: _tabulate_runs(summary))
     page.add("the pictures of the trajectories", lambda: _show_trajectories(summary, tracks))
     return page.write(out)
 
 
-def _make_tiles(summary: Mapping[str, Any]) -> Section:
-    counts = summary["counts"]
-    judged = " · ".join(str(counts[status]) for status in VerdictStatus)
-    return Section(
-        "",
-        tiles=[
-            (judged, f"runs with verdict {' · '.join(VerdictStatus)}"),
-            (format_value(counts["failed"]), "runs that failed"),
-            (f"{sum(bool(run['not_judged']) for run in summary['runs'])}", "runs of which not all was judged"),
-            (_format_duration(summary["duration_s"]), "of radar"),
-            (f"{summary['length_m'] / 1000.0:.2f} km", "driven"),
-        ],
-    )
+def _list_numbers(summary: Mapping[str, Any]) -> Section:
+    counts, runs = summary["counts"], summary["runs"]
+    verdicts = [(str(status), format_value(counts[status])) for status in VerdictStatus]
+    recordings = [
+        ("runs that failed", format_value(counts["failed"])),
+        ("runs of which not all was judged", str(sum(bool(run["not_judged"]) for run in runs))),
+        ("duration", _format_duration(summary["duration_s"])),
+        ("path", f"{summary['length_m'] / 1000.0:.2f} km"),
+    ]
+    return Section("", numbers=[("Verdicts", verdicts), ("Recordings", recordings)])
 
 
 def _format_duration(seconds: float) -> str:

@@ -48,26 +48,30 @@ def write_localise_page(
     title = f"Localisation of {Path(dataset['path']).name} in {Path(summary['map']['path']).name}"
     share = f"{format_matched(float(summary['share_on_map']))} of {format_value(dataset['scans'])} scans"
     page = Page(title, summary, dump_yaml(config), conclusion=f"{share} lie on the map.")
-    page.add("the first numbers", lambda: _make_tiles(summary))
     page.add("the picture of the map", lambda: _show_map(made, localised))
+    page.add("the numbers", lambda: _list_numbers(summary))
     page.add("the charts along the path", lambda: _show_path(localised))
     page.add("the table of the scans", lambda: _tabulate_statuses(summary))
     return page.write(folder)
 
 
-def _make_tiles(summary: Mapping[str, Any]) -> Section:
+def _list_numbers(summary: Mapping[str, Any]) -> Section:
     sigma, errors = summary["median_sigma"], summary["evaluation"]
-    tiles = [
-        (format_matched(summary["share_on_map"]), "of all scans on the map"),
-        (format_value(1e3 * sigma["along_m"], " mm"), "along the heading against the map around (median of one sigma)"),
-        (format_value(1e3 * sigma["across_m"], " mm"), "across it"),
-        (format_value(math.degrees(sigma["yaw_rad"]), "°"), "heading"),
-        (format_matched(summary["matched"]), "of the returns on the map"),
-        (format_value(summary["psi_per_point"]), "ψ per point on the map"),
+    of_scans = [
+        ("on the map", format_matched(summary["share_on_map"])),
+        ("their returns on the map", format_matched(summary["matched"])),
+        ("ψ per point on the map", format_value(summary["psi_per_point"])),
     ]
+    of_poses = [
+        ("along the heading", format_value(1e3 * sigma["along_m"], " mm")),
+        ("across it", format_value(1e3 * sigma["across_m"], " mm")),
+        ("heading", format_value(math.degrees(sigma["yaw_rad"]), "°")),
+    ]
+    numbers = [("Scans", of_scans), ("Standard deviations against the map around (medians)", of_poses)]
     if errors is not None:
-        tiles.append((format_value(errors["ate_rmse_m"], " m"), "ATE of all scans, after alignment"))
-    return Section("", tiles=tiles)
+        ate = format_value(errors["ate_rmse_m"], " m")
+        numbers.append(("Errors against ground truth", [("ATE of all scans, after alignment", ate)]))
+    return Section("Numbers", numbers=numbers)
 
 
 def _show_map(made: KeyframeMap, localised: Localised) -> Section:

@@ -53,8 +53,8 @@ def write_merge_page(folder: Path, merged: Merged, summary: Mapping[str, Any]) -
     """
     title, conclusion = f"Merge of {len(merged.trajectories)} recordings", f"{summary['conclusion']}."
     page = Page(title, summary, dump_yaml(merged.config), conclusion=conclusion)
-    page.add("the first numbers", lambda: _make_tiles(summary))
     page.add("the pictures of the map", lambda: _show_map(merged))
+    page.add("the numbers", lambda: _list_numbers(summary))
     page.add("the table of the changes", lambda: _tabulate_changes(summary))
     page.add("the pictures of the changes", lambda: _show_changes(merged))
     page.add("the table of the recordings", lambda: _tabulate_recordings(summary))
@@ -62,17 +62,19 @@ def write_merge_page(folder: Path, merged: Merged, summary: Mapping[str, Any]) -
     return page.write(folder)
 
 
-def _make_tiles(summary: Mapping[str, Any]) -> Section:
+def _list_numbers(summary: Mapping[str, Any]) -> Section:
     links, psi = summary["links"], summary["psi"]
-    across = f"{psi['across_before']:.3f} → {psi['across_after']:.3f}"
-    tiles = [
-        (format_value(links["count"]), "links between recordings"),
-        (across, "ψ per point across recordings, laid rigidly → merged"),
-        (format_value(links["residual_median"]), "median residual of the links [standard deviations]"),
-        (format_matched(psi["matched"]), "of all points matched"),
-        (format_value(len(summary["changes"])), "objects that changed"),
+    of_links = [
+        ("between recordings", format_value(links["count"])),
+        ("median residual [standard deviations]", format_value(links["residual_median"])),
     ]
-    return Section("", tiles=tiles)
+    of_map = [
+        ("ψ per point across recordings, laid rigidly", f"{psi['across_before']:.3f}"),
+        ("the same, merged", f"{psi['across_after']:.3f}"),
+        ("points matched", format_matched(psi["matched"])),
+        ("objects that changed", format_value(len(summary["changes"]))),
+    ]
+    return Section("Numbers", numbers=[("Links", of_links), ("Map", of_map)])
 
 
 def _split_points(merged: Merged) -> list[tuple[Points, str]]:

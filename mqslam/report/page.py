@@ -96,7 +96,6 @@ class Section:
     Args:
         heading: the heading; empty without one.
         notes: what the reader should know; the first line stands below the heading, the others unfold.
-        tiles: numbers to see first, and what they are.
         figures: pictures side by side.
         stacked: pictures one below the other, beside the others.
         table: a table, beside a picture that stands alone; None without one.
@@ -107,7 +106,6 @@ class Section:
 
     heading: str
     notes: Sequence[str] = ()
-    tiles: Sequence[tuple[str, str]] = ()
     figures: Sequence[Figure] = ()
     stacked: Sequence[Figure] = ()
     table: Table | None = None

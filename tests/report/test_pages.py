@@ -48,9 +48,9 @@ def test_what_is_written_by_others_is_escaped(pages: dict[str, Path], name: str)
         ("batch", (HOSTILE, "runs that failed", "against ground truth")),
         (
             "merge",
-            ("are one map.", HOSTILE, "objects that changed", "is recording 2", "past it\n1\nrecording 1", "result 2 in"),
+            ("are one map.", HOSTILE, "is recording 2", "objects that changed", "past it\n1\nrecording 1", "result 2 in"),
         ),
-        ("localise", ("97.5 % of 60 scans lie", HOSTILE, "across it", "Scans in the map", "converged\n57\nthe scan lies")),
+        ("localise", ("97.5 % of 60 scans lie", HOSTILE, "Scans in the map", "across it", "converged\n57\nthe scan lies")),
     ],
 )
 def test_the_verdict_stands_before_the_warnings_and_these_before_the_numbers(
