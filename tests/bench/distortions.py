@@ -40,11 +40,59 @@ def _hasten(speed: float, stamps: Array, poses: Array) -> tuple[Array, Array]:
 
 def _drift(degrees: float, stamps: Array, poses: Array) -> tuple[Array, Array]:
     """Turns the yaw by so many degrees in 100 m."""
+    return stamps, _bend(_travel(poses) * np.radians(degrees) / 100.0, poses)
+
+
+def _bend_once(degrees: float, over_m: float, stamps: Array, poses: Array) -> tuple[Array, Array]:
+    """Turns the yaw by some degrees, evenly over a stretch around the middle of the path."""
+    return stamps, _bend(np.radians(degrees) * np.clip(_pass_middle(poses) / over_m + 0.5, 0.0, 1.0), poses)
+
+
+def _bend(off: Array, poses: Array) -> Array:
+    """Returns poses whose yaw is off by an angle (N,) [rad], and whose steps are turned with it."""
     steps = np.diff(poses[:, :2], axis=0)
-    off = np.r_[0.0, np.cumsum(np.hypot(*steps.T))] * np.radians(degrees) / 100.0
     c, s = np.cos(off[:-1]), np.sin(off[:-1])
     turned = np.column_stack([c * steps[:, 0] - s * steps[:, 1], s * steps[:, 0] + c * steps[:, 1]])
-    return stamps, _chain(poses[0, :2], turned, poses[:, 2] + off)
+    return _chain(poses[0, :2], turned, poses[:, 2] + off)
+
+
+def _travel(poses: Array) -> Array:
+    """Returns the path (N,) travelled up to each pose [m]."""
+    return np.r_[0.0, np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))]
+
+
+def _pass_middle(poses: Array) -> Array:
+    """Returns the path (N,) from the middle of the drive to each pose [m], negative before it."""
+    travelled = _travel(poses)
+    return np.asarray(travelled - 0.5 * travelled[-1])
+
+
+def _move_left(left_m: Array, poses: Array) -> Array:
+    """Returns poses that are moved to their left by some metres (N,)."""
+    left = np.column_stack([-np.sin(poses[:, 2]), np.cos(poses[:, 2]), np.zeros(len(poses))])
+    return poses + left_m[:, None] * left
+
+
+def _weave(size_m: float, period_s: float, stamps: Array, poses: Array) -> tuple[Array, Array]:
+    return stamps, _move_left(size_m * np.sin(2.0 * np.pi * (stamps - stamps[0]) / period_s), poses)
+
+
+def _wobble(degrees: float, period_s: float, stamps: Array, poses: Array) -> tuple[Array, Array]:
+    """Lets the yaw swing, and leaves the places as they are."""
+    swing = np.radians(degrees) * np.sin(2.0 * np.pi * (stamps - stamps[0]) / period_s)
+    return stamps, poses + np.column_stack([np.zeros((len(poses), 2)), swing])
+
+
+def _swerve(size_m: float, over_m: float, stamps: Array, poses: Array) -> tuple[Array, Array]:
+    """Moves the poses to the left, to the right and back, once, from the middle of the path on."""
+    share = np.clip(_pass_middle(poses) / over_m, 0.0, 1.0)
+    return stamps, _move_left(size_m * np.sin(2.0 * np.pi * share), poses)
+
+
+def _pass_beside(size_m: float, over_m: float, stamps: Array, poses: Array) -> tuple[Array, Array]:
+    """Moves the second half of the drive to the north, more and more over a stretch around the middle of the path."""
+    share = np.clip(_pass_middle(poses) / over_m + 0.5, 0.0, 1.0)
+    return stamps, poses + share[:, None] * np.array([0.0, size_m, 0.0])
 
 
 def _chain(start: Array, steps: Array, yaws: Array) -> Array:
@@ -54,8 +102,7 @@ def _chain(start: Array, steps: Array, yaws: Array) -> Array:
 
 def _tear(size_m: float, over_m: float, back: bool, stamps: Array, poses: Array) -> tuple[Array, Array]:
     """Moves all that comes after the middle to the north-east, over so much path; back again where it is a bump."""
-    travelled = np.r_[0.0, np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))]
-    along = (travelled - 0.5 * travelled[-1]) / over_m
+    along = _pass_middle(poses) / over_m
     share = np.clip(1.0 - np.abs(along), 0.0, 1.0) if back else np.clip(along, 0.0, 1.0)
     return stamps, poses + share[:, None] * np.array([0.8 * size_m, 0.6 * size_m, 0.0])
 
@@ -103,3 +150,16 @@ DISTORTIONS: dict[str, Distortion] = {
     "halves swapped": _swap,
 }
 """Every distortion by its name; the first one leaves the trajectory as it is."""
+
+SLOW_DISTORTIONS: dict[str, Distortion] = {
+    "none": DISTORTIONS["none"],
+    "a bend of 3 deg over 200 m": partial(_bend_once, 3.0, 200.0),
+    "a bend of 1 deg over 100 m": partial(_bend_once, 1.0, 100.0),
+    "yaw swings by 0.3 deg in 20 s": partial(_wobble, 0.3, 20.0),
+    "a weave of 0.15 m in 10 s": partial(_weave, 0.15, 10.0),
+    "an S of 0.4 m over 10 m": partial(_swerve, 0.4, 10.0),
+}
+"""Distortions that no place of a map shows much of, by their names; the first one leaves the trajectory as it is."""
+
+BESIDE: Distortion = partial(_pass_beside, 0.45, 600.0)
+"""The second half of a drive lies 0.45 m beside the first."""

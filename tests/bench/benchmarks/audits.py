@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from bench.benchmark import Benchmark, Bound, Cell, Column, Goal, Row, label
 from bench.commands import audit, compare, read_json, run
-from bench.distortions import DISTORTIONS, distort
-from bench.recordings import SHARED, TRUTH, shared, simulate_city, simulate_short_city, twin
+from bench.distortions import BESIDE, DISTORTIONS, SLOW_DISTORTIONS, Distortion, distort
+from bench.recordings import SHARED, TRUTH, shared, simulate, simulate_city, simulate_short_city, twin
 from bench.scorer import headings, read_trajectory, turn
 from evo.core import lie_algebra
 from evo.core.trajectory import PoseTrajectory3D
@@ -19,14 +19,15 @@ from evo.tools import file_interface
 from numpy.typing import NDArray
 
 from mqslam.auditing import judge
-from mqslam.auditing.sources import place_source
+from mqslam.auditing.sources import Source, place_source
+from mqslam.auditing.sweeps import Sweeps
 from mqslam.commands.audit import detect_radar
 from mqslam.commands.inputs import choose_settings, open_data
 from mqslam.commands.work import Work
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.local_engine import LocalEngine
-from mqslam.psi.place import beam_of
+from mqslam.psi.place import Beam, beam_of
 
 _WORLDS = ("kind", "hard")
 _SEED = 1
@@ -141,13 +142,17 @@ def _measure_false_alarms(out: Path) -> list[Row]:
     return rows
 
 
-def _measure_distortions(find_drives: Callable[[str], list[Path]], out: Path) -> list[Row]:
-    """Returns a row for each distortion of the true trajectories of the drives that a function finds for a world."""
-    verdicts: dict[str, dict[str, list[str]]] = {name: {world: [] for world in _WORLDS} for name in DISTORTIONS}
+FindDrives = Callable[[str], list[Path]]
+"""Returns the drives of a world, `kind` or `hard`."""
+
+
+def _measure_distortions(distortions: Mapping[str, Distortion], find_drives: FindDrives, out: Path) -> list[Row]:
+    """Returns a row for each distortion of the true trajectories of drives."""
+    verdicts: dict[str, dict[str, list[str]]] = {name: {world: [] for world in _WORLDS} for name in distortions}
     for world in _WORLDS:
         for data in find_drives(world):
             truth = read_trajectory(data / TRUTH)
-            tracks = {name: distort(truth, distortion) for name, distortion in DISTORTIONS.items()}
+            tracks = {name: distort(truth, distortion) for name, distortion in distortions.items()}
             for name, verdict in _judge_tracks(data, tracks):
                 verdicts[name][world].append(verdict)
     rows = []
@@ -155,7 +160,7 @@ def _measure_distortions(find_drives: Callable[[str], list[Path]], out: Path) ->
         cells: dict[str, Cell] = {"distortion": name}
         for world, given in of_worlds.items():
             cells |= {world: _count_bad(given) / len(given), f"{world} verdicts": ", ".join(given)}
-        rows.append(Row(cells, judged=name != _RIGHT))
+        rows.append(Row(cells, judged=distortions[name] is not DISTORTIONS[_RIGHT]))
     return rows
 
 
@@ -163,14 +168,22 @@ def _judge_tracks(data: Path, tracks: Mapping[str, PoseTrajectory3D]) -> Iterato
     """Yields the name of every trajectory of a recording and the verdict on its map; the returns are detected once."""
     work = Work(LocalEngine(os.cpu_count() or 1))
     settings = choose_settings(None)
-    source, _, settings = detect_radar(open_data(data, None, None, settings), None, "ground_truth", settings, work)
+    source, _, settings, _ = detect_radar(open_data(data, None, None, settings), None, "ground_truth", settings, work)
     beam = beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
     for name, track in tracks.items():
         stamps = np.round(1e6 * track.timestamps).astype(np.int64)
         poses = np.column_stack([track.positions_xyz[:, :2], se2.wrap(headings(track))])
-        sweeps, _ = place_source(source, Trajectory(stamps, poses), beam)
-        judged = judge.audit(sweeps, settings.audit, settings.estimator, settings.verdict, work.engine, work.progress)
+        place = partial(_place_poses, source, stamps, beam)
+        sections = settings.audit, settings.estimator, settings.verdict
+        known = judge.Known(place=place)
+        judged = judge.audit(place(poses), *sections, work.engine, work.progress, known=known)
         yield name, str(judged.verdict.status)
+
+
+def _place_poses(source: Source, stamps_us: NDArray[np.int64], beam: Beam, poses: se2.Array) -> Sweeps:
+    """Returns the points of a recording under poses (M, 3)."""
+    sweeps, _ = place_source(source, Trajectory(stamps_us, poses), beam)
+    return sweeps
 
 
 def _count_bad(verdicts: Sequence[str]) -> int:
@@ -181,20 +194,39 @@ def _count_bad(verdicts: Sequence[str]) -> int:
 _RIGHT = next(iter(DISTORTIONS))
 _FOUR = (11, 12, 13, 14)  # seeds of cities of a minute
 _TWIN_MINUTES = (("kaist01", 3, 0), ("kaist01", 4, 1500), ("kaist02", 5, 500), ("kaist02", 6, 2000))  # run, seed, first scan
+_SLOW = (21, 22, 23, 24, 25)  # seeds of cities of 100 s
+_SLOW_TWINS = (("kaist01", 26, 800), ("kaist01", 27, 2000), ("kaist02", 28, 0), ("kaist02", 29, 1000), ("kaist02", 30, 2400))
+_SLOW_S, _SLOW_SCANS = 100.0, 400
+_WHOLE = (1, 2, 3)  # seeds of whole cities, whose places are passed twice
+
+
+def _find_slow_drives(world: str) -> list[Path]:
+    """Returns ten drives of a world, none of which anything was tuned on."""
+    cities = [simulate("city", world, seed, _SLOW_S) for seed in _SLOW]
+    return cities + [twin(name, world, seed, _SLOW_SCANS, start) for name, seed, start in _SLOW_TWINS]
+
+
+def _measure_slow_distortions(out: Path) -> list[Row]:
+    beside = {_WHOLE_RIGHT: DISTORTIONS[_RIGHT], _BESIDE: BESIDE}
+    rows = _measure_distortions(SLOW_DISTORTIONS, _find_slow_drives, out)
+    return rows + _measure_distortions(beside, lambda world: [simulate_city(world, seed) for seed in _WHOLE], out)
+
+
+_WHOLE_RIGHT, _BESIDE = "whole cities: none", "whole cities: the second half 0.45 m beside"
 
 
 def _compare_distortions(
-    what: str, data: str, seeds: tuple[int, ...], find_drives: Callable[[str], list[Path]]
+    what: str, data: str, seeds: tuple[int, ...], measure: Callable[[Path], list[Row]], bounds: Sequence[Bound] = ()
 ) -> Benchmark:
-    """Returns the benchmark of the distortions on drives, which a function finds for a world."""
+    """Returns a benchmark of distortions; a right trajectory is to be called bad nowhere."""
     shares = [(Column(w, w, "{:.0%}", Goal.HIGH), Column(f"{w} verdicts", "verdicts", "{}")) for w in _WORLDS]
     return Benchmark(
         what=what,
         data=data,
         seeds=seeds,
         columns=(label("distortion", "distortion"), *(column for pair in shares for column in pair)),
-        measure=partial(_measure_distortions, find_drives),
-        bounds=tuple(Bound(world, {"distortion": _RIGHT}, most=0.0) for world in _WORLDS),
+        measure=measure,
+        bounds=(*(Bound(world, {"distortion": _RIGHT}, most=0.0) for world in _WORLDS), *bounds),
     )
 
 
@@ -247,12 +279,27 @@ BENCHMARKS = {
         "Cities of a minute, audited under their true trajectories and under wrong ones: the share that is called bad.",
         "simulated",
         _FOUR,
-        lambda world: [simulate_short_city(world, seed) for seed in _FOUR],
+        partial(_measure_distortions, DISTORTIONS, lambda world: [simulate_short_city(world, seed) for seed in _FOUR]),
     ),
     "distortions_twin": _compare_distortions(
         "Minutes of the city twin, audited under true trajectories and under wrong ones: the share that is called bad.",
         "twin",
         tuple(seed for _, seed, _ in _TWIN_MINUTES),
-        lambda world: [twin(name, world, seed, 240, start) for name, seed, start in _TWIN_MINUTES],
+        partial(
+            _measure_distortions,
+            DISTORTIONS,
+            lambda world: [twin(name, world, seed, 240, start) for name, seed, start in _TWIN_MINUTES],
+        ),
+    ),
+    "slow_distortions": _compare_distortions(
+        "100 s of five cities and of five drives of the city twin per world, and whole cities, audited under true "
+        "trajectories and under such as err slowly: the share that is called bad. Nothing was tuned on these drives.",
+        "simulated",
+        (*_SLOW, *(seed for _, seed, _ in _SLOW_TWINS), *_WHOLE),
+        _measure_slow_distortions,
+        [
+            *(Bound(world, {"distortion": _WHOLE_RIGHT}, most=0.0) for world in _WORLDS),
+            *(Bound(w, {"distortion": name}, least=0.9) for name in [*SLOW_DISTORTIONS, _BESIDE][1:] for w in _WORLDS),
+        ],
     ),
 }
