@@ -33,7 +33,7 @@ from mqslam.auditing.windows.windows import Undecided, WindowAudit, share_torn
 from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.statistics import correct_for_places, find_smallest
-from mqslam.core.wording import count_of, is_or_are, left_or_right
+from mqslam.core.wording import count_of, is_or_are, join_words, left_or_right
 from mqslam.errors import Remedy
 
 # A map with a larger share of torn revisits than this is worth a look; a few may be places that only look alike.
@@ -42,6 +42,8 @@ _REVISITS_WARN = 0.02
 _REVISITS_FAIL = 0.1
 # So many successive revisits that agree on an offset show that one pass lies beside the other.
 _ROW = 3
+# Further places that a reason names one by one, so that it stays readable.
+_NAMED: Final = 3
 # A window in which a smaller share of points than this is seen twice does not overlap, so that psi cannot judge it.
 LEAST_MATCHED = 0.15
 # With a larger share than this of windows that do not overlap, a map is useless as a whole.
@@ -104,7 +106,7 @@ def judge_steps(
     p_value = find_smallest(step.p_value for step in steps if step.judged)
     if jumps:
         worst = max(jumps, key=lambda step: step.registration.size_m)
-        others = f" and at {count_of(len(jumps) - 1, 'other place')}" if len(jumps) > 1 else ""
+        others = _list_places("and at", [jump.t for jump in jumps if jump is not worst])
         reason = f"the map {_describe_jump(worst)} at {worst.t:.1f} s{others}"
         status = VerdictStatus.FAIL if worst.registration.size_m > settings.torn_m else VerdictStatus.WARN
         explanation = f"the trajectory {_describe_jump(worst)} in a single step at {worst.t:.1f} s"
@@ -125,6 +127,14 @@ def judge_steps(
     tolerated_m, _ = tolerate_step(settings)
     reason = f"no jump of more than {tolerated_m:g} m at any of {count_of(len(shown), 'step')}"
     return Finding(VerdictStatus.PASS, reason, p_value=find_smallest(step.p_value for step in shown))
+
+
+def _list_places(said: str, times: Sequence[float]) -> str:
+    """Returns at which other times [s] a map is wrong, with words before them; nothing where at none."""
+    named = [f"{t:.1f} s" for t in times[:_NAMED]]
+    if len(times) > _NAMED:
+        named.append(count_of(len(times) - _NAMED, "more place"))
+    return f", {said} {join_words(named)}" if named else ""
 
 
 def _describe_jump(step: StepAudit) -> str:
@@ -331,7 +341,8 @@ def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: Verdi
     worst = max(torn, key=lambda span: span.size_m)
     reason = f"{len(torn)} of {all_spans} {is_or_are(len(torn))} off, the worst {_describe_span(worst)}"
     fails = Share(len(torn), len(judged)).is_above(WINDOWS_FAIL)
-    explanation = f"the trajectory is bent or stretched: {reason}"
+    is_stretched = abs(worst.forward_m) > np.sqrt(0.5) * worst.size_m
+    explanation = f"the trajectory is {'stretched' if is_stretched else 'bent'}: {reason}"
     status = VerdictStatus.FAIL if fails else VerdictStatus.WARN
     return Finding(status, reason, p_value=p_value, cause=Cause.DRIFT, explanation=explanation)
 
@@ -373,7 +384,7 @@ def judge_sums(sums: Sequence[SumAudit], path_m: float, settings: AuditConfig, l
             reason = f"{some} off by more than chance explains, none by {most}"
         return Finding(VerdictStatus.PASS, reason, p_value=p_value)
     worst = min(bends, key=lambda one: one.p_value)
-    others = f", and it is bent at {count_of(len(bends) - 1, 'other place')}" if len(bends) > 1 else ""
+    others = _list_places("and is bent from", [one.t0 for one in bends if one is not worst])
     fails = sum(one.path_m for one in bends) > WINDOWS_FAIL * path_m
     status = VerdictStatus.FAIL if fails else VerdictStatus.WARN
     reason = f"the trajectory {_describe_sum(worst, tolerated_rad)}{others}"
@@ -472,7 +483,7 @@ def _explain_no_revisit(revisits: Sequence[RevisitAudit], settings: AuditConfig,
     if revisits:
         why = f"none of {count_of(len(revisits), 'revisit')} is sure enough to show it"
     if path_m is None:
-        return f"drift: {why}, so that any could hide"
+        return f"drift: {why}, so that drift of any size could hide"
     metres, radians = tolerate_sum(settings)
     parts = max(path_m / LENGTHS_M[-1], 1.0)
     return f"drift: {why}, so that up to {parts * metres + 0.5 * path_m * parts * radians:.0f} m at the end could hide"

@@ -69,7 +69,7 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory) 
         trajectory: poses that cover the scans.
     """
     source = gyroscope.source
-    inside = _pick_stamps(scans.stamps_us, trajectory.stamps_us)
+    inside = pick_stamps(scans.stamps_us, trajectory.stamps_us)
     if len(inside) <= FEWEST_MOTIONS:
         return GyroscopeCheck(source, f"the gyroscope ({source}) covers too little of the trajectory to check it", None)
     times = np.asarray((inside - scans.start_us) * 1e-6, dtype=np.float64)
@@ -78,7 +78,8 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory) 
     turns = Turns(times[:-1], times[1:], yaws, variances, np.ones(len(yaws), dtype=np.bool_), 0.0)
     start = find_start(gyroscope, scans.start_us, turns, LONGEST_DELAY_S)
     if start is None or not start.is_convincing():
-        what = "the trajectory turns too little, or otherwise than the gyroscope"
+        turned = float(np.sum(np.abs(yaws)))
+        what = f"the trajectory, which turns by {np.degrees(turned):.0f} deg in all, has no turn that both show alike"
         return GyroscopeCheck(source, f"whether the gyroscope ({source}) agrees cannot be told: {what}", None)
     found = calibrate(gyroscope, start, turns)
     spread = SIGMAS_PER_DEVIATION * float(np.nanmedian(np.abs(found.residuals))) if found.residuals.size else np.nan
@@ -102,11 +103,11 @@ def judge_gyroscope(check: GyroscopeCheck) -> Finding:
     if check.agrees:
         return Finding(VerdictStatus.PASS, check.statement)
     mirrored = check.rotation is not None and check.rotation.sign < 0.0
-    cause = Cause.MIRROR if mirrored else Cause.GYROSCOPE
+    cause = Cause.MIRROR if mirrored else Cause.SENSOR
     return Finding(VerdictStatus.WARN, check.statement, cause=cause, explanation=check.statement)
 
 
-def _pick_stamps(scans_us: NDArray[np.int64], poses_us: NDArray[np.int64]) -> NDArray[np.int64]:
+def pick_stamps(scans_us: NDArray[np.int64], poses_us: NDArray[np.int64]) -> NDArray[np.int64]:
     """Returns the stamps [us] between which turns are compared: those of scans, or of poses that are sparser than these.
 
     Between sparse poses a trajectory turns as it is interpolated, and not as the sensor did.

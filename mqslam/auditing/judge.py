@@ -25,7 +25,6 @@ from mqslam.auditing.findings import (
     judge_windows,
 )
 from mqslam.auditing.frame import Place, judge_frame, judge_readings
-from mqslam.auditing.gyroscope_check import GyroscopeCheck, judge_gyroscope
 from mqslam.auditing.registration import Registration
 from mqslam.auditing.revisits import RevisitAudit, audit_revisits, doubt_interpolated
 from mqslam.auditing.sizes import STEP_SCANS
@@ -111,12 +110,12 @@ class Known(NamedTuple):
     Args:
         stated: how sure it is of itself, by the numbers of the sweeps; None where it does not say.
         place: returns the points under other poses, so that other readings of the trajectory can be tried; None tries none.
-        turning: a gyroscope, held against it; None without one.
+        sensors: what other sensors say of it.
     """
 
     stated: RelativeCovariances | None = None
     place: Place | None = None
-    turning: GyroscopeCheck | None = None
+    sensors: Sequence[Finding] = ()
 
 
 UNKNOWN: Final = Known()
@@ -188,7 +187,7 @@ def audit(
             "pooled": [judge_pooled(pooled, limits, track.extrinsics, track.time_offset_s)],
             "shaking": [judge_shaking(sweeps, windows, settings, estimator, limits, engine)],
             "revisits": [judge_revisits(revisits, settings, limits, path_m if sums and not find_bends(sums) else None)],
-            "sensors": [] if known.turning is None else [judge_gyroscope(known.turning)],
+            "sensors": list(known.sensors),
         }
     tests = sort_tests(tests)
     return Audit(windows, steps, jumps, spans, sums, pooled, revisits, tests, verdict_of(tests), capture)

@@ -120,9 +120,9 @@ TESTS: Final = (
     ),
     MapTest(
         "sensors",
-        "the trajectory's turns with a gyroscope's; of a run, its speed, distances and turns with those of odometry and "
-        "GNSS",
-        "what a bias of the gyroscope explains",
+        "the trajectory's turns with a gyroscope's, and its turns and speed with odometry's; of a run also its distances "
+        "with those of GNSS fixes",
+        "what a bias of the gyroscope explains, slip",
         rate="0.5° in a few scans, 3 % of the turns, 0.1 s; 10 % of the speed",
     ),
     MapTest(

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from scipy.special import betaincinv
 
-from mqslam.core.wording import count_of
+from mqslam.core.wording import count_of, join_words
 
 # Confidence of the exact binomial bounds (Clopper and Pearson) of a share. The lower one must exceed a limit before the
 # share is called too large: at most one in twenty good maps is called bad by chance.
@@ -98,7 +98,7 @@ class Cause(IntEnum):
     SCALE = auto()
     TRACKING = auto()
     OPTIMISATION = auto()
-    GYROSCOPE = auto()
+    SENSOR = auto()
     SHAKING = auto()
     JUMP = auto()
     DRIFT = auto()
@@ -159,14 +159,27 @@ def verdict_of(tests: Mapping[str, Sequence[Finding]]) -> Verdict:
     judged = [finding for finding in ranked if finding.judged] or ranked
     shown = [f.reason for f in judged if f.status is not VerdictStatus.PASS or status is VerdictStatus.PASS]
     if status is VerdictStatus.PASS:
-        count = sum(any(finding.judged for finding in found) for found in tests.values())
-        return Verdict(status, f"no fault found by {count} of {count_of(len(tests), 'test')}", shown)
+        blind = [name for name, found in tests.items() if not any(finding.judged for finding in found)]
+        count = f"{len(tests) - len(blind)} of {count_of(len(tests), 'test')}"
+        return Verdict(status, f"no fault found by {count}{f', all but {join_words(blind)}' if blind else ''}", shown)
     explained = [f for f in findings if f.cause is not None and f.status in (VerdictStatus.FAIL, VerdictStatus.WARN)]
-    diagnosis = min(explained, key=_rank_cause).explanation if explained else shown[0]
-    return Verdict(status, diagnosis, shown)
+    if not explained:
+        return Verdict(status, shown[0], shown)
+    first = min(explained, key=_rank_cause)
+    if first.cause is not None and first.cause < Cause.STAMPS:  # such a trajectory asks for corrections that mend nothing
+        shown = [f.reason for f in judged if f.status is not VerdictStatus.PASS and not _is_correction(f)]
+    return Verdict(status, first.explanation, shown)
 
 
-def _rank_cause(finding: Finding) -> int:
-    """Returns the rank of the cause of a finding that has one."""
+def _is_correction(finding: Finding) -> bool:
+    """Returns whether a finding asks for other stamps, another mount or another scale."""
+    return finding.cause in (Cause.STAMPS, Cause.MOUNT, Cause.SCALE)
+
+
+def _rank_cause(finding: Finding) -> tuple[int, int, int]:
+    """Returns the rank of the cause of a finding that has one.
+
+    Of jumps, bends and drift none explains the others, so that the gravest comes first.
+    """
     assert finding.cause is not None
-    return finding.cause
+    return min(finding.cause, Cause.JUMP), GRAVEST_FIRST.index(finding.status), finding.cause

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from mqslam.auditing import judge
-from mqslam.auditing.gyroscope_check import GyroscopeCheck, check_gyroscope
+from mqslam.auditing.gyroscope_check import GyroscopeCheck, check_gyroscope, judge_gyroscope
 from mqslam.auditing.mending.rounds import AuditedTrajectory, Mended
 from mqslam.auditing.mending.rounds import mend as mend_trajectory
+from mqslam.auditing.odometry_check import check_odometry
 from mqslam.auditing.sources import (
     LIDAR_CONFIG,
     Source,
@@ -24,7 +24,9 @@ from mqslam.auditing.sources import (
     place_source,
 )
 from mqslam.auditing.sweeps import Sweeps, require_covered
+from mqslam.auditing.verdict import Finding
 from mqslam.backend.marginals import RelativeCovariances
+from mqslam.backend.sensors.odometry import ODOMETRY
 from mqslam.commands.inputs import WHOLE, carry_to_radar, choose_settings, open_data, read_extrinsics
 from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work
@@ -50,7 +52,7 @@ from mqslam.results.files import add_warnings
 from mqslam.results.run_results import summarise_check
 
 _LONGEST_OFFSET_S = 1e11  # beyond any clock, three thousand years: such an offset is in another unit, or no number
-CARRIED = ("recording", "odometry", "ground_truth")  # the names of trajectories that a recording may carry
+CARRIED = ("recording", ODOMETRY, "ground_truth")  # the names of trajectories that a recording may carry
 _OWN = CARRIED[0]
 
 
@@ -159,24 +161,28 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         for line in (*notes, *warnings):
             work.tell(line)
         settings = _set_limits(settings, false_alarms, tolerance)
-
-        def judge_sweeps(shown: Sweeps, stated: RelativeCovariances | None = None) -> judge.Audit:
-            sections = settings.audit, settings.estimator, settings.verdict
-            known = judge.Known(stated, None if track is None else subject.place_poses, subject.check_turns(shown))
-            return judge.audit(shown, *sections, work.engine, work.progress, known=known)
-
-        judged = judge_sweeps(sweeps, relative)
+        turning = subject.check_turns(sweeps)
+        if turning is not None and turning.agrees is not False:
+            work.tell(turning.statement)
+        judged = _judge_sweeps(subject, sweeps, settings, work, turning, relative)
         dataset = {"format": subject.format, "path": str(data)}
         origin = name if sweeps.track is not None else None
         summary = {
             **summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, warnings, stated),
             "notes": notes,
-            "gyroscope": _summarise_turns(subject, work),
+            "gyroscope": None if turning is None else summarise_check(turning),
         }
         mended: Mended | None = None
         if mend and track is not None:
             audited = AuditedTrajectory(track, sweeps, judged)
-            mended = mend_trajectory(audited, subject.place, judge_sweeps, settings, work.engine, work.progress)
+            mended = mend_trajectory(
+                audited,
+                subject.place,
+                lambda shown: _judge_sweeps(subject, shown, settings, work, subject.check_turns(shown)),
+                settings,
+                work.engine,
+                work.progress,
+            )
             summary["mended"] = summarise_mended(mended, summary, settings)
         with write_folder_aside(out) as folder:
             write_audit(folder, settings, summary)
@@ -234,20 +240,47 @@ class _Subject:
 
     def check_turns(self, shown: Sweeps) -> GyroscopeCheck | None:
         """Holds the recording's gyroscope, if it has one, against the trajectory that its points are shown under."""
-        if self.source is None or self.source.gyroscope is None or self.track is None or shown.track is None:
+        trajectory = self._find_shown(shown)
+        if self.source is None or self.source.gyroscope is None or trajectory is None:
             return None
-        trajectory = Trajectory(self.track.stamps_us, shown.track.poses)
         return check_gyroscope(self.source.gyroscope, self.source.scans, trajectory)
 
+    def check_odometry(self, shown: Sweeps) -> list[Finding]:
+        """Holds the recording's odometry, if it has one that is not judged itself, against the same trajectory."""
+        trajectory, odometry = self._find_shown(shown), None if self.source is None else self.source.tracks.get(ODOMETRY)
+        if self.source is None or odometry is None or odometry is self.track or trajectory is None:
+            return []
+        return check_odometry(odometry, self.source.scans, trajectory, self.settings.odometry)
 
-def _summarise_turns(subject: _Subject, work: Work) -> dict[str, Any] | None:
-    """Returns what audit.json says of a gyroscope, None without one, and tells the user that it agrees."""
-    turning = subject.check_turns(subject.sweeps)
-    if turning is None:
-        return None
-    if turning.agrees is not False:
-        work.tell(turning.statement)
-    return summarise_check(turning)
+    def _find_shown(self, shown: Sweeps) -> Trajectory | None:
+        """Returns the trajectory that its points are shown under; None without one."""
+        if self.track is None or shown.track is None:
+            return None
+        return Trajectory(self.track.stamps_us, shown.track.poses)
+
+
+def _judge_sweeps(
+    subject: _Subject,
+    shown: Sweeps,
+    settings: Config,
+    work: Work,
+    turning: GyroscopeCheck | None,
+    stated: RelativeCovariances | None = None,
+) -> judge.Audit:
+    """Judges a subject as its points are shown.
+
+    Args:
+        subject: what is audited.
+        shown: its points under a trajectory.
+        settings: all of them, with the limits of the verdict.
+        work: where the work is done, and what reports on it.
+        turning: a gyroscope, held against that trajectory; None without one.
+        stated: how sure the trajectory is of itself; None where it does not say.
+    """
+    sensors = [*([] if turning is None else [judge_gyroscope(turning)]), *subject.check_odometry(shown)]
+    known = judge.Known(stated, None if subject.track is None else subject.place_poses, sensors)
+    sections = settings.audit, settings.estimator, settings.verdict
+    return judge.audit(shown, *sections, work.engine, work.progress, known=known)
 
 
 def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config: Config | Path | str | None) -> _Subject:
@@ -358,7 +391,7 @@ def detect_radar(
         MqslamError: a scan cannot be read, or the recording carries no such trajectory, or is not covered by it.
     """
     odometry = carry_to_radar(recording.odometry, recording.mount)
-    carried = {"odometry": odometry, "ground_truth": recording.ground_truth}
+    carried = {ODOMETRY: odometry, "ground_truth": recording.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}
     track = given or _pick_carried(recording.path, tracks, name)
     require_covered(make_scans(recording), track)  # a mistake is raised before the recording is read

@@ -14,6 +14,7 @@ from mqslam.auditing.revisits import share_torn_revisits
 from mqslam.auditing.verdict import CONFIDENCE, Share
 from mqslam.auditing.windows.windows import share_torn
 from mqslam.comparison.judgement import JudgedRow
+from mqslam.core.wording import join_words
 
 _FIGURES: Final = ".3f"  # errors that read the same in the table are taken to be the same
 
@@ -106,13 +107,13 @@ def find_best(rows: Sequence[Standing]) -> Best | None:
         alike = [figure for figure in figures if figure.low <= figures[0].high]
         worse = [figure for figure in figures if figure not in alike]
         if len(alike) == 1:
-            best, others = alike[0], _list([f"{other.text} for {other.name}" for other in worse])
+            best, others = alike[0], join_words([f"{other.text} for {other.name}" for other in worse])
             sentence = f"{best.name} is best: its {criterion} is {best.text}, against {others}."
             return Best((best.name,), criterion, " ".join([sentence, *map(_explain, ties)]))
         ties.append(_Tie(criterion, alike, worse))
         left = [row for row in left if row.name in {figure.name for figure in alike}]
     names = tuple(row.name for row in left)
-    undecided = f"{_list(names)} cannot be told apart"
+    undecided = f"{join_words(names)} cannot be told apart"
     if not ties:
         undecided += ": neither ground truth nor windows nor revisits judge all of them"
     return Best(names, None, " ".join([f"{undecided}.", *map(_explain, ties)]))
@@ -145,16 +146,11 @@ _CRITERIA: Final[dict[str, Callable[[Standing], _Figure | None]]] = {
 
 def _explain(tie: _Tie) -> str:
     """Returns why a criterion does not decide, and which rows it rules out all the same."""
-    names, texts = _list([figure.name for figure in tie.alike]), [figure.text for figure in tie.alike]
+    names, texts = join_words([figure.name for figure in tie.alike]), [figure.text for figure in tie.alike]
     if len(set(texts)) == 1:
         said = f"The {tie.criterion} of {names} is the same: {texts[0]}."
     else:
-        said = f"The difference between {names} in the {tie.criterion} may be chance: {_list(texts)}."
+        said = f"The difference between {names} in the {tie.criterion} may be chance: {join_words(texts)}."
     if tie.worse:
-        said += f" It is {_list([f'{figure.text} for {figure.name}' for figure in tie.worse])}, which is worse."
+        said += f" It is {join_words([f'{figure.text} for {figure.name}' for figure in tie.worse])}, which is worse."
     return said
-
-
-def _list(words: Sequence[str]) -> str:
-    """Returns words as a sentence lists them: `a`, `a and b`, or `a, b and c`."""
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

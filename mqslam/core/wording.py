@@ -12,6 +12,11 @@ def count_of(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
+def join_words(words: Sequence[str]) -> str:
+    """Returns words as a list with `and` before the last, such as `a, b and c`."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
 def is_or_are(number: int) -> str:
     """Returns the verb that goes with a number of things."""
     return "is" if number == 1 else "are"

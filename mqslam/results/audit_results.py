@@ -277,7 +277,7 @@ def _list_uncovered(sweeps: Sweeps) -> list[str]:
         missing.append(f"{scans}: the trajectory has poses from {begin:.1f} s to {end:.1f} s only")
     parts = [f"from {a:.1f} s to {b:.1f} s" for a, b in ((begin, first), (last, end)) if b - a > span_s]
     if parts:
-        missing.append(f"the trajectory {' and '.join(parts)}: no points were recorded then")
+        missing.append(f"poses {' and '.join(parts)}: the data hold no points of that time")
     return missing
 
 

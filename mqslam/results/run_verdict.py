@@ -7,17 +7,15 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mqslam.auditing.findings import judge_windows
+from mqslam.auditing.odometry_check import is_wrong_scale, measure_speed_ratio, name_unit
 from mqslam.auditing.table import sort_tests
 from mqslam.auditing.verdict import Cause, Finding, Share, VerdictStatus
 from mqslam.backend.sensors.gnss import FixUse
-from mqslam.check.checks import LEAST_SPEED
-from mqslam.check.stretches import FEWEST_STEPS
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.recording import Recording
-from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import join_words
 from mqslam.detection.stage import warn_of_unread
 from mqslam.errors import Remedy
 from mqslam.mapping.render import select_moving
@@ -37,13 +35,6 @@ _WORSE = 1.1
 _LISTED: Final = 5  # gaps that are named one by one, so that the warnings stay readable
 _SEEN_BY_CHIRPS: Final = "; the velocities by chirps carry the trajectory there"
 _NEAR_S: Final = 5.0  # stretches that are less than this apart [s] are named in one line
-
-_SPAN_US: Final = 1_000_000  # over which speeds are compared [us]: long against what single motions err by
-_UNITS: Final = {"km/h": 1.0 / 3.6, "miles per hour": 0.44704, "mm/s": 1e-3, "cm/s": 1e-2}  # [m/s]
-# A run whose speed differs from odometry's by a larger share, or the distances between GNSS fixes from those in the
-# trajectory, has the wrong length of range bins, or odometry the wrong scale. Worn tyres and slip are a few percent.
-_WRONG_SCALE = 0.1
-_SAME_UNIT: Final = 0.1  # by which a wheel's scale, or a range bin's, may be off besides
 
 
 def judge_run(run: Run) -> dict[str, list[Finding]]:
@@ -78,7 +69,7 @@ def _judge_direction(run: Run) -> list[Finding]:
     opposite = run.sensors.opposite
     if not opposite:
         return []
-    who = f"{', '.join(opposite[:-1])} and {opposite[-1]} turn the other way than the radar"
+    who = f"{join_words(opposite)} turn the other way than the radar"
     remedy = "set sensor.clockwise: false, as for a radar that is mounted upside down"
     reason = f"the map is mirrored: {who}"
     return [Finding(VerdictStatus.WARN, reason, cause=Cause.MIRROR, explanation=f"{reason}; {remedy}")]
@@ -245,16 +236,14 @@ def _judge_scale(run: Run) -> list[Finding]:
     """Returns that odometry or fixes contradict the trajectory's scale; nothing where they do not, or there are too few."""
     reasons, ratio, fixes = [], measure_ratio(run), run.sensors.fixes
     stretch = None if fixes is None else fixes.stretch
-    if ratio is not None and _is_wrong(ratio):
-        unit = next(
-            (f", as if its speeds were in {unit}" for unit, size in _UNITS.items() if abs(ratio / size - 1.0) < _SAME_UNIT),
-            "",
-        )
+    if ratio is not None and is_wrong_scale(ratio):
         remedy = f"or range bins {1.0 / ratio:.3g} times as long would fit: {Remedy.GIVE_RANGE_RESOLUTION}"
-        if _shows_scale(fixes) and not (stretch and _is_wrong(stretch)):
+        if _shows_scale(fixes) and not (stretch and is_wrong_scale(stretch)):
             remedy = "mend odometry's speeds, since GNSS agrees with the radar"
-        reasons.append(f"the trajectory is {ratio:.3g} times as fast as odometry: odometry's scale is wrong{unit}, {remedy}")
-    if stretch is not None and _is_wrong(stretch):
+        reasons.append(
+            f"the trajectory is {ratio:.3g} times as fast as odometry: odometry's scale is wrong{name_unit(ratio)}, {remedy}"
+        )
+    if stretch is not None and is_wrong_scale(stretch):
         reasons.append(
             f"GNSS fixes lie {stretch:.3g} times as far apart as the trajectory has them: range bins "
             f"{stretch:.3g} times as long would fit: {Remedy.GIVE_RANGE_RESOLUTION}"
@@ -265,11 +254,6 @@ def _judge_scale(run: Run) -> list[Finding]:
 def _shows_scale(fixes: FixUse | None) -> bool:
     """Returns whether fixes show the scale: they are used, or contradict it."""
     return fixes is not None and (fixes.edges is not None or fixes.stretch is not None)
-
-
-def _is_wrong(ratio: float) -> bool:
-    """Returns whether a ratio of two scales is too far from 1."""
-    return not 1.0 / (1.0 + _WRONG_SCALE) <= ratio <= 1.0 + _WRONG_SCALE
 
 
 def list_unknown_scale(run: Run, recording: Recording) -> list[str]:
@@ -283,20 +267,4 @@ def list_unknown_scale(run: Run, recording: Recording) -> list[str]:
 
 def measure_ratio(run: Run) -> float | None:
     """Returns how many times as fast as odometry the trajectory is; None where the run has no odometry, or hardly moves."""
-    if not run.odometry_factors:
-        return None
-    stamps = run.optimised.stamps_us
-    ends = np.searchsorted(stamps, stamps + _SPAN_US)
-    begins = np.flatnonzero(ends < len(stamps))
-    speeds = [_find_speeds(track, begins, ends[begins]) for track in (run.optimised, run.odometry)]
-    fast = np.maximum(*speeds) > LEAST_SPEED
-    if np.count_nonzero(fast) < FEWEST_STEPS:
-        return None
-    own, given = (float(np.median(speed[fast])) for speed in speeds)
-    return own / given if min(own, given) > 0.0 else None
-
-
-def _find_speeds(track: Trajectory, begins: NDArray[np.int64], ends: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Returns the mean speeds (N,) [m/s] between scans, along the straight line."""
-    moved = track.poses[ends, :2] - track.poses[begins, :2]
-    return np.asarray(np.hypot(moved[:, 0], moved[:, 1]) / ((track.stamps_us[ends] - track.stamps_us[begins]) * 1e-6))
+    return measure_speed_ratio(run.optimised, run.odometry) if run.odometry_factors else None

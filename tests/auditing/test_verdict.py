@@ -179,10 +179,26 @@ def test_the_diagnosis_is_the_cause_that_explains_the_others() -> None:
     assert verdict_of({"windows": [torn]}).diagnosis == torn.reason
 
 
+def test_of_a_jump_and_a_bend_the_graver_is_the_diagnosis() -> None:
+    jump = Finding(WARN, "a small jump", cause=Cause.JUMP, explanation="the trajectory jumps")
+    bend = Finding(FAIL, "many spans are off", cause=Cause.DRIFT, explanation="the trajectory is bent")
+    assert verdict_of({"steps": [jump], "spans": [bend]}).diagnosis == bend.explanation
+    grave = replace(jump, status=FAIL)
+    assert verdict_of({"steps": [grave], "spans": [bend]}).diagnosis == jump.explanation
+
+
+def test_corrections_that_a_mirrored_trajectory_asks_for_are_not_shown() -> None:
+    mirrored = Finding(FAIL, "whole in the mirror", cause=Cause.MIRROR, explanation="the trajectory is mirrored")
+    scale = Finding(WARN, "too short", cause=Cause.SCALE, explanation="too short; the scale is wrong")
+    torn = Finding(FAIL, "half of the windows are torn")
+    verdict = verdict_of({"frame": [mirrored], "windows": [torn], "pooled": [scale]})
+    assert verdict == (FAIL, mirrored.explanation, [mirrored.reason, torn.reason])
+
+
 def test_a_map_that_passes_says_how_many_tests_found_no_fault() -> None:
     fine, blind = Finding(PASS, "fine"), Finding(PASS, "blind", judged=False)
     assert verdict_of({"windows": [fine], "steps": [fine, blind], "spans": [blind]}) == (
         PASS,
-        "no fault found by 2 of 3 tests",
+        "no fault found by 2 of 3 tests, all but spans",
         ["fine", "fine"],
     )

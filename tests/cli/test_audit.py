@@ -93,7 +93,7 @@ def test_what_could_not_be_judged_has_a_line_of_its_own(street: Path, tracks: Pa
     lines = mqslam("audit", street, "--out", tmp_path / "a", *words).out.splitlines()
     summary = json.loads((tmp_path / "a" / "audit.json").read_text())
     first = next(k for k, line in enumerate(lines) if line.startswith("not judged    "))
-    unseen = "drift: no place is passed twice, so that any could hide"
+    unseen = "drift: no place is passed twice, so that drift of any size could hide"
     assert lines[0].startswith("verdict       ") and unseen in summary["not_judged"]
     assert "24 of 48 scans: the trajectory has poses from 0.0 s to 5.8 s only" in summary["not_judged"]
     assert [line[14:] for line in lines[first : first + len(summary["not_judged"])]] == summary["not_judged"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mqslam.core.wording import count_of, is_or_are, list_sensor_notes
+from mqslam.core.wording import count_of, is_or_are, join_words, list_sensor_notes
 
 
 @pytest.mark.parametrize(("number", "text"), [(0, "0 scans are"), (1, "1 scan is"), (2, "2 scans are")])
@@ -34,3 +34,7 @@ def test_a_map_that_is_not_passed_and_was_crisper_without_the_sensors_says_so(
     doubts = [note for note in notes if note.startswith("psi per point is 0.2500 by psi's motions alone")]
     assert len(doubts) == (named is not None)
     assert all(note.endswith(f"a run without {named}") for note in doubts)
+
+
+def test_words_are_joined_as_a_sentence_lists_them() -> None:
+    assert [join_words(list(words)) for words in ("", "a", "ab", "abc")] == ["", "a", "a and b", "a, b and c"]

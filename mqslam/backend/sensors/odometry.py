@@ -48,10 +48,12 @@ class OdometryFault:
     Args:
         statement: for the user, in a sentence.
         is_opposite: whether it turns the other way than the radar.
+        where: how often it contradicts the radar, in words.
     """
 
     statement: str
     is_opposite: bool
+    where: str = ""
 
 
 def find_odometry_fault(
@@ -84,7 +86,7 @@ def find_odometry_fault(
             meant, opposite = meaning, factor < 0.0
             break
     where = f"in {contrary} of the {turns} seconds in which one of the two turns"
-    return OdometryFault(f"the odometry is not used: it contradicts the radar {where}; {meant}", opposite)
+    return OdometryFault(f"the odometry is not used: it contradicts the radar {where}; {meant}", opposite, where)
 
 
 def _count_contrary(turned: NDArray[np.float64], stated_turns: NDArray[np.float64], least: float) -> tuple[int, int]:
