@@ -27,6 +27,7 @@ from mqslam.auditing.table import (
     tolerate_span,
     tolerate_step,
     tolerate_sum,
+    tolerate_window,
 )
 from mqslam.auditing.verdict import WINDOWS_FAIL, WINDOWS_WARN, Cause, Finding, Share, VerdictStatus
 from mqslam.auditing.windows.windows import Undecided, WindowAudit, share_torn
@@ -325,7 +326,8 @@ def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: Verdi
     judged = [span for span in spans if np.isfinite(span.p_value)]
     if not judged:
         why = "too few places some path apart see the same"
-        reason = f"stretches of path: {why}, so that one could be off by what windows tolerate each"
+        most_m, _ = tolerate_window(settings)
+        reason = f"stretches of path: {why}, so that up to {most_m:g} m in each window of {WINDOW} scans could hide"
         return Finding(VerdictStatus.PASS, reason, judged=False)
     p_value = find_smallest(span.p_value for span in judged)
     usual_m = float(np.median([span.registration.path_m for span in judged]))

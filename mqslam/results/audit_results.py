@@ -20,7 +20,7 @@ from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.table import SCALE_WARN, apply_tolerance, share_of_false_alarms
 from mqslam.auditing.verdict import CONFIDENCE, Finding, Share, VerdictStatus, verdict_of
-from mqslam.auditing.windows.windows import share_torn
+from mqslam.auditing.windows.windows import Undecided, share_torn
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
 from mqslam.core.statistics import find_smallest
 from mqslam.core.wording import count_of
@@ -261,7 +261,10 @@ def list_unjudged(audit: Audit) -> list[str]:
     blind = [finding.reason for finding in chain.from_iterable(audit.tests.values()) if not finding.judged]
     undecided = Counter(window.undecided for window in audit.windows if window.undecided is not None)
     windows = count_of(len(audit.windows), "window")
-    return blind + [f"{count} of {windows}: {reason}" for reason, count in undecided.items()]
+    return blind + [
+        f"{count} of {windows}: {reason}{'' if reason is Undecided.SPARSE else ', so that any error there could hide'}"
+        for reason, count in undecided.items()
+    ]
 
 
 def _list_uncovered(sweeps: Sweeps) -> list[str]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import wilcoxon
 
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.table import share_of_false_alarms
+from mqslam.auditing.table import share_of_false_alarms, tolerate_window
 from mqslam.auditing.verdict import Cause, Finding, VerdictStatus
 from mqslam.auditing.windows.inflation import count_in_sweeps
 from mqslam.auditing.windows.windows import WindowAudit
@@ -54,7 +54,8 @@ def judge_shaking(
     spans = [(w.begin, w.end) for w in windows if w.undecided is None and w.end < len(sweeps)]
     spans = [(begin, end) for begin, end in spans if np.isfinite(smoothed[begin : end + 1]).all()]
     if 0.5 ** len(spans) >= share_of_false_alarms(limits):  # not even all of them would show anything
-        reason = "noise of the poses: too few windows show it, so that what windows tolerate could hide"
+        most_m, _ = tolerate_window(settings)
+        reason = f"noise of the poses: too few windows show it, so that up to {most_m:g} m from scan to scan could hide"
         return Finding(VerdictStatus.PASS, reason, judged=False)
     shared = sweeps, smoothed, estimator
     rises = np.array(engine.map(_measure_rise, shared, spans))
