@@ -445,7 +445,8 @@ def judge_revisits(
             reason += f", too few to judge drift by: the share of torn ones may be {torn.describe_range()}"
     beside = _find_beside(sure, settings, limits)
     if beside:
-        row = f"{count_of(len(beside), 'revisit')} in a row agree on {_measure_mean(beside):.2f} m between their passes"
+        apart_m = float(np.median([one.revisit.distance_m for one in beside]))
+        row = f"{count_of(len(beside), 'revisit')} in a row agree on {apart_m:.2f} m between their passes"
         reason += f", and {row}"
         explanation = explanation or f"one pass lies beside the other: {row}"
         status = VerdictStatus.WARN if status in (VerdictStatus.PASS, VerdictStatus.NOT_JUDGED) else status
@@ -464,19 +465,23 @@ def judge_revisits(
 
 
 def _find_beside(sure: Sequence[RevisitAudit], settings: AuditConfig, limits: VerdictConfig) -> list[RevisitAudit]:
-    """Returns the longest row of revisits whose passes lie beside each other alike, by more than chance explains."""
-    rows = [
-        list(row)
-        for off, row in itertools.groupby(sure, lambda one: bool(one.p_value < share_of_false_alarms(limits)))
-        if off
+    """Returns the longest row of revisits whose passes lie beside each other alike, by more than chance explains.
+
+    The offset may change slowly along a row, so that only those revisits need to agree that follow each other.
+    """
+    rare = [bool(one.p_value < share_of_false_alarms(limits)) for one in sure]
+    agree = [
+        all(rare[k : k + _ROW]) and _measure_mean(sure[k : k + _ROW]) > tolerate_row(settings)
+        for k in range(len(sure) - _ROW + 1)
     ]
-    rows = [row for row in rows if len(row) >= _ROW and _measure_mean(row) > tolerate_row(settings)]
-    return max(rows, key=len, default=[])
+    rows = [[k for k, _ in row] for agreeing, row in itertools.groupby(enumerate(agree), lambda one: one[1]) if agreeing]
+    longest = max(rows, key=len, default=[])
+    return list(sure[longest[0] : longest[-1] + _ROW]) if longest else []
 
 
 def _measure_mean(row: Sequence[RevisitAudit]) -> float:
     """Returns how far the mean of the offsets of revisits leads [m]."""
-    return float(np.hypot(*np.mean([one.revisit.offset[:2] for one in row], axis=0)))
+    return float(np.hypot(*np.mean([one.revisit.moved for one in row], axis=0)))
 
 
 def _explain_no_revisit(revisits: Sequence[RevisitAudit], settings: AuditConfig, path_m: float | None) -> str:

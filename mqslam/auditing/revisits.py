@@ -171,6 +171,7 @@ class Revisit:
         offset: (3,) where psi has the later pass against where the trajectory has it, in the frame of the later sweep
             [m, m, rad].
         covariance: (3, 3) of the offset, as far as measurement and, where it says so, trajectory explain one.
+        heading: yaw of the later sweep's pose [rad].
         inflation: offset^T covariance^-1 offset.
         matched: share of the later pass's points that lie on the earlier one's.
         psi, psi_best: score per point as the trajectory has it and with the offset corrected.
@@ -182,6 +183,7 @@ class Revisit:
     later: int
     offset: se2.Array
     covariance: NDArray[np.float64]
+    heading: float
     inflation: float
     matched: float
     psi: float
@@ -192,6 +194,11 @@ class Revisit:
     def distance_m(self) -> float:
         """How far the passes are apart [m]."""
         return float(np.hypot(self.offset[0], self.offset[1]))
+
+    @property
+    def moved(self) -> NDArray[np.float64]:
+        """The offset (2,) of the later pass in the world's directions [m]: one pass beside the other keeps it in turns."""
+        return se2.transform([0.0, 0.0, self.heading], self.offset[None, :2])[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,6 +310,7 @@ def judge_registrations(
             later=one.later,
             offset=one.offset,
             covariance=total.covariances[k],
+            heading=float(total.poses[k, 2]),
             inflation=float(inflations[k]),
             matched=one.matched,
             psi=one.psi,

@@ -110,6 +110,18 @@ def test_a_pass_that_lies_beside_the_other_all_along_is_found_though_no_revisit_
     assert few.status is VerdictStatus.PASS
 
 
+def test_a_pass_that_lies_beside_the_other_is_found_on_the_way_back_too_and_passes_that_sway_about_it_are_not() -> None:
+    sweeps = passed_twice(40)
+    revisits = judged(sweeps, lay_passes(sweeps, (0.0, 0.45, 0.0)))
+    for turned, status in ((True, VerdictStatus.WARN), (False, VerdictStatus.PASS)):
+        back = [replace(one.revisit, offset=-one.revisit.offset, heading=np.pi * turned) for one in revisits[1::2]]
+        mixed = [
+            replace(one, revisit=back[k // 2]) if k % 2 else replace(one, revisit=replace(one.revisit, heading=0.0))
+            for k, one in enumerate(revisits)
+        ]
+        assert judge_revisits(mixed, CONFIG.audit, CONFIG.verdict).status is status
+
+
 def test_what_nobody_minds_is_not_torn_however_sure_the_trajectory_is() -> None:
     sweeps = passed_twice(40)
     tiny = judged(sweeps, lay_passes(sweeps, (0.07, 0.0, 0.0), spread=1.0), 1e-4)

@@ -203,7 +203,7 @@ def judged_window(sweeps: Sweeps, begin: int, inflation: float, correction: Moti
 
 
 def judged_revisit(earlier: int, later: int, offset: Motion, torn: bool, sure: bool = True) -> RevisitAudit:
-    return RevisitAudit(Revisit(earlier, later, np.array(offset), 0.01 * np.eye(3), 900.0, 0.7, 1.5, 1.2, sure), torn)
+    return RevisitAudit(Revisit(earlier, later, np.array(offset), 0.01 * np.eye(3), 0.0, 900.0, 0.7, 1.5, 1.2, sure), torn)
 
 
 def judged_walls(sweeps: Sweeps) -> Audit:
