@@ -108,3 +108,18 @@ def test_a_trajectory_of_a_part_of_the_recording_is_a_warning(
     shown = mqslam(*words, "--fail-on", "warn")
     assert shown.code == 1 and shown.out.startswith("verdict       warn: ")
     assert "the trajectory covers only a part of the recording" in " ".join(shown.out.split())
+
+
+def test_a_trajectory_of_another_scale_than_the_recordings_odometry_is_a_warning_and_the_odometry_is_not_held_against_itself(
+    street: Path, quick: Path, tmp_path: Path
+) -> None:
+    truth = read_tum(street / "gt" / "poses_tum.txt")
+    write_tum(tmp_path / "long.tum", Trajectory(truth.stamps_us, truth.poses * [1.25, 1.25, 1.0]))
+    found = {}
+    for name, given in (("right", "ground_truth"), ("long", tmp_path / "long.tum"), ("own", "odometry")):
+        assert mqslam("audit", street, "--config", quick, "-t", given, "--out", tmp_path / name).code == 0
+        tests = json.loads((tmp_path / name / "audit.json").read_text())["tests"]
+        found[name] = (tests["sensors"]["status"], " ".join(tests["sensors"]["reasons"]))
+    assert found["right"][0] == "pass" and "odometry does not contradict" in found["right"][1]
+    assert found["long"][0] == "warn" and "1.25 times as fast as the recording's odometry" in found["long"][1]
+    assert "the recording's odometry" not in found["own"][1]  # which wheels' slip and the gyroscope contradict
