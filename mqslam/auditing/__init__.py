@@ -1,1 +1,1 @@
-"""Auditing a map: how far it is from its own best, window by window and where the trajectory comes back."""
+"""Audits of maps: how far a map is from the best map of the same points, in every window and at every revisit."""

@@ -1,4 +1,4 @@
-"""What the tests of a map say about it, in words."""
+"""Turns the results of the tests of a map into findings: each has a verdict and its reason in words."""
 
 from __future__ import annotations
 
@@ -41,21 +41,21 @@ from mqslam.errors import Remedy
 _REVISITS_WARN = 0.02
 # A larger share of torn revisits than this shows that the whole map drifts.
 _REVISITS_FAIL = 0.1
-# So many successive revisits that agree on an offset show that one pass lies beside the other.
+# At least this many successive revisits must agree on an offset to show that one pass lies beside the other.
 _ROW = 3
-# Further places that a reason names one by one, so that it stays readable.
+# A reason names at most this many further places one by one, so that it stays readable.
 _NAMED: Final = 3
-# A window in which a smaller share of points than this is seen twice does not overlap, so that psi cannot judge it.
+# The scans of a window in which a smaller share of points than this is seen twice do not overlap: psi cannot judge them.
 LEAST_MATCHED = 0.15
-# With a larger share than this of windows that do not overlap, a map is useless as a whole.
+# A map with a larger share than this of windows whose scans do not overlap is useless as a whole.
 _APART_FAIL = 0.5
 
 
 def judge_windows(windows: Sequence[WindowAudit], scans: int) -> list[Finding]:
-    """Returns what the windows of a map say about it, in a run as in an audit.
+    """Returns the findings that the windows of a map give, in a run as in an audit.
 
     Args:
-        windows: those that were checked.
+        windows: the windows that were checked.
         scans: number of scans of the map.
     """
     if not windows:
@@ -83,7 +83,7 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int) -> list[Finding]:
     if blind.is_above(WINDOWS_FAIL):
         reason = f"{blind.count} of {count_of(blind.total, 'window')} {is_or_are(blind.count)} undecided: {Undecided.APART}"
         findings.append(Finding(VerdictStatus.WARN, reason))
-    known = [w for w in windows if w.undecided is not Undecided.GAP]  # where the trajectory has poses of its own
+    known = [w for w in windows if w.undecided is not Undecided.GAP]  # in a gap all poses are interpolated
     apart = Share(sum(w.bend.matched < LEAST_MATCHED for w in known), len(known))
     if apart.is_above(_APART_FAIL):
         matched = float(np.median([w.bend.matched for w in known]))
@@ -96,13 +96,13 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int) -> list[Finding]:
 def judge_steps(
     steps: Sequence[StepAudit], jumps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig
 ) -> Finding:
-    """Returns what the steps of a map say about it.
+    """Returns the finding that the steps of a map give.
 
     Args:
-        steps: all that were laid on each other.
-        jumps: those of them at which it jumps.
-        settings: of the audit, which say how large a jump matters.
-        limits: of the verdict.
+        steps: all steps that were registered.
+        jumps: those of the steps at which the map jumps.
+        settings: settings of the audit, which say how large a jump matters.
+        limits: settings of the verdict.
     """
     p_value = find_smallest(step.p_value for step in steps if step.judged)
     if jumps:
@@ -112,7 +112,7 @@ def judge_steps(
         status = VerdictStatus.FAIL if worst.registration.size_m > settings.torn_m else VerdictStatus.WARN
         explanation = f"the trajectory {_describe_jump(worst)} in a single step at {worst.t:.1f} s"
         cause = Cause.JUMP
-        if len(jumps) > 1:  # which bends and noise make, too
+        if len(jumps) > 1:  # bends and noise cause several jumps, too
             explanation = f"the trajectory jumps at {len(jumps)} places, the farthest at {worst.t:.1f} s"
             cause = Cause.JUMPS
         return Finding(status, reason, p_value=p_value, cause=cause, explanation=explanation)
@@ -131,7 +131,7 @@ def judge_steps(
 
 
 def _list_places(said: str, times: Sequence[float]) -> str:
-    """Returns at which other times [s] a map is wrong, with words before them; nothing where at none."""
+    """Returns the other times [s] at which a map is wrong, in words that begin with `said`; an empty text without any."""
     named = [f"{t:.1f} s" for t in times[:_NAMED]]
     if len(times) > _NAMED:
         named.append(count_of(len(times) - _NAMED, "more place"))
@@ -139,7 +139,7 @@ def _list_places(said: str, times: Sequence[float]) -> str:
 
 
 def _describe_jump(step: StepAudit) -> str:
-    """Returns what a step does to a map, in words: most of what moves points may be a turn."""
+    """Returns the size of a jump in words; if most of what moves the points is a turn, the turn is named, too."""
     offset, size_m = step.registration.offset, step.registration.size_m
     moved_m = float(np.hypot(offset[0], offset[1]))
     if moved_m > 0.5 * size_m:
@@ -149,35 +149,35 @@ def _describe_jump(step: StepAudit) -> str:
 
 
 def _is_bump(step: StepAudit, settings: AuditConfig, limits: VerdictConfig) -> bool:
-    """Returns whether a few scans are off alone, by twice what a lasting jump may be off by."""
+    """Returns whether only a few scans are off, by more than twice the tolerance of a lasting jump."""
     is_large = step.registration.size_m > max(2.0 * settings.jump_m, step.registration.doubt_m)
     return is_large and not step.lasts and _fits_better_moved(step, limits)
 
 
 def _fits_better_moved(step: StepAudit, limits: VerdictConfig) -> bool:
-    """Returns whether the sides of a step fit better once they are moved, by more than chance explains."""
+    """Returns whether the two sides of a step fit better with the offset corrected, by more than chance explains."""
     return (
         step.judged and step.p_value < share_of_false_alarms(limits) and step.registration.psi_best < step.registration.psi
     )
 
 
 def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> list[StepAudit]:
-    """Returns the steps at which a map jumps, one for each jump: that whose two sides fit best once they are moved.
+    """Returns the steps at which a map jumps, one per jump: the step whose two sides fit best with the offset corrected.
 
-    The two sides of a step must fit there better than where the trajectory has them, and nowhere else as well: scans that
-    share little, such as those of a lidar that turns on the spot, fit many places by chance. A jump that is too small to
-    tear the map must last, since a few scans that are off alone are a bump. So must any between poses that are too sparse
-    for a turn.
+    The two sides of a step must fit better with the offset corrected than as the trajectory has them, and nowhere else as
+    well: scans that share little, such as those of a lidar that turns on the spot, fit many places by chance. A jump that is
+    too small to tear the map must last, since a few scans that are off alone are a bump. A jump between poses that are too
+    sparse for a turn must last, too.
 
     Args:
-        steps: those that were judged, in the order of time.
-        settings: of the audit.
-        limits: of the verdict.
+        steps: the judged steps in the order of time.
+        settings: settings of the audit.
+        limits: settings of the verdict.
     """
 
     def is_off(step: StepAudit) -> bool:
         registration = step.registration
-        if registration.doubt_m > settings.jump_m:  # what interpolation is off by is gone at the next pose
+        if registration.doubt_m > settings.jump_m:  # an error of interpolation ends at the next pose
             is_large = step.lasts and registration.size_m > registration.doubt_m
         else:
             is_large = registration.size_m > (settings.jump_m if step.lasts else settings.torn_m)
@@ -186,7 +186,7 @@ def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: V
     off = [step for step in steps if is_off(step)]
     jumps: list[StepAudit] = []
     for step in off:
-        if jumps and step.registration.later - jumps[-1].registration.later <= 2 * STEP_SCANS:  # they share scans
+        if jumps and step.registration.later - jumps[-1].registration.later <= 2 * STEP_SCANS:  # both share scans
             jumps[-1] = min(jumps[-1], step, key=lambda s: s.registration.psi_best)
         else:
             jumps.append(step)
@@ -199,21 +199,21 @@ def judge_pooled(
     extrinsics: se2.Array | None = None,
     time_offset_s: float | None = None,
 ) -> Finding:
-    """Returns what all of a map says together that no place of it shows alone.
+    """Returns the finding on errors of the whole map that no single place shows: scale, mount, drift of yaw and stamps.
 
-    A scale of the trajectory that is off and one of the ranges look alike: the map only shows that the two disagree.
+    A wrong scale of the trajectory and a wrong scale of the ranges look alike: the map only shows that the two disagree.
 
     Args:
-        pooled: what all of the map asks for together; None where too few places show it.
-        limits: of the verdict.
-        extrinsics: (3,) x, y [m], yaw [rad] of the sensor in the frame of which the trajectory was given; None where they
-            cannot be chosen.
-        time_offset_s: what was added to the trajectory's stamps as it was given; None where it cannot be chosen.
+        pooled: corrections that all spans ask for together; None where too few spans show them.
+        limits: settings of the verdict.
+        extrinsics: (3,) x, y [m], yaw [rad] of the sensor in the frame whose poses the given trajectory holds; None where
+            the user cannot choose them.
+        time_offset_s: time that was added to the stamps of the given trajectory [s]; None where the user cannot choose it.
     """
     if pooled is None:
         reason = (
-            "scale, mount and stamps: too few places some path apart see the same, so that any scale could hide that "
-            "odometry does not contradict"
+            "scale, mount and stamps: too few pairs of places some path apart show the same things, so that any scale which "
+            "odometry does not contradict could hide"
         )
         return Finding(VerdictStatus.PASS, reason, judged=False)
     biases = find_biases(pooled, limits)
@@ -245,7 +245,7 @@ def judge_pooled(
 
 
 def find_lever(pooled: Pooled, limits: VerdictConfig) -> Lever | None:
-    """Returns where the turns of a map ask for the sensor to sit, or None if that is no farther off than is tolerated."""
+    """Returns the lever arm that the turns of a map ask for, or None if it is within the tolerance or may be chance."""
     lever = pooled.lever
     if lever is None:
         return None
@@ -254,7 +254,7 @@ def find_lever(pooled: Pooled, limits: VerdictConfig) -> Lever | None:
 
 
 def find_delay(pooled: Pooled, limits: VerdictConfig) -> Delay | None:
-    """Returns how late all of a map asks for the stamps of its trajectory to be, or None if that is tolerated."""
+    """Returns the delay of the stamps that a map shows, or None if it is within the tolerance or may be chance."""
     delay = pooled.delay
     found = abs(delay.seconds) > DELAY_WARN_S and delay.p_value < share_of_false_alarms(limits)
     return delay if found else None
@@ -269,14 +269,14 @@ def _name_extrinsics(given: se2.Array, turned: float, lever: Lever | None) -> st
 
 
 def find_biases(pooled: Pooled, limits: VerdictConfig) -> list[int]:
-    """Returns the axes (forward 0, left 1, yaw 2) along which all of a map asks for a correction that is worth a look."""
+    """Returns the axes (forward 0, left 1, yaw 2) along which the bias of the whole map is worth a look."""
     largest = (SCALE_WARN, SCALE_WARN, TURN_WARN)
     found = (np.abs(pooled.bias) > largest) & (pooled.p_value < share_of_false_alarms(limits))
     return np.flatnonzero(found).tolist()
 
 
 def find_bias(pooled: Pooled, limits: VerdictConfig) -> NDArray[np.float64]:
-    """Returns the bias (3,) that all of a map asks for, 0 along the axes where it is not worth a look."""
+    """Returns the bias (3,) of the whole map, 0 along the axes where it is not worth a look."""
     return np.where(np.isin(np.arange(3), find_biases(pooled, limits)), pooled.bias, 0.0)
 
 
@@ -310,22 +310,22 @@ def _wish_stamps(delay: Delay) -> str:
     return f"the stamps of the trajectory are {abs(delay.seconds):.3f} s (± {delay.sigma:.3f}) {late}"
 
 
-_WISHES: Final = (_wish_length, _wish_side, _wish_turn)  # what is asked for forward, to the side and in yaw, in words
-_SIDE, _YAW = 1, 2  # indices of those to the side and in yaw
+_WISHES: Final = (_wish_length, _wish_side, _wish_turn)  # describe the biases forward, to the side and in yaw
+_SIDE, _YAW = 1, 2  # indices of the biases to the side and in yaw
 
 
 def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: VerdictConfig) -> Finding:
-    """Returns what single spans of a map say about it; they have the limits of windows.
+    """Returns the finding that single spans of a map give; the limit on torn windows holds for the share of torn spans.
 
     Args:
-        spans: of the map.
-        settings: of the audit, which say what is tolerated.
-        limits: of the verdict.
+        spans: spans of the map.
+        settings: settings of the audit, which say what is tolerated.
+        limits: settings of the verdict.
     """
     tolerated_m, _ = tolerate_span(settings)
     judged = [span for span in spans if np.isfinite(span.p_value)]
     if not judged:
-        why = "too few places some path apart see the same"
+        why = "too few pairs of places some path apart show the same things"
         most_m, _ = tolerate_window(settings)
         reason = f"stretches of path: {why}, so that up to {most_m:g} m in each window of {WINDOW} scans could hide"
         return Finding(VerdictStatus.PASS, reason, judged=False)
@@ -361,13 +361,13 @@ def _describe_span(span: SpanAudit) -> str:
 
 
 def judge_sums(sums: Sequence[SumAudit], path_m: float, settings: AuditConfig, limits: VerdictConfig) -> Finding:
-    """Returns what spans say about a map once they are added up; they have the limits of windows, by path.
+    """Returns the finding that sums of spans give; the limit on torn windows holds for the bent share of the path.
 
     Args:
-        sums: of successive spans.
+        sums: sums of successive spans.
         path_m: length of the path [m].
-        settings: of the audit, which say what is tolerated.
-        limits: of the verdict.
+        settings: settings of the audit, which say what is tolerated.
+        limits: settings of the verdict.
     """
     if not sums:
         each_m, _ = tolerate_span(settings)
@@ -404,7 +404,7 @@ def _describe_sum(one: SumAudit, tolerated_rad: float) -> str:
 
 
 def judge_locally(windows: Sequence[WindowAudit]) -> Finding:
-    """Returns what is left to say of a cloud without its trajectory: it shows whether it is crisp, and nothing global."""
+    """Returns the finding on a cloud without a trajectory: its windows may be crisp, but nothing global can be judged."""
     reason = "without its trajectory nothing global can be judged: no path, no drift and no revisits"
     torn = share_torn(windows)
     if torn.total and not torn.count:
@@ -415,13 +415,13 @@ def judge_locally(windows: Sequence[WindowAudit]) -> Finding:
 def judge_revisits(
     revisits: Sequence[RevisitAudit], settings: AuditConfig, limits: VerdictConfig, path_m: float | None = None
 ) -> Finding:
-    """Returns what the revisits of a map say about it. A map passes without any: many a drive comes back to no place.
+    """Returns the finding that the revisits of a map give. A map without any passes: many drives come back to no place.
 
     Args:
-        revisits: of the map, in the order of time.
-        settings: of the audit, which say what is tolerated.
-        limits: of the verdict.
-        path_m: length of the path whose sums of spans show no more than is tolerated [m]; None where they were not judged.
+        revisits: revisits of the map in the order of time.
+        settings: settings of the audit, which say what is tolerated.
+        limits: settings of the verdict.
+        path_m: length of the path [m], if its sums of spans are all within the tolerance; None if not, or without sums.
     """
     sure = [r for r in revisits if r.revisit.sure]
     if not sure:
@@ -438,7 +438,7 @@ def judge_revisits(
         explanation = f"the trajectory drifts: two passes of a place lie {worst.revisit.distance_m:.2f} m apart"
         torn = Share(len(off), len(sure))
         status = torn.judge(_REVISITS_WARN, _REVISITS_FAIL)
-        # one torn revisit alone may be of two places that look alike
+        # a single torn revisit may join two places that only look alike
         if status is not VerdictStatus.FAIL and any(a.torn and b.torn for a, b in itertools.pairwise(sure)):
             status = VerdictStatus.WARN
         if status is VerdictStatus.NOT_JUDGED:
@@ -465,7 +465,7 @@ def judge_revisits(
 
 
 def _find_beside(sure: Sequence[RevisitAudit], settings: AuditConfig, limits: VerdictConfig) -> list[RevisitAudit]:
-    """Returns the longest row of revisits whose passes lie beside each other alike, by more than chance explains.
+    """Returns the longest row of revisits that are all off alike, by more than chance explains; an empty list if none.
 
     The offset may change slowly along a row, so that only those revisits need to agree that follow each other.
     """
@@ -480,12 +480,12 @@ def _find_beside(sure: Sequence[RevisitAudit], settings: AuditConfig, limits: Ve
 
 
 def _measure_mean(row: Sequence[RevisitAudit]) -> float:
-    """Returns how far the mean of the offsets of revisits leads [m]."""
+    """Returns the length of the mean offset of revisits in the world's directions [m]."""
     return float(np.hypot(*np.mean([one.revisit.moved for one in row], axis=0)))
 
 
 def _explain_no_revisit(revisits: Sequence[RevisitAudit], settings: AuditConfig, path_m: float | None) -> str:
-    """Returns why no revisit shows the map's drift, and how much of it could hide."""
+    """Returns why no revisit shows the map's drift, and how much drift could hide."""
     why = "no place is passed twice"
     if revisits:
         why = f"none of {count_of(len(revisits), 'revisit')} is sure enough to show it"

@@ -1,10 +1,10 @@
-"""Whether a trajectory is in the frame of its cloud, and whether a torn map would be whole under another reading of it.
+"""Tests whether a trajectory is in the frame of its cloud, and whether a torn map is whole under another reading of it.
 
 A finished cloud keeps its shape wherever its trajectory lies. But a sensor sees what is around it: in the right frame the
 points of every sweep lie around its pose.
 
-A mirrored trajectory, and yaw that is counted the other way, tear a map in every turn. Either can be undone, and the same
-windows then are whole. Headings that are missing show in the poses themselves.
+A mirrored trajectory, or one that counts yaw the other way, tears a map in every turn. If undoing one of these errors makes
+the torn windows whole, that error is the cause. Missing headings show in the poses themselves.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ from mqslam.core import se2
 from mqslam.core.engine import Engine
 
 Place = Callable[[se2.Array], Sweeps]
-"""Returns the points of a map under other poses (M, 3) of its track."""
+"""A function that returns the points of a map under other poses (M, 3) of its track."""
 
-_FAR: Final = 0.3  # of the spread of a sweep, by which a frame must be off: less may be what one side shows more of
-_SIGMAS: Final = 5.0  # by which it must be off besides
-_FEWEST: Final = 40  # sweeps that show where the sensor was
+_FAR: Final = 0.3  # a wrong frame is off by more than this share of a sweep's spread; less may come from a one-sided view
+_SIGMAS: Final = 5.0  # a wrong frame is also off by more than this many standard deviations
+_FEWEST: Final = 40  # fewest sweeps with points that show where the sensor was
 
 _TURNS: Final = 0.1  # windows that turn by less than this [rad] are much the same in a mirror
-_TRIED: Final = 20  # windows in which other readings of a trajectory are tried, those that turn the most
-_LEAST_TORN: Final = 4  # windows: with fewer torn ones nothing is tried
-_WHOLE: Final = 0.5  # of the tried windows, which the right reading makes whole and crisper
-_NOT_MIRRORED: Final = "the map is not torn as a trajectory that is mirrored or has no headings tears it"
-_LEAST_TURN: Final = 0.02  # headings that all lie within this [rad] are none where the path turns
-_PATH_TURNS: Final = 0.5  # by more than this [rad]
+_TRIED: Final = 20  # number of windows, those that turn the most, in which other readings are tried
+_LEAST_TORN: Final = 4  # with fewer torn windows than this no other reading is tried
+_WHOLE: Final = 0.5  # share of the tried windows that the right reading makes whole and crisper
+_NOT_MIRRORED: Final = "the map has no tears such as a mirrored trajectory, or one without headings, makes"
+_LEAST_TURN: Final = 0.02  # headings that all lie within this [rad] are missing if the path turns
+_PATH_TURNS: Final = 0.5  # a path turns if its directions differ by more than this [rad]
 
 
 def judge_frame(sweeps: Sweeps) -> Finding:
-    """Returns whether the points of a finished cloud lie around the poses from which they were seen.
+    """Judges whether the points of a finished cloud lie around the poses from which they were seen.
 
     Args:
         sweeps: points of a finished cloud and its trajectory.
@@ -73,13 +73,13 @@ def judge_frame(sweeps: Sweeps) -> Finding:
 
 
 def _fit_frame(middles: NDArray[np.float64], poses: se2.Array) -> se2.Array:
-    """Returns the motion (3,) of a cloud by which its sweeps lie around their poses.
+    """Returns the motion (3,) of a cloud that brings its sweeps around the poses from which they were seen.
 
-    A sensor may see more on one side of itself, always the same one. That is no fault of the frame, and is fitted besides.
+    A sensor may always see more on one side of itself. That is no fault of the frame, so this offset is fitted as well.
 
     Args:
-        middles: (N, 2) of the points of the sweeps [m].
-        poses: (N, 3) from which they were seen.
+        middles: (N, 2) middle of the points of each sweep [m].
+        poses: (N, 3) poses from which the sweeps were seen.
     """
     centre, towards = middles.mean(axis=0), poses[:, :2].mean(axis=0)
     cross = (middles - centre).T @ (poses[:, :2] - towards)
@@ -99,12 +99,12 @@ def _fit_frame(middles: NDArray[np.float64], poses: se2.Array) -> se2.Array:
 
 
 class Reading(NamedTuple):
-    """Another reading of a trajectory.
+    """Another reading of a trajectory, such as a mirrored one.
 
     Args:
-        name: what is wrong if the map is whole under it.
-        remedy: what mends it.
-        read: returns poses (M, 3) under it.
+        name: what is wrong with the trajectory if the map is whole under this reading.
+        remedy: how to mend the trajectory.
+        read: converts poses (M, 3) to this reading.
     """
 
     name: str
@@ -143,18 +143,18 @@ def judge_readings(
     estimator: EstimatorConfig,
     engine: Engine,
 ) -> Finding:
-    """Returns whether the torn windows of a map are whole under another reading of its trajectory.
+    """Judges whether the torn windows of a map are whole under another reading of its trajectory.
 
     Args:
         sweeps: points under the trajectory to judge.
-        windows: of the map.
-        place: returns its points under other poses.
-        settings: of the audit.
+        windows: windows of the map.
+        place: returns the points of the map under other poses.
+        settings: settings of the audit.
         estimator: settings of the score.
         engine: where windows are judged; the result does not depend on it.
     """
     track = sweeps.track
-    assert track is not None  # a cloud without one has no poses to read
+    assert track is not None  # a cloud without a trajectory has no poses to read
     if sum(window.torn for window in windows) < _LEAST_TORN:
         return Finding(VerdictStatus.PASS, _NOT_MIRRORED)
     if _misses_headings(track.poses):
@@ -171,7 +171,7 @@ def judge_readings(
             reason = f"{whole} of the {len(tried)} windows that turn the most are whole once that is undone"
             said = f"{reading.name}: {reading.remedy}"
             return Finding(VerdictStatus.FAIL, f"{reading.name}: {reason}", cause=Cause.MIRROR, explanation=said)
-    return Finding(VerdictStatus.PASS, "no other reading of the trajectory (mirrored, yaw counted the other way) is whole")
+    return Finding(VerdictStatus.PASS, "the map is whole under no other reading (mirrored, yaw counted the other way)")
 
 
 def _measure_turn(sweeps: Sweeps, window: WindowAudit) -> float:
@@ -181,7 +181,7 @@ def _measure_turn(sweeps: Sweeps, window: WindowAudit) -> float:
 
 
 def _is_whole(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], given: WindowAudit) -> bool:
-    """Returns whether a window is crisper than as it was given, not torn, and its two middle scans confirm its speed."""
+    """Returns whether a window is not torn, is crisper than before, and has two middle scans that confirm its speed."""
     sweeps, settings, estimator = shared
     window = audit_window(sweeps, given.begin, given.end, settings, estimator)
     if window.torn or window.bend.psi >= given.bend.psi:

@@ -1,4 +1,4 @@
-"""Whether a gyroscope agrees with a trajectory: what it says of the trajectory's turns, and of its clock."""
+"""Checks the turns and the clock of a trajectory against a gyroscope."""
 
 from __future__ import annotations
 
@@ -24,30 +24,31 @@ from mqslam.core.statistics import SIGMAS_PER_DEVIATION
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import left_or_right
 
-# Error of the scale that data sheets of cheap gyroscopes allow: an audit blames nothing on a smaller one.
+# Error of the scale that data sheets of cheap gyroscopes allow: an audit does not call a smaller one a fault.
 _LIKELY_SCALE = 0.03
 
 # A turn over a few scans that the gyroscope does not show is tolerated up to this [rad]: half a degree.
 _KINK_RAD: Final = 0.0087
-# Turns that exceed the usual difference over as many steps by this factor are a contradiction: a gyroscope's bias wanders.
+# A difference between the turns of both is a contradiction only if it exceeds the usual difference over as many steps by
+# this factor: a gyroscope's bias wanders.
 _KINK_SIGMAS: Final = 8.0
-# Numbers of steps over which turns are added up. What lasts longer may be the bias of the gyroscope.
+# Numbers of steps over which turns are added up. A difference that lasts longer may be the bias of the gyroscope.
 _KINK_STEPS: Final = (1, 4, 16)
 
-_SPARSE: Final = 0.7  # poses per scan, below which a trajectory is interpolated between poses: one and a half turns apart
+_SPARSE: Final = 0.7  # with fewer poses per scan than this (one and a half turns apart), a trajectory is interpolated
 _LEAST_VARIANCE: Final = 1e-12  # numerical: a trajectory that agrees exactly [rad^2]
 
 
 @dataclass(frozen=True, slots=True)
 class GyroscopeCheck:
-    """A gyroscope held against a trajectory.
+    """The result of comparing a gyroscope with a trajectory.
 
     Args:
-        source: where its readings come from.
+        source: where the gyroscope's readings come from.
         statement: whether both agree, in words.
-        agrees: whether they do; None where that cannot be told.
-        rotation: what turns the gyroscope's readings into the trajectory's turns, or None.
-        differ_rad: by how much both differ over a scan after that, robustly [rad]; None where that is not known.
+        agrees: whether both agree; None where that cannot be told.
+        rotation: calibration that converts the gyroscope's readings to the trajectory's turns, or None.
+        differ_rad: robust standard deviation of the remaining difference over a scan [rad]; None where it is unknown.
     """
 
     source: str
@@ -58,14 +59,14 @@ class GyroscopeCheck:
 
 
 def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory) -> GyroscopeCheck:
-    """Holds a gyroscope against the turns of a trajectory from scan to scan.
+    """Compares a gyroscope with the turns of a trajectory from scan to scan.
 
-    A trajectory states no errors of its turns. How much they differ from the gyroscope's, once that is calibrated on them,
-    stands in their place.
+    A trajectory does not state the errors of its turns. The gyroscope is calibrated on the turns, and the remaining
+    differences are taken as their errors.
 
     Args:
-        gyroscope: its readings.
-        scans: of the recording.
+        gyroscope: readings of the gyroscope.
+        scans: scans of the recording.
         trajectory: poses that cover the scans.
     """
     source = gyroscope.source
@@ -97,7 +98,7 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory) 
 
 
 def judge_gyroscope(check: GyroscopeCheck) -> Finding:
-    """Returns what a gyroscope says about a trajectory, as the finding of a test."""
+    """Returns the result of comparing a gyroscope with a trajectory as a finding."""
     if check.agrees is None:
         return Finding(VerdictStatus.PASS, check.statement, judged=False)
     if check.agrees:
@@ -108,9 +109,9 @@ def judge_gyroscope(check: GyroscopeCheck) -> Finding:
 
 
 def pick_stamps(scans_us: NDArray[np.int64], poses_us: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Returns the stamps [us] between which turns are compared: those of scans, or of poses that are sparser than these.
+    """Returns the stamps [us] between which turns are compared: those of the scans, or of the poses if these are sparser.
 
-    Between sparse poses a trajectory turns as it is interpolated, and not as the sensor did.
+    Between sparse poses the turns of a trajectory are interpolated, and not those of the sensor.
     """
     first, last = max(scans_us[0], poses_us[0]), min(scans_us[-1], poses_us[-1])
     scans, poses = (np.asarray(us[(first <= us) & (us <= last)], dtype=np.int64) for us in (scans_us, poses_us))
@@ -118,7 +119,7 @@ def pick_stamps(scans_us: NDArray[np.int64], poses_us: NDArray[np.int64]) -> NDA
 
 
 def _list_faults(rotation: Rotation, *, own_clock: bool) -> list[str]:
-    """Returns in which ways a gyroscope and a trajectory cannot both be right; which of them is wrong it does not say."""
+    """Returns the contradictions between a gyroscope and a trajectory, in words; either of the two may be wrong."""
     faults = []
     if rotation.sign < 0.0:
         faults.append("it turns the other way; either it is mounted upside down, or the trajectory is mirrored")
@@ -133,13 +134,13 @@ def _list_faults(rotation: Rotation, *, own_clock: bool) -> list[str]:
 
 
 def _find_kink(times: NDArray[np.float64], residuals: NDArray[np.float64]) -> list[str]:
-    """Returns, in words, where a trajectory turns otherwise than the gyroscope for a while; nothing where it does not.
+    """Returns in words where a trajectory turns differently from the gyroscope for a while; an empty list if nowhere.
 
-    Most steps may agree where a single one, or several in a row, do not.
+    A single step, or several in a row, may differ although most steps agree.
 
     Args:
-        times: (N + 1,) between which the turns are compared [s].
-        residuals: (N,) by how much the trajectory turns farther to the left [rad]; NaN where that is not known.
+        times: (N + 1,) times between which the turns are compared [s].
+        residuals: (N,) by how much the trajectory turns farther to the left than the gyroscope [rad]; NaN where unknown.
     """
     angles = np.r_[0.0, np.cumsum(np.nan_to_num(residuals))]
     kinks = []
@@ -159,13 +160,13 @@ def _find_kink(times: NDArray[np.float64], residuals: NDArray[np.float64]) -> li
 
 
 def _describe_bias(rotation: Rotation) -> str:
-    """Returns what was taken as a gyroscope's bias, in words: a constant error of the trajectory's yaw rate hides in it."""
+    """Returns the estimated bias of a gyroscope in words: a constant error of the trajectory's yaw rate can hide in it."""
     rate = abs(float(np.rad2deg(rotation.bias)))
     return f"it does not show a steady drift of yaw, since a constant {rate:.2g} deg/s is taken as its bias"
 
 
 def _describe_scale(rotation: Rotation) -> str:
-    """Returns what to add where a trajectory turns farther or less far than a gyroscope, as that one's scale may explain."""
+    """Returns a remark on how much farther or less a trajectory turns than a gyroscope; an empty text if insignificant."""
     off = rotation.scale - 1.0
     if abs(off) <= max(TOLD_SIGMAS * rotation.scale_sigma, SCALE_TOLERANCE):
         return ""
@@ -173,5 +174,5 @@ def _describe_scale(rotation: Rotation) -> str:
 
 
 def _compare_turns(off: float) -> str:
-    """Returns by how much a trajectory turns otherwise than a gyroscope, in words."""
+    """Returns in words how much farther or less a trajectory turns than a gyroscope."""
     return f"the trajectory turns {abs(off):.1%} {'farther' if off > 0.0 else 'less'} than it"

@@ -1,4 +1,4 @@
-"""An audit: every window, step and revisit of a map judged, and what they make of the whole."""
+"""The audit of a map: judges its windows, steps, spans and revisits, and combines the findings into a verdict."""
 
 from __future__ import annotations
 
@@ -72,14 +72,14 @@ class Audit:
     Args:
         windows: its windows in the order of time.
         steps: its steps in the order of time.
-        jumps: the steps at which it jumps.
+        jumps: those of its steps at which the map jumps.
         spans: its spans in the order of time; none for a cloud without a trajectory.
         sums: its spans added up over longer stretches, in the order of time.
-        pooled: what all of it asks for together; None where too few places show it, and for a cloud without a trajectory.
-        revisits: places that the trajectory comes back to; none for a cloud without one.
-        tests: what each test found, by its name.
-        verdict: what they give together.
-        capture: how wrong a trajectory may be for its windows to measure it.
+        pooled: corrections that all spans ask for together; None if too few spans show them or there is no trajectory.
+        revisits: places that the trajectory comes back to; none for a cloud without a trajectory.
+        tests: the findings of each test, by its name.
+        verdict: the verdict that all findings give together.
+        capture: the largest errors of a trajectory that its windows can measure.
     """
 
     windows: list[WindowAudit]
@@ -94,12 +94,12 @@ class Audit:
     capture: CaptureRange
 
     def compute_psi_over_best(self) -> float | None:
-        """Returns psi of the windows over the best that the same returns can have; None where no window was decided."""
+        """Returns the windows' psi over the lowest psi of the same returns; None where no window was decided."""
         decided = [window.bend for window in self.windows if window.undecided is None]
         return _divide(sum(bend.psi for bend in decided), sum(bend.psi_best for bend in decided))
 
     def compute_psi_over_best_of_passes(self) -> float | None:
-        """Returns psi across passes over the best that the same returns can have; None without a sure revisit."""
+        """Returns the psi across passes over the lowest psi of the same returns; None without a sure revisit."""
         sure = [one.revisit for one in self.revisits if one.revisit.sure]
         return _divide(sum(one.psi for one in sure), sum(one.psi_best for one in sure))
 
@@ -108,9 +108,9 @@ class Known(NamedTuple):
     """What is known of a trajectory besides its poses.
 
     Args:
-        stated: how sure it is of itself, by the numbers of the sweeps; None where it does not say.
+        stated: covariances that the trajectory itself states, by the numbers of the sweeps; None where it states none.
         place: returns the points under other poses, so that other readings of the trajectory can be tried; None tries none.
-        sensors: what other sensors say of it.
+        sensors: findings of other sensors about the trajectory.
     """
 
     stated: RelativeCovariances | None = None
@@ -123,7 +123,7 @@ UNKNOWN: Final = Known()
 
 
 def _divide(psi: float, best: float) -> float | None:
-    """Returns psi over the best one, which may be lower only by how exactly it was found."""
+    """Returns psi over the best psi, at least 1 since a search may miss the best slightly; None where the best is zero."""
     return max(psi / best, 1.0) if best > 0.0 else None
 
 
@@ -140,14 +140,14 @@ def audit(
     """Judges a map.
 
     Args:
-        sweeps: its points under the trajectory.
-        settings: of the audit.
+        sweeps: points of the map under the trajectory.
+        settings: settings of the audit.
         estimator: settings of the score.
         limits: settings of the verdict.
         engine: where windows and revisits are judged; the result does not depend on it.
-        progress: called as its parts are done.
+        progress: called as parts of the map are done.
         sampled: how many windows at most are judged, evenly spread; None takes all.
-        known: what is known of the trajectory besides.
+        known: what is known of the trajectory besides its poses.
     """
     settings = apply_tolerance(settings, limits)
     windows = audit_windows(sweeps, settings, estimator, engine, progress, sampled)
@@ -196,16 +196,16 @@ def audit(
 def audit_trajectory(
     scans: Scans, trajectory: Trajectory, config: Config, beam: Beam, runner: Runner, optimum: Optimum | None = None
 ) -> Audit:
-    """Judges the map that a run has made: all of it, but of its windows a sample.
+    """Judges the map that a run has made, but only a sample of its windows.
 
     Args:
-        scans: of the recording.
+        scans: scans of the recording.
         trajectory: poses of the sensor.
         config: all settings.
         beam: the sensor's errors.
         runner: where the map is judged; the result does not depend on it.
-        optimum: the graph that the trajectory optimises and its values, which say how sure the trajectory is; None where
-            they do not.
+        optimum: the graph that the trajectory optimises and its values, from which the covariances of the trajectory
+            follow; None where they cannot be computed.
 
     Raises:
         EstimationError: there are no returns.
@@ -219,14 +219,14 @@ def audit_trajectory(
 def _expect(
     spans: Sequence[Registration], twists: NDArray[np.float64], pooled: Pooled | None, limits: VerdictConfig
 ) -> NDArray[np.float64]:
-    """Returns the offsets (N, 3) of spans that the test of pooled corrections tells of already."""
+    """Returns the parts (N, 3) of the offsets of spans that the pooled corrections explain, which another test reports."""
     if pooled is None:
         return np.zeros((len(spans), 3))
     return predict_offsets(spans, twists, find_bias(pooled, limits), find_lever(pooled, limits), find_delay(pooled, limits))
 
 
 def _judge_trajectory(sweeps: Sweeps, settings: AuditConfig) -> list[Finding]:
-    """Returns what is wrong with the trajectory itself, and where it is too sparse to be judged."""
+    """Returns findings about the trajectory itself, and about poses that are too sparse to be judged."""
     if sweeps.track is None:
         return []
     own = judge_track(sweeps.track, sweeps.times, sweeps.revolution_s, settings)
@@ -241,7 +241,7 @@ def _judge_frame(
     estimator: EstimatorConfig,
     engine: Engine,
 ) -> list[Finding]:
-    """Returns whether a trajectory is in the frame of its points, as far as there is a question of that."""
+    """Judges a finished cloud's trajectory against the cloud's frame, and other readings of it where they can be tried."""
     findings = [judge_frame(sweeps)] if sweeps.is_finished else []
     if place is not None:
         findings.append(judge_readings(sweeps, windows, place, settings, estimator, engine))
@@ -261,10 +261,10 @@ def _decide(
     interpolated: NDArray[np.bool_],
     capture: CaptureRange,
 ) -> list[WindowAudit]:
-    """Returns the windows with their speeds, each torn, whole or undecided.
+    """Returns the windows with their speed checks, each marked as torn, whole or undecided.
 
-    A window whose speed the scans contradict is torn, whatever its inflation. Nothing is decided where most of its scans lie
-    in a gap of the trajectory, or where nothing is seen twice.
+    A window whose speed the scans contradict is torn, whatever its inflation. A window is undecided if most of its scans lie
+    in a gap of the trajectory, or if almost nothing is seen twice in it.
     """
     decided = []
     for window, speed in zip(windows, speeds, strict=True):

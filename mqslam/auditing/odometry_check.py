@@ -1,6 +1,6 @@
-"""Whether odometry agrees with a trajectory: which way it turns, and how fast it goes.
+"""Checks the turns and the speed of a trajectory against odometry.
 
-Wheels slip and odometry drifts, so that only gross contradictions count.
+Wheels slip and odometry drifts, so only gross contradictions count.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 
-_SPAN_US: Final = 1_000_000  # over which speeds are compared [us]: long against what single motions err by
-_LEAST_SPEED: Final = 1.0  # slower stretches show no scale [m/s]
-_FEWEST: Final = 5  # stretches that show one
+_SPAN_US: Final = 1_000_000  # time over which speeds are compared [us], since single motions err too much
+_LEAST_SPEED: Final = 1.0  # stretches slower than this [m/s] show no scale
+_FEWEST: Final = 5  # fewest stretches that show a scale
 # A speed that differs from odometry's by a larger share shows a wrong scale. Worn tyres and slip are a few percent.
 _WRONG_SCALE: Final = 0.1
 _UNITS: Final = {"km/h": 1.0 / 3.6, "miles per hour": 0.44704, "mm/s": 1e-3, "cm/s": 1e-2}  # [m/s]
-_SAME_UNIT: Final = 0.1  # by which a wheel's scale, or a range bin's, may be off besides
+_SAME_UNIT: Final = 0.1  # a unit is recognised up to this share: the scale of wheels or range bins may be off as well
 
 
 def check_odometry(odometry: Trajectory, scans: Scans, trajectory: Trajectory, stated: OdometryConfig) -> list[Finding]:
-    """Holds odometry against a trajectory, and returns in which ways both cannot be right, or that they do not contradict.
+    """Compares odometry with a trajectory; returns their contradictions, or one finding that there are none.
 
     Args:
-        odometry: poses of the sensor, or of the vehicle: turns and speeds are compared, and no places.
-        scans: of the recording.
+        odometry: poses of the sensor, or of the vehicle: only turns and speeds are compared, not places.
+        scans: scans of the recording.
         trajectory: poses of the sensor.
         stated: the errors that odometry states.
     """
@@ -61,7 +61,7 @@ def check_odometry(odometry: Trajectory, scans: Scans, trajectory: Trajectory, s
 
 
 def measure_speed_ratio(own: Trajectory, given: Trajectory) -> float | None:
-    """Returns how many times as fast a trajectory is as odometry; None where they hardly move.
+    """Returns the speed of a trajectory over that of odometry; None where they hardly move.
 
     Args:
         own: the trajectory.
@@ -78,7 +78,7 @@ def measure_speed_ratio(own: Trajectory, given: Trajectory) -> float | None:
 
 
 def _find_speeds(track: Trajectory, begins: NDArray[np.int64], ends: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Returns the mean speeds (N,) [m/s] between scans, along the straight line."""
+    """Returns the mean speeds (N,) [m/s] along the straight lines between poses."""
     moved = track.poses[ends, :2] - track.poses[begins, :2]
     return np.asarray(np.hypot(moved[:, 0], moved[:, 1]) / ((track.stamps_us[ends] - track.stamps_us[begins]) * 1e-6))
 
@@ -89,6 +89,6 @@ def is_wrong_scale(ratio: float) -> bool:
 
 
 def name_unit(ratio: float) -> str:
-    """Returns in words in which unit odometry's speeds seem to be, with a comma before them; nothing where in none."""
+    """Returns in words the unit that odometry's speeds seem to be in, after a comma; an empty text if no unit fits."""
     units = (unit for unit, size in _UNITS.items() if abs(ratio / size - 1.0) < _SAME_UNIT)
     return next((f", as if its speeds were in {unit}" for unit in units), "")

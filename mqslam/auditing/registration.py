@@ -1,4 +1,4 @@
-"""Two stretches of a map laid on each other: where psi has the later one, against where the trajectory has it."""
+"""Registers one stretch of a map on another by psi, and compares the result with the trajectory."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.score import make_references
 
-# Largest error of a trajectory's speed [m/s] that is looked for between two successive scans: more than any vehicle
-# drives, so that a trajectory that stands still is found, too.
+# Largest error of a trajectory's speed [m/s] that is searched for between two successive scans: more than any vehicle
+# drives, so that a trajectory that wrongly stands still is found, too.
 SPEED_ERROR_MPS = 50.0
 # Two successive scans of which one has fewer points than this say nothing about the speed.
 _SPEED_FEWEST = 40
@@ -23,24 +23,24 @@ _SPEED_FEWEST = 40
 
 @dataclass(frozen=True, slots=True)
 class Registration:
-    """Two stretches, the later one laid on the earlier one.
+    """The registration of a later stretch of sweeps on an earlier one.
 
     Args:
-        earlier, later: the sweeps in whose frames the stretches are laid.
-        between: (3,) pose of the later one in the frame of the earlier one, as the trajectory has it.
+        earlier, later: the sweeps in whose frames the two stretches are given.
+        between: (3,) pose of the later sweep in the frame of the earlier one by the trajectory.
         path_m: length of the path between the two [m].
-        offset: (3,) where psi has the later stretch against where the trajectory has it, in the frame of the later sweep
+        offset: (3,) pose of the later stretch by psi relative to its pose by the trajectory, in the frame of the later sweep
             [m, m, rad].
-        covariance: (3, 3) of the offset, as psi's curvature states it.
+        covariance: (3, 3) covariance of the offset from psi's curvature.
         centre, spread_m: mean (2,) of the points of the later stretch, in the frame of the later sweep, and root mean square
             of their distances from it [m].
-        matched: share of these points that lie on the earlier stretch.
-        psi, psi_best: score per point as the trajectory has it and with the offset corrected.
-        observed: whether the two stretches hold every direction.
-        unrivalled: whether they do, lie on each other well enough, and fit nowhere else as well.
-        doubt_m: how far the two may be off each other, since poses are interpolated [m].
-        rivals: (R, 3) other offsets at which they fit about as well; none where these were not asked for.
-        repeats: (L, 3) the offset as other scans show it, of which `offset` is the median; none where it was measured once.
+        matched: share of the points of the later stretch that lie on the earlier one.
+        psi, psi_best: score per point without and with the offset corrected.
+        observed: whether the two stretches constrain every direction.
+        unrivalled: whether they are observed, match well enough, and fit nowhere else as well.
+        doubt_m: how far the two may be off each other because poses are interpolated [m].
+        rivals: (R, 3) other offsets at which the stretches fit about as well; none where rivals were not asked for.
+        repeats: (L, 3) repeated measurements of the offset with other scans; `offset` is their median. Empty without any.
     """
 
     earlier: int
@@ -72,12 +72,12 @@ class Registration:
 
 
 def ask_of_scans(settings: AuditConfig) -> AuditConfig:
-    """Returns settings that ask of a few scans as much as they can match, which is less than maps of many scans can."""
+    """Returns settings that require a smaller share of matched points: a few scans match less than maps of many scans."""
     return settings.model_copy(update={"matched": settings.scan_matched * settings.matched})
 
 
 def ask_of_single_scans(settings: AuditConfig) -> AuditConfig:
-    """Returns settings that ask of a single scan as much as it can match, and fewer points than of several."""
+    """Returns settings that require a smaller share of matched points and fewer points, for single scans."""
     return ask_of_scans(settings).model_copy(update={"fewest": _SPEED_FEWEST})
 
 
@@ -90,12 +90,12 @@ def measure_span(sweeps: Sweeps, begin: int) -> float:
 
 
 def compute_far_reach(span_s: float, settings: AuditConfig) -> tuple[float, float]:
-    """Returns how far [m], [rad] a wide search goes: as far as any plausible error of the speed leads in a time [s]."""
+    """Returns the reach [m], [rad] of a wide search: as far as any plausible error of the speed leads in a time [s]."""
     return min(SPEED_ERROR_MPS * span_s, settings.gate_m), settings.search_rad
 
 
 def fits_far_better(registration: Registration) -> bool:
-    """Returns whether two stretches fit where a wide search has laid them, and not where the trajectory has them."""
+    """Returns whether two stretches fit where a wide search puts them, and clearly worse where the trajectory has them."""
     return registration.unrivalled and registration.psi_best * RIVAL <= registration.psi
 
 
@@ -108,17 +108,17 @@ def register(
     estimator: EstimatorConfig,
     rival_sigmas: float | None = None,
 ) -> Registration | None:
-    """Lays one stretch on another; returns None where either holds too few points.
+    """Registers one stretch on another; returns None where either holds too few points.
 
     Args:
         sweeps: points under the trajectory to judge.
-        frames: the earlier and the later sweep in whose frames the stretches are laid.
+        frames: the earlier and the later sweep, in whose frames the two stretches are given.
         stretches: the sweeps of the earlier stretch, and of the later one.
         reach: how far the later stretch may be off in position [m] and in yaw [rad].
-        settings: of the audit.
+        settings: settings of the audit.
         estimator: settings of the score.
-        rival_sigmas: by how many standard deviations of chance the stretches must fit worse elsewhere; None where rivals
-            need not be known.
+        rival_sigmas: an offset is a rival unless the stretches fit worse there by this many standard deviations of chance;
+            None where rivals need not be known.
     """
     a, b = frames
     reference, query = (sweeps.local(part, sweeps.poses[k]) for part, k in zip(stretches, frames, strict=True))

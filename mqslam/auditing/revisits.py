@@ -1,7 +1,7 @@
-"""Revisits: where a trajectory comes back to a place, and how far psi says that the two passes are off each other.
+"""Revisits: places that a trajectory comes back to, and how far the two passes of each are off each other by psi.
 
-A later pass that is off the earlier one is off by one rigid motion for a while: each measurement can be carried to the place
-of the next, and be compared with it there.
+A later pass is off the earlier one by the same rigid motion for a while. Each measured offset can therefore be carried to
+the place of the next one and compared with it there.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from mqslam.core.statistics import MEDIAN_EFFICIENCY, compute_p_values, correct_
 from mqslam.execution.progress import Progress
 from mqslam.psi.correlate import compute_same_m
 
-_LEAST: Final = 3  # by definition: two that agree are a coincidence of one pair, several are more
+_LEAST: Final = 3  # by definition: two offsets that agree may be a coincidence, three are a row
 
 
 @dataclass(frozen=True, slots=True)
 class Offsets:
-    """Where later passes lie against where a trajectory has them, in the order of time.
+    """Offsets of later passes from where a trajectory has them, in the order of time.
 
     Args:
-        offsets: (N, 3) in the frame of the later pose [m, m, rad].
-        covariances: (N, 3, 3) of the offsets.
+        offsets: (N, 3) offsets in the frame of the later pose [m, m, rad].
+        covariances: (N, 3, 3) covariances of the offsets.
         poses: (N, 3) later poses, world frame.
         places: (N, 2) length of the path up to the earlier and to the later pose [m].
     """
@@ -50,25 +50,25 @@ class Offsets:
 
     @property
     def inflations(self) -> NDArray[np.float64]:
-        """The squares (N,) of the offsets in units of their covariances."""
+        """The squared sizes (N,) of the offsets in units of their covariances."""
         return se2.normalise(self.offsets, self.covariances)
 
     def take(self, chosen: NDArray[np.bool_]) -> Offsets:
-        """Returns those of a mask (N,)."""
+        """Returns the offsets that a mask (N,) selects."""
         return Offsets(self.offsets[chosen], self.covariances[chosen], self.poses[chosen], self.places[chosen])
 
     def carry(self, i: int, k: int) -> NDArray[np.float64]:
-        """Returns the matrix (3, 3) that takes an offset at place i to what it is at place k."""
+        """Returns the matrix (3, 3) that carries an offset at place i to place k."""
         return se2.adjoint(se2.between(self.poses[k], self.poses[i]))
 
     def differ(self, i: int, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Returns by how much (3,) two offsets differ at place k, and the covariance (3, 3) of that."""
+        """Returns the difference (3,) between two offsets at place k, and its covariance (3, 3)."""
         lever = self.carry(i, k)
         off = self.offsets[k] - lever @ self.offsets[i]
         return off, self.covariances[k] + lever @ self.covariances[i] @ lever.T
 
     def pair(self, least_m: float, most_m: float) -> list[tuple[int, int]]:
-        """Returns pairs (i, k) of places that are at least and at most so far apart on the path [m], in both passes."""
+        """Returns pairs (i, k) of places that are from `least_m` to `most_m` apart on the path of both passes [m]."""
         pairs = []
         for i, place in enumerate(self.places):
             apart = np.abs(self.places[i + 1 :] - place)
@@ -80,12 +80,12 @@ class Offsets:
 def compare_neighbours(given: Offsets, least_m: float, most_m: float) -> NDArray[np.float64]:
     """Returns the squares (K, 3) of differences between neighbouring offsets per axis, in units of their variances.
 
-    A drift that they have in common takes no part.
+    A drift that neighbours have in common cancels out.
 
     Args:
         given: the offsets.
-        least_m: path between neighbours that share no scan [m].
-        most_m: path over which what they have in common does not change [m].
+        least_m: shortest path between neighbours, so that they share no scan [m].
+        most_m: longest path between neighbours, so that a common drift does not change between them [m].
     """
     pairs = given.pair(least_m, most_m)
     differences = [given.differ(i, k) for i, k in pairs]
@@ -101,21 +101,23 @@ def find_agreeing(
     same_m: float,
     probability: float,
 ) -> NDArray[np.bool_]:
-    """Finds successive measurements that agree on one offset, which chance would hardly make them do.
+    """Finds rows of successive offsets that agree with each other, which chance would hardly make them do.
 
-    Where they could also agree on another one, as streets that repeat do, nothing tells which is right.
+    If the passes could also agree on another offset, as in streets that repeat, nothing tells which one is right, and the
+    row ends there.
 
     Args:
         given: the offsets.
-        usable: (N,) which of them hold every direction; another one interrupts those around it.
-        rivals: for each, (R, 3) other offsets at which its passes fit about as well.
-        searched_m: (N,) how far around the trajectory's own pose each was looked for [m].
-        most_m: longest path between two that are successive [m].
+        usable: (N,) which offsets constrain every direction; any other offset ends a row.
+        rivals: for each offset, (R, 3) other offsets at which its passes fit about as well.
+        searched_m: (N,) how far around the trajectory's own pose each offset was searched for [m].
+        most_m: longest path between two successive offsets of a row [m].
         same_m: distance at which two offsets count as one [m].
-        probability: that there is no agreement by chance, and of the quantile up to which offsets agree.
+        probability: a row counts if its chance of agreeing by accident is below 1 minus this; also the probability of the
+            quantile up to which two offsets agree.
 
     Returns:
-        (N,) which belong to such a row.
+        (N,) which offsets belong to such a row.
     """
     found = np.zeros(len(given.offsets), dtype=np.bool_)
     limit = float(chi2.ppf(probability, 3))
@@ -142,7 +144,7 @@ def _chance_of_agreement(
     same_m: float,
     limit: float,
 ) -> float:
-    """Returns the chance that an offset would agree with the one before it if it were anywhere; 0 where it does not."""
+    """Returns the probability that an offset agrees with the one before it by chance; 0 where the two do not agree."""
     if np.abs(given.places[k] - given.places[k - 1]).max() > most_m:
         return 0.0
     off, covariance = given.differ(k - 1, k)
@@ -155,10 +157,10 @@ def _chance_of_agreement(
     return min(limit * float(np.sqrt(np.linalg.det(covariance[:2, :2]))) / searched_m**2, 1.0)
 
 
-# A revisit is sure if the next best pose also scores worse by this many standard deviations of the difference of the two
-# scores, so that one of several places that look alike is not best by chance.
+# A revisit is sure only if the next best pose scores worse by this many standard deviations of the difference of the two
+# scores, too. Otherwise one of several places that look alike could be the best by chance.
 _RIVAL_SIGMAS = 3.0
-# Fewest pairs of neighbouring revisits that show how far off a revisit usually is.
+# At least this many pairs of neighbouring revisits are needed to show how far off a revisit usually is.
 _REVISIT_FEWEST = 10
 
 
@@ -168,15 +170,15 @@ class Revisit:
 
     Args:
         earlier, later: the two sweeps.
-        offset: (3,) where psi has the later pass against where the trajectory has it, in the frame of the later sweep
+        offset: (3,) pose of the later pass by psi relative to its pose by the trajectory, in the frame of the later sweep
             [m, m, rad].
-        covariance: (3, 3) of the offset, as far as measurement and, where it says so, trajectory explain one.
+        covariance: (3, 3) covariance of the offset by the measurement, plus the one that the trajectory states, if any.
         heading: yaw of the later sweep's pose [rad].
         inflation: offset^T covariance^-1 offset.
-        matched: share of the later pass's points that lie on the earlier one's.
-        psi, psi_best: score per point as the trajectory has it and with the offset corrected.
-        sure: whether the maps of the two passes fit nowhere else as well and hold every direction, or do so together with
-            those of the revisits beside it.
+        matched: share of the later pass's points that lie on the earlier pass.
+        psi, psi_best: score per point without and with the offset corrected.
+        sure: whether the maps of the two passes constrain every direction and fit nowhere else as well, or the revisit
+            belongs to a row of revisits that agree.
     """
 
     earlier: int
@@ -207,12 +209,12 @@ class RevisitAudit:
 
     Args:
         revisit: the two passes and their offset.
-        torn: whether they are off each other beyond what the covariance explains and beyond a tolerance.
+        torn: whether the two passes are off each other by more than the covariance explains and by more than a tolerance.
         p_value: probability that an offset as large shows at any revisit of a good map; NaN where the revisit is not sure or
             too few revisits show how far off they usually are.
         stated_covariance: (3, 3) covariance that the trajectory itself states of the later pose relative to the earlier one,
-            which is part of the revisit's; None where it states none.
-        excused: whether they would be torn if the trajectory did not say that it may be off as far as this.
+            which is part of the revisit's covariance; None where it states none.
+        excused: whether the passes would be torn if the trajectory did not state so large a covariance.
     """
 
     revisit: Revisit
@@ -231,16 +233,16 @@ def audit_revisits(
     progress: Progress,
     stated: RelativeCovariances | None = None,
 ) -> list[RevisitAudit]:
-    """Judges the revisits of a map; those of which either pass holds too few points are left out.
+    """Judges the revisits of a map; a revisit with too few points in either pass is left out.
 
     Args:
         sweeps: points under the trajectory to judge.
-        settings: of the audit.
+        settings: settings of the audit.
         estimator: settings of the score.
-        limits: of the verdict.
+        limits: settings of the verdict.
         engine: where the revisits are judged; the result does not depend on it.
         progress: called as revisits are done.
-        stated: how sure the trajectory is of itself; None where it does not say.
+        stated: covariances that the trajectory itself states; None where it states none.
     """
     pairs = find_revisit_pairs(sweeps, settings)
 
@@ -254,11 +256,11 @@ def audit_revisits(
 
 
 def doubt_interpolated(revisits: Sequence[RevisitAudit], interpolated: NDArray[np.bool_]) -> list[RevisitAudit]:
-    """Returns revisits, of which none is sure that has a pass in a gap of the trajectory: its pose there is interpolated.
+    """Returns the revisits, but marks those with a pass in a gap as not sure: their poses are interpolated.
 
     Args:
-        revisits: of a map.
-        interpolated: (S,) which sweeps lie in a gap.
+        revisits: revisits of a map.
+        interpolated: (S,) which sweeps lie in a gap of the trajectory.
     """
     return [
         replace(one, revisit=replace(one.revisit, sure=False), torn=False, p_value=np.nan, excused=False)
@@ -276,11 +278,11 @@ def judge_registrations(
     limits: VerdictConfig,
     stated: RelativeCovariances | None = None,
 ) -> list[RevisitAudit]:
-    """Judges pairs of passes that are laid on each other, as `audit_revisits` does.
+    """Judges pairs of passes that are registered already, as `audit_revisits` does.
 
-    The curvature's covariance is too small by a factor that depends on the world, as with steps. Here the usual difference
-    between neighbouring revisits shows it: a drift of the whole trajectory, which is what revisits are there to find, moves
-    neighbours alike.
+    The covariance from psi's curvature is too small by a factor that depends on the world, as with steps. Here the usual
+    difference between neighbouring revisits shows this factor: a drift of the whole trajectory, which revisits are there to
+    find, moves neighbours alike and cancels out.
     """
     if not registrations:
         return []
@@ -321,18 +323,18 @@ def judge_registrations(
         if known is None:
             audited.append(RevisitAudit(revisit, is_torn(revisit, settings), p_value))
             continue
-        torn = is_torn(revisit, settings)  # by the constants, where too few revisits give p-values
+        torn = is_torn(revisit, settings)  # by fixed limits, which hold if too few revisits give p-values
         if np.isfinite(p_value):
-            torn = p_value < chance and one.size_m > settings.jump_m  # by what the trajectory claims to know
+            torn = p_value < chance and one.size_m > settings.jump_m  # by the stated covariance
         alone = is_torn(replace(revisit, inflation=float(measured.inflations[k])), settings)
         audited.append(RevisitAudit(revisit, torn, p_value, known[k], excused=alone and not torn))
     return audited
 
 
 def _measure_offsets(registrations: Sequence[Registration], sweeps: Sweeps, settings: AuditConfig) -> tuple[Offsets, float]:
-    """Returns the offsets with covariances that fit their neighbours, and how many degrees of freedom these have.
+    """Returns the offsets, their covariances scaled to how neighbours differ, and the degrees of freedom of this scale.
 
-    No covariance is made smaller. Without enough neighbours all stay as they are, and have no degree of freedom.
+    No covariance is made smaller. Without enough neighbours the covariances stay as they are, with no degree of freedom.
     """
     curvature = Offsets(
         offsets=np.array([one.offset for one in registrations]),
@@ -349,13 +351,13 @@ def _measure_offsets(registrations: Sequence[Registration], sweeps: Sweeps, sett
 
 
 def share_torn_revisits(revisits: Sequence[RevisitAudit]) -> Share:
-    """Returns the share of torn revisits among those that are sure."""
+    """Returns the share of torn revisits among the sure ones."""
     sure = [revisit for revisit in revisits if revisit.revisit.sure]
     return Share(sum(revisit.torn for revisit in sure), len(sure))
 
 
 def find_revisit_pairs(sweeps: Sweeps, settings: AuditConfig) -> list[tuple[int, int]]:
-    """Finds pairs (earlier, later) of sweeps that may show one place: the nearest earlier pass every spacing_m of path."""
+    """Finds pairs (earlier, later) of sweeps that may show one place: one every spacing_m, with the nearest earlier pass."""
     passes = find_passes(
         sweeps.travelled,
         sweeps.poses,
@@ -374,7 +376,7 @@ def compute_reach(path_m: float, settings: AuditConfig) -> tuple[float, float]:
 
 
 def _register_pair(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], pair: tuple[int, int]) -> Registration | None:
-    """Lays the later pass of a pair on the earlier one; returns None where either holds too few points."""
+    """Registers the later pass of a pair on the earlier one; returns None where either holds too few points."""
     sweeps, settings, estimator = shared
     earlier, later = pair
     reach = compute_reach(float(sweeps.travelled[later] - sweeps.travelled[earlier]), settings)
@@ -382,14 +384,14 @@ def _register_pair(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], pair: tu
 
 
 def is_torn(revisit: Revisit, settings: AuditConfig) -> bool:
-    """Returns whether two passes of a trajectory that does not say how sure it is are off each other."""
+    """Returns whether a revisit is torn by the fixed limits of its inflation and of its offset."""
     beyond = revisit.inflation > TORN_INFLATION
     far = revisit.distance_m > settings.torn_m or abs(revisit.offset[2]) > settings.torn_rad
     return bool(revisit.sure and beyond and far)
 
 
 def pick_passes(sweeps: Sweeps, earlier: int, later: int, settings: AuditConfig) -> tuple[list[int], list[int]]:
-    """Returns the sweeps of the earlier pass, and of the smaller part of the later one that is laid on it."""
+    """Returns the sweeps of the earlier pass, and those of the shorter part of the later pass that is registered on it."""
     first, second = (
         pick_around(sweeps.travelled, k, reach_m, settings.submap_spacing_m).tolist()
         for k, reach_m in ((earlier, settings.submap_m), (later, LATER_SHARE * settings.submap_m))

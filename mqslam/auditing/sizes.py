@@ -1,4 +1,4 @@
-"""How many scans an audit lays on each other, and how far from the best map is too far by chance."""
+"""Sizes that all parts of an audit share: scans per window and per step, and the inflation that chance hardly exceeds."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from scipy.stats import chi2
 
 # Number of scans in a window.
 WINDOW = 6
-# Number of scans before a step or around the end of a span that as many others are laid on.
+# Number of scans on either side of a step, and around either end of a span, that are registered on each other.
 STEP_SCANS: Final = 3
-# Fewest steps that show how far off a step without a jump usually is.
+# At least this many steps are needed to show how far off a step without a jump usually is.
 STEP_FEWEST = 20
-# Probability of the chi-square quantile that the inflation of a torn window or revisit exceeds.
+# Probability of the chi-square quantile above which the inflation of a window or a revisit shows that it is torn.
 PROBABILITY: Final = 0.999
-# The inflation beyond which a window or a revisit is off by more than chance: it has three degrees of freedom.
+# A window or a revisit with a larger inflation than this is off by more than chance. It has three degrees of freedom.
 TORN_INFLATION: Final = float(chi2.ppf(PROBABILITY, 3))

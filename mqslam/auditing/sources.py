@@ -25,22 +25,22 @@ from mqslam.errors import ConfigError, DataError, Remedy
 from mqslam.formats.covariances import read_covariances
 from mqslam.psi.place import Beam
 
-_TRAJECTORY, _COVARIANCES = "trajectory.tum", "covariances.csv"  # as a run leaves them side by side
-_SLACK_SWEEPS: Final = 2.0  # over a few sweeps covariances hardly change; farther off they are of another trajectory
+_TRAJECTORY, _COVARIANCES = "trajectory.tum", "covariances.csv"  # a run writes both into one folder
+_SLACK_SWEEPS: Final = 2.0  # covariances hardly change over so few sweeps; ones farther off are of another trajectory
 _REMEDY: Final = "give those that were written together with the trajectory"
 
 
 def find_relative_covariances(
     covariances: Path | str | None, origin: Trajectory | Path | str, given: Trajectory | None, offset_us: int, sweeps: Sweeps
 ) -> tuple[RelativeCovariances | None, list[str]]:
-    """Returns how sure a trajectory is of itself, or None if it does not say, and what a user should know about it.
+    """Returns the covariances that a trajectory states of its poses, or None if it states none, and notes for the user.
 
     Args:
         covariances: file of the covariances of its poses; None takes the one beside a run's own trajectory.tum.
-        origin: the trajectory as it was asked for: poses, a file, or the name of one that the recording carries.
-        given: the trajectory, if it is not one that the recording carries.
-        offset_us: what was added to the trajectory's stamps [us], and is to be added to those of the covariances.
-        sweeps: what is judged under the trajectory.
+        origin: the trajectory as the user named it: poses, a file, or the name of one that the recording carries.
+        given: the trajectory; None if the recording carries it.
+        offset_us: time that was added to the trajectory's stamps [us]; it is added to those of the covariances, too.
+        sweeps: points under the trajectory to judge.
 
     Raises:
         ConfigError: covariances are given for a trajectory that the recording carries.
@@ -66,10 +66,10 @@ def find_relative_covariances(
 
 
 def _read_covariances(path: Path, given: Trajectory, offset_us: int, sweeps: Sweeps) -> RelativeCovariances:
-    """Reads how sure a trajectory is of its poses; each sweep takes the covariance whose stamp is nearest.
+    """Reads the covariances of a trajectory's poses; each sweep takes the covariance with the nearest stamp.
 
     Raises:
-        DataError: the file cannot be read, or has no covariance beside some sweep.
+        DataError: the file cannot be read, or has no covariance near some sweep.
     """
     read = read_covariances(path)
     track = sweeps.track
@@ -84,7 +84,7 @@ def _read_covariances(path: Path, given: Trajectory, offset_us: int, sweeps: Swe
     if without:
         total = count_of(len(sweeps), "scan")
         raise DataError(path, f"has no covariance within {slack_s:.2g} s of {without} of {total}", _REMEDY)
-    turns = (given.poses[0, 2] - sweeps.poses[:, 2]).tolist()  # the file's terms are in the frame of the first pose
+    turns = (given.poses[0, 2] - sweeps.poses[:, 2]).tolist()  # the file states them in the first pose's frame
     own = [se2.rotate_covariance(c, yaw) for c, yaw in zip(read.covariances[nearest], turns, strict=True)]
     return SingleCovariances(np.array(own), sweeps.poses)
 
@@ -95,7 +95,7 @@ _FEW_STAMPS = 20
 _CLOUD_SWEEP_S = 0.1
 
 LIDAR_CONFIG: Final = "lidar"
-"""Name of the shipped settings for everything that no radar recorded."""
+"""Name of the shipped settings for everything that was not recorded by a radar."""
 CLOUDS: Final = (".ply", ".pcd", ".las", ".laz", ".npz")
 """Endings of the files that hold finished clouds."""
 
@@ -105,12 +105,12 @@ class Source:
     """A recording to be audited.
 
     Args:
-        path: where it came from.
+        path: file or folder of the recording.
         format: name of its layout.
         scans: its scans, of a radar or a lidar.
         tracks: trajectories that the recording itself carries, by name.
-        notes: what a user should know about how it was understood.
-        gyroscope: readings of a gyroscope that it carries, or None.
+        notes: what a user should know about how the recording was interpreted.
+        gyroscope: readings of the recording's gyroscope, or None.
     """
 
     path: Path
@@ -122,7 +122,7 @@ class Source:
 
 
 def is_cloud(path: Path) -> bool:
-    """Returns whether a path is a finished cloud; an .npz is one unless it holds a radar's power."""
+    """Returns whether a path is a file with a finished cloud; an .npz file is one unless it holds a radar's power."""
     if path.suffix.lower() != ".npz":
         return path.is_file() and path.suffix.lower() in CLOUDS
     try:
@@ -145,7 +145,7 @@ def make_lidar_source(lidar: LidarRecording) -> Source:
 
 
 def place_source(source: Source, trajectory: Trajectory, beam: Beam) -> tuple[Sweeps, list[str]]:
-    """Places a recording under a trajectory.
+    """Places the points of a recording by a trajectory.
 
     Args:
         source: the recording.
@@ -156,7 +156,7 @@ def place_source(source: Source, trajectory: Trajectory, beam: Beam) -> tuple[Sw
         the sweeps, and a note where the trajectory does not cover the whole recording.
 
     Raises:
-        EstimationError: they share no time.
+        EstimationError: the recording and the trajectory share no time.
     """
     sweeps, inside = place_sweeps(source.scans, trajectory, beam)
     missing = len(source.scans) - len(inside)
@@ -209,7 +209,7 @@ def divide_cloud(
         times=(begin_us - stamps[0]) * 1e-6,
         poses=poses,
         travelled=se2.path_lengths(poses),
-        doubt_m=np.zeros(len(present)),  # whoever made the cloud has put its points where they are
+        doubt_m=np.zeros(len(present)),  # the points came placed, so nothing is interpolated
         revolution_s=revolution_s,
         track=track,
         is_finished=True,
@@ -217,7 +217,7 @@ def divide_cloud(
 
 
 def move_cloud(cloud: TimedCloud, given: Trajectory, mended: Trajectory) -> TimedCloud:
-    """Returns a cloud that was made with one trajectory as it would be with another: each point moves with the sensor.
+    """Returns a cloud as it would be with another trajectory: each point moves with the sensor.
 
     Args:
         cloud: points with the times they were measured at.
@@ -236,7 +236,7 @@ def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _check_cover(cloud: TimedCloud, trajectory: Trajectory) -> None:
-    """Raises a DataError where a trajectory does not cover a cloud."""
+    """Raises a DataError if a trajectory does not cover the time span of a cloud."""
     first, last = int(cloud.stamps_us[0]), int(cloud.stamps_us[-1])
     if not trajectory.covers(first, last):
         raise DataError(

@@ -1,11 +1,11 @@
-"""Speeds that the scans themselves contradict: what lies beyond the capture range of inflation is found by a wide search.
+"""Checks the speed of a trajectory with pairs of successive scans, which shows errors too large for a window to measure.
 
-A window's correction is looked for near the trajectory. Beyond a certain distance psi has other minima, in which the window
-stays, and its inflation means nothing there. Two successive scans, searched for each other over all plausible speeds, have
-no such limit.
+A window's correction is searched for near the trajectory. If the trajectory is farther off, the search ends in another
+minimum of psi, and the window's inflation means nothing. Two successive scans are registered over all plausible speeds, so
+this check has no such limit.
 
-In a gap of the trajectory the speed is interpolated, and says nothing about the trajectory. What it does say there is how
-far the gap's ends are apart, which the motions of all scans between, chained, confirm or contradict.
+In a gap of the trajectory the speed is interpolated, and says nothing about the trajectory. There, the trajectory only
+claims how far apart the ends of the gap are. The chained motions of the scans in the gap confirm or contradict that.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ from mqslam.core.engine import Engine
 from mqslam.core.wording import count_of
 from mqslam.execution.progress import Progress
 
-_Shared = tuple[Sweeps, AuditConfig, EstimatorConfig]  # what every motion is compared with
+_Shared = tuple[Sweeps, AuditConfig, EstimatorConfig]  # the same for every compared motion
 
 
 @dataclass(frozen=True, slots=True)
 class CaptureRange:
-    """How wrong a trajectory may be for the test of its windows to measure it.
+    """The largest errors of a trajectory that the tests of its windows and of its speeds can find.
 
     Args:
-        window_m: correction over a window up to which it is surely found [m].
-        speed_mps: the same as an error of the speed [m/s].
-        searched_mps: error of the speed up to which the speed of successive scans is compared [m/s].
+        window_m: largest correction over a window that is surely found [m].
+        speed_mps: the same limit as an error of the speed [m/s].
+        searched_mps: largest error of the speed that is searched for between successive scans [m/s].
     """
 
     window_m: float
@@ -55,12 +55,12 @@ class CaptureRange:
 
 @dataclass(frozen=True, slots=True)
 class SpeedCheck:
-    """The motion between two successive scans, held against the trajectory's.
+    """The motion between two successive scans compared with the trajectory's motion.
 
     Args:
-        error: (3,) what the trajectory's motion lacks, as a mean velocity in the frame of the later scan [m/s, m/s, rad/s].
-        sure: whether the two scans hold every direction and fit nowhere else as well; if the error is beyond the capture
-            range, not where the trajectory has them either.
+        error: (3,) mean velocity that the trajectory's motion lacks, in the frame of the later scan [m/s, m/s, rad/s].
+        sure: whether the two scans constrain every direction and fit nowhere else as well. If the error is beyond the
+            capture range, they must fit clearly worse where the trajectory has them, too.
     """
 
     error: se2.Array
@@ -75,8 +75,8 @@ class SpeedCheck:
 def find_capture_range(revolution_s: float, estimator: EstimatorConfig) -> CaptureRange:
     """Returns the capture range of the windows' test.
 
-    The widest search for a window's best map begins with neighbourhoods of `estimator.s_start`: a correction that moves a
-    window's ends farther against each other moves some points out of each other's neighbourhood.
+    The widest search for a window's best map begins with neighbourhoods of `estimator.s_start`. A correction that moves a
+    window's ends farther than that relative to each other moves some points out of each other's neighbourhood.
 
     Args:
         revolution_s: usual duration of a scan [s].
@@ -103,13 +103,13 @@ def check_speeds(
 ) -> list[SpeedCheck | None]:
     """Compares the motions from given sweeps to the next ones with the trajectory's.
 
-    Where these contradict a speed that is interpolated, the check is sure only if the scans contradict the whole gap, too.
+    Where they contradict an interpolated speed, the check is sure only if the scans of the whole gap contradict it, too.
 
     Args:
         sweeps: points under the trajectory to judge.
-        middles: sweeps, each of which has one after it.
+        middles: the given sweeps, each of which has one after it.
         known: (S,) which sweeps lie in no gap of the trajectory.
-        settings: of the audit.
+        settings: settings of the audit.
         estimator: settings of the score.
         engine: where the motions are compared; the result does not depend on it.
         progress: called as motions are compared.
@@ -139,11 +139,11 @@ def check_speeds(
 def _find_wrong(
     gaps: Sequence[tuple[float, float]], track: Track, shared: _Shared, engine: Engine, progress: Progress
 ) -> set[tuple[float, float]]:
-    """Returns the gaps [s] of a trajectory whose ends the scans between them have farther apart or nearer."""
+    """Returns the gaps [s] whose ends are clearly farther apart, or closer, by the scans than by the trajectory."""
     sweeps, settings, estimator = shared
     inner = {gap: _pick_inside(gap, sweeps.times) for gap in gaps}
     pairs = sorted({begin for begins in inner.values() for begin in begins})
-    curved = replace(sweeps, poses=se2.smooth(track.times, track.poses, sweeps.times))  # as their points are placed there
+    curved = replace(sweeps, poses=se2.smooth(track.times, track.poses, sweeps.times))  # points are placed by this curve
 
     def report(number: int, twist: se2.Array | None) -> None:
         progress("speeds in gaps", number, len(pairs))
@@ -159,7 +159,7 @@ def _find_wrong(
 
 
 def _pick_inside(gap: tuple[float, float], times: NDArray[np.float64]) -> range:
-    """Returns the sweeps from each of which to the next one some of a gap [s] passes."""
+    """Returns the sweeps whose motions to the next sweep overlap a gap [s] in time."""
     first = int(np.searchsorted(times, gap[0], side="right")) - 1
     last = int(np.searchsorted(times, gap[1], side="left"))
     return range(max(first, 0), min(last, len(times) - 1))
@@ -168,13 +168,13 @@ def _pick_inside(gap: tuple[float, float], times: NDArray[np.float64]) -> range:
 def _chain_across(
     gap: tuple[float, float], times: NDArray[np.float64], twists: Mapping[int, se2.Array | None], longest_s: float
 ) -> float | None:
-    """Returns how far the scans say that the ends of a gap are apart [m]; None where they do not show it.
+    """Returns how far apart the ends of a gap are by the chained motions of its scans [m]; None if too many are unknown.
 
     Args:
-        gap: its ends [s].
-        times: (S,) of the sweeps [s].
-        twists: from successive sweeps of the gap to the next ones [m/s, m/s, rad/s], None where they are unknown.
-        longest_s: longest time over which motions may be missing [s]: they are interpolated there, as poses are.
+        gap: begin and end of the gap [s].
+        times: (S,) times of the sweeps [s].
+        twists: mean twists from the sweeps of the gap to the next ones [m/s, m/s, rad/s], None where they are unknown.
+        longest_s: longest time over which unknown motions are interpolated [s].
     """
     known = [k for k, twist in twists.items() if twist is not None]
     middles = (times[known] + times[[k + 1 for k in known]]) / 2.0
@@ -190,7 +190,7 @@ def _chain_across(
 
 
 def _measure_claimed(gap: tuple[float, float], track: Track) -> float:
-    """Returns how far a trajectory has the ends of one of its gaps apart [m]."""
+    """Returns how far apart the ends of a gap are by the trajectory [m]."""
     (a, b) = np.searchsorted(track.times, gap)
     return float(np.hypot(*(track.poses[b] - track.poses[a])[:2]))
 
@@ -207,7 +207,7 @@ def _measure_twist(shared: _Shared, begin: int) -> se2.Array | None:
 
 
 def _check_from(shared: _Shared, begin: int) -> SpeedCheck | None:
-    """Compares the motion from a sweep to the next one."""
+    """Compares the motion from a sweep to the next one with the trajectory's, as `check_speed` does."""
     measured = _register_next(shared, begin)
     return None if measured is None else measured[1]
 
@@ -218,7 +218,7 @@ def check_speed(sweeps: Sweeps, begin: int, settings: AuditConfig, estimator: Es
 
 
 def _register_next(shared: _Shared, begin: int) -> tuple[Registration, SpeedCheck] | None:
-    """Lays the sweep after a given one on it, and compares the motion between the two with the trajectory's."""
+    """Registers the sweep after a given one on it, and compares the motion between the two with the trajectory's."""
     sweeps, settings, estimator = shared
     span_s = measure_span(sweeps, begin)
     reach = compute_far_reach(span_s, settings)
@@ -228,22 +228,22 @@ def _register_next(shared: _Shared, begin: int) -> tuple[Registration, SpeedChec
     if registration is None:
         return None
     check = SpeedCheck(registration.offset / span_s, registration.unrivalled)
-    if contradicts(check, _find_capture(shared)):  # the wide search may lead away
+    if contradicts(check, _find_capture(shared)):  # the wide search may have found a wrong place
         return registration, replace(check, sure=fits_far_better(registration))
     return registration, check
 
 
 def contradicts(check: SpeedCheck | None, capture: CaptureRange) -> bool:
-    """Returns whether two scans surely moved otherwise than the trajectory says, by more than inflation can measure."""
+    """Returns whether two scans surely contradict the trajectory's motion, by more than a window can measure."""
     return check is not None and check.sure and check.error_mps > capture.speed_mps
 
 
 def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange) -> list[Finding]:
-    """Returns what the speeds say about a map; nothing where none of them is sure. Speeds have the limits of windows.
+    """Returns the finding that the speeds of a map give, none if no speed is sure. The limits are those on torn windows.
 
     Args:
-        checks: of all windows.
-        capture: of the windows' test.
+        checks: the speed checks of all windows.
+        capture: the capture range of the windows' test.
     """
     sure = [check for check in checks if check is not None and check.sure]
     if not sure:

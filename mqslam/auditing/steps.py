@@ -1,7 +1,7 @@
-"""Steps: the scans just before a place laid on those just after it, everywhere along the path.
+"""Steps: the scans just after a place are registered on the scans just before it, everywhere along the path.
 
-A jump of the trajectory within one step leaves the map whole on either side of it, so that no twist over a window undoes
-it. The two sides show it, since they are as far off each other as the trajectory jumps.
+A jump of the trajectory within one step leaves the map whole on either side of the jump, so no twist over a window can undo
+it. But the two sides are as far off each other as the trajectory jumps.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from mqslam.core.statistics import correct_for_places, find_usual_scale
 from mqslam.execution.progress import Progress
 from mqslam.psi.score import make_references
 
-# Every how many scans a step is judged.
+# A step is judged every this many scans.
 _EVERY = 2
-# Share of the steps, those that match worst, whose sides are looked for farther apart as well.
+# This share of the steps, those that match worst, is also searched for farther away.
 _DOUBTFUL = 0.1
-_Shared = tuple[Sweeps, AuditConfig, EstimatorConfig]  # what every step is laid with
+_Shared = tuple[Sweeps, AuditConfig, EstimatorConfig]  # the same for every step
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +43,11 @@ class StepAudit:
     """The judgement of one step.
 
     Args:
-        registration: the scans after it laid on those before it; the later frame is that of the first scan after it.
-        t: when it is [s] since the recording's start.
+        registration: the scans after the step on those before it; its later sweep is the first scan after the step.
+        t: time of the step [s] since the recording's start.
         p_value: probability that a step as far off as this shows somewhere in a map without a jump; NaN where its scans do
-            not hold every direction or too few steps show what is usual.
-        lasts: whether the scans farther from it, too, fit better once they are moved as its own are; if they fit worse, a
+            not constrain every direction or too few steps show what is usual.
+        lasts: whether the scans farther from the step fit better with its offset corrected, too; if they fit worse, only a
             few scans are off and the map does not jump.
     """
 
@@ -58,7 +58,7 @@ class StepAudit:
 
     @property
     def judged(self) -> bool:
-        """Whether a jump here would be seen: its two sides fit one place alone, and enough steps show what is usual."""
+        """Whether a jump here would be seen: the two sides fit in one place only, and enough steps show what is usual."""
         return bool(np.isfinite(self.p_value)) and self.registration.unrivalled
 
 
@@ -71,14 +71,14 @@ def audit_steps(
     engine: Engine,
     progress: Progress,
 ) -> list[StepAudit]:
-    """Judges the steps of a map in the order of time; those with too few points on either side are left out.
+    """Judges the steps of a map in the order of time; steps with too few points on either side are left out.
 
     Args:
         sweeps: points under the trajectory to judge.
         known: (S,) which sweeps lie in no gap of the trajectory.
-        settings: of the audit.
+        settings: settings of the audit.
         estimator: settings of the score.
-        chance: probability below which a step is off by more than chance explains.
+        chance: p-value below which a step is off by more than chance explains.
         engine: where the steps are judged; the result does not depend on it.
         progress: called as steps are done.
     """
@@ -111,13 +111,13 @@ def audit_steps(
 
 
 def _lasts(step: Registration, p_value: float, shared: _Shared, chance: float) -> bool:
-    """Returns whether what a step is off by, if that is more than chance explains, shows between the scans around it, too.
+    """Returns whether the offset of a step shows between the scans farther from it, too; true where it may be chance.
 
     Args:
         step: the step.
-        p_value: of the step.
-        shared: what steps are laid with.
-        chance: probability below which it is more than chance explains.
+        p_value: p-value of the step.
+        shared: points, settings of the audit and settings of the score.
+        chance: p-value below which a step is off by more than chance explains.
     """
     sweeps, settings, estimator = shared
     if not (p_value < chance and step.size_m > settings.jump_m):
@@ -136,18 +136,18 @@ def _lasts(step: Registration, p_value: float, shared: _Shared, chance: float) -
 
 
 def compute_p_values(steps: Sequence[Registration]) -> NDArray[np.float64]:
-    """Returns for each step the probability that one as far off shows somewhere in a map without a jump.
+    """Returns for each step the probability that a step as far off shows somewhere in a map without a jump.
 
-    The curvature's covariance of so few scans is too small by a factor that depends on the world, and a trajectory that is
-    noisy everywhere has no jump. The usual step shows both: the variances are scaled per axis until the median step is as
-    far off as it should be. They are never made smaller.
+    psi's curvature gives a covariance that is too small for so few scans, by a factor that depends on the world. And a
+    trajectory that is noisy everywhere has no jump. The median step allows for both: the variances are scaled per axis until
+    they explain how far off it is. They are never made smaller.
 
     Args:
-        steps: of the whole map.
+        steps: all steps of the map.
 
     Returns:
-        (N,) corrected for the number of steps; NaN where the scans do not hold every direction, and where too few steps
-        show what is usual.
+        (N,) p-values, corrected for the number of steps; NaN where the scans do not constrain every direction, and for all
+        steps if too few show what is usual.
     """
     judged = np.array([step.observed for step in steps], dtype=bool)
     p_values = np.full(len(steps), np.nan)
@@ -160,20 +160,20 @@ def compute_p_values(steps: Sequence[Registration]) -> NDArray[np.float64]:
 
 
 def scale_covariances(steps: Sequence[Registration]) -> NDArray[np.float64]:
-    """Returns the covariances (N, 3, 3) of steps, scaled per axis until the median step is as far off as it should be."""
+    """Returns the covariances (N, 3, 3) of steps, scaled per axis until they explain how far off the median step is."""
     offsets = np.array([step.offset for step in steps])
     covariances = np.array([step.covariance for step in steps]) + np.diag(TOLERANCES**2)
     return se2.scale_covariance(covariances, find_usual_scale(offsets**2 / np.einsum("kii->ki", covariances)))
 
 
 def _pick_doubtful(near: Mapping[int, Registration | None]) -> list[int]:
-    """Returns the places in order whose two sides are to be looked for farther apart: a jump may be wider than the search.
+    """Returns the places, in order, to search again in a wider region: a jump may be larger than the near search reaches.
 
-    They are those that fit nowhere near or worse than the others do, and the places up to the next steps, since the scans of
-    a step may lie on both sides of a jump.
+    They are the places whose two sides match poorly or fit elsewhere as well, and the places between them and the next
+    steps, since the scans on one side of a step may lie on both sides of a jump.
 
     Args:
-        near: the step of each place that was laid, in order; None where either side holds too few points.
+        near: the registration at each place, in order; None where either side holds too few points.
     """
     registrations = {place: step for place, step in near.items() if step is not None}
     if not registrations:
@@ -191,14 +191,14 @@ def _pick_doubtful(near: Mapping[int, Registration | None]) -> list[int]:
 def _pick_beside(
     registrations: Mapping[int, Registration], settings: AuditConfig, chance: float
 ) -> list[tuple[int, tuple[float, float]]]:
-    """Returns the places up to the next steps from those that are off by more than chance explains, and where to look there.
+    """Returns the places beside steps that are off by more than chance explains, and how far to search there.
 
-    A step whose scans lie on both sides of a jump shows it, too. The place between two steps may be where it is.
+    A step whose scans on one side lie on both sides of a jump is off, too. The jump itself may lie between two steps.
 
     Args:
-        registrations: the step of each place that was laid.
-        settings: of the audit.
-        chance: probability below which a step is off by more than chance explains.
+        registrations: the registration at each place.
+        settings: settings of the audit.
+        chance: p-value below which a step is off by more than chance explains.
 
     Returns:
         places in order, each with how far off its two sides may be [m], [rad].
@@ -217,30 +217,30 @@ def _pick_beside(
 
 
 def _register_near(shared: _Shared, place: int) -> Registration | None:
-    """Lays the scans from a place on upon those before it, near where the trajectory has them."""
+    """Registers the two sides of a step, near where the trajectory has them."""
     settings = shared[1]
     return _register_step(shared, place, (settings.search_m, settings.search_rad))
 
 
 def _register_far(shared: _Shared, place: int) -> Registration | None:
-    """Lays the same as far away as any plausible speed leads; returns None where they do not fit far better there."""
+    """Registers the two sides of a step as far away as any plausible speed leads; None unless they fit far better there."""
     sweeps, settings, _ = shared
     registration = _register_step(shared, place, compute_far_reach(measure_span(sweeps, place - 1), settings))
     return registration if registration is not None and fits_far_better(registration) else None
 
 
 def _register_beside(shared: _Shared, item: tuple[int, tuple[float, float]]) -> Registration | None:
-    """Lays the same beside a step that is off, as far away as it may be there."""
+    """Registers the two sides of a step at a place beside another step that is off, within the given reach."""
     place, reach = item
     return _register_step(shared, place, reach)
 
 
 def _register_step(shared: _Shared, place: int, reach: tuple[float, float]) -> Registration | None:
-    """Lays the scans from a place on upon those before it, where they may be off by a reach [m], [rad]."""
+    """Registers the scans from a place onwards on the scans before it; they may be off by a reach [m], [rad]."""
     sweeps, settings, estimator = shared
     return register(sweeps, (place - 1, place), pick_sides(place), reach, ask_of_scans(settings), estimator)
 
 
 def pick_sides(place: int) -> tuple[range, range]:
-    """Returns the sweeps before a place and those from it on that a step compares."""
+    """Returns the sweeps on the two sides of a step: the last ones before a place, and the first ones from the place on."""
     return range(place - STEP_SCANS, place), range(place, place + STEP_SCANS)

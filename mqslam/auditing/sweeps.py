@@ -1,4 +1,4 @@
-"""What an audit judges: timed points where a trajectory puts them, sweep by sweep; a sweep of a recording is a scan."""
+"""The points that an audit judges, placed by a trajectory and divided into sweeps; a sweep of a recording is a scan."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ class Sweeps:
     Args:
         points: (N, 2) m, ordered by time.
         covariances: (N, 3) xx, xy, yy [m^2] of each point.
-        turns: (N,) when each point was seen, in sweeps: what one direction saw a sweep later is 1 further on.
+        turns: (N,) time at which each point was seen, in sweeps: the same direction is seen again 1 later.
         begins: (S + 1,) index of every sweep's first point; the last entry is N.
         numbers: (S,) turn at which each sweep starts.
         times: (S,) start of each sweep [s] since the recording's start.
-        poses: (S, 3) pose of the sensor then.
-        travelled: (S,) length of the path so far [m].
-        doubt_m: (S,) how far off the points may be, since poses are interpolated where there is none for every sweep [m].
+        poses: (S, 3) pose of the sensor at the start of each sweep.
+        travelled: (S,) length of the path up to each sweep [m].
+        doubt_m: (S,) how far off the points of each sweep may be because poses are interpolated between given ones [m].
         revolution_s: usual duration of a sweep [s].
-        track: the trajectory as it was given; None for a cloud without one, of which the poses and the path are only those
-            of the middles of its points.
-        is_finished: whether the points came placed, as those of a finished cloud do.
+        track: the trajectory as it was given; None for a cloud without a trajectory, whose poses and path are only those of
+            the middles of its sweeps' points.
+        is_finished: whether the points were placed already, as in a finished cloud.
     """
 
     points: NDArray[np.float64]
@@ -63,7 +63,7 @@ class Sweeps:
         return slice(int(self.begins[begin]), int(self.begins[end]))
 
     def doubt(self, stretches: Iterable[Sequence[int]]) -> float:
-        """Returns how far stretches of sweeps may be off each other, since poses are interpolated [m]."""
+        """Returns how far stretches of sweeps may be off each other because poses are interpolated [m]."""
         return float(sum(self.doubt_m[list(stretch)].max() for stretch in stretches))
 
     def local(self, chosen: Sequence[int], frame: se2.Array) -> PointSet:
@@ -78,18 +78,18 @@ class Sweeps:
 
 
 def place_sweeps(scans: Scans, trajectory: Trajectory, beam: Beam) -> tuple[Sweeps, list[int]]:
-    """Places the returns of a recording under a trajectory.
+    """Places the returns of a recording by a trajectory.
 
     Args:
-        scans: of a radar or a lidar.
+        scans: scans of a radar or a lidar.
         trajectory: poses of the sensor.
         beam: the sensor's errors.
 
     Returns:
-        the sweeps that lie in the trajectory's span, and their indices in `scans`.
+        the sweeps that the trajectory covers, and their indices in `scans`.
 
     Raises:
-        EstimationError: recording and trajectory share no two scans, or hold no returns where they do.
+        EstimationError: the trajectory covers fewer than two scans, or these hold no returns.
     """
     inside = require_covered(scans, trajectory)
     kept = scans.take(inside)
@@ -100,7 +100,7 @@ def place_sweeps(scans: Scans, trajectory: Trajectory, beam: Beam) -> tuple[Swee
     placed = place_scans(kept, track.times, track.poses, beam)
     times = kept.start_times
     numbers = np.array(inside, dtype=np.float64)
-    turns = placed.points.times  # seconds become turns in their place
+    turns = placed.points.times  # changed from seconds to turns in place
     begins = np.concatenate([[0], np.cumsum(counts)])
     for k, (begin, end) in enumerate(pairwise(begins.tolist())):
         turns[begin:end] = numbers[k] + (turns[begin:end] - times[k]) / scans.revolution_s
@@ -123,14 +123,14 @@ def place_sweeps(scans: Scans, trajectory: Trajectory, beam: Beam) -> tuple[Swee
 
 
 def require_covered(scans: Scans, trajectory: Trajectory) -> list[int]:
-    """Returns the indices of the scans that a trajectory covers, of which there must be two.
+    """Returns the indices of the scans that a trajectory covers, of which there must be at least two.
 
     Args:
-        scans: of a recording.
+        scans: scans of a recording.
         trajectory: poses of the sensor.
 
     Raises:
-        EstimationError: there are fewer.
+        EstimationError: the trajectory covers fewer than two scans.
     """
     inside = find_covered(scans, trajectory)
     if len(inside) == 1:
@@ -149,7 +149,7 @@ def require_covered(scans: Scans, trajectory: Trajectory) -> list[int]:
 
 
 def find_covered(scans: Scans, trajectory: Trajectory) -> list[int]:
-    """Returns the indices of the scans that a trajectory covers, give or take the slack that the settings allow."""
+    """Returns the indices of the scans that a trajectory covers, with a slack of `_COVERAGE_SLACK` turns at either end."""
     slack_us = round(1e6 * _COVERAGE_SLACK * scans.revolution_s)
     spans = _stamp_spans(scans).tolist()
     return [k for k, (t0, t1) in enumerate(spans) if trajectory.covers(t0, t1, slack_us)]

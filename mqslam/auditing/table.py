@@ -24,10 +24,10 @@ class MapTest:
         name: key of the test in audit.json and summary.json.
         compares: what is compared with what.
         blind: what the test cannot see.
-        tolerance: returns up to how many metres and radians it calls nothing wrong; None where it has no such tolerance.
-        rate: returns the tolerance in words where it is not one of metres and radians.
-        quantities: number of p-values by which it may call a good map bad; they share the rate of false alarms.
-        of_run: whether it judges only runs, of whose making more is known.
+        tolerance: returns up to how many metres and radians the test tolerates; None where it has no such tolerance.
+        rate: the tolerance in words where it is not one of metres and radians, else an addition to it.
+        quantities: number of p-values by which the test may call a good map bad; all of them share the rate of false alarms.
+        of_run: whether the test judges only runs, of which more is known.
     """
 
     name: str
@@ -39,7 +39,7 @@ class MapTest:
     of_run: bool = False
 
     def describe_tolerance(self, settings: AuditConfig) -> str:
-        """Returns in words what the test tolerates."""
+        """Returns the tolerance of the test in words."""
         if self.tolerance is None:
             return self.rate
         metres, radians = self.tolerance(settings)
@@ -47,8 +47,8 @@ class MapTest:
         return f"{metres:.2g} m{turn}{self.rate}"
 
 
-_SPAN: Final = 1.5  # tolerance of a span, in steps: it is known from farther away
-_ROW: Final = 0.4  # tolerance of the mean of revisits that agree, as a share of that of a single one
+_SPAN: Final = 1.5  # tolerance of a span over that of a step: its ends are farther apart
+_ROW: Final = 0.4  # tolerance of the mean of revisits that agree, as a share of the tolerance of a single revisit
 
 SCALE_WARN: Final = 0.002
 """Distances or directions that are off by a larger share than this are worth a look [m/m]."""
@@ -76,7 +76,7 @@ def tolerate_span(settings: AuditConfig) -> tuple[float, None]:
 
 
 def tolerate_sum(settings: AuditConfig) -> tuple[float, float]:
-    """Returns by how many metres and radians the end of several spans in a row may be off their begin."""
+    """Returns by how many metres and radians the end of several spans in a row may be off from their begin."""
     return settings.torn_m, 0.5 * settings.torn_rad
 
 
@@ -86,7 +86,7 @@ def tolerate_revisit(settings: AuditConfig) -> tuple[float, float]:
 
 
 def tolerate_row(settings: AuditConfig) -> float:
-    """Returns by how many metres revisits in a row, which agree, may be off in the mean."""
+    """Returns by how many metres the mean offset of revisits in a row that agree may be off."""
     return _ROW * settings.torn_m
 
 
@@ -163,7 +163,7 @@ TESTS: Final = (
     ),
     MapTest(
         "sums",
-        "60, 120 and 240 m of path, added up of spans",
+        "sums of successive spans over 60, 120 and 240 m of path",
         "drift over more than that",
         tolerate_sum,
         quantities=1,
@@ -183,7 +183,7 @@ TESTS: Final = (
         quantities=1,
     ),
 )
-"""All tests, in the order in which a fault that one finds explains those of the next ones."""
+"""All tests, in such an order that a fault that one test finds may explain the faults that later ones find."""
 
 _ORDER: Final = {test.name: number for number, test in enumerate(TESTS)}
 _QUANTITIES: Final = sum(test.quantities for test in TESTS)
@@ -199,10 +199,10 @@ def apply_tolerance(settings: AuditConfig, limits: VerdictConfig) -> AuditConfig
 
 
 def share_of_false_alarms(limits: VerdictConfig) -> float:
-    """Returns the probability with which each quantity that is tested by a p-value may call a good map bad."""
+    """Returns the probability with which each single p-value (see `MapTest.quantities`) may call a good map bad."""
     return limits.false_alarms / _QUANTITIES
 
 
 def sort_tests(found: Mapping[str, list[_Found]]) -> dict[str, list[_Found]]:
-    """Returns what each test has found, without those that found nothing, in the order of the table."""
+    """Returns the findings of each test in the order of the table, without tests that have none."""
     return {name: found[name] for name in sorted(found, key=_ORDER.__getitem__) if found[name]}

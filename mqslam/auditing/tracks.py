@@ -1,6 +1,6 @@
-"""The trajectory that a map is judged under, itself: where it has no poses, where it jumps, and what it does not cover.
+"""Tests of a trajectory by its poses alone: where poses are missing, where it jumps, and which scans it does not cover.
 
-These tests come before all others: what they find is a fault of the trajectory that no window could tell.
+These tests come before all others: they find faults of the trajectory that no window could show.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ _JUMP_MPS2 = 9.81
 # A single step of a trajectory is a jump in yaw only if it takes a larger angular acceleration than this [rad/s^2], which
 # is beyond what a robot that turns on the spot reaches.
 _JUMP_RADPS2 = 10.0
-# A jump differs from the steps around it by this many times what the largest difference of the other steps is, so that
-# noise of the poses is no jump.
+# A jump differs from the steps around it by more than this many times the largest such difference of the other steps, so
+# that noise of the poses is no jump.
 _JUMP_FACTOR = 3.0
-# Jumps are looked for among steps above this quantile of the differences from the steps around them.
+# Only steps whose difference from the steps around them lies above this quantile of all differences may be jumps.
 _JUMP_QUANTILE = 0.9
-# A trajectory that covers no pose of a larger share of scans than this is worth a look: its stamps may not be the
+# A trajectory that leaves a larger share of the scans than this uncovered is worth a look: its stamps may not fit the
 # recording's.
 _UNCOVERED_WARN = 0.5
-# A trajectory without a pose for a larger share of scans than this covers only a part of the recording, which is worth a
-# look: nothing is known of the rest. The first poses of a SLAM may be missing.
+# A trajectory that leaves a larger share of the scans than this uncovered covers only a part of the recording. That is worth
+# a look: nothing is known of the rest. A smaller share is tolerated, since a SLAM may lack its first poses.
 _PART_WARN = 0.1
 
-_LISTED: Final = 3  # stretches or jumps that a sentence names one by one, so that it stays readable
+_LISTED: Final = 3  # a sentence names at most this many stretches or jumps, so that it stays readable
 _MOST: Final = 0.5  # by definition: most scans are more than half of them
-_CLOSE_TURNS: Final = 0.5  # by definition: the pose that is nearest to a scan is its own within half a turn
-_LONGEST_TURNS: Final = 1.5  # by definition: poses for every scan lie a turn apart, and every second one is missing at two
-_INSIDE: Final = np.array([0.25, 0.5, 0.75])  # numerical: where between two poses curve and chord are compared
-_SIDE: Final = 2  # steps before and as many after one that it is compared with: their median survives one wrong step
+_CLOSE_TURNS: Final = 0.5  # by definition: a scan has a pose of its own if one lies within half a turn of it
+_LONGEST_TURNS: Final = 1.5  # by definition: poses of all scans lie one turn apart, poses of every second scan two
+_INSIDE: Final = np.array([0.25, 0.5, 0.75])  # numerical: shares of the way between two poses at which the curve is checked
+_SIDE: Final = 2  # a step is compared with this many steps on either side: their median survives one wrong step
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,13 +50,13 @@ class Track:
     """The poses of a trajectory as they were given, before anything was interpolated.
 
     Args:
-        times: (M,) of the poses [s] since the recording's start, increasing.
-        poses: (M, 3) of the sensor, world frame.
+        times: (M,) times of the poses [s] since the recording's start, increasing.
+        poses: (M, 3) poses of the sensor, world frame.
         scans: number of scans of the recording.
         uncovered: how many of these the trajectory does not cover.
-        extrinsics: (3,) x, y [m], yaw [rad] of the sensor in the frame of which the trajectory was given; None where they
-            cannot be chosen.
-        time_offset_s: what was added to the stamps of the trajectory as it was given [s]; None where it cannot be chosen.
+        extrinsics: (3,) x, y [m], yaw [rad] of the sensor in the frame whose poses the given trajectory holds; None where
+            the user cannot choose them.
+        time_offset_s: time that was added to the stamps of the given trajectory [s]; None where the user cannot choose it.
     """
 
     times: NDArray[np.float64]
@@ -72,9 +72,9 @@ class Jump:
     """A single step of a trajectory that no vehicle can make.
 
     Args:
-        t0, t1: when it begins and ends [s] since the recording's start.
-        distance_m: how far it leads away from where its neighbours would have led [m].
-        angle_rad: how far it turns beyond what its neighbours would have turned [rad].
+        t0, t1: times at which the step begins and ends [s] since the recording's start.
+        distance_m: distance from where the median motion of its neighbours would have led [m].
+        angle_rad: difference to the turn that the median motion of its neighbours would have made [rad].
     """
 
     t0: float
@@ -84,13 +84,13 @@ class Jump:
 
 
 def judge_track(track: Track, times: NDArray[np.float64], revolution_s: float, settings: AuditConfig) -> list[Finding]:
-    """Returns what is wrong with a trajectory itself; nothing where nothing is.
+    """Returns the findings about a trajectory itself: missing poses and jumps. There are none if it has no such fault.
 
     Args:
         track: the trajectory.
-        times: (S,) starts of the scans that it covers [s] since the recording's start.
+        times: (S,) starts of the scans that the trajectory covers [s] since the recording's start.
         revolution_s: usual duration of a scan [s].
-        settings: of the audit.
+        settings: settings of the audit.
     """
     findings = _judge_cover(track)
     span_s = WINDOW * revolution_s
@@ -116,15 +116,14 @@ def judge_track(track: Track, times: NDArray[np.float64], revolution_s: float, s
 
 
 def mark_interpolated(track: Track, times: NDArray[np.float64], revolution_s: float) -> NDArray[np.bool_]:
-    """Marks the scans (S,) that lie between two poses farther apart than a window is long, and at neither of the two.
+    """Marks the scans (S,) in gaps: between two poses farther apart than a window is long, and close to neither pose.
 
-    Where a recording itself has a gap, no scan lies in it, and none is marked.
+    A gap of the recording itself contains no scan, so none is marked there.
 
     Args:
         track: the trajectory.
         times: (S,) starts of the scans [s] since the recording's start.
         revolution_s: usual duration of a scan [s].
-        settings: of the audit.
     """
     if len(track.times) < 2:
         return np.zeros(len(times), dtype=np.bool_)
@@ -136,17 +135,17 @@ def mark_interpolated(track: Track, times: NDArray[np.float64], revolution_s: fl
 
 
 def measure_doubt(track: Track, times: NDArray[np.float64], revolution_s: float, range_m: float) -> NDArray[np.float64]:
-    """Returns how far off (S,) points may be that scans put on the map, since poses are interpolated [m].
+    """Returns how far off (S,) the points of each scan may be because poses are interpolated [m].
 
-    Between two poses the sensor is taken to move on a smooth curve (`se2.smooth`). How far the curve leaves the straight
-    way at a steady rate of turn says how much of the motion is a guess. Nothing is, where every scan has a pose, nor across
-    a pause of the recording that has a pose at either end.
+    Between two poses the sensor is taken to move on a smooth curve (`se2.smooth`). How far this curve differs from a motion
+    with a constant twist (`se2.interpolate`) shows how much of it is a guess. No motion is a guess where every scan has a
+    pose, or across a pause of the recording that has a pose at either end.
 
     Args:
         track: the trajectory.
         times: (S,) starts of the scans [s] since the recording's start.
         revolution_s: usual duration of a scan [s].
-        range_m: root mean square of the distances of points [m], at which a yaw that is off moves them.
+        range_m: root mean square distance of the points from the sensor [m], at which an error of the yaw moves them.
     """
     if len(track.times) < 3:
         return np.zeros(len(times))
@@ -156,12 +155,12 @@ def measure_doubt(track: Track, times: NDArray[np.float64], revolution_s: float,
     off = se2.wrapped_between(chord, curve)
     off_m = (np.hypot(off[:, 0], off[:, 1]) + range_m * np.abs(off[:, 2])).reshape(-1, len(_INSIDE)).max(axis=1)
     is_dense = durations <= _LONGEST_TURNS * revolution_s
-    off_m[[0, -1]] *= 2.0  # beyond either end no pose says how the curve goes on
+    off_m[[0, -1]] *= 2.0  # beyond the ends no pose shows how the curve goes on
     own = _have_own_pose(track, times, revolution_s)
     within = _find_steps(track, times[~own])
     is_dense |= ~np.isin(np.arange(len(durations)), within)
     off_m[is_dense] = 0.0
-    first, last = _find_steps(track, times) - 1, _find_steps(track, times + revolution_s) + 1  # the curve needs those beside
+    first, last = _find_steps(track, times) - 1, _find_steps(track, times + revolution_s) + 1  # neighbours shape a curve
     return np.array([off_m[max(a, 0) : b + 1].max() for a, b in zip(first.tolist(), last.tolist(), strict=True)])
 
 
@@ -173,11 +172,11 @@ def _have_own_pose(track: Track, times: NDArray[np.float64], revolution_s: float
 
 
 def judge_doubt(doubt_m: NDArray[np.float64], settings: AuditConfig) -> list[Finding]:
-    """Returns what cannot be judged since poses are too sparse for the turns of a trajectory; nothing where they are not.
+    """Returns a finding on what cannot be judged if poses are too sparse for the turns of a trajectory; else none.
 
     Args:
-        doubt_m: (S,) how far off points may be, since poses are interpolated [m].
-        settings: of the audit.
+        doubt_m: (S,) how far off the points of each scan may be because poses are interpolated [m].
+        settings: settings of the audit.
     """
     unsure = int(np.count_nonzero(doubt_m > settings.jump_m))
     if not unsure:
@@ -188,7 +187,7 @@ def judge_doubt(doubt_m: NDArray[np.float64], settings: AuditConfig) -> list[Fin
 
 
 def find_gaps(track: Track, times: NDArray[np.float64]) -> list[tuple[float, float]]:
-    """Returns the stretches [s] between poses in which given times (S,) [s] lie; stretches that touch are one."""
+    """Returns the stretches [s] between poses in which given times (S,) [s] lie; stretches that touch are joined."""
     gaps: list[tuple[float, float]] = []
     for step in np.unique(_find_steps(track, times)).tolist():
         begin, end = float(track.times[step]), float(track.times[step + 1])
@@ -200,16 +199,16 @@ def find_gaps(track: Track, times: NDArray[np.float64]) -> list[tuple[float, flo
 
 
 def find_jumps(track: Track, longest_s: float, settings: AuditConfig) -> list[Jump]:
-    """Finds steps that no vehicle can make and that stand out of the trajectory's own.
+    """Finds the steps of a trajectory that no vehicle can make and that stand out from its other steps.
 
     A step is compared with the median motion of the two steps before it and the two after it. It is a jump if the
-    difference is beyond the tolerance of a torn revisit, takes an acceleration beyond what the settings allow a vehicle,
-    and stands out of the differences of all steps of this trajectory, which may be noisy.
+    difference exceeds the tolerance of a torn revisit, takes a larger acceleration than a vehicle can have, and stands out
+    from the differences of all steps, since the whole trajectory may be noisy.
 
     Args:
         track: the trajectory.
-        longest_s: steps that take longer than this [s] are gaps; they are no jumps, and nothing is compared with them.
-        settings: of the audit.
+        longest_s: steps that take longer than this [s] are gaps: they are no jumps, and no step is compared with them.
+        settings: settings of the audit.
     """
     knots = se2.select_apart(track.times)
     times, poses = track.times[knots], track.poses[knots]
@@ -235,7 +234,7 @@ def find_jumps(track: Track, longest_s: float, settings: AuditConfig) -> list[Ju
 
 
 def _stand_out(sizes: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Returns which sizes (N,) stand out of the others: among the largest, a wide gap lies between them and the rest."""
+    """Returns which sizes (N,) stand out: those above the first wide gap between successive sizes among the largest."""
     ordered = np.sort(sizes)
     largest = ordered[int(_JUMP_QUANTILE * (len(ordered) - 1)) :]
     gaps = np.flatnonzero(largest[1:] > _JUMP_FACTOR * largest[:-1])
@@ -243,12 +242,12 @@ def _stand_out(sizes: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _find_steps(track: Track, times: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Returns the steps (S,) of the trajectory in which times (S,) [s] lie; the first and the last are continued."""
+    """Returns the steps (S,) of the trajectory in which times (S,) [s] lie; times outside belong to the first or last."""
     return np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, len(track.times) - 2)
 
 
 def _judge_cover(track: Track) -> list[Finding]:
-    """Returns what scans without a pose say: nothing where most have one, and that nothing is judged without a window."""
+    """Returns a finding if a trajectory covers less than half of the scans: `not judged` if they make no window."""
     if track.uncovered <= _UNCOVERED_WARN * track.scans:
         return []
     begin, end = float(track.times[0]), float(track.times[-1])
@@ -262,7 +261,7 @@ def _judge_cover(track: Track) -> list[Finding]:
 
 
 def judge_part(track: Track) -> list[Finding]:
-    """Returns that a trajectory covers only a part of the recording; nothing if it covers almost all, or less than half."""
+    """Returns a finding if a trajectory covers only a part of the scans; none if almost all, or less than half of them."""
     if not _PART_WARN * track.scans < track.uncovered <= _UNCOVERED_WARN * track.scans:
         return []
     begin, end = float(track.times[0]), float(track.times[-1])
@@ -274,7 +273,7 @@ def judge_part(track: Track) -> list[Finding]:
 
 
 def _list_spans(spans: Sequence[tuple[float, float]], last: float) -> str:
-    """Returns stretches [s] in words; one that reaches to the last scan is said to begin only."""
+    """Returns stretches [s] in words; only the begin is named of a stretch that reaches to the last scan."""
     return _join([f"from {a:.1f} s on" if b >= last else f"from {a:.1f} s to {b:.1f} s" for a, b in spans])
 
 

@@ -1,4 +1,4 @@
-"""The verdict on a map and the evidence that it takes: a share of a few windows is uncertain, and a verdict says so."""
+"""The verdict on a map and the evidence it needs: a verdict says so if a share of faults among few windows is uncertain."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from mqslam.core.wording import count_of, join_words
 # Confidence of the exact binomial bounds (Clopper and Pearson) of a share. The lower one must exceed a limit before the
 # share is called too large: at most one in twenty good maps is called bad by chance.
 CONFIDENCE: Final = 0.95
-# A map passes only if a map at the limit of `fail` would have shown more faults with this probability. If no window is torn,
-# that takes 8 windows.
+# A map passes only if a map whose share of faults is at the limit of `fail` would have shown more faults with this
+# probability. If no window is torn, 8 windows are enough to pass.
 _POWER: Final = 0.8
 # A map with a larger share of torn windows than this is worth a look.
 WINDOWS_WARN = 0.05
@@ -25,7 +25,7 @@ WINDOWS_FAIL = 0.2
 
 
 class VerdictStatus(StrEnum):
-    """The verdict on a map, of a run and of an audit alike."""
+    """The possible verdicts on a map, whether a run or an audit gives them."""
 
     PASS = "pass"
     WARN = "warn"
@@ -33,20 +33,20 @@ class VerdictStatus(StrEnum):
     NOT_JUDGED = "not judged"
 
 
-_ROUNDING: Final = 1e-9  # numerical: the bounds are roots of a function and as exact as that
+_ROUNDING: Final = 1e-9  # numerical: allows for the rounding errors of the bounds
 GRAVEST_FIRST: Final = (VerdictStatus.FAIL, VerdictStatus.WARN, VerdictStatus.NOT_JUDGED, VerdictStatus.PASS)
-"""The verdicts in the order in which one decides over another."""
+"""All verdicts, the gravest first. The gravest verdict of any test is the verdict on the map."""
 
 
 @dataclass(frozen=True, slots=True)
 class Share:
     """The share of windows, revisits or scans that have a fault.
 
-    Each is taken as an independent draw from all that the sensor could have recorded there.
+    Each of them is taken as an independent sample of all that the sensor could have recorded there.
 
     Args:
-        count: number of those with the fault.
-        total: number of all.
+        count: number of windows, revisits or scans with the fault.
+        total: number of all of them.
     """
 
     count: int
@@ -87,7 +87,7 @@ class Share:
 
 
 class Cause(IntEnum):
-    """What may be wrong with a trajectory or a recording. Each explains what the next ones would be found for, too."""
+    """What may be wrong with a trajectory or a recording. Each cause also explains the findings of the causes after it."""
 
     NO_POSES = auto()
     FRAME = auto()
@@ -114,10 +114,10 @@ class Finding:
     Args:
         status: the verdict that the test alone would give.
         reason: what was found, how much and where.
-        judged: whether the test could judge anything; one that could not holds nothing against a map.
-        p_value: probability that a good map shows something as bad anywhere; None where the test gives none.
-        cause: what would explain the finding; None where nothing is known to.
-        explanation: the cause in words, with what mends it.
+        judged: whether the test could judge anything; if not, it counts as passed.
+        p_value: probability that a good map shows a fault as large as this anywhere; None where the test gives none.
+        cause: the cause that would explain the finding; None where no cause is known.
+        explanation: the cause in words, and how to mend it.
     """
 
     status: VerdictStatus
@@ -133,8 +133,8 @@ class Verdict(NamedTuple):
 
     Args:
         status: the gravest of all findings.
-        diagnosis: what is most likely wrong, and what mends it; of a map that passes, how many tests found no fault.
-        reasons: what was found, the gravest first; of a map that does not pass, only what is held against it.
+        diagnosis: what is most likely wrong and how to mend it; for a map that passes, how many tests found no fault.
+        reasons: the reasons of the findings, the gravest first; for a map that does not pass, only of findings that did not.
     """
 
     status: VerdictStatus
@@ -166,7 +166,7 @@ def verdict_of(tests: Mapping[str, Sequence[Finding]]) -> Verdict:
     if not explained:
         return Verdict(status, shown[0], shown)
     first = min(explained, key=_rank_cause)
-    if first.cause is not None and first.cause < Cause.STAMPS:  # such a trajectory asks for corrections that mend nothing
+    if first.cause is not None and first.cause < Cause.STAMPS:  # then no other stamps, mount or scale mend anything
         shown = [f.reason for f in judged if f.status is not VerdictStatus.PASS and not _is_correction(f)]
     return Verdict(status, first.explanation, shown)
 
@@ -177,9 +177,9 @@ def _is_correction(finding: Finding) -> bool:
 
 
 def _rank_cause(finding: Finding) -> tuple[int, int, int]:
-    """Returns the rank of the cause of a finding that has one.
+    """Returns the rank of a finding that has a cause; the finding of the lowest rank explains the others.
 
-    Of jumps, bends and drift none explains the others, so that the gravest comes first.
+    Jumps, bends and drift do not explain one another, so the gravest finding among them comes first.
     """
     assert finding.cause is not None
     return min(finding.cause, Cause.JUMP), GRAVEST_FIRST.index(finding.status), finding.cause

@@ -1,1 +1,1 @@
-"""Mending: the corrections that an audit asks for, put into the trajectory through a pose graph."""
+"""Mending: corrects a trajectory by what its audit has found, in a pose graph."""

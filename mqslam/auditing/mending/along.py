@@ -1,8 +1,8 @@
-"""Ties along the path: places a little apart laid on each other, before any loop is looked for.
+"""Ties along the path: registrations of places a little apart, which correct psi's motions before any loop is searched for.
 
-Odometry matches a scan to a map that was made by its own errors, so that a scan that was turned wrongly turns all later
-ones. What an audit would measure shows it: the scans before every place laid on those after it, and the two ends of every
-span. The motions are straightened by both. They are no surer for it, since the ties are of the same returns, and a tie
+Odometry matches a scan to a map that contains its own errors, so a scan with a wrong yaw turns all later ones. The
+registrations that an audit would make show such errors: those of the two sides of every step and of the two ends of every
+span. Both correct the motions. The motions become no surer by this, since the ties come from the same returns, and a tie
 counts for no more than the motions between its ends.
 """
 
@@ -31,22 +31,22 @@ from mqslam.execution.kept import ALONG
 from mqslam.execution.runner import Runner
 from mqslam.psi.place import Beam
 
-_CHANCE: Final = 1e-3  # steps that are off by more than this probability explains are looked at beside, too
-_DENSER: Final = 3  # an audit needs few spans to show what is wrong; so many times as many leave less to chance
+_CHANCE: Final = 1e-3  # steps with a smaller p-value than this are registered at the places beside them, too
+_DENSER: Final = 3  # factor on the number of an audit's spans, which are enough to show a fault: more leave less to chance
 
 
 def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Beam, runner: Runner) -> list[Loop]:
-    """Measures where psi has scans that are a few scans, or some tens of metres, apart on the path.
+    """Measures by psi the motions between scans that are a few scans, or some tens of metres, apart on the path.
 
     Args:
-        scans: of the recording.
-        trajectory: poses of all of them.
-        config: all settings; those of the audit say what is laid on what.
+        scans: scans of the recording.
+        trajectory: poses of all scans.
+        config: all settings; those of the audit say what is registered.
         beam: the sensor's errors.
-        runner: where scans are laid; the result does not depend on it.
+        runner: where scans are registered; the result does not depend on it.
 
     Returns:
-        the motions between such scans, first those across steps and then those through spans.
+        the motions, first those across steps and then those through spans.
     """
     sweeps, inside = place_sweeps(scans, trajectory, beam)
     known = np.ones(len(sweeps), dtype=np.bool_)
@@ -64,14 +64,14 @@ def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Be
 def straighten(
     measurements: Sequence[Measurement], scans: Scans, config: Config, beam: Beam, runner: Runner
 ) -> list[Measurement]:
-    """Returns psi's motions between successive scans as the ties along the path correct them, as sure as they were.
+    """Returns psi's motions between successive scans, corrected by ties along the path; their covariances stay the same.
 
     Args:
-        measurements: psi's motions.
-        scans: of the recording.
+        measurements: psi's motions between successive scans.
+        scans: scans of the recording.
         config: all settings.
         beam: the sensor's errors.
-        runner: where scans are laid; it keeps the ties.
+        runner: where scans are registered; it stores the ties.
     """
     alone = Problem(measurements, [])
     track = Trajectory(scans.stamps_us, alone.solve_poses([]))
@@ -82,14 +82,14 @@ def straighten(
 
 
 def weigh_ties(ties: Sequence[Loop], motions: Sequence[Measurement]) -> list[Loop]:
-    """Returns ties that are as uncertain as the motions between their ends add up to.
+    """Returns the ties, each with the covariance of the chained motions between its ends.
 
-    Both are measured from the same returns, and what errs in both (other faces of objects, seen from elsewhere) is in no
-    curvature of psi: where returns have little noise, ties seem far surer than they are.
+    Both are measured from the same returns. psi's curvature does not show the errors that both have (other faces of objects,
+    seen from elsewhere), so where returns have little noise, ties would seem far surer than they are.
 
     Args:
-        ties: between scans of one path.
-        motions: between its successive scans.
+        ties: ties between scans of one path.
+        motions: motions between its successive scans.
     """
     steps = [Relative(motion.pose, motion.covariance) for motion in motions]
     return [replace(tie, covariance=reduce(compose_relatives, steps[tie.earlier : tie.later]).covariance) for tie in ties]

@@ -1,4 +1,4 @@
-"""What an audit has measured, as it enters a pose graph: ties from windows and steps, loops from revisits, and noise."""
+"""Converts the measurements of an audit for a pose graph: ties from windows, steps and spans, loops from revisits, noise."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from mqslam.core.measurement import Loop
 from mqslam.core.statistics import MEDIAN_OF_CHI2
 from mqslam.execution.progress import Progress
 
-_LINE_MISS: Final = 0.2  # by definition: variance by which the ends of a line through a random walk miss the walk's ends
-_ANYWHERE_M2: Final = 1e6  # numerical: variance of a position [m^2] of which nothing is known
+_LINE_MISS: Final = 0.2  # by definition: share of a random walk's variance that a line through the walk misses at its ends
+_ANYWHERE_M2: Final = 1e6  # numerical: variance of an unknown position [m^2]
 _LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the noise of steps that agree exactly from being singular
 
 
 def tie_windows(audit: Audit, sweeps: Sweeps, jumps: Collection[int], *, torn: bool = False) -> list[Tie]:
-    """Returns the motions through windows as psi has them, from each one's first sweep to its last.
+    """Returns the motions through windows by psi, from the first sweep of each window to its last.
 
-    Windows of which nothing was decided, that hold a jump or whose speed is beyond what they can measure are left out: no
-    twist describes these.
+    Windows that are undecided, that hold a jump, or whose error of speed is beyond what they can measure are left out: no
+    twist describes them.
 
     Args:
-        audit: of the trajectory.
-        sweeps: points under it.
-        jumps: sweeps that a jump leads to.
+        audit: audit of the trajectory.
+        sweeps: points under the trajectory.
+        jumps: the first sweeps after jumps.
         torn: whether only windows that are torn are taken.
     """
     return [
@@ -57,7 +57,7 @@ def tie_windows(audit: Audit, sweeps: Sweeps, jumps: Collection[int], *, torn: b
 def _tie_window(window: WindowAudit, sweeps: Sweeps) -> Tie:
     """Returns the motion from a window's first sweep to its last, with the window's correction."""
     a, b, numbers = window.begin, window.end - 1, sweeps.numbers
-    frame = sweeps.poses[(window.begin + window.end) // 2]  # as `centre_window` has it
+    frame = sweeps.poses[(window.begin + window.end) // 2]  # the frame that `centre_window` takes
     middle = 0.5 * (numbers[a] + numbers[b] + 1.0)
     twist = window.bend.correction / (window.end - window.begin)
     first, last = (se2.compose(twist * (numbers[k] - middle), se2.between(frame, sweeps.poses[k])) for k in (a, b))
@@ -68,11 +68,11 @@ def _tie_window(window: WindowAudit, sweeps: Sweeps) -> Tie:
 
 
 def allow_for_walk(ties: Sequence[Tie], variances: NDArray[np.float64]) -> list[Tie]:
-    """Returns the motions through windows with what a constant twist misses where the errors of steps come and go.
+    """Returns the ties of windows with larger covariances: a constant twist misses a part of the varying errors of steps.
 
     Args:
-        ties: of windows.
-        variances: (3,) of the error of a step.
+        ties: ties of windows.
+        variances: (3,) variances of the error of a step.
     """
     return [tie._replace(covariance=tie.covariance + _LINE_MISS * (tie.b - tie.a) * np.diag(variances)) for tie in ties]
 
@@ -80,16 +80,16 @@ def allow_for_walk(ties: Sequence[Tie], variances: NDArray[np.float64]) -> list[
 def allow_for_turns(
     variances: NDArray[np.float64], steps: se2.Array, places: Sequence[int], misses: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Returns the variances (N, 3) of steps with what the scans show of the errors of their yaw.
+    """Returns the variances (N, 3) of steps, enlarged by the errors of their yaw that the scans show.
 
-    Wheels know little of how they turn a robot on the spot, so that one variance does not fit all of its steps. Where in a
-    step the yaw goes wrong is not known, so that its end may be off to a side by as much as the whole step is turned.
+    Wheels show little of how a robot turns on the spot, so one variance does not fit all of its steps. It is not known where
+    in a step the yaw goes wrong, so the end of the step may be off to a side as if the whole step were turned.
 
     Args:
-        variances: (N, 3) of the errors of steps.
+        variances: (N, 3) variances of the errors of steps.
         steps: (N, 3) motions from each scan to the next.
-        places: (K,) which steps the scans show to be turned.
-        misses: (K, 3) by how much what the scans show is beyond these.
+        places: (K,) numbers of the steps whose turns the scans show.
+        misses: (K, 3) differences between the motions by the scans and these steps.
     """
     wider = variances.copy()
     lengths = np.hypot(*steps[places, :2].T)
@@ -98,17 +98,17 @@ def allow_for_turns(
 
 
 def tie_steps(steps: Sequence[StepAudit], sweeps: Sweeps, jumps: Collection[int]) -> dict[int, Tie]:
-    """Returns the motions across steps as psi has them, from the middle of the scans before to that of those after.
+    """Returns the motions across steps by psi, from the middle scan before each step to the middle scan after it.
 
-    Steps that are not sure are left out, and those of which either side holds a jump.
+    Steps that are not sure are left out, and steps with a jump within either side, too.
 
     Args:
-        steps: of the trajectory.
-        sweeps: points under it.
-        jumps: sweeps that a jump leads to.
+        steps: steps of the trajectory.
+        sweeps: points under the trajectory.
+        jumps: the first sweeps after jumps.
 
     Returns:
-        ties by the first sweep after the step.
+        the ties, by the first sweep after the step.
     """
     judged = [step.registration for step in steps if np.isfinite(step.p_value)]
     if not judged:
@@ -121,12 +121,12 @@ def tie_steps(steps: Sequence[StepAudit], sweeps: Sweeps, jumps: Collection[int]
 
 
 def tie_spans(spans: Sequence[SpanAudit], sweeps: Sweeps, jumps: Collection[int]) -> list[Tie]:
-    """Returns the motions through spans as psi has them, but for spans that hold a jump, which is put in where it is.
+    """Returns the motions through spans by psi. Spans that hold a jump are left out, since the jump has a tie of its own.
 
     Args:
-        spans: of the trajectory.
-        sweeps: points under it.
-        jumps: sweeps that a jump leads to.
+        spans: spans of the trajectory.
+        sweeps: points under the trajectory.
+        jumps: the first sweeps after jumps.
     """
     return [
         _tie_step(span.registration, span.covariance, sweeps, 0)
@@ -144,14 +144,14 @@ def _holds_any(registration: Registration, jumps: Collection[int]) -> bool:
 def lay_successive(
     sweeps: Sweeps, settings: AuditConfig, estimator: EstimatorConfig, engine: Engine, progress: Progress
 ) -> list[Registration]:
-    """Lays every scan on the one before it; returns those that hold every direction.
+    """Registers every scan on the one before it; returns the registrations that constrain every direction.
 
     Args:
         sweeps: points under a trajectory.
-        settings: of the audit.
+        settings: settings of the audit.
         estimator: settings of the score.
-        engine: where scans are laid; the result does not depend on it.
-        progress: called as scans are laid.
+        engine: where scans are registered; the result does not depend on it.
+        progress: called as scans are registered.
     """
     places = list(range(1, len(sweeps)))
 
@@ -163,20 +163,20 @@ def lay_successive(
 
 
 def _lay_scan(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], place: int) -> Registration | None:
-    """Lays a scan on the one before it."""
+    """Registers a scan on the one before it."""
     sweeps, settings, estimator = shared
     reach = settings.search_m, settings.search_rad
     return register(sweeps, (place - 1, place), ([place - 1], [place]), reach, ask_of_single_scans(settings), estimator)
 
 
 def tie_scans(pairs: Sequence[Registration], sweeps: Sweeps) -> list[Tie]:
-    """Returns by how much the sensor turns from scans to the next ones, as psi has it.
+    """Returns the turns of the sensor between successive scans by psi, as ties that leave the position unknown.
 
-    Single scans show the yaw better than odometry does, but slide along corridors, so that nothing is said of the position.
+    Single scans show the yaw better than odometry does, but slide along corridors, so their positions are not used.
 
     Args:
-        pairs: scans, each laid on the one before it.
-        sweeps: points under the trajectory that they were laid under.
+        pairs: registrations of scans on the scans before them.
+        sweeps: points under the trajectory of the registrations.
     """
     if not pairs:
         return []
@@ -188,7 +188,7 @@ def tie_scans(pairs: Sequence[Registration], sweeps: Sweeps) -> list[Tie]:
 
 
 def _tie_step(registration: Registration, covariance: NDArray[np.float64], sweeps: Sweeps, half: int) -> Tie:
-    """Returns the motion across a step between the middles of the scans on either side."""
+    """Returns the motion across a registration, from `half` scans before its earlier scan to `half` after its later one."""
     a, b = registration.earlier - half, registration.later + half
     before = se2.between(sweeps.poses[a], sweeps.poses[registration.earlier])
     place = se2.compose(se2.compose(before, registration.between), registration.offset)
@@ -200,10 +200,10 @@ def _tie_step(registration: Registration, covariance: NDArray[np.float64], sweep
 
 
 def as_loop(judged: RevisitAudit, sweeps: Sweeps) -> Loop:
-    """Returns a revisit as a loop, as sure as it was measured, whatever the trajectory claims to know.
+    """Returns a revisit as a loop with the covariance of its measurement, without the one that the trajectory states.
 
     Args:
-        judged: two passes of one place.
+        judged: the judged revisit.
         sweeps: points under the trajectory that was audited.
     """
     revisit = judged.revisit
@@ -218,15 +218,15 @@ def as_loop(judged: RevisitAudit, sweeps: Sweeps) -> Loop:
 def keep_plausible(
     ties: Sequence[Tie], misses: NDArray[np.float64], walks: NDArray[np.float64], probability: float
 ) -> list[Tie]:
-    """Returns the ties that the errors of the steps between their ends explain; of others the yaw, where it is explained.
+    """Returns the ties that the errors of the steps between their ends explain. If only the yaw is explained, it is kept.
 
-    Scans of a corridor fit as well somewhere else along it, but nowhere at another angle.
+    Scans of a corridor also fit elsewhere along the corridor, but at no other angle.
 
     Args:
         ties: measured motions.
-        misses: (K, 3) by how much they are beyond the chained steps.
-        walks: (K, 3) variances of the steps' errors between their ends.
-        probability: of a chi-square quantile that a plausible difference does not exceed.
+        misses: (K, 3) differences between the ties and the chained steps.
+        walks: (K, 3) variances of the steps' errors, added up between the ends of each tie.
+        probability: probability of the chi-square quantile that a plausible difference does not exceed.
     """
     kept = []
     for tie, miss, walk in zip(ties, misses, walks, strict=True):
@@ -239,21 +239,21 @@ def keep_plausible(
 
 
 def _keep_yaw(tie: Tie) -> Tie:
-    """Returns a tie that says nothing of the position."""
+    """Returns a tie with the same yaw and an unknown position."""
     return tie._replace(covariance=tie.covariance + np.diag([_ANYWHERE_M2, _ANYWHERE_M2, 0.0]))
 
 
 def measure_misses(ties: Sequence[Tie], chain: se2.Array) -> NDArray[np.float64]:
-    """Returns by how much (K, 3) ties are beyond a chain of poses (N, 3), each in the frame of its earlier scan."""
+    """Returns the differences (K, 3) between ties and a chain of poses (N, 3), each in the frame of its earlier scan."""
     return np.array([se2.subtract(tie.pose, se2.between(chain[tie.a], chain[tie.b])) for tie in ties]).reshape(-1, 3)
 
 
 def estimate_variances(ties: Sequence[Tie], misses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the variances (3,) of the error of a step, robustly: all that windows miss is taken to be noise of the steps.
+    """Estimates the variances (3,) of the error of a step robustly: all differences to windows count as noise of the steps.
 
     Args:
-        ties: of windows.
-        misses: (K, 3) by how much they are beyond the chained steps.
+        ties: ties of windows.
+        misses: (K, 3) differences between the ties and the chained steps.
     """
     if not ties:
         return np.full(3, _LEAST_VARIANCE)

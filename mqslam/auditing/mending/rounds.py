@@ -1,11 +1,11 @@
-"""A trajectory mended by its own audit, in rounds: each puts in what the audit of the round before has found.
+"""Mends a trajectory by its own audit in rounds: each one puts the findings of the audit before it into a pose graph.
 
-The steps of the given trajectory are the odometry of a pose graph, but for biases that all of the map asks for. Jumps, torn
-windows and torn spans are replaced by the motions that psi has there. Where too many windows are torn, the odometry is
-noisy: all windows and steps tie the scans near each other, and successive scans laid on each other show how the sensor
-turns. That is what odometry knows least, so that its steps are no surer of it than they agree with the scans. Revisits that
-are sure, and that agree with each other, are its loops. A trajectory that is off by more than the search for revisits
-reaches shows few of them, and more once it is mended: hence the rounds. A trajectory that passes is left as it is.
+The steps of the given trajectory are the odometry of the pose graph, corrected for biases of the whole map. Jumps, torn
+windows and torn spans are replaced by psi's motions. If too many windows are torn, the odometry is noisy. Then all windows
+and steps tie nearby scans to each other, and registrations of successive scans show how the sensor turns. Odometry knows
+turns least, so the yaw of its steps counts as no surer than it agrees with the scans. Revisits that are sure and agree with
+each other are the loops. A trajectory that is off by more than the search for revisits reaches shows few of them, and more
+once it is mended: hence the rounds. A trajectory that passes is left as it is.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ from mqslam.core.engine import Engine
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.progress import Progress
 
-# Most rounds of mending a trajectory and auditing it again. A further round follows only if the mended trajectory does not
-# pass yet, but lays more revisits on each other than the one before or has fewer torn windows.
+# Largest number of rounds of mending a trajectory and auditing it again. A further round follows only if the mended
+# trajectory does not pass yet, but has more whole revisits or fewer torn windows than the one before.
 _ROUNDS = 5
 
 
@@ -54,8 +54,8 @@ class AuditedTrajectory:
 
     Args:
         trajectory: poses of the sensor.
-        sweeps: points under it.
-        audit: what they show.
+        sweeps: points under the trajectory.
+        audit: the audit of these points.
     """
 
     trajectory: Trajectory
@@ -74,22 +74,22 @@ class AuditedTrajectory:
 
     @property
     def rank(self) -> tuple[int, int, int]:
-        """How bad the map is: its verdict first, then how few revisits are whole, then how many windows are torn."""
+        """How bad the map is: by its verdict, then by how few revisits are whole, then by how many windows are torn."""
         return -GRAVEST_FIRST.index(self.audit.verdict.status), -self.whole, self.torn
 
 
 @dataclass(frozen=True)
 class Mended:
-    """A mended trajectory.
+    """The result of mending a trajectory.
 
     Args:
-        result: the mended trajectory and its audit; that which was given where nothing is to be mended.
-        rounds: number of rounds that were made.
-        ties: number of motions near each other on the path that the result's graph holds.
-        loops: number of revisits that it holds.
-        moved_m: how far a pose of the result is from where it was given, at most [m].
-        stretch: how many times as long its path is as that which was given.
-        is_worse: whether it is judged worse than what was given.
+        result: the mended trajectory and its audit; the given ones where nothing is to be mended.
+        rounds: number of rounds that led to the result.
+        ties: number of ties between nearby scans in the result's pose graph.
+        loops: number of revisits in the result's pose graph.
+        moved_m: largest distance of a pose of the result from where it was given [m].
+        stretch: length of the path of the result over that of the given trajectory.
+        is_worse: whether the result is judged worse than the given trajectory.
     """
 
     result: AuditedTrajectory
@@ -111,19 +111,19 @@ def mend(
 ) -> Mended:
     """Mends a trajectory by its audit.
 
-    The mended trajectory has the stamps of the given one: between the scans it moves as the given one does, what is rendered
-    with it keeps its detail, and in a gap nothing is made up.
+    The mended trajectory has the stamps of the given one. Between the scans it moves as the given one does, so a map that is
+    rendered with it keeps its detail, and nothing is made up in a gap.
 
     Args:
         given: the trajectory and its audit.
         place: returns the points under a trajectory with the same stamps.
         judge: returns the audit of points.
         config: all settings.
-        engine: where scans are laid on each other; the result does not depend on it.
-        progress: called as scans are laid.
+        engine: where scans are registered; the result does not depend on it.
+        progress: called as scans are registered.
 
     Returns:
-        The best of all rounds, in which the first pose is where it was given.
+        The best result of all rounds; its first pose is where it was given.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.
@@ -147,17 +147,17 @@ def mend(
         if mended.whole <= current.whole and mended.torn >= current.torn:
             break
         current = mended
-    assert best is not None  # there is one round at least
+    assert best is not None  # there is at least one round
     return best
 
 
 def carry(given: Trajectory, sweeps: Sweeps, poses: se2.Array) -> Trajectory:
-    """Returns a trajectory whose poses are moved as those of the scans beside them are.
+    """Returns a trajectory whose poses are moved as the mended poses of the scans around them are.
 
     Args:
         given: the trajectory.
-        sweeps: points under it.
-        poses: (S, 3) of the sweeps, mended.
+        sweeps: points under the trajectory.
+        poses: (S, 3) mended poses of the sweeps.
     """
     assert sweeps.track is not None
     times, before, own = sweeps.times, sweeps.poses, sweeps.track.times
@@ -172,13 +172,13 @@ def carry(given: Trajectory, sweeps: Sweeps, poses: se2.Array) -> Trajectory:
 
 
 class _Mender:
-    """What stays the same in all rounds.
+    """Mends a trajectory in rounds. It keeps what stays the same in all rounds: steps, noise, jumps and torn places.
 
     Args:
         given: the trajectory and its audit.
         config: all settings.
-        engine: where scans are laid on each other; the result does not depend on it.
-        progress: called as scans are laid.
+        engine: where scans are registered; the result does not depend on it.
+        progress: called as scans are registered.
     """
 
     def __init__(self, given: AuditedTrajectory, config: Config, engine: Engine, progress: Progress) -> None:
@@ -196,8 +196,8 @@ class _Mender:
             for step in given.audit.jumps
             if not self._is_noisy or np.hypot(*step.registration.offset[:2]) > config.audit.jump_m
         }
-        self._across: dict[int, Tie] = {}  # jumps, as the last round that is sure of each has measured it
-        self._pairs: dict[int, Registration] = {}  # successive scans as the round has laid them in which they fit best
+        self._across: dict[int, Tie] = {}  # ties across jumps, each by the last round that is sure of it
+        self._pairs: dict[int, Registration] = {}  # registrations of successive scans, by the round of their best fit
         windows = tie_windows(given.audit, given.sweeps, self._jumps)
         self._torn = tie_windows(given.audit, given.sweeps, self._jumps, torn=True)
         bent = [] if self._is_noisy else [span for span in given.audit.spans if span.torn]  # noise bends every span a little
@@ -211,7 +211,7 @@ class _Mender:
         return not (self._torn or self._bent or given.jumps or self._is_biased or torn)
 
     def solve(self, current: AuditedTrajectory) -> tuple[se2.Array, int, int]:
-        """Returns the poses (S, 3) of the sweeps with what an audit has found, and how many ties and loops hold them."""
+        """Solves the pose graph of an audit; returns the poses (S, 3) of the sweeps and the numbers of ties and loops."""
         config, audit, sweeps = self._config, current.audit, current.sweeps
         jumps = {step.registration.later for step in audit.jumps}
         across = tie_steps(audit.steps, sweeps, jumps)
@@ -236,7 +236,7 @@ class _Mender:
         return poses, len(ties), len(kept)
 
     def _tie_scans(self, sweeps: Sweeps) -> list[Tie]:
-        """Returns how the sensor turns from scans to the next ones, as the round has it in which they fit best."""
+        """Returns the turns between successive scans as ties, each by the round in which the two scans fit best."""
         settings = self._config.audit, self._config.estimator
         for pair in lay_successive(sweeps, *settings, self._engine, self._progress):
             best = self._pairs.get(pair.earlier)
@@ -255,14 +255,14 @@ class _Mender:
         return variances
 
     def _keep_plausible(self, ties: list[Tie], variances: NDArray[np.float64]) -> list[Tie]:
-        """Returns what the errors of the steps, of variances (S - 1, 3), explain of ties."""
+        """Returns the ties, or their yaw alone, that the errors of the steps, of variances (S - 1, 3), explain."""
         walks = np.array([variances[tie.a : tie.b].sum(axis=0) for tie in ties]).reshape(-1, 3)
         misses = measure_misses(ties, self._chain)
         return keep_plausible(ties, misses, walks, PROBABILITY)
 
 
 def _take_out(steps: se2.Array, bias: NDArray[np.float64]) -> se2.Array:
-    """Returns steps (N, 3) with what they lack per metre (3,): forward, to the left, and of yaw."""
+    """Returns steps (N, 3) corrected for a bias per metre (3,): forward, to the left and in yaw."""
     forward, left, turn = bias
     x, y, yaw = steps.T
     return np.column_stack([x + forward * x - left * y, y + forward * y + left * x, yaw + turn * np.hypot(x, y)])

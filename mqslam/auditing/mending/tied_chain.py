@@ -1,4 +1,4 @@
-"""A trajectory and what corrects it: its own steps as odometry, measured poses of scans near each other, and loops."""
+"""The pose graph that mends a trajectory: its own steps as odometry, measured ties between nearby scans, and loops."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from mqslam.core import se2
 from mqslam.core.measurement import Loop
 from mqslam.factors.between import loop_between, psi_between
 
-_ROUNDS: Final = 5  # numerical: rounds in which the scale of the errors is learnt from the loops; it settles in fewer
+_ROUNDS: Final = 5  # numerical: most rounds in which the scale of the errors is learnt from the loops; it settles in fewer
 _SETTLED: Final = 1.1  # numerical: a scale that grows by less than this factor has settled
-_MEDIAN: Final = float(chi2.ppf(0.5, 3))  # by definition: of a loop's distance, squared, in its standard deviations
+_MEDIAN: Final = float(chi2.ppf(0.5, 3))  # by definition: median of a loop's squared distance in units of its covariance
 
 
 class Tie(NamedTuple):
-    """The pose of a scan in the frame of one shortly before it, as it was measured.
+    """The measured pose of a scan in the frame of a scan shortly before it.
 
     Args:
         a, b: numbers of the earlier and the later scan.
@@ -40,13 +40,13 @@ class Tie(NamedTuple):
 
 @dataclass(frozen=True)
 class TiedChain:
-    """Steps of a trajectory, and ties between its scans.
+    """A pose graph of the steps of a trajectory and of ties between its scans, to which loops can be added.
 
     Args:
-        steps: (N - 1, 3) motions from each scan to the next, as the trajectory has them [m, m, rad].
-        variances: (N - 1, 3) of these motions' errors, in the frames that they begin in.
-        ties: measured poses.
-        initial: (N, 3) poses to start from; the first is held.
+        steps: (N - 1, 3) motions from each scan to the next by the trajectory [m, m, rad].
+        variances: (N - 1, 3) variances of the errors of these motions, in the frames that they begin in.
+        ties: measured poses of scans in the frames of earlier ones.
+        initial: (N, 3) poses to start from; the first one is held fixed.
         least_path_m: path [m] within which two loops are neighbours, which must agree.
     """
 
@@ -57,10 +57,10 @@ class TiedChain:
     least_path_m: float
 
     def solve(self, loops: Sequence[Loop]) -> tuple[se2.Array, list[Loop]]:
-        """Returns the poses (N, 3) that steps, ties and those loops lead to that agree with each other, and these loops.
+        """Returns the poses (N, 3), optimised over steps, ties and the loops that agree with each other, and these loops.
 
-        Errors that grow slowly show in loops alone. Where loops are farther off than the errors of steps and ties explain,
-        all of these errors are taken to be larger by as much.
+        Errors that grow slowly show only in loops. If the loops are farther off than the errors of steps and ties explain,
+        the variances of all of these errors are scaled up by as much.
 
         Raises:
             EstimationError: the uncertainty of the poses cannot be computed.
@@ -89,7 +89,7 @@ class TiedChain:
         return replace(self, variances=self.variances * factor, ties=ties)
 
     def _optimise(self, loops: Sequence[Loop]) -> Chain:
-        """Returns the poses that steps, ties and given loops lead to, and how sure they are."""
+        """Returns the poses, optimised over steps, ties and given loops, with the graph that tells their covariances."""
         factors = [
             psi_between(X(k), X(k + 1), step, np.diag(own))
             for k, (step, own) in enumerate(zip(self.steps, self.variances, strict=True))

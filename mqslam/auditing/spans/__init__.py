@@ -1,1 +1,1 @@
-"""Spans: scans some path apart, laid on each other, and what they ask for: all of them together, and each alone."""
+"""Spans: registrations of scans some path apart, and the corrections that they ask for, all together and each alone."""

@@ -1,7 +1,7 @@
-"""The delay: by how much the stamps of a trajectory are late, as changes of speed and turns show it.
+"""The delay: by how much the stamps of a trajectory are late, estimated where the speed or the rate of turn changes.
 
-As long as a sensor moves on steadily, a trajectory whose clock is late is right but for where it begins. Where the speed or
-the turning changes between two places, the way between them is not the one that the trajectory has.
+As long as a sensor moves steadily, a late clock only shifts the begin of the whole trajectory. Where the speed or the rate
+of turn changes between two places, the motion between them differs from the trajectory's.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ class Delay:
     """How late the stamps of a trajectory are.
 
     Args:
-        seconds: by how much, less than zero if they are early.
-        sigma: standard deviation [s].
+        seconds: the delay, negative if the stamps are early.
+        sigma: standard deviation of the delay [s].
         p_value: probability that a delay as large as this shows where there is none.
     """
 
@@ -35,7 +35,7 @@ class Delay:
 
 
 def measure_twists(sweeps: Sweeps, about: int) -> NDArray[np.float64]:
-    """Returns the mean twist (S, 3) of the sensor [m/s, m/s, rad/s] over so many sweeps about every one."""
+    """Returns the mean twist (S, 3) of the sensor [m/s, m/s, rad/s] over `about` sweeps around every sweep."""
     count, half = len(sweeps), about // 2
     first = np.maximum(np.arange(count) - half, 0)
     last = np.minimum(np.arange(count) + about - half, count - 1)
@@ -48,16 +48,16 @@ def measure_twists(sweeps: Sweeps, about: int) -> NDArray[np.float64]:
 def estimate_delay(
     spans: Sequence[Registration], offsets: NDArray[np.float64], twists: NDArray[np.float64], *, with_lever: bool
 ) -> Delay:
-    """Returns the delay that spans ask for.
+    """Estimates the delay of a trajectory's stamps from the offsets of spans.
 
-    It is found together with what else moves all of them. It is robust against places that are torn, and its standard
-    deviation is that of a jackknife over parts of the drive.
+    The delay is fitted together with the other errors that move all spans: the biases and the lever arm. The fit is robust
+    against torn places, and the standard deviation is that of a jackknife over parts of the drive.
 
     Args:
-        spans: in the order of time, as many as show a bias.
-        offsets: (N, 3) of them.
-        twists: (S, 3) of the sensor at every sweep, as the trajectory has them.
-        with_lever: whether enough of them turn to tell a delay from a sensor that sits farther ahead.
+        spans: spans in the order of time, enough to show a bias.
+        offsets: (N, 3) offsets of the spans.
+        twists: (S, 3) twists of the sensor at every sweep by the trajectory.
+        with_lever: whether enough spans turn to tell a delay from a sensor that sits farther ahead.
     """
     by_place = [effects.of_direction(spans), *([effects.of_lever(spans)] if with_lever else [])]
     effects_of_place = np.concatenate(by_place, axis=2)

@@ -1,4 +1,4 @@
-"""What biases, a lever arm and a delay do to the offsets of spans: linear effects, as matrices."""
+"""The effects of biases, of a lever arm and of a delay on the offsets of spans: linear, given as matrices."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from mqslam.core import se2
 
 
 def measure_moves(spans: Sequence[Registration]) -> NDArray[np.float64]:
-    """Returns the way (N, 2) [m] from the begin of spans to their end, as seen from there."""
+    """Returns the vectors (N, 2) [m] from the begin of spans to their end, in the frame of the end."""
     return np.array([-se2.inverse(span.between)[:2] for span in spans]).reshape(-1, 2)
 
 
 def resolve(spans: Sequence[Registration], placed: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns offsets of position (N, 2) [m] along the way of their spans and to the left of it (N, 2) [m]."""
+    """Resolves offsets of position (N, 2) [m] along the line from the begin to the end of their spans, and to its left."""
     moves = measure_moves(spans)
     x, y = moves.T
     along = np.column_stack([(moves * placed).sum(axis=1), x * placed[:, 1] - y * placed[:, 0]])
@@ -31,7 +31,7 @@ def of_direction(spans: Sequence[Registration]) -> NDArray[np.float64]:
 
 
 def of_turn(spans: Sequence[Registration]) -> NDArray[np.float64]:
-    """Returns the offsets (N, 3) of spans per bias of the yaw [rad/m]: the end moves sideways by half of the angle, too."""
+    """Returns the offsets (N, 3) of spans per bias of the yaw [rad/m]; the end also moves sideways, by half of the angle."""
     path = np.array([span.path_m for span in spans])
     x, y = measure_moves(spans).T
     return np.column_stack([-0.5 * path * y, 0.5 * path * x, path])
@@ -45,13 +45,13 @@ def of_lever(spans: Sequence[Registration]) -> NDArray[np.float64]:
 
 
 def of_delay(spans: Sequence[Registration], twists: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the offsets (N, 3) of spans per second by which the stamps of the trajectory are late [m/s, m/s, rad/s].
+    """Returns the offsets (N, 3) of spans per second of delay of the trajectory's stamps [m/s, m/s, rad/s].
 
-    The sensor then is, at both ends, where the trajectory has it a little later.
+    If the stamps are late, the sensor is already, at both ends, where the trajectory has it a little later.
 
     Args:
-        spans: N of them.
-        twists: (S, 3) of the sensor at every sweep, as the trajectory has them.
+        spans: N spans.
+        twists: (S, 3) twists of the sensor at every sweep by the trajectory.
     """
     begin = [se2.adjoint(se2.inverse(span.between)) @ twists[span.earlier] for span in spans]
     return np.reshape([twists[span.later] - by for span, by in zip(spans, begin, strict=True)], (-1, 3))

@@ -1,7 +1,7 @@
-"""The lever arm: where the sensor sits, as its turns show it.
+"""The lever arm: where the sensor sits relative to where the trajectory has it, estimated from turns.
 
-A trajectory of something that the sensor is mounted beside, such as a vehicle's base, is right wherever the vehicle drives
-straight on. In a turn the sensor goes another way than the base, by l - R^T l for a lever arm l and a turn R.
+The trajectory of another point of the vehicle, such as its base, fits the sensor wherever the vehicle drives straight on. In
+a turn the motion of the sensor differs from that of the base by l - R^T l, for a lever arm l and a turn R.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from mqslam.auditing.registration import Registration
 from mqslam.auditing.spans import effects
 from mqslam.auditing.spans.robust import fit_effects, judge_by_jackknife
 
-# Fewest turns that show where on the vehicle the sensor sits.
+# At least this many turns are needed to show where on the vehicle the sensor sits.
 _LEVER_TURNS = 3
 
 # A span that turns by more than this [rad] shows where on the vehicle the sensor sits.
@@ -25,11 +25,11 @@ _LEVER_TURN_RAD = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Lever:
-    """Where the sensor sits.
+    """The lever arm of the sensor.
 
     Args:
-        arm: (2,) how far ahead and to the left of where the trajectory has it [m].
-        sigma: (2,) standard deviations.
+        arm: (2,) how far ahead and to the left of where the trajectory has it the sensor sits [m].
+        sigma: (2,) standard deviations of the arm [m].
         p_value: (2,) probability that an arm as long as this shows where there is none.
         turns: number of turns that show it.
     """
@@ -41,7 +41,7 @@ class Lever:
 
 
 def find_turns(spans: Sequence[Registration]) -> list[NDArray[np.int64]]:
-    """Returns the spans of each turn by their indices; none where turns are too few to show where the sensor sits."""
+    """Returns the indices of the spans of each turn; none if too few turns show where the sensor sits."""
     turning = np.flatnonzero(np.abs([span.between[2] for span in spans]) > _LEVER_TURN_RAD)
     turns = np.split(turning, np.flatnonzero(np.diff(turning) > 2) + 1)  # spans of one turn share some of its path
     return turns if len(turns) >= _LEVER_TURNS else []
@@ -50,15 +50,15 @@ def find_turns(spans: Sequence[Registration]) -> list[NDArray[np.int64]]:
 def estimate_lever(
     spans: Sequence[Registration], offsets: NDArray[np.float64], turns: Sequence[NDArray[np.int64]]
 ) -> Lever | None:
-    """Returns the lever arm that turns ask for, or None without any.
+    """Estimates the lever arm from the turns of a map; returns None without turns.
 
-    It is found together with the biases of direction, which the straight spans show. It is robust against places that are
-    torn, and its standard deviation is that of a jackknife over turns.
+    The arm is fitted together with the biases of direction, which the straight spans show. The fit is robust against torn
+    places, and the standard deviation is that of a jackknife over turns.
 
     Args:
-        spans: in the order of time.
-        offsets: (N, 2) of their positions [m], without what a bias of the yaw does.
-        turns: the spans of each turn by their indices.
+        spans: spans in the order of time.
+        offsets: (N, 2) offsets of their positions [m], without the effect of a bias of the yaw.
+        turns: indices of the spans of each turn.
     """
     if not turns:
         return None

@@ -1,10 +1,10 @@
-"""The spans of a map: pairs of places some path apart, of which psi lays the later one on the earlier one.
+"""Measures the spans of a map: pairs of places some path apart, of which the later one is registered on the earlier one.
 
-Laid on each other, scans seem a little closer together than they are, by an amount that does not depend on the path between
-them. The path is therefore long, but no longer than the range at which the sensor sees most things: from farther apart it
-sees other faces of them, which are wrongly laid on each other. That happens within a span as well, and by more than the
-curvature of psi tells. Each span is therefore laid several times, by other scans at its ends. The median counts, and how
-much the repeated measurements differ shows how uncertain it is.
+Registered scans seem a little closer together than they are, by an amount that does not depend on the path between them. A
+span is therefore long, but no longer than the range at which the sensor sees most things: from farther apart it sees other
+faces of objects, which are wrongly matched with each other. Such errors occur within a span as well, and are larger than
+psi's curvature tells. Each span is therefore measured several times, with other scans at its ends. The median counts, and
+the differences between the repeated measurements show how uncertain it is.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from mqslam.core.stored import release
 from mqslam.execution.progress import Progress
 from mqslam.mapping.keyframing import pick_spaced
 
-# Such scans less than this apart [m] show no scale: laid on each other, they seem closer than they are by a few
-# centimetres, whatever the path between them.
+# Spans shorter than this [m] show no scale: registered scans seem closer together than they are by a few centimetres,
+# whatever the path between them.
 _SPAN_LEAST_M = 15.0
-# Path [m] between scans that show what the whole map asks for together, such as a scale; less where half of what the sensor
-# sees is nearer than this.
+# Length of a span [m]: the path between the scans that are registered. It is shorter if half of the points are seen at
+# shorter ranges than this.
 SPAN_M = 30.0
-# Path from one such pair of scans to the next, as a share of the path between the two.
+# Path from the begin of one span to the begin of the next, as a share of the length of a span.
 _EVERY = 0.5
 
-_SWEEPS: Final = 500  # sweeps whose ranges are in memory at a time: a matter of memory only
+_SWEEPS: Final = 500  # number of sweeps whose ranges are computed at a time: a matter of memory only
 
 
 def register_spans(
@@ -48,16 +48,16 @@ def register_spans(
     progress: Progress,
     denser: float = 1.0,
 ) -> list[Registration]:
-    """Lays the spans of a map; returns in the order of time those that hold every direction and lead away from a place.
+    """Registers the spans of a map; returns in order those that constrain every direction and whose ends are well apart.
 
     Args:
         sweeps: points under the trajectory to judge.
         known: (S,) which sweeps lie in no gap of the trajectory.
-        settings: of the audit.
+        settings: settings of the audit.
         estimator: settings of the score.
-        engine: where spans are laid; the result does not depend on it.
+        engine: where spans are registered; the result does not depend on it.
         progress: called as spans are done.
-        denser: how many times as many spans as usual are laid.
+        denser: factor on the usual number of spans.
     """
     span_m = fit_to_reach(sweeps)
     if span_m < _SPAN_LEAST_M:
@@ -77,13 +77,13 @@ def _leads_away(span: Registration, span_m: float) -> bool:
 
 
 def fit_to_reach(sweeps: Sweeps) -> float:
-    """Returns the length of spans [m]: no longer than the range beyond which half of the points are seen."""
+    """Returns the length of spans [m]: no longer than the median range of the points."""
     usual_m = find_median(lambda: _list_ranges(sweeps))
     return SPAN_M if np.isnan(usual_m) else min(SPAN_M, usual_m)
 
 
 def _list_ranges(sweeps: Sweeps) -> Iterator[NDArray[np.float64]]:
-    """Yields the distances [m] of points from where their sweeps began, those of some sweeps at a time."""
+    """Yields the distances [m] of points from the sensor at the start of their sweeps, for some sweeps at a time."""
     for begin in range(0, len(sweeps), _SWEEPS):
         end = min(begin + _SWEEPS, len(sweeps))
         of_sweep = np.repeat(np.arange(begin, end), np.diff(sweeps.begins[begin : end + 1]))
@@ -95,9 +95,9 @@ def find_spans(travelled: NDArray[np.float64], span_m: float, denser: float = 1.
     """Finds pairs of sweeps (earlier, later) with the path of a span between them, evenly spread over the path.
 
     Args:
-        travelled: (N,) length of the path so far [m].
+        travelled: (N,) length of the path up to each sweep [m].
         span_m: length of a span [m].
-        denser: how many times as many spans as usual there are.
+        denser: factor on the usual number of spans.
     """
     half = STEP_SCANS // 2
     last = len(travelled) - 1 - half
@@ -111,7 +111,7 @@ def find_spans(travelled: NDArray[np.float64], span_m: float, denser: float = 1.
 def _register_span(
     shared: tuple[Sweeps, NDArray[np.bool_], float, AuditConfig, EstimatorConfig], pair: tuple[int, int]
 ) -> Registration | None:
-    """Lays a span, by the scans at its ends and by those before and after these; None where the first are of no use."""
+    """Registers a span by the scans at its ends and by those before and after them; None if its ends are not usable."""
     sweeps, known, span_m, settings, estimator = shared
     reach = settings.search_m, settings.search_rad
     registration = register(sweeps, pair, pick_ends(pair), reach, settings, estimator)
@@ -134,7 +134,7 @@ def _is_there(stretch: range, known: NDArray[np.bool_]) -> bool:
 
 
 def _carry_over(look: Registration, registration: Registration, sweeps: Sweeps) -> se2.Array:
-    """Returns the offset (3,) that a span has by a look from beside its ends, as the trajectory ties both together."""
+    """Returns the offset (3,) of a span that a registration beside its ends shows, carried over along the trajectory."""
     seen = se2.compose(look.between, look.offset)
     begin = se2.between(sweeps.poses[registration.earlier], sweeps.poses[look.earlier])
     end = se2.between(sweeps.poses[look.later], sweeps.poses[registration.later])

@@ -1,8 +1,8 @@
-"""Pooled corrections: what all of a map asks for together.
+"""Pooled corrections: errors that are the same all along a drive, estimated from all spans of the map together.
 
-A trajectory whose scale, direction of travel or yaw rate is off by little is off by little everywhere, which no place alone
-shows to matter. The spans show it, and all along the drive they agree. A trajectory of something beside the sensor is off in
-turns only, and there all of them agree as well. One whose stamps are late is off where the motion changes.
+A small error of a trajectory's scale, direction of travel or yaw rate is small everywhere, so no single place shows that it
+matters. But all spans along the drive agree on it. The trajectory of a point beside the sensor is off only in turns, and
+there all spans agree as well. A trajectory with late stamps is off where the motion changes.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from mqslam.auditing.spans.lever import Lever, estimate_lever, find_turns
 from mqslam.auditing.spans.robust import HUBER, judge_by_jackknife, measure_spread, split_into_blocks
 from mqslam.backend.submaps import COMMON_DRIFT_RAD
 
-# Fewest such pairs that show a bias, or how far off such a pair usually is.
+# At least this many spans are needed to show a bias, or how far off a span usually is.
 SPAN_FEWEST = 15
 
-_FEWEST: Final = 10  # a spread of fewer places may be small by chance
-_COMMON_YAW: Final = COMMON_DRIFT_RAD / 10.0  # [rad] over the root of a metre: the graph's is over that of 100 m
+_FEWEST: Final = 10  # the spread of fewer spans may be small by chance
+_COMMON_YAW: Final = COMMON_DRIFT_RAD / 10.0  # [rad] per root of a metre; COMMON_DRIFT_RAD is per root of 100 m
 
 
 @dataclass(frozen=True, slots=True)
 class Pooled:
-    """What all of a map asks for together, per metre of path.
+    """The corrections that all spans of a map ask for together.
 
     Args:
-        bias: (3,) how much the trajectory has too little forward [m/m], to the left [m/m], and of yaw to the left [rad/m].
-        sigma: (3,) standard deviations.
+        bias: (3,) motion that the trajectory lacks forward [m/m], to the left [m/m] and in yaw to the left [rad/m].
+        sigma: (3,) standard deviations of the bias.
         p_value: (3,) probability that a bias as large as this shows where there is none.
-        spans: number of places that show it.
+        spans: number of spans that show it.
         delay: how late the stamps of the trajectory are.
-        lever: where the sensor sits as its turns show it; None where too few turns do.
+        lever: lever arm of the sensor; None where too few turns show it.
     """
 
     bias: NDArray[np.float64]
@@ -51,11 +51,11 @@ class Pooled:
 
 
 def pool(spans: Sequence[Registration], twists: NDArray[np.float64]) -> Pooled | None:
-    """Returns what spans ask for together, or None where they are too few.
+    """Estimates the corrections that all spans ask for together; returns None where they are too few.
 
     Args:
-        spans: in the order of time.
-        twists: (S, 3) of the sensor at every sweep, as the trajectory has them [m/s, m/s, rad/s].
+        spans: spans in the order of time.
+        twists: (S, 3) twists of the sensor at every sweep by the trajectory [m/s, m/s, rad/s].
     """
     if len(spans) < max(SPAN_FEWEST, _FEWEST):
         return None
@@ -82,14 +82,14 @@ def predict_offsets(
     lever: Lever | None,
     delay: Delay | None,
 ) -> NDArray[np.float64]:
-    """Returns the offsets (N, 3) that spans have by what is wrong everywhere.
+    """Returns the offsets (N, 3) of spans that follow from given errors of the whole trajectory.
 
     Args:
-        spans: N of them.
-        twists: (S, 3) of the sensor at every sweep, as the trajectory has them [m/s, m/s, rad/s].
-        bias: (3,) of the trajectory.
-        lever: where the sensor sits, if that is elsewhere than the trajectory has it.
-        delay: how late its stamps are, if they are.
+        spans: N spans.
+        twists: (S, 3) twists of the sensor at every sweep by the trajectory [m/s, m/s, rad/s].
+        bias: (3,) bias of the trajectory.
+        lever: lever arm of the sensor; None where there is none.
+        delay: delay of the trajectory's stamps; None where there is none.
     """
     offsets = bias[2] * effects.of_turn(spans)
     offsets[:, :2] += effects.of_direction(spans) @ bias[:2]
@@ -103,13 +103,13 @@ def predict_offsets(
 def _estimate(lengths: NDArray[np.float64], offsets: NDArray[np.float64], common: float = 0.0) -> tuple[float, float, float]:
     """Returns the slope of offsets over lengths, its standard deviation and its p-value.
 
-    The slope is robust against places that are torn, and its standard deviation is that of a jackknife over parts of the
-    drive, joined with what all parts may get wrong together.
+    The slope is robust against torn places. Its standard deviation combines that of a jackknife over parts of the drive with
+    that of an error which all parts have in common.
 
     Args:
-        lengths: (N,) of the spans [m].
-        offsets: (N,) what they ask for.
-        common: standard deviation of what they may ask for together where nothing is wrong, over the sum of their lengths.
+        lengths: (N,) lengths of the spans [m].
+        offsets: (N,) offsets of the spans along one axis.
+        common: standard deviation of the common error, added up over the lengths of all spans.
     """
     slope = _fit(lengths, offsets)
     blocks = split_into_blocks(len(lengths))
@@ -119,7 +119,7 @@ def _estimate(lengths: NDArray[np.float64], offsets: NDArray[np.float64], common
 
 
 def _fit(lengths: NDArray[np.float64], offsets: NDArray[np.float64]) -> float:
-    """Returns the slope of a line through the origin, by Huber's loss."""
+    """Returns the slope of a line through the origin, fitted by Huber's loss."""
     start = float(np.median(offsets / lengths))
     spread = measure_spread(offsets - start * lengths)
 

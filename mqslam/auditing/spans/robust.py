@@ -1,4 +1,4 @@
-"""What robust fits to spans share."""
+"""Robust fits to the offsets of spans, and their standard deviations by a jackknife."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from scipy.stats import t as student
 from mqslam.core.statistics import SIGMAS_PER_DEVIATION
 
 HUBER: Final = 1.345
-"""By definition: standard deviations beyond which a place pulls no harder, for 95 % efficiency."""
-_BLOCKS: Final = 20  # parts of a long drive: more would hardly know their own spread any better
-_FITS: Final = 3  # numerical: after the second one the spread hardly changes
+"""By definition: places that are off by more standard deviations than this pull no harder, for 95 % efficiency."""
+_BLOCKS: Final = 20  # number of parts of a long drive: more parts would hardly show the spread any better
+_FITS: Final = 3  # numerical: number of fits; after the second one the spread hardly changes
 _LEAST: Final = 1e-12  # numerical: keeps quotients finite where all places agree to the last digit
 
 
 def measure_spread(misses: NDArray[np.float64]) -> float:
-    """Returns the standard deviation of misses about zero, by their median size."""
+    """Returns the robust standard deviation of residuals about zero, from their median size."""
     return max(float(np.median(np.abs(misses))) * SIGMAS_PER_DEVIATION, _LEAST)
 
 
 def fit_effects(design: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the parameters (Q,) whose effects fit offsets best, by Huber's loss, and by the spread of what is left over.
+    """Returns the parameters (Q,) whose effects fit offsets best, by Huber's loss in units of the residuals' spread.
 
     Args:
         design: (N, D, Q) effects of the parameters.
-        offsets: (N, D); each of the D directions has a spread of its own.
+        offsets: (N, D) offsets; the residuals of each of the D directions have a spread of their own.
     """
     found = np.zeros(design.shape[2])
     for _ in range(_FITS):
@@ -42,10 +42,10 @@ def fit_effects(design: NDArray[np.float64], offsets: NDArray[np.float64]) -> ND
 
 
 def split_into_blocks(count: int) -> list[NDArray[np.int64]]:
-    """Returns the indices of so many spans in blocks, each of which a jackknife leaves out once.
+    """Returns the indices of `count` spans in blocks, each of which a jackknife leaves out once.
 
-    Errors of places beside each other are alike, and two spans in a row share half of their path. A block therefore holds
-    two of them at least, and more in a long drive.
+    Errors of places beside each other are alike, and two spans in a row share half of their path. A block therefore holds at
+    least two spans, and more in a long drive.
     """
     return np.array_split(np.arange(count), int(np.clip(count // 2, 2, _BLOCKS)))
 
@@ -53,11 +53,11 @@ def split_into_blocks(count: int) -> list[NDArray[np.int64]]:
 def judge_by_jackknife(
     found: NDArray[np.float64], without: NDArray[np.float64], common: float = 0.0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the standard deviations (Q,) and p-values (Q,) of what a fit has found.
+    """Returns the standard deviations (Q,) and p-values (Q,) of fitted parameters.
 
     Args:
-        found: (Q,) by all places.
-        without: (B, Q) by all but those of each of B parts.
+        found: (Q,) parameters fitted to all places.
+        without: (B, Q) parameters fitted without each of B parts.
         common: standard deviation of an error that all places have in common, which their spread does not show.
     """
     parts = len(without)

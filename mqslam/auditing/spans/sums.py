@@ -1,7 +1,7 @@
-"""Sums of successive spans: a trajectory that bends by little in every span, and by much over many of them.
+"""Sums of successive spans, which find a trajectory that bends little in every span, but much over many of them.
 
-Each span may be off by less than is tolerated, while all of them are off to the same side. Spans that follow each other are
-therefore added up over 60 to 240 m of path.
+Each span may be off by less than is tolerated while all of them are off to the same side. Successive spans are therefore
+added up over 60 to 240 m of path.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from mqslam.core import se2
 from mqslam.core.statistics import compute_p_values, correct_for_places
 
 LENGTHS_M: Final = (60.0, 120.0, 240.0)
-"""Lengths of path over which spans are added up [m]: a bend of any length fills half of one at least."""
-_LARGEST_GAP: Final = 0.5  # path between two successive spans of which nothing is measured, as a share of a span
+"""Lengths of path over which spans are added up [m]: a bend of any length fills at least half of one of them."""
+_LARGEST_GAP: Final = 0.5  # most path between two successive spans that no span measures, as a share of a span
 _OVERLAP: Final = (
-    0.1  # path that two successive spans may share, since scans are not spaced as spans are, as a share of a span
+    0.1  # most path that two successive spans may share, as a share of a span: scans are not spaced as spans are
 )
 
 
 @dataclass(frozen=True, slots=True)
 class SumAudit:
-    """The judgement of spans that follow each other, added up.
+    """The judgement of a sum of successive spans.
 
     Args:
-        t0, t1: when the first one begins and the last one ends [s] since the recording's start.
-        path_m: length of the path between [m].
-        offset: (3,) where psi has the end against where the trajectory has it, in the frame of the end [m, m, rad].
-        covariance: (3, 3) of the offset, with what psi drifts by.
+        t0, t1: times at which the first span begins and the last one ends [s] since the recording's start.
+        path_m: length of the path between the two [m].
+        offset: (3,) pose of the end by psi relative to its pose by the trajectory, in the frame of the end [m, m, rad].
+        covariance: (3, 3) covariance of the offset, with the drift of psi itself.
         p_value: probability that a sum as far off as this shows somewhere in a good map.
-        torn: whether it is off by more than chance explains and than is tolerated.
+        torn: whether it is off by more than chance explains and by more than is tolerated.
     """
 
     t0: float
@@ -51,7 +51,7 @@ class SumAudit:
 
     @property
     def distance_m(self) -> float:
-        """How far its end is off [m]."""
+        """How far the end of the sum is off [m]."""
         return float(np.hypot(self.offset[0], self.offset[1]))
 
 
@@ -59,10 +59,10 @@ def audit_sums(spans: Sequence[SpanAudit], sweeps: Sweeps, settings: AuditConfig
     """Judges the sums of successive spans.
 
     Args:
-        spans: of a map, in the order of time; none is judged where their p-values are unknown.
+        spans: spans of a map in the order of time; those without a p-value are left out.
         sweeps: points under the trajectory to judge.
-        settings: of the audit, which say what is tolerated.
-        limits: of the verdict.
+        settings: settings of the audit, which say what is tolerated.
+        limits: settings of the verdict.
     """
     judged = [span for span in spans if np.isfinite(span.p_value)]
     chains = _list_chains(judged, sweeps.travelled)
@@ -89,7 +89,7 @@ def audit_sums(spans: Sequence[SpanAudit], sweeps: Sweeps, settings: AuditConfig
 
 
 def find_bends(sums: Sequence[SumAudit]) -> list[SumAudit]:
-    """Returns of torn sums that overlap the one that chance explains least, in the order of time."""
+    """Returns the torn sums in the order of time; of those that overlap, only the one with the smallest p-value."""
     bends: list[SumAudit] = []
     for one in sorted((one for one in sums if one.torn), key=lambda one: one.p_value):
         if all(one.t1 <= other.t0 or other.t1 <= one.t0 for other in bends):
@@ -98,7 +98,7 @@ def find_bends(sums: Sequence[SumAudit]) -> list[SumAudit]:
 
 
 def _list_chains(spans: Sequence[SpanAudit], travelled: NDArray[np.float64]) -> list[list[SpanAudit]]:
-    """Returns the spans that follow each other from each span on, for each length that they reach."""
+    """Returns the chains of successive spans: from each span on, one chain for each of the lengths that it reaches."""
     begins_m = travelled[[span.registration.earlier for span in spans]]
     return [chain for span in spans for chain in _follow(span, spans, begins_m, travelled)]
 
@@ -106,7 +106,7 @@ def _list_chains(spans: Sequence[SpanAudit], travelled: NDArray[np.float64]) -> 
 def _follow(
     first: SpanAudit, spans: Sequence[SpanAudit], begins_m: NDArray[np.float64], travelled: NDArray[np.float64]
 ) -> Iterator[list[SpanAudit]]:
-    """Yields the spans that follow each other from one of N spans on, which begin after some path (N,) [m]."""
+    """Yields the chains of successive spans from `first` on; all N spans begin after some path `begins_m` (N,) [m]."""
     chain = [first]
     for length_m in LENGTHS_M:
         while _measure_path(chain, travelled) < length_m - 0.5 * chain[-1].registration.path_m:
@@ -125,7 +125,7 @@ def _measure_path(chain: Sequence[SpanAudit], travelled: NDArray[np.float64]) ->
 
 
 def _add_up(chain: Sequence[SpanAudit], sweeps: Sweeps) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns by how much (3,) the end of successive spans is off, in its own frame, and the covariance (3, 3) of that."""
+    """Returns the offset (3,) of the end of a chain of spans, in the frame of the end, and its covariance (3, 3)."""
     end = sweeps.poses[chain[-1].registration.later]
     levers = [se2.adjoint(se2.between(end, sweeps.poses[span.registration.later])) for span in chain]
     offset = sum((lever @ span.offset for lever, span in zip(levers, chain, strict=True)), np.zeros(3))

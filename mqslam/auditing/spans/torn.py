@@ -1,6 +1,6 @@
-"""Torn spans: places where a trajectory is off by more than what all of the map asks for.
+"""Torn spans: places where a trajectory is off by more than the corrections of the whole map explain.
 
-A stretch of path that is too long or too short, or bent, by little in every window shows in the scans at its ends.
+A stretch of path may be stretched or bent by too little for any window to show it. The scans at its ends show it.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from mqslam.core import se2
 from mqslam.core.statistics import compute_p_values, correct_for_places, find_trimmed_scale
 
 _TURNED: Final = 2.0
-"""Times the tolerance that a turn may move points: psi's own yaw over a span errs by a fifth of a degree at times."""
+"""A turn may move points by this many tolerances: psi's own yaw over a span is at times wrong by a fifth of a degree."""
 
 _UNUSUAL: Final = 0.05
-"""Probability below which a span of a good map is unusual, so that one in twenty is."""
+"""A span with a smaller p-value is unusual: in a good map, one span in twenty is."""
 
 COMMON: Final = np.diag([COMMON_DRIFT_M**2, COMMON_DRIFT_M**2, COMMON_DRIFT_RAD**2]) / 100.0
-"""Covariance of what psi itself may drift by, which repeated measurements do not show, per metre of path."""
+"""Covariance, per metre of path, of the drift of psi itself, which repeated measurements do not show."""
 
 FREEDOM: Final = 1.0
-"""Degrees of freedom of a scale, per span: half of what repeats have, since neighbours share half of their path."""
+"""Degrees of freedom of the covariances' scale per span: half of the repeats', since neighbours share half of their path."""
 _OF_MEDIAN: Final = {1: 1.0, 2: 0.5, 3: 0.449}  # by definition: variance of the median of this many normal values
 
 
@@ -42,13 +42,13 @@ class SpanAudit:
     """The judgement of one span.
 
     Args:
-        registration: the scans at its end laid on those at its begin.
-        t0, t1: when its begin and its end are [s] since the recording's start.
-        offset: (3,) of the end, without what all of the map asks for [m, m, rad].
-        covariance: (3, 3) of the offset, as far as measurement explains one.
+        registration: registration of the scans at its end on those at its begin.
+        t0, t1: times of its begin and its end [s] since the recording's start.
+        offset: (3,) offset of the end, without the corrections of the whole map [m, m, rad].
+        covariance: (3, 3) covariance of the offset by the measurement alone.
         p_value: probability that a span as far off as this, alone or together with the next one, shows somewhere in a good
-            map; NaN where too few show what is usual.
-        torn: whether it is off by more than chance explains and than is tolerated.
+            map; NaN where too few spans show what is usual.
+        torn: whether it is off by more than chance explains and by more than is tolerated.
     """
 
     registration: Registration
@@ -61,7 +61,7 @@ class SpanAudit:
 
     @property
     def distance_m(self) -> float:
-        """How far its end is off [m]."""
+        """How far the end of the span is off [m]."""
         return float(np.hypot(self.offset[0], self.offset[1]))
 
     @property
@@ -71,7 +71,7 @@ class SpanAudit:
 
     @property
     def forward_m(self) -> float:
-        """How much it has too little along the way from its begin to its end [m]."""
+        """How much too short the trajectory is along the line from the begin of the span to its end [m]."""
         return float(effects.resolve([self.registration], self.offset[None, :2])[0, 0])
 
 
@@ -84,15 +84,15 @@ def audit_spans(
 ) -> list[SpanAudit]:
     """Judges the spans of a map.
 
-    The curvature's covariance is too small by a factor that depends on the world, as with steps. How much repeated
-    measurements of the same spans differ shows it, whatever the trajectory is.
+    The covariance from psi's curvature is too small by a factor that depends on the world, as with steps. The differences
+    between repeated measurements of the same spans show this factor, whatever the trajectory is.
 
     Args:
-        spans: in the order of time.
-        expected: (N, 3) offsets that all of the map asks for.
-        times: (S,) of the sweeps [s].
-        settings: of the audit, which say what is tolerated.
-        limits: of the verdict.
+        spans: spans in the order of time.
+        expected: (N, 3) parts of their offsets that the corrections of the whole map explain.
+        times: (S,) times of the sweeps [s].
+        settings: settings of the audit, which say what is tolerated.
+        limits: settings of the verdict.
     """
     if not spans:
         return []
@@ -125,7 +125,7 @@ def audit_spans(
 
 
 def estimate_covariances(spans: Sequence[Registration]) -> NDArray[np.float64]:
-    """Returns the covariances (N, 3, 3) of the offsets of N spans, scaled per axis as their repeated measurements differ."""
+    """Returns the covariances (N, 3, 3) of the offsets of N spans, scaled per axis to explain how repeats differ."""
     stated = np.array([span.covariance for span in spans]) + np.diag(TOLERANCES**2)
     variances = np.einsum("kii->ki", stated)
     squares = [_contrast(span.repeats) ** 2 / variance for span, variance in zip(spans, variances, strict=True)]
@@ -135,7 +135,7 @@ def estimate_covariances(spans: Sequence[Registration]) -> NDArray[np.float64]:
 
 
 def _contrast(repeats: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the independent differences (L - 1, 3) between L repeats, each with the variance of a single one."""
+    """Returns the independent differences (L - 1, 3) between L repeats, each with the variance of a single repeat."""
     return np.array(
         [(repeats[k] - repeats[:k].mean(axis=0)) * np.sqrt(k / (k + 1.0)) for k in range(1, len(repeats))]
     ).reshape(-1, 3)
@@ -144,10 +144,10 @@ def _contrast(repeats: NDArray[np.float64]) -> NDArray[np.float64]:
 def _compute_p_values(
     spans: Sequence[Registration], offsets: NDArray[np.float64], covariances: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Returns the p-values (N,) of offsets (N, 3) with covariances (N, 3, 3), each for its own place.
+    """Returns the p-values (N,) of offsets (N, 3) with covariances (N, 3, 3), not corrected for the number of places.
 
-    A stretch that is longer than a span shows in one span after the other alike, which chance hardly does: each is judged
-    alone and together with the next one that begins where it ends, by the mean of both.
+    A fault that is longer than a span moves successive spans alike, which chance hardly does. Each span is therefore judged
+    alone and, by the mean of both, together with the next one that begins where it ends.
     """
     begins = np.array([span.earlier for span in spans])
     after = np.searchsorted(begins, [span.later for span in spans])
@@ -165,10 +165,10 @@ def _compute_p_values(
 def _count_chance(chances: NDArray[np.float64]) -> float:
     """Returns the probability that as many of N spans are unusual in a good map; neighbours share half of their path.
 
-    A trajectory that weaves is off by a little more than is tolerated in many places, and surely so in none of them.
+    A trajectory that weaves is off by a little more than is tolerated in many places, but in none of them beyond doubt.
 
     Args:
-        chances: (N,) probability that a span is as far off as each; NaN where that is not known.
+        chances: (N,) p-values of the spans, not corrected for their number; NaN where unknown.
     """
     known = chances[np.isfinite(chances)]
     count = int(np.count_nonzero(known < _UNUSUAL))

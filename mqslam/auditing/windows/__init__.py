@@ -1,1 +1,1 @@
-"""Windows: a few scans in a row, held against their own best map and against the map of smoother poses."""
+"""Windows: a few scans in a row, whose map is compared with its own best and with the map under smoothed poses."""

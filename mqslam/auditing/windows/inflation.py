@@ -1,8 +1,8 @@
-"""Inflation: how far a window's map is from its own best, in units of the covariance of that best.
+"""Inflation: how far a window's map is from the best map of the same points, in units of the best map's covariance.
 
-psi of one place does not compare with psi of another, so that every window is its own reference. A constant twist is laid
-over the trajectory's motion through the window, and psi is minimised over it. Where the trajectory is right, the minimum
-normalised by its covariance is a chi-square with three degrees of freedom.
+psi of one place cannot be compared with psi of another, so every window is its own reference. A constant twist is added to
+the trajectory's motion through the window, and psi is minimised over it. Where the trajectory is right, the squared size of
+the best twist in units of its covariance is a chi-square with three degrees of freedom.
 """
 
 from __future__ import annotations
@@ -40,17 +40,16 @@ from mqslam.psi.score import Kernel, PsiEvaluation, Scale, evaluate
 # The first search for a window's best map begins with this share of the annealing's widths, which finds all but large
 # corrections.
 _NARROW_START = 0.4
-# A correction above this share of the first search's widest neighbourhood is searched for again with the annealing's full
-# widths.
+# If the correction is larger than this share of the first search's widest neighbourhood, the search is repeated with the
+# annealing's full widths.
 _NARROW_REACH = 0.5
-# A best map that matches fewer points than this share of what the given map matches is searched for again with the
+# If the best map matches less than this share of the points that the given map matches, the search is repeated with the
 # annealing's full widths.
 _LEAST_OVERLAP_KEPT = 0.8
-# Movement of a window's ends, in units of estimator.beta_s, over which the differences are taken that give the curvature
-# of psi.
+# The curvature of psi is computed from differences over this movement of a window's ends, in units of estimator.beta_s.
 _DIFFERENCE_STEP = 0.06
-# Movement of a window's ends, in units of estimator.beta_s, below which the search for its best map ends; no direction is
-# taken to be known better than that.
+# The search for a window's best map ends with a step that moves the window's ends by less than this, in units of
+# estimator.beta_s. No direction is taken to be known better than that.
 _STEP = 2e-3
 # Standard deviation of a window's ends, in units of estimator.beta_s, along a direction that the window does not observe.
 _UNOBSERVED = 100.0
@@ -64,12 +63,12 @@ class Bend:
     """The correction that would make a window's map its best.
 
     Args:
-        correction: (3,) the twist over the whole window: how its end is to be moved against its begin, in the frame of its
-            middle [m, m, rad].
-        covariance: (3, 3) of the correction.
+        correction: (3,) the twist over the whole window: how far its end must move relative to its begin, in the frame of
+            its middle [m, m, rad].
+        covariance: (3, 3) covariance of the correction.
         inflation: correction^T covariance^-1 correction.
         size_m: root mean square of how far the correction moves the points [m].
-        psi, psi_best: score per point as the trajectory has it and with the correction.
+        psi, psi_best: score per point without and with the correction.
         matched, matched_best: share of points with a neighbour from another sweep, without and with the correction.
         points: number of points.
     """
@@ -87,16 +86,16 @@ class Bend:
 
 @dataclass(frozen=True, slots=True)
 class _Window:
-    """A window of sweeps whose map depends on a twist (3,) per sweep that is laid over its motion.
+    """A window of sweeps whose map depends on a twist (3,) per sweep that is added to its motion.
 
     Args:
-        points: in the frame of the sensor at the window's middle.
-        into: (N,) sweeps from the middle to each point.
+        points: points in the frame of the sensor at the window's middle.
+        into: (N,) time from the middle to each point, in sweeps.
         count: number of sweeps.
         units: (3,) twist that moves a point at an end of the window by beta_s.
-        settings: of the audit.
+        settings: settings of the audit.
         estimator: settings of the score.
-        kernel: the score besides its widths, with times counted in sweeps.
+        kernel: settings of the score other than its widths, with times counted in sweeps.
     """
 
     points: PointSet
@@ -116,21 +115,21 @@ class _Window:
         return evaluate(self.render(twist), None, scale, self.kernel)
 
     def minimise(self, share: float) -> Minimum:
-        """Finds the twist that makes the map its best, with an annealing that begins with a share of its widths."""
+        """Finds the twist that makes the map its best, by an annealing that begins with a share of its full widths."""
         start, free, tolerances = np.zeros(3), Prior(np.zeros(3), np.zeros((3, 3))), _STEP * self.units
         return minimise(start, self.render, None, free, self.estimator, self.kernel, tolerances, Search(share=share))
 
     def bend_at(self, minimum: Minimum, own: PsiEvaluation, weak: NDArray[np.float64]) -> Bend:
-        """Returns the correction that a minimum stands for.
+        """Returns the correction of the window that a minimum of psi gives.
 
         Args:
-            minimum: of psi over the twist.
+            minimum: minimum of psi over the twist.
             own: score of the map as the trajectory has it.
             weak: (K, 3) directions that the window does not observe.
         """
         units, final = self.units, final_scale(self.estimator)
         placed = self.render(minimum.state)
-        rendered = Rendered(self.render, None, self.kernel)  # keeps the neighbours between small differences
+        rendered = Rendered(self.render, None, self.kernel)  # keeps the neighbours from one small difference to the next
         curvature = curvature_by_differences(
             lambda twist: rendered.evaluate(twist, final).gradient, minimum.state, _DIFFERENCE_STEP * units
         )
@@ -158,7 +157,7 @@ def fit_bend(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, estima
         sweeps: points under the trajectory to judge.
         begin: first sweep of the window.
         end: the sweep after its last one.
-        settings: of the audit.
+        settings: settings of the audit.
         estimator: settings of the score.
     """
     points, into = centre_window(sweeps, begin, end)
@@ -173,7 +172,7 @@ def fit_bend(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, estima
         return window.bend_at(window.minimise(share), own, weak)
 
     best = fit(_NARROW_START)
-    if best.psi_best > best.psi:  # the search was too wide, and led away from where the trajectory is better
+    if best.psi_best > best.psi:  # the search was too wide, and missed a better map near the trajectory
         best = min(best, fit(0.0), key=_psi_best)
     overlap_lost = best.matched_best < _LEAST_OVERLAP_KEPT * best.matched
     widest_m = annealed_scale(estimator, 0, _NARROW_START).s
@@ -187,13 +186,13 @@ def _psi_best(bend: Bend) -> float:
 
 
 def centre_window(sweeps: Sweeps, begin: int, end: int) -> tuple[PointSet, NDArray[np.float64]]:
-    """Returns a window's points in the frame of the sensor at its middle, and the sweeps (N,) from there to each point."""
+    """Returns a window's points in the frame of the sensor at its middle, and their times (N,) from there in sweeps."""
     points = sweeps.local(range(begin, end), sweeps.poses[(begin + end) // 2])
     return points, points.times - 0.5 * (sweeps.numbers[begin] + sweeps.numbers[end - 1] + 1.0)
 
 
 def twist_points(points: PointSet, into: NDArray[np.float64], twist: NDArray[np.float64]) -> PointSet:
-    """Returns points moved by a twist (3,) per sweep times the sweeps (N,) into it, with derivatives by the twist."""
+    """Returns points moved by a twist (3,) per sweep over times (N,) in sweeps, with their derivatives by the twist."""
     angle = twist[2] * into
     c, s = np.cos(angle), np.sin(angle)
     x, y = points.points.T
@@ -205,5 +204,5 @@ def twist_points(points: PointSet, into: NDArray[np.float64], twist: NDArray[np.
 
 
 def count_in_sweeps(config: EstimatorConfig, revolution_s: float) -> Kernel:
-    """Returns the score besides its widths, with times counted in sweeps that last so long [s]."""
+    """Returns the settings of the score other than its widths, with times counted in sweeps of this duration [s]."""
     return kernel_of(config, SWEEP)._replace(beta_t=BETA_T / revolution_s)

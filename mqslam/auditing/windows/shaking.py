@@ -1,8 +1,8 @@
-"""Poses that jump to and fro from scan to scan, so that the map gets crisper once they are smoothed.
+"""Finds poses that jump to and fro from scan to scan: smoothing them makes the map crisper.
 
-The correction of a window is one twist, which undoes no shaking, and scans that are laid on each other average over it. But
-where a trajectory is right, the sensor moved as its poses say: to smooth them takes true motion away and blurs the map. Only
-where every pose errs on its own does it make the map crisper.
+The correction of a window is one twist, which cannot undo shaking, and registrations of several scans average over it. But
+where a trajectory is right, the sensor moved as its poses say, and smoothing takes true motion away and blurs the map.
+Smoothing makes the map crisper only where every pose has an error of its own.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from mqslam.psi.minimiser import final_scale
 from mqslam.psi.place import PointSet
 from mqslam.psi.score import evaluate
 
-_SIDE: Final = 3  # poses before one and as many after it through which a parabola is laid: 1.5 s at four scans per second
+_SIDE: Final = 3  # a parabola is fitted to a pose and this many on either side: 1.5 s at four scans per second
 
 _Shared = tuple[Sweeps, se2.Array, EstimatorConfig]  # a map, its poses smoothed, and the settings of the score
 
@@ -40,14 +40,14 @@ def judge_shaking(
     limits: VerdictConfig,
     engine: Engine,
 ) -> Finding:
-    """Returns whether the poses of a map jump to and fro.
+    """Judges whether the poses of a map jump to and fro.
 
     Args:
         sweeps: points under the trajectory to judge, which has a track.
-        windows: in which the map is compared with the one under smoothed poses; undecided ones are left out.
-        settings: of the audit.
+        windows: windows in which the map is compared with the map under smoothed poses; undecided ones are left out.
+        settings: settings of the audit.
         estimator: settings of the score.
-        limits: of the verdict.
+        limits: settings of the verdict.
         engine: where the windows are scored; the result does not depend on it.
     """
     smoothed = smooth_poses(sweeps)
@@ -71,7 +71,7 @@ def judge_shaking(
 
 
 def smooth_poses(sweeps: Sweeps) -> se2.Array:
-    """Returns the poses (S, 3) of sweeps on parabolas through the poses around them; NaN beside gaps and at either end."""
+    """Returns the poses (S, 3) of sweeps, smoothed by parabolas fitted to the poses around them; NaN near gaps and ends."""
     poses = sweeps.poses.copy()
     poses[:, 2] = np.unwrap(poses[:, 2])
     smoothed = np.full_like(poses, np.nan)
@@ -85,7 +85,7 @@ def smooth_poses(sweeps: Sweeps) -> se2.Array:
 
 
 def _measure_rise(shared: _Shared, window: tuple[int, int]) -> float:
-    """Returns by how much psi per point of a window, from one sweep to the one after its last, falls with smoothed poses."""
+    """Returns by how much smoothed poses lower psi per point in a window (its first sweep, and the one after its last)."""
     sweeps, smoothed, estimator = shared
     begin, end = window
     points = sweeps.local(range(begin, end), np.zeros(3))
@@ -98,9 +98,9 @@ def _measure_rise(shared: _Shared, window: tuple[int, int]) -> float:
 
 
 def _move(sweeps: Sweeps, smoothed: se2.Array, begin: int, end: int, points: PointSet) -> NDArray[np.float64]:
-    """Returns where smoothed poses put the points (N, 2) [m] of a window, whose times are counted in sweeps."""
+    """Returns the points (N, 2) [m] of a window as smoothed poses place them; their times are counted in sweeps."""
     track = sweeps.track
-    assert track is not None  # a cloud without one has no poses to judge
+    assert track is not None  # a cloud without a trajectory has no poses to judge
     sweep = np.searchsorted(sweeps.numbers, points.times, side="right") - 1
     seconds = sweeps.times[sweep] + (points.times - sweeps.numbers[sweep]) * sweeps.revolution_s
     seen_from = se2.interpolate(track.times, track.poses, seconds)

@@ -1,4 +1,4 @@
-"""The windows of a map, each judged against its own best."""
+"""Judges the windows of a map: each one's map is compared with the best map of the same points."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Undecided(StrEnum):
     """Why nothing was decided about a window."""
 
     GAP = "its motion is interpolated across a gap of the trajectory"
-    SPARSE = "it is off by no more than its motion may be where poses are too sparse for a turn"
+    SPARSE = "its error may come from interpolation alone, since poses are too sparse for a turn"
     APART = "nothing is seen twice, even at its best"
 
 
@@ -36,15 +36,15 @@ class WindowAudit:
 
     Args:
         begin, end: its sweeps, begin <= k < end.
-        t0, t1: when it begins and ends [s] since the recording's start.
-        pose: (3,) of the sensor at its middle, world frame.
+        t0, t1: times at which it begins and ends [s] since the recording's start.
+        pose: (3,) pose of the sensor at its middle, world frame.
         bend: the correction that would make its map the best.
-        measures: the field's measures of the same points.
-        torn: whether it is bent beyond what its covariance explains and beyond the settings' tolerance.
-        undecided: why nothing was decided about it, so that it counts neither as torn nor as whole; None if it was decided.
-        speed: the motion of its two middle scans, searched for over all plausible speeds; None where that was not done.
-        p_value: probability that an inflation as large shows in any window of a good map, as far as the stated covariance
-            is right; NaN where nothing was decided.
+        measures: measures of the same points that are usual in the field.
+        torn: whether it is bent by more than its covariance explains and by more than the settings tolerate.
+        undecided: why the window is undecided: it then counts as neither torn nor whole. None if it is decided.
+        speed: check of the speed between its two middle scans; None where that was not done.
+        p_value: probability that an inflation as large shows in any window of a good map, if the stated covariance is right;
+            NaN for an undecided window.
     """
 
     begin: int
@@ -72,7 +72,7 @@ def audit_windows(
 
     Args:
         sweeps: points under the trajectory to judge.
-        settings: of the audit.
+        settings: settings of the audit.
         estimator: settings of the score.
         engine: where the windows are judged; the result does not depend on it.
         progress: called as windows are done.
@@ -93,7 +93,7 @@ def audit_windows(
 
 
 def _audit_from(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: int) -> WindowAudit:
-    """Judges the window that begins with a sweep."""
+    """Judges the window that begins with the given sweep."""
     sweeps, settings, estimator = shared
     return audit_window(sweeps, begin, begin + WINDOW, settings, estimator)
 
@@ -105,7 +105,7 @@ def audit_window(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, es
         sweeps: points under the trajectory to judge.
         begin: first sweep of the window.
         end: the sweep after its last one.
-        settings: of the audit.
+        settings: settings of the audit.
         estimator: settings of the score.
     """
     span = sweeps.span(begin, end)
@@ -133,13 +133,13 @@ def audit_window(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, es
 
 
 def share_torn(windows: Sequence[WindowAudit]) -> Share:
-    """Returns the share of torn windows among those of which anything was decided."""
+    """Returns the share of torn windows among the decided ones."""
     decided = [window for window in windows if window.undecided is None]
     return Share(sum(window.torn for window in decided), len(decided))
 
 
 def state_p_values(windows: Sequence[WindowAudit]) -> list[WindowAudit]:
-    """Returns the windows with their p-values, corrected for the number of those of which anything was decided."""
+    """Returns the windows with their p-values, which are corrected for the number of decided windows."""
     inflations = np.array([np.nan if window.undecided else window.bend.inflation for window in windows])
     p_values = correct_for_places(np.asarray(chi2.sf(inflations, 3)))
     return [replace(window, p_value=p) for window, p in zip(windows, p_values.tolist(), strict=True)]
