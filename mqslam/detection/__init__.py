@@ -1,1 +1,1 @@
-"""From polar scans to returns."""
+"""Detects the returns of polar scans, and measures the sensor's velocity from alternating chirps."""

@@ -1,7 +1,7 @@
-"""Returns that do not move with the world: reflections of the mount and the vehicle, which repeat in the sensor's frame.
+"""Drops returns that do not move with the world: reflections of mount and vehicle, which repeat in the sensor's frame.
 
-They would pull every motion to zero. A polar cell that returns in most scans of a recording is one of them, unless the
-sensor hardly moved, where everything repeats; then nothing is dropped.
+Such returns would pull every motion to zero. They lie in the polar cells that have returns in most scans of a recording. If
+the sensor hardly moved, the returns of the world repeat as well; then nothing is dropped.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from mqslam.core.scans import Returns
 _FIXED_SCANS = 8
 # Length of the polar cells in which repeating returns are counted [m], and number of cells around a turn.
 _FIXED_RANGE_M, _FIXED_SECTORS = 0.5, 180
-# A cell that returns in more than this share of all scans is part of the vehicle.
+# A cell with returns in more than this share of all scans is part of the vehicle.
 _FIXED_SHARE = 0.7
-# If more than this share of all returns repeats, the sensor stood still and they are returns of the world.
+# If more than this share of all returns repeats, the sensor stood still, and these are returns of the world.
 _FIXED_MOST = 0.2
 
 
 def drop_fixed(scans: Sequence[Returns]) -> list[Returns]:
-    """Returns what is left of each scan's returns without those that repeat in the sensor's own frame."""
+    """Drops the returns of all scans that repeat in the sensor's own frame; returns the others, scan by scan."""
     fixed = find_fixed(scans)
     return list(scans) if fixed is None else [drop_cells(returns, fixed) for returns in scans]
 
@@ -33,12 +33,12 @@ def find_fixed(scans: Iterable[Returns]) -> NDArray[np.bool_] | None:
     """Finds the polar cells whose returns repeat in the sensor's own frame.
 
     Args:
-        scans: the returns of each scan; one scan is held at a time.
+        scans: the returns of each scan; one scan is held in memory at a time.
 
     Returns:
-        Whether each cell is one of them, for those up to the last that returned; None if nothing is to be dropped.
+        A mask of the cells whose returns repeat, up to the last cell with a return; None if nothing is to be dropped.
     """
-    scans_in, returns_in = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)  # of each cell
+    scans_in, returns_in = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)  # counts per cell
     count, filled = 0, 0
     for returns in scans:
         cells = _find_cells(returns)
@@ -56,12 +56,12 @@ def find_fixed(scans: Iterable[Returns]) -> NDArray[np.bool_] | None:
 
 
 def drop_cells(returns: Returns, fixed: NDArray[np.bool_]) -> Returns:
-    """Returns those returns of a scan that are in no fixed cell, as `find_fixed` has found them."""
+    """Drops the returns of a scan in the fixed cells that `find_fixed` has found; returns the others."""
     return returns.take(~fixed[_find_cells(returns)])
 
 
 def _find_cells(returns: Returns) -> NDArray[np.int64]:
-    """Returns the polar cell (N,) of each return."""
+    """Returns the number (N,) of the polar cell of each return."""
     column = np.floor((returns.azimuths % (2.0 * np.pi)) / (2.0 * np.pi / _FIXED_SECTORS)).astype(np.int64)
     ring = np.floor(returns.ranges / _FIXED_RANGE_M).astype(np.int64)
     return np.asarray(ring * _FIXED_SECTORS + np.minimum(column, _FIXED_SECTORS - 1), dtype=np.int64)

@@ -1,16 +1,16 @@
-"""The detector: from the power of a polar scan to its returns.
+"""The detector: finds the returns of a polar scan in its power.
 
 Per azimuth the strongest local maxima of the smoothed power are kept, with sub-bin range. A target is wider than one
 azimuth, so peaks of neighbouring azimuths at nearly the same range are one target: the strongest of them stays, at the
 intensity-weighted centroid of the three, in range, azimuth and time (2-D non-maximum suppression).
 
 Rejected: azimuths marked invalid, saturated azimuths (a whole row lifted), and rings (one range seen at many azimuths at
-once, far more often than the ranges beside it), which are the sensor's own and would pull the motion to zero.
+once, far more often than the ranges beside it). Rings come from the sensor itself and would pull the motion to zero.
 
-Where the threshold lies in the noise, as it does on real radars, many returns are speckle: only the strongest of a scan are
-kept then. Returns that stand out of the noise are objects, weak ones far away too, and are kept however many they are.
+Where the threshold lies in the noise, as it does on real radars, many returns are speckle. Then only the strongest returns
+of a scan are kept. Returns that stand out of the noise are objects, even weak ones far away, so all of them are kept.
 
-What the world is made of is measured in metres; what the sensor's sampling does to it, in range bins.
+Lengths that depend on the objects of the world are set in metres, those that depend on the sensor's sampling in range bins.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from mqslam.core.scans import PeakCounts, Returns
 _PEAKS_PER_AZIMUTH = 12
 # An azimuth is saturated where its median power exceeds that of the polar scan by this much [0..255].
 _SATURATION = 12.0
-# A range counts as a ring of the sensor itself if this share of all azimuths has a peak there, and _RING_CONTRAST times as
-# many as at the ranges around it. A wall seldom surrounds so much of the sensor at one range.
+# A range counts as a ring of the sensor itself if more than this share of all azimuths has a peak there, and more than
+# _RING_CONTRAST times the share at the ranges around it. A wall seldom surrounds so much of the sensor at one range.
 _RING_SHARE = 0.3
 # Half width of the window that smooths power along range [m]: about the length of an echo.
 _SMOOTHING_M = 0.2
@@ -40,7 +40,7 @@ _JOIN_M = 0.6
 # Least value of _JOIN_M in range bins. A peak's range is known to half a bin on either side, so neighbours of one target
 # differ by up to a bin.
 _JOIN_BINS = 1.5
-# Factor by which more azimuths peak in a ring than at the ranges around it.
+# In a ring, the share of azimuths with a peak is more than this many times the share at the ranges around it.
 _RING_CONTRAST = 2.0
 # Number of range cells around a ring from which the usual share of peaking azimuths is taken, as their median.
 _RING_CELLS = 9
@@ -58,12 +58,12 @@ def detect(polar_scan: PolarScan, range_resolution: float, config: DetectorConfi
 
 
 def detect_and_count(polar_scan: PolarScan, range_resolution: float, config: DetectorConfig) -> tuple[Returns, PeakCounts]:
-    """Finds the returns of a polar scan, and counts what was dropped on the way to them.
+    """Finds the returns of a polar scan, and counts the azimuths and peaks that the steps of the detector dropped.
 
     Args:
         polar_scan: times (A,) s, azimuths (A,) rad, power (A, B), valid (A,).
-        range_resolution: length of a range bin [m]; bin b is centred at (b + 0.5) of it.
-        config: settings.
+        range_resolution: length of a range bin [m]; bin b is centred at (b + 0.5) times this length.
+        config: settings of the detector.
 
     Returns:
         Returns in the order of their times, and the counts.
@@ -113,7 +113,10 @@ def _find_saturated(power: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def _threshold_above_noise(power: NDArray[np.uint8], half: int, config: DetectorConfig) -> float:
-    """Returns the smoothed power that stands out of the noise, whose spread is taken below its median: targets lie above."""
+    """Returns the smoothed power above which a return stands out of the noise.
+
+    The noise's spread is taken below its median, because targets lie above.
+    """
     if power.size == 0:
         return 0.0
     smooth = uniform_filter1d(power[::_NOISE_AZIMUTHS].astype(np.float32), 2 * half + 1, axis=1)
@@ -132,7 +135,7 @@ def _find_peaks(
     strongest: int,
     threshold: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns ranges [bins] and smoothed powers (A, strongest) of the strongest peaks per azimuth; power 0 where none is."""
+    """Returns ranges [bins] and smoothed powers (A, strongest) of each azimuth's strongest peaks; power 0 without a peak."""
     azimuths, bins = power.shape
     ranges = np.zeros((azimuths, strongest))
     values = np.zeros((azimuths, strongest))
@@ -169,9 +172,9 @@ def _find_peaks(
 
 @nb.njit(cache=True, nogil=True)
 def _sum_around(values: NDArray[np.float64], half: int, out: NDArray[np.float64]) -> None:
-    """Writes running sums over 2 half + 1 bins, or 0 where they leave the row.
+    """Writes running sums over 2 half + 1 bins into `out`, 0 where the bins of a sum leave the row.
 
-    Two of them, one after the other, smooth with weights that have no flat top.
+    Two such sums, one after the other, smooth with weights that have no flat top.
     """
     width = 2 * half + 1
     out[:] = 0.0
@@ -187,8 +190,8 @@ def _sum_around(values: NDArray[np.float64], half: int, out: NDArray[np.float64]
 def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width: float) -> None:
     """Sets the power (A, K) of peaks to 0 at ranges (A, K) [bins] where many azimuths peak at once, within a width [bins].
 
-    Where peaks are dense, as they are in long range bins, many may peak at any range: in a ring they are more than at the
-    ranges around it.
+    Where peaks are dense, as they are in long range bins, many azimuths may peak at any range. So a ring must have more
+    peaks than the ranges around it.
     """
     is_peak = values > 0.0
     if not is_peak.any():
@@ -213,7 +216,7 @@ def _join_peaks(
     times: NDArray[np.float64],
     join: float,
 ) -> NDArray[np.float64]:
-    """Returns range [m], azimuth [rad], time [s], power (N, 4) of the peaks that no neighbouring azimuth sees stronger."""
+    """Joins peaks of neighbouring azimuths; returns range [m], azimuth [rad], time [s] and power (N, 4) of the targets."""
     out = np.empty((ranges.size, 4))
     count = 0
     for a in range(ranges.shape[0]):

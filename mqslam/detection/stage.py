@@ -1,4 +1,4 @@
-"""The first stage of a run: of every polar scan returns are detected, and the velocity, and its power is released."""
+"""The first stage of a run: detects each polar scan's returns and the sensor's velocity, and then frees its power."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from mqslam.execution.runner import Runner
 
 # A recording of which more than this share cannot be read is refused.
 _MOST_UNREAD = 0.5
-_CHUNK = 40  # polar scans that a worker takes at a time: no result depends on it
+_CHUNK = 40  # polar scans that a worker takes at a time; no result depends on this number
 _LISTED = 3  # files that a warning of unread polar scans names
 
 _log = logging.getLogger(__name__)
@@ -41,14 +41,14 @@ def detect_stretch(
 
     Args:
         recording: the recording.
-        config: settings.
+        config: settings of the detector.
         start: number of the first polar scan.
         stop: number of the first polar scan after the stretch.
-        strict: whether a polar scan that cannot be read is an error, rather than one without returns.
-        with_velocities: whether the sensor's velocity is measured, which chirps that alternate tell.
+        strict: whether a polar scan that cannot be read is an error; else it counts as one without returns.
+        with_velocities: whether the sensor's velocity is measured, which needs alternating chirps.
 
     Raises:
-        DataError: a polar scan cannot be read, if strict, or the whole recording cannot.
+        DataError: a polar scan cannot be read and `strict` is set, or the recording is not there on this machine.
     """
     scans: list[Returns] = []
     velocities: list[Velocity] = []
@@ -68,7 +68,7 @@ def detect_stretch(
                 velocities.append(measure_velocity(polar_scan, recording.range_resolution, float(middles[k - start])))
         elif strict:
             raise polar_scan
-        elif not recording.path.exists():  # all of them are out of reach of this worker
+        elif not recording.path.exists():  # this worker can reach none of the polar scans
             raise DataError(recording.path, f"is not there on {gethostname()}", "put it on every machine that reads it")
         else:
             unread[k] = polar_scan.with_traceback(None)
@@ -89,7 +89,7 @@ def detect_stretch(
 
 
 def read_polar_scans(recording: Recording, start: int, stop: int) -> Iterator[tuple[int, PolarScan | DataError]]:
-    """Yields the polar scans start <= k < stop, each with its number, or why it cannot be read."""
+    """Yields, for start <= k < stop, k and polar scan k, or k and the error with which reading it failed."""
     k = start
     while k < stop:
         try:  # reading ends with the first error, and begins again after it
@@ -109,17 +109,17 @@ def detect_all(
     strict: bool = False,
     with_velocities: bool = False,
 ) -> tuple[Scans, Detected]:
-    """Returns one scan per polar scan, empty where it cannot be read, and what was detected.
+    """Detects the returns of all polar scans; returns the scans, empty ones where reading failed, and the other results.
 
     Args:
         recording: the recording.
         config: settings of the detector.
-        runner: where polar scans are read and detected; None does it here, one after the other.
+        runner: reads polar scans and detects their returns on its workers; None does it here, one after the other.
         strict: whether one polar scan that cannot be read is an error.
-        with_velocities: whether the sensor's velocity is measured, which chirps that alternate tell.
+        with_velocities: whether the sensor's velocity is measured, which needs alternating chirps.
 
     Raises:
-        DataError: over half of the polar scans cannot be read, or one if strict.
+        DataError: more than half of the polar scans cannot be read, or one cannot and `strict` is set.
     """
     total = len(recording)
     parts = (runner or Runner()).map(
@@ -163,7 +163,7 @@ def detect_all(
 
 
 def _join(stretches: list[Velocities]) -> Velocities | None:
-    """Returns the velocities of all stretches; None where none were asked for, or no chirps alternate."""
+    """Joins the velocities of all stretches; None where they were not asked for, or chirps do not alternate."""
     velocities = Velocities.join(stretches) if stretches else None
     if velocities is None or not velocities.alternating:
         return None
@@ -178,7 +178,7 @@ def _detect_span(shared: tuple[Recording, DetectorConfig, bool, bool], span: tup
 
 
 def warn_of_unread(unread: dict[int, DataError]) -> list[str]:
-    """Returns a warning of the polar scans that could not be read, by number: one line, or none."""
+    """Returns a warning of one line about the polar scans that could not be read; no line if all could."""
     if not unread:
         return []
     several = "1 polar scan" if len(unread) == 1 else f"{len(unread)} polar scans"
@@ -188,11 +188,11 @@ def warn_of_unread(unread: dict[int, DataError]) -> list[str]:
 
 
 def make_scans(recording: Recording, returns: list[Returns] | None = None, begin: int = 0) -> Scans:
-    """Returns a scan per polar scan: from its start to the next one's, or one turn long before a gap and at the end.
+    """Makes one scan per polar scan: it lasts until the next one starts or, before a gap and at the end, for one turn.
 
     Args:
         recording: the recording.
-        returns: of each polar scan of a stretch; None takes the whole recording and leaves the scans empty.
+        returns: returns of each polar scan of a stretch; None takes the whole recording and leaves the scans empty.
         begin: number of the first polar scan of the stretch.
     """
     returns = [Returns.none()] * len(recording) if returns is None else returns

@@ -1,17 +1,17 @@
-"""The velocity of the sensor from the shifts between up-chirps and down-chirps of a polar scan: it needs no map.
+"""Measures the sensor's velocity from the shifts between up-chirps and down-chirps of a polar scan, without a map.
 
-An echo of what stands still lies 2 beta (vx cos a + vy sin a) farther in a down-chirp than in an up-chirp at azimuth a. The
-velocity at which the correlations of all azimuths add up best is the first estimate. Around it, every azimuth tells its own
-shift, weighted by the curvature of its correlation, and a robust fit leaves out traffic and chance. The covariance is that
-of a jackknife over sectors of the turn: what the scan itself shows.
+An echo of an object at rest lies 2 beta (vx cos a + vy sin a) farther in a down-chirp than in an up-chirp at azimuth a. The
+velocity at which the correlations of all azimuths add up best is the first estimate. Near it, the shift of every azimuth is
+read, weighted by the curvature of its correlation, and a robust fit leaves out traffic and chance peaks. The covariance
+comes from a jackknife over sectors of the turn, so it shows the errors of this scan itself.
 
 Source: the measurement is that of Lisus et al., "Are Doppler Velocity Measurements Useful for Spinning Radar Odometry?",
 RA-L 2025; the estimator is our own.
 
 The Doppler effect shifts echoes of up-chirps and of down-chirps in opposite directions. From azimuth to azimuth the beam
-moves on, and with it the range of an oblique wall; this also shifts echoes, up to down as much as down to up. So the
-correlations of three successive pairs of azimuths are added with the weights 1, 2, 1: steady changes of range and changes
-of slope then cancel.
+moves on, and the range of an oblique wall changes. This also shifts echoes, by as much from an up-chirp to a down-chirp as
+from a down-chirp to an up-chirp. So the correlations of three successive pairs of azimuths are added with weights of 1, 2
+and 1: steady changes of range and changes of slope then cancel.
 """
 
 from __future__ import annotations
@@ -29,45 +29,46 @@ from mqslam.core.velocity import CHIRP_BETA, Outcome
 
 # Largest speed that is searched [m/s]: 160 km/h.
 FASTEST_MPS = 45.0
-# Nearer power is of the vehicle itself [m], which stands still in the sensor's frame.
+# Power nearer than this [m] is of the vehicle itself, which stands still in the sensor's frame.
 _MIN_RANGE_M = 2.5
-# Farther power is left out [m], because noise outweighs it.
+# Power farther than this [m] is left out, because noise outweighs it.
 _MAX_RANGE_M = 150.0
 # Power is averaged over as many range bins as fit into this length [m]. It is shorter than an echo is wide, so that only
 # computing time is saved.
 _CELL_M = 0.09
 # Standard deviation of the Gaussian that smooths power along range [m]: half the width of an echo.
 _SMOOTHING_M = 0.1
-# Power counts as an echo from here on, above an azimuth's median and in units of the noise's spread (median minus 10th
+# Power counts as an echo if it exceeds the azimuth's median by more than this many spreads of the noise (median minus 10th
 # percentile).
 _CONTRAST = 2.0
-# Standard deviation of the Gaussian whose average is taken off the power [m]. What is wider, such as haze behind strong
-# targets, keeps its range whatever the speed is.
+# Standard deviation [m] of the Gaussian average that is subtracted from the echoes. Wider shapes, such as haze behind
+# strong targets, keep their range whatever the speed is.
 _BACKGROUND_M = 0.5
 
-# The best velocity must fit the echoes better than the median of those tried by this many spreads of theirs (median absolute
-# deviations as standard deviations). The best of thousands fits noise better by four.
+# The best velocity must fit the echoes better than the median of the velocities tried, by this many spreads of their fits
+# (median absolute deviation, scaled to a standard deviation). In noise, the best of thousands of velocities fits better by
+# four.
 _CLEAR = 8.0
-# Standard deviation of the acceleration during a turn along each axis [m/s^2]. A vehicle seldom brakes harder than this, and
-# without acceleration 1 m/s^2 would turn the velocity of a quarter second by 0.02 m/s.
+# Standard deviation of the acceleration during a turn along each axis [m/s^2]. A vehicle seldom brakes harder than this. If
+# the fit left acceleration out, 1 m/s^2 would turn the velocity measured in a quarter second by 0.02 m/s.
 _ACCELERATION = 3.0
-# Number of sectors of a turn that are left out in turn to find the covariance. They are wider than the beam, so that their
-# errors are independent.
+# Number of sectors of a turn that are left out, one at a time, to find the covariance. They are wider than the beam, so
+# that their errors are independent.
 _SECTORS = 20
 # A scan measures no velocity if fewer of its azimuths than this share hold echoes.
 _FEWEST_AZIMUTHS = 0.1
-# Residual at which an azimuth's shift counts a quarter (Geman-McClure), in units of the residuals' spread in the scan.
-# Traffic and chance peaks are beyond it.
+# Residual at which the weight of an azimuth's shift falls to a quarter (Geman-McClure), in units of the residuals' spread
+# in the scan. Traffic and chance peaks lie beyond it.
 _OUTLIER_SPREADS = 3.0
 
-# Step between the velocities that are tried at first [m/s]. At 0.05 s it shifts echoes by 0.15 m, which is less than their
-# width.
+# Step between the velocities that are tried at first [m/s]. At a beta of 0.05 s it shifts echoes by 0.15 m, which is less
+# than their width.
 _STEP_MPS = 1.5
-# The shift of an azimuth is sought within this of what the best velocity so far says [m/s]. Traffic outside it does not
-# disturb.
+# The closing speed at an azimuth is sought within this distance [m/s] of the one that the best velocity so far predicts.
+# Traffic outside it does not disturb.
 _WINDOW_MPS = 2.5
-_ROUNDS = 2  # times that shifts are read around the velocity so far: the second time they no longer change
-_STEPS, _SETTLED_MPS = 50, 1e-6  # bounds of the robust fit, a numerical tolerance
+_ROUNDS = 2  # number of times that shifts are read near the velocity so far; after the second they no longer change
+_STEPS, _SETTLED_MPS = 50, 1e-6  # most steps of the robust fit, and the change of velocity at which it ends
 _LEAST_SPREAD_MPS = 1e-3  # a numerical floor for data without noise
 _TO_DEVIATION = 1.4826  # from the median of absolute residuals to the standard deviation of Gaussian ones
 
@@ -139,7 +140,7 @@ def correlate_chirps(polar_scan: PolarScan, range_resolution: float) -> ChirpCor
 
 
 def find_echoes(power: NDArray[np.uint8], range_resolution: float, cells: int) -> NDArray[np.float32]:
-    """Returns how much power (A, C) stands out of the noise and of the power around, per azimuth and range cell.
+    """Returns by how much the power (A, C) per azimuth and range cell exceeds the noise and the average around the cell.
 
     Args:
         power: (A, B) uint8.
@@ -164,9 +165,9 @@ def find_echoes(power: NDArray[np.uint8], range_resolution: float, cells: int) -
 
 
 def _correlate_neighbours(echoes: NDArray[np.float32], rising: NDArray[np.bool_], reach: int) -> NDArray[np.float64]:
-    """Returns the correlations (A - 1, 2 L + 1) of the echoes (A, C) of successive azimuths, of which one is rising.
+    """Returns the correlations (A - 1, 2 L + 1) of the echoes (A, C) of successive azimuths at shifts of -L to L cells.
 
-    They are taken at shifts of -L to L cells, the reach.
+    One azimuth of a pair is an up-chirp, marked by `rising` (A,), the other a down-chirp. L is the reach.
     """
     size = fft.next_fast_len(echoes.shape[1] + reach, real=True)
     spectra = fft.rfft(echoes, size, axis=1)
@@ -181,7 +182,7 @@ def _correlate_neighbours(echoes: NDArray[np.float32], rising: NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Velocity:
-    """The sensor's velocity in its own frame, as one scan tells it.
+    """The sensor's velocity in its own frame, measured from one scan.
 
     Args:
         velocity: (2,) forward and left [m/s]; NaN without a measurement.
@@ -195,13 +196,13 @@ class Velocity:
 
     @classmethod
     def none(cls, outcome: Outcome) -> Velocity:
-        """Returns no velocity, for a reason."""
+        """Returns the result of a scan that measured no velocity, with the reason."""
         return cls(np.full(2, np.nan), np.full((2, 2), np.nan), outcome)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shifts:
-    """Radial speeds that the azimuths of a scan tell.
+    """Radial speeds of the world that the azimuths of a scan show.
 
     Args:
         speeds: (K,) closing speed of the world [m/s].
@@ -213,7 +214,7 @@ class Shifts:
 
 
 def measure_velocity(polar_scan: PolarScan, range_resolution: float, middle: float) -> Velocity:
-    """Measures the sensor's velocity by a polar scan whose chirps go up and down in turn.
+    """Measures the sensor's velocity from a polar scan whose chirps go up and down alternately.
 
     Args:
         polar_scan: power of the up-chirps, and of the down-chirps in `down`.
@@ -247,7 +248,7 @@ def read_shifts(correlation: ChirpCorrelation, expected: Array) -> Shifts:
 
 
 def _search(correlation: ChirpCorrelation) -> Array | None:
-    """Searches the velocity (2,) [m/s] at which the correlations add up best; None where it hardly differs from others."""
+    """Searches for the velocity (2,) [m/s] at which correlations add up best; None where it hardly stands out."""
     per_cell = correlation.cell_mps
     line = np.arange(-FASTEST_MPS, FASTEST_MPS + _STEP_MPS, _STEP_MPS)
     tried = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -263,9 +264,10 @@ def _search(correlation: ChirpCorrelation) -> Array | None:
 
 
 def _fit(correlation: ChirpCorrelation, first: Array, middle: float) -> Velocity:
-    """Fits velocity and acceleration to the shifts of all azimuths, from a first velocity (2,) [m/s] on.
+    """Fits velocity and acceleration to the shifts of all azimuths, starting from a first velocity (2,) [m/s].
 
-    An acceleration would else pass for a sideways velocity, since the beam looks ahead at other times than aside.
+    If the acceleration were left out, it would pass for a sideways velocity, since the beam looks ahead and to the side at
+    different times.
     """
     rays = np.column_stack([np.cos(correlation.azimuths), np.sin(correlation.azimuths)])
     jacobian = np.hstack([rays, rays * (correlation.times - middle)[:, None]])
@@ -285,7 +287,7 @@ def _fit(correlation: ChirpCorrelation, first: Array, middle: float) -> Velocity
 def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array) -> tuple[Array, float]:
     """Fits a state (4,) to shifts by Geman-McClure's loss, whose width [m/s] follows from the residuals; returns both.
 
-    The jacobian (K, 4) is of the radial speeds, and the prior is an information (4, 4) whose mean is zero.
+    The jacobian (K, 4) holds the derivatives of radial speeds. The prior is an information matrix (4, 4) with mean zero.
     """
     width = 0.0
     for _ in range(_STEPS):
@@ -303,8 +305,8 @@ def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array) -
 def _leave_out_sectors(jacobian: Array, shifts: Shifts, state: Array, width: float, prior: Array) -> Array | None:
     """Returns the covariance (4, 4) of a state by a jackknife over sectors; None where one sector alone determines it.
 
-    Each sector's absence moves the state by one Newton step. Sectors are successive azimuths, whose errors are correlated.
-    The arguments are those of `_fit_robustly`, and what it returns.
+    Leaving out a sector moves the state by one Newton step. A sector consists of successive azimuths, whose errors are
+    correlated. The arguments are those of `_fit_robustly` and its results.
     """
     residuals = shifts.speeds - jacobian @ state
     certain, square = _normalise(shifts.weights, width / _OUTLIER_SPREADS), (residuals / width) ** 2
@@ -325,7 +327,7 @@ def _leave_out_sectors(jacobian: Array, shifts: Shifts, state: Array, width: flo
 
 
 def _measure_spread(residuals: Array, weights: Array) -> float:
-    """Returns the spread [m/s] of residuals (K,) from their weighted median, which half of them may spoil."""
+    """Returns the spread [m/s] of residuals (K,) by the weighted median of their sizes; up to half may be outliers."""
     order = np.argsort(np.abs(residuals), kind="stable")
     sums = np.cumsum(weights[order])
     middle = order[int(np.searchsorted(sums, 0.5 * sums[-1]))]
@@ -333,5 +335,5 @@ def _measure_spread(residuals: Array, weights: Array) -> float:
 
 
 def _normalise(weights: Array, spread: float) -> Array:
-    """Returns the information (K,) [s^2/m^2] of shifts: that of a usual one is given by the residuals' spread [m/s]."""
+    """Scales the weights (K,) of shifts to information [s^2/m^2]: it is 1 / spread^2 at their mean, by a spread [m/s]."""
     return np.asarray(weights / (spread**2 * np.average(weights, weights=weights)))

@@ -1,4 +1,4 @@
-"""Recordings of planar lidars, which are audited and described: CARMEN logs, and laser scans in ROS bags."""
+"""Reads recordings of planar lidars, which can be audited and described: CARMEN logs, and laser scans in ROS bags."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def recognises(path: Path) -> bool:
 
 @untrusted.reads_file
 def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarRecording:
-    """Reads a recording that `recognises` knows.
+    """Reads a recording of a planar lidar for which `recognises` is true.
 
     Args:
         path: the recording.

@@ -1,9 +1,10 @@
-"""CARMEN logs: `.log`, `.log.gz` and `.clf`, the scans of a planar lidar with a pose beside each.
+"""Reads CARMEN logs (`.log`, `.log.gz` and `.clf`): the scans of a planar lidar, with a pose beside each.
 
-FLASER names no angles: its n readings sweep 180 degrees from -90 on. An even n ends a step before +90 (180: -90 to +89 by 1,
-360: -90 to +89.5 by 0.5), an odd n at +90 (181 by 1, 361 by 0.5). On the Intel and ACES logs this gives sharper maps than
-centring an even number or stretching it over the half turn. Other numbers of readings are of other lidars: what these sweep
-is stated by a setting or by the log's parameters, or the log is refused.
+A FLASER line states no angles. Its n readings sweep 180 degrees, from -90 degrees on. If n is even, they end one step
+before +90 (180: -90 to +89 by 1, 360: -90 to +89.5 by 0.5); if n is odd, they end at +90 (181 by 1, 361 by 0.5). On the
+Intel and ACES logs this gives sharper maps than centring an even number of readings or stretching them over the half turn.
+Other numbers of readings come from other lidars. A setting or the log's parameters must then state the field of view, or
+the log is refused.
 """
 
 from __future__ import annotations
@@ -29,19 +30,20 @@ from mqslam.core.wording import count_of
 from mqslam.errors import DataError, untrusted
 from mqslam.formats.stamps import mark_increasing, parse_stamps
 
-# A log is clipped at its longest range, if that is no shorter, where more readings have it than this share and this number.
+# A log counts as clipped at its longest range if that is at least this long [m], and more than this share and this number
+# of readings have it.
 _CLIP_M, _CLIP_SHARE, _CLIP_COUNT = 3.0, 1e-3, 10
 _SAME = np.array([0.01, 0.01, 0.01])  # poses [m, m, rad] that differ by less are equal: a log is written to centimetres
 # Poses [m, m, rad] beside the scans that stay this near to the odometry are the odometry's own: no SLAM has corrected them.
 _SAME_TRACK = np.array([0.05, 0.05, 0.02])
 _ENDINGS = (".log", ".log.gz", ".clf", ".clf.gz")
 _ERROR_CODES_M = 81.82  # SICK lidars write what they could not measure as 81.83 m to 81.91 m
-_CLIP_TOLERANCE_M = 1e-6  # ranges are written with fewer digits
+_CLIP_TOLERANCE_M = 1e-6  # ranges are written with fewer digits than that
 _LEAST_MAXIMUM_M = 1.0  # a smaller maximum among the parameters is no lidar's
 _HALF_TURNS = {180, 181, 360, 361}  # readings of SICK's lidars, whose field of view is 180 degrees
 _FIELDS_OF_VIEW = ("laser_front_laser_fov", "laser_laser1_fov")  # parameters [degrees]
-_LEAST_FOV_DEG, _FULL_DEG = 10.0, 360.0  # what a lidar sweeps; a smaller number may be in radians
-_FEW = 90  # readings of no lidar that is known: more than two degrees apart over half a turn
+_LEAST_FOV_DEG, _FULL_DEG = 10.0, 360.0  # bounds of a field of view; a smaller number may be in radians
+_FEW = 90  # no known lidar has fewer readings: over half a turn they would lie more than two degrees apart
 _MOST_METRES, _MOST_OFFSET_M = 100.0, 2.0  # larger maxima and offsets among the parameters are in centimetres
 _LONGEST_LINE = 1 << 20  # [bytes] longer lines would fill the memory
 _GZIP_MAGIC = b"\x1f\x8b"
@@ -56,9 +58,9 @@ def recognises(path: Path) -> bool:
 def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarRecording:
     """Reads a CARMEN log.
 
-    All beams of a scan have the scan's time, the only one in the format. The trajectory is the sensor's pose beside each
-    scan. The odometry is that of the ODOM lines, or in a log without them the robot's pose beside each scan where it is
-    not just the sensor's; both are carried from the robot to the sensor.
+    All beams of a scan have the scan's time, since the format states no others. The trajectory consists of the sensor's
+    poses beside the scans. The odometry comes from the ODOM lines. In a log without them it consists of the robot's poses
+    beside the scans, unless these are rigidly connected to the sensor's poses. It is carried from the robot to the sensor.
 
     Args:
         path: the log.
@@ -92,7 +94,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
 def _choose_scans(
     path: Path, log: CarmenLog, kind: str, settings: ReadingConfig
 ) -> tuple[NDArray[np.int64], list[ScanLine], list[str]]:
-    """Chooses the scans of a kind whose stamps increase; returns stamps (N,) [us], scans, and what was left out."""
+    """Chooses the scans of a kind whose stamps increase; returns stamps (N,) [us], scans, and notes on what was left out."""
     notes = []
     if others := {name: log.messages[name] for name in log.messages if "LASER" in name and name != kind}:
         notes.append(f"scans other than {kind} are left out: " + ", ".join(f"{n} {name}" for name, n in others.items()))
@@ -114,7 +116,7 @@ def _choose_scans(
 def _spread_readings(
     path: Path, scans: list[ScanLine], parameters: dict[str, float], settings: ReadingConfig
 ) -> tuple[list[ScanLine], list[str]]:
-    """Returns FLASER scans with the angles that the user or the log's parameters state, and a note."""
+    """Returns FLASER scans with angles over the field of view that the user or the log's parameters state, and a note."""
     fov_deg, whose = settings.lidar_fov_deg, "reading.lidar_fov_deg"
     for name in _FIELDS_OF_VIEW if fov_deg is None else ():
         if _LEAST_FOV_DEG <= parameters.get(name, 0.0) <= _FULL_DEG:
@@ -127,7 +129,7 @@ def _spread_readings(
             raise DataError(path, problem, "state it by reading.lidar_fov_deg, such as 240 for a Hokuyo URG-04LX")
         odd = sorted(counts - _HALF_TURNS)
         return scans, [f"scans of {odd[0]} readings are taken to span 180 degrees"] if odd else []
-    if counts <= _HALF_TURNS and fov_deg in (180.0, 181.0):  # what the lidars of such logs sweep in any case
+    if counts <= _HALF_TURNS and fov_deg in (180.0, 181.0):  # these scans have such angles already
         return scans, []
     spread = []
     for scan in scans:
@@ -147,7 +149,7 @@ def _parse_stamps(path: Path, words: list[str]) -> NDArray[np.int64]:
 def _drop_clipped(
     scans: Sequence[ScanLine], times: NDArray[np.float64], parameters: dict[str, float]
 ) -> tuple[list[Returns], list[str]]:
-    """Drops the readings of scans, at times (N,) [s], that are no returns; returns the others and a note."""
+    """Drops the readings of scans, at times (N,) [s], that are no returns; returns the other readings and a note."""
     below = np.concatenate([scan.ranges[scan.ranges < min(scan.maximum_m, _ERROR_CODES_M)] for scan in scans])
     ceiling = _find_ceiling(below, sum(len(scan.ranges) for scan in scans), parameters)
     returns = []
@@ -159,10 +161,11 @@ def _drop_clipped(
 
 
 def _find_ceiling(ranges: NDArray[np.float64], readings: int, parameters: dict[str, float]) -> float:
-    """Finds the range [m] that a log clips at below the sensor's own maximum, or inf.
+    """Finds the range [m], below the sensor's own maximum, at which a log clips its readings; inf where it clips none.
 
-    It is the longest range where that is repeated too often to be a place, else the maximum the parameters name, in
-    metres or centimetres, unless some range is longer: robot_front_laser_max may bound the robot's avoidance instead.
+    It is the longest range if that is repeated too often to be a real object. Else it is the maximum that the parameters
+    state, in metres or centimetres, unless some range is longer: robot_front_laser_max may limit the robot's obstacle
+    avoidance instead.
     """
     longest = float(ranges.max(initial=0.0))
     clipped = int(np.count_nonzero(ranges >= longest - _CLIP_TOLERANCE_M))
@@ -176,8 +179,8 @@ def _find_ceiling(ranges: NDArray[np.float64], readings: int, parameters: dict[s
 def _find_mount(sensor: se2.Array, robot: se2.Array, parameters: dict[str, float]) -> tuple[se2.Array, bool]:
     """Finds the pose (3,) of the lidar on the robot, and whether the poses (N, 3) of both are rigidly connected.
 
-    Where they are, apart from each other, they show it; else robot_frontlaser_offset says it, in metres or, above 2,
-    centimetres.
+    If they are and differ, their difference is the lidar's pose. Else the parameter robot_frontlaser_offset states it, in
+    metres or, above 2, in centimetres.
     """
     offset = parameters.get("robot_frontlaser_offset", 0.0)
     named = np.array([offset if abs(offset) <= _MOST_OFFSET_M else offset / 100.0, 0.0, 0.0])
@@ -188,10 +191,10 @@ def _find_mount(sensor: se2.Array, robot: se2.Array, parameters: dict[str, float
 
 
 def _chain_odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]) -> tuple[Trajectory | None, list[str]]:
-    """Returns the robot's odometry, or None where it has not two poses, and notes on what was done to it.
+    """Returns the robot's odometry, or None where it has fewer than two poses, and notes on what was done to it.
 
-    A log that a SLAM run wrote starts its odometry anew from the corrected pose after every scan. What the wheels measured
-    are the steps in between: they are chained, and the jumps to the anchors are left out.
+    In a log that a SLAM run wrote, the odometry starts anew from the corrected pose after every scan. The wheels measured
+    only the steps in between: these are chained, and the jumps to the corrected poses are left out.
     """
     poses = np.array([line.pose for line in lines])
     anchored = np.array([line.anchored for line in lines])
@@ -212,10 +215,11 @@ def _chain_odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]
 
 
 def _mark_consistent(stamps: NDArray[np.int64], lines: list[OdometryLine], scans: list[ScanLine]) -> NDArray[np.bool_]:
-    """Marks the odometry lines (M,), stamped (M,) [us], that do not contradict those written with the scans.
+    """Marks the odometry lines (M,) whose stamps (M,) [us] do not contradict the odometry lines that belong to scans.
 
-    The line right above a scan, with the scan's stamp, is the odometry of that scan. Where stamps run to and fro (by up
-    to a second in the Intel log), these lines stay, and lines between them in the log must lie between them in time.
+    A line right above a scan, with the scan's stamp, is the odometry of that scan. Where stamps run back and forth (by up
+    to a second in the Intel log), these lines are kept, and lines between two of them in the log must also lie between them
+    in time.
     """
     above = ((scan.odometry_above - 1, scan.stamp) for scan in scans if scan.odometry_above)
     pinned = {row for row, stamp in above if lines[row].stamp == stamp and not lines[row].anchored}
@@ -228,7 +232,7 @@ def _mark_consistent(stamps: NDArray[np.int64], lines: list[OdometryLine], scans
 
 
 def _is_same_motion(a: Trajectory, b: Trajectory) -> bool:
-    """Returns whether two trajectories differ only in the frame they start in, by centimetres at the stamps of the first."""
+    """Returns whether two trajectories, from one common first pose, agree to centimetres at the stamps of the first one."""
     one, other = a.poses, b.at(a.stamps_us)
     apart = se2.wrapped_between(se2.between(one[0], one), se2.between(other[0], other))
     return bool(np.all(np.abs(apart) < _SAME_TRACK))
@@ -239,11 +243,11 @@ class ScanLine:
     """A FLASER or ROBOTLASER1 line.
 
     Args:
-        stamp: as written [s].
+        stamp: stamp as written [s].
         ranges: (n,) [m].
         angles: (n,) [rad] counter-clockwise from straight ahead.
-        remissions: (n,) 0 where the line has none.
-        maximum_m: the range the line names as the sensor's maximum [m], or inf.
+        remissions: (n,) strength of the echoes; 0 where the line has none.
+        maximum_m: the sensor's maximum range [m] that the line states, or inf.
         sensor: (3,) pose of the lidar.
         robot: (3,) pose of the robot.
         odometry_above: number of ODOM lines above this one.
@@ -264,10 +268,10 @@ class OdometryLine:
     """An ODOM line.
 
     Args:
-        stamp: as written [s].
+        stamp: stamp as written [s].
         pose: (3,) pose of the robot.
-        anchored: whether it moves the odometry to the pose of the scan line before it and measures nothing: it repeats
-            that pose, and its stamp lies before those of the lines above.
+        anchored: whether the line measures nothing, but moves the odometry to the pose of the scan line before it: it
+            repeats that pose, and its stamp is earlier than that of the last line that measures something.
     """
 
     stamp: str
@@ -277,7 +281,7 @@ class OdometryLine:
 
 @dataclass(frozen=True, slots=True)
 class CarmenLog:
-    """The content of a log in its order; `messages` counts all kinds of lines, also those that are not kept."""
+    """The lines of a log, in order, by their kind; `messages` counts lines of all kinds, also those that are not kept."""
 
     scans: dict[str, list[ScanLine]] = field(default_factory=lambda: {"FLASER": [], "ROBOTLASER1": []})
     odometry: list[OdometryLine] = field(default_factory=list)
@@ -311,7 +315,7 @@ def read_log(path: Path) -> CarmenLog:
                 log.odometry.append(before)
                 latest = latest if before.anchored else stamp
             elif kind == "PARAM" and len(words) > 2:
-                with suppress(ValueError):  # others are words
+                with suppress(ValueError):  # other parameters are words
                     log.parameters[words[1]] = float(_parse_finite(words[2:3], 1)[0])
         except (ValueError, IndexError):
             remedy = "remove the line, or copy the log anew"
@@ -320,7 +324,7 @@ def read_log(path: Path) -> CarmenLog:
 
 
 def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Reads the lines of a log with their numbers; a line is never held beyond a mebibyte."""
+    """Yields the lines of a log with their numbers; at most a mebibyte of a line is held in memory."""
     limit = _LONGEST_LINE + _MOST_EXPANSION * path.stat().st_size if path.exists() else 0
     try:
         with (
@@ -355,7 +359,7 @@ def _parse_robotlaser(words: list[str], above: int) -> ScanLine:
     """Parses the words of a ROBOTLASER1 line, with the number of ODOM lines above it."""
     start, view, resolution, maximum = (float(words[column]) for column in (2, 3, 4, 5))
     count = int(words[8])
-    if resolution <= 0.0:  # some programs leave it out
+    if resolution <= 0.0:  # some programs leave the resolution out
         resolution = _parse_finite([view], 1)[0] / max(count - 1, 1)
     if resolution <= 0.0:
         raise ValueError(words[3])
@@ -370,7 +374,7 @@ def _parse_robotlaser(words: list[str], above: int) -> ScanLine:
 
 
 def _check_stamp(word: str) -> str:
-    """Returns a word, and checks that it is a number."""
+    """Returns a stamp as it is written, after a check that it is a number."""
     float(word)
     return word
 
@@ -387,7 +391,7 @@ def _parse_numbers(words: list[str], count: int) -> NDArray[np.float64]:
 
 
 def _parse_finite(words: list[str] | list[float], count: int) -> NDArray[np.float64]:
-    """Parses all words as `count` finite numbers."""
+    """Parses all words as `count` finite numbers, or raises ValueError."""
     values = np.array(words, dtype=np.float64)
     if values.shape != (count,) or not np.isfinite(values).all():
         raise ValueError(words)

@@ -1,4 +1,4 @@
-"""`sensor_msgs/LaserScan` in ROS bags: ROS 1 `.bag`, ROS 2 folder or `.db3`, `.mcap`."""
+"""Reads lidar scans (`sensor_msgs/LaserScan`) from ROS bags: ROS 1 `.bag`, ROS 2 folder or `.db3`, `.mcap`."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from mqslam.formats.transforms import Mounts
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
-# Times of a lidar's beams are used if the sweep they claim is shorter than this many usual steps from scan to scan; a
-# driver that claims more is wrong.
+# The times that a driver states for a lidar's beams are used if a sweep takes less than this many usual steps from scan to
+# scan. Longer sweeps are a driver's mistake.
 _LIDAR_LONGEST_SWEEP = 1.05
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
@@ -35,7 +35,7 @@ _COMMANDS = ("goal", "initialpose", "initial_pose")
 
 @dataclass(slots=True)
 class _ScanIndex:
-    """The result of one pass over a bag: scans with times since their own stamps, poses, frames, mounts."""
+    """The result of one pass over a bag: scans, whose times count from their own stamps, poses, a frame and mounts."""
 
     stamps_us: list[int] = field(default_factory=list)
     scans: list[Returns] = field(default_factory=list)
@@ -57,10 +57,11 @@ def holds_scans(path: Path) -> bool:
 
 
 def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarRecording:
-    """Reads the scans of a bag, with its odometry and the poses that some SLAM published.
+    """Reads the scans of a bag, with its odometry and the poses that some SLAM system published.
 
     Ranges outside (range_min, range_max), NaN and infinite ones are no returns. Beam k is measured k time increments after
-    the header's stamp. Poses are carried to the lidar where /tf_static, or a transform on /tf that never changes, places it.
+    the header's stamp. Poses are carried to the lidar where /tf_static, or a transform on /tf that never changes, states
+    the lidar's mount.
 
     Args:
         path: the bag.
@@ -107,7 +108,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
 
 
 def _choose_topic(path: Path, reader: AnyReader) -> str:
-    """Chooses the only topic of scans, else the only one whose last name is scan."""
+    """Chooses the topic of scans: the only one or, of several, the only one whose last name is `scan`."""
     topics = sorted({c.topic for c in reader.connections if c.msgtype == SCAN_TYPE and c.msgcount})
     if not topics:
         raise DataError(path, f"has no scans (topics: {bags.list_topics(reader)})", f"scans are {SCAN_TYPE}")
@@ -119,7 +120,10 @@ def _choose_topic(path: Path, reader: AnyReader) -> str:
 
 
 def _choose_pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
-    """Chooses the topics of odometry and of a SLAM's poses: those with most messages, without ground truth and commands."""
+    """Chooses the topics of odometry and of a SLAM system's poses: by name first, then by number of messages.
+
+    Topics of commands are left out. Ground truth is never taken as odometry, and as poses only if there are no others.
+    """
     filled = sorted((c for c in reader.connections if c.msgcount > 1), key=lambda c: -c.msgcount)
     drives = [c.topic for c in filled if c.msgtype == ODOMETRY_TYPE and not bags.TRUTH_NAME.search(c.topic.lower())]
     drives.sort(key=lambda topic: "odom" not in topic.lower())
@@ -130,7 +134,7 @@ def _choose_pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
 
 
 def _read_index(path: Path, reader: AnyReader, topic: str, pose_topics: set[str | None]) -> _ScanIndex:
-    """Reads the messages of the scans, of the pose topics and of transforms, once."""
+    """Reads the messages of the scans, of the pose topics and of transforms in one pass."""
     index = _ScanIndex()
     connections = [c for c in reader.connections if c.topic == topic or c.topic in pose_topics or Mounts.reads(c)]
     for connection, logged, raw in reader.messages(connections):
@@ -149,10 +153,10 @@ def _read_index(path: Path, reader: AnyReader, topic: str, pose_topics: set[str 
 
 
 def _parse_scan(message: Any) -> Returns:
-    """Returns the returns of a scan, their times counted from its stamp.
+    """Parses a message into the returns of a scan, whose times count from the message's stamp.
 
     Raises:
-        ValueError: angles or limits are no numbers.
+        ValueError: the angles are not finite, or the range limits are no numbers that increase.
     """
     numbers = (message.angle_min, message.angle_increment, message.time_increment)
     if not np.isfinite(numbers).all() or not message.range_min < message.range_max:
@@ -170,10 +174,10 @@ def _parse_scan(message: Any) -> Returns:
 
 
 def _find_times(stamps: NDArray[np.int64], scans: Sequence[Returns]) -> tuple[list[NDArray[np.float64]], list[str]]:
-    """Finds times [s] since the first of the scans' stamps (N,) [us], with a note where beams have none of their own.
+    """Finds the beams' times [s] since the first of the scans' stamps (N,) [us], with a note if beams have the scans' times.
 
-    A driver's time increment cannot be right where sweeps last longer than from one scan to the next; all beams then have
-    the scan's time.
+    If sweeps would last longer than the step from one scan to the next, the driver's time increment is wrong. All beams of
+    a scan then have the scan's time.
     """
     starts = ((stamps - stamps[0]) * 1e-6).tolist()
     times = np.concatenate([scan.times for scan in scans])

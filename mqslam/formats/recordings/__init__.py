@@ -1,4 +1,4 @@
-"""Recordings on disk: one module per layout, which reads it and may write it, and one line per module."""
+"""Opens recordings of radars in all known layouts: one module per layout reads it, and some modules also write it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FORMATS = {
     "boreas": "mqslam.formats.recordings.boreas",
     "mulran": "mqslam.formats.recordings.mulran",
     "radiate": "mqslam.formats.recordings.radiate",
-    "oxford": "mqslam.formats.recordings.oxford",  # after boreas, which has the same names and more beside them
+    "oxford": "mqslam.formats.recordings.oxford",  # after boreas, whose recordings this layout would recognise, too
     "rosbag": "mqslam.formats.recordings.rosbag",
     "native": "mqslam.formats.recordings.native",
 }
@@ -43,15 +43,16 @@ def open_recording(
         path: a file or folder in one of the layouts of `FORMATS`.
         format: name of the layout; None guesses it from the path.
         range_resolution: length of a range bin [m]; None takes it from the recording or the layout's default.
-        clockwise: whether the radar turns clockwise, seen from above; None takes what azimuths say, or the layout's default.
+        clockwise: whether the radar turns clockwise, seen from above; None takes the direction in which the azimuths turn,
+            or the layout's default.
         stamp: whether the stamp of a polar scan is its start or its end, where azimuths carry no stamps; None takes the
             layout's default.
-        topics: of a bag, where their types and names do not tell which ones are meant.
-        encoder_size: ticks of the encoder in a turn, where azimuths carry encoder values; None takes what the recording
-            states, else what Navtech's radars have.
+        topics: topics of a bag to read, where types and names do not show which ones are meant.
+        encoder_size: encoder ticks per turn, where azimuths carry encoder values; None takes the number that the recording
+            states, else that of Navtech's radars.
 
     Raises:
-        ConfigError: the format is unknown, or the range resolution is no length.
+        ConfigError: the format is unknown, or the range resolution cannot be the length of a range bin.
         DataError: the path does not exist, is in no known layout, or holds a recording that cannot be used.
     """
     path = Path(path)
@@ -83,7 +84,7 @@ def _load(format: str) -> Layout:
 
 
 def _find_root(path: Path) -> Path:
-    """Returns the folder of the whole recording, which the path may be or lie in, as that of its images."""
+    """Returns the root folder of a recording: the path itself or, if it is a folder of images, the folder above."""
     root = path.resolve()
     while root.name in _IMAGE_FOLDERS:
         root = root.parent
@@ -91,7 +92,7 @@ def _find_root(path: Path) -> Path:
 
 
 def _is_result(path: Path) -> bool:
-    """Returns whether a path is a folder that a command has written its result into, or the keyframes of one."""
+    """Returns whether a path is a folder that holds the result of a command, or the keyframes of a map."""
     summaries = ("summary.json", "audit.json", "compare.json")
     written = (path / "config.yaml").is_file() and any((path / name).is_file() for name in summaries)
     return written or all((path / name).is_file() for name in ("index.json", "keyframes.npy"))

@@ -1,18 +1,18 @@
-"""Stamps of arrival, one per polar scan, freed of their delays as far as a turning mass allows.
+"""Estimates when turns ended or began from stamps of arrival, which are late by varying delays.
 
-Where a recording has one stamp per polar scan, it is that of a message or a file, which a computer sets when it finds the
-time: each comes late by another delay, and some so late that their stamps lie behind the next ones'. The order of polar
-scans is therefore that of their numbers or messages, never that of their stamps. The radar itself turns steadily, since its
-antenna has inertia: the duration of a turn changes little from one turn to the next. So the stamps a_k of the recording are
-understood as
+Where a recording has one stamp per polar scan, it is the stamp of a message or a file, which a computer sets when it finds
+the time: each is late by another delay, and some are so late that their stamps lie after those of the next polar scans. The
+order of polar scans is therefore that of their numbers or messages, never that of their stamps. The radar itself turns
+steadily, since its antenna has inertia: the duration of a turn changes little from one turn to the next. So the stamps a_k
+of the recording are modelled as
 
     a_k = s_k + jitter,        s_k - 2 s_k+1 + s_k+2 = change of the duration of a turn
 
 with white jitter of variance r and white changes of variance q. Both variances are estimated from the stamps themselves
-(restricted maximum likelihood), and the s_k that are most probable given them take the place of the a_k: this is the
-smoother of Whittaker and Henderson, equal to that of Rauch, Tung and Striebel for this model. Its covariance says how
-uncertain they are. Stamps out of order and those that come far too late tell nothing, and neither do polar scans that are
-missing by their numbers. Nothing ties turns to one another across a gap, or where the radar is told to turn at another rate.
+(restricted maximum likelihood), and the most probable s_k replace the a_k: this is the smoother of Whittaker and Henderson,
+equal to that of Rauch, Tung and Striebel for this model. Its covariance gives the uncertainty of the s_k. Stamps that are
+out of order or far too late are ignored, and polar scans that are missing by their numbers have no stamps. Turns on the two
+sides of a gap do not constrain one another, nor do turns before and after the radar is told to turn at another rate.
 """
 
 from __future__ import annotations
@@ -28,37 +28,37 @@ from mqslam.formats.recordings.turns import ALIKE_TURNS, LONGEST_STEP, TURNS_ARO
 from mqslam.formats.stamps import mark_increasing
 
 _LEAST_JITTER_S = 1e-4  # less jitter [s] is left alone: at 30 m/s a vehicle drives 3 mm meanwhile
-# Ratios between the variance of jitter and that of changes of a turn's duration that are tried, each ten times the one
-# before. The largest averages stamps over about a hundred turns.
+# Smallest and largest of the ratios that are tried: variance of the jitter over variance of the changes of a turn's
+# duration. Each ratio is ten times the one before. The largest averages stamps over about a hundred turns.
 _ROUGHEST_RATIO, _SMOOTHEST_RATIO = 1e-4, 1e8
 # Ratios whose costs (twice the negative log-likelihood) differ by less than this count as equally likely, and the smallest
 # is taken. Three polar scans cannot tell jitter from changes of the turn rate.
 _EQUAL_LIKELIHOOD = 0.01
 _MOST_TURN_CHANGE = 0.1  # share by which a turn can be faster or slower than the one before: a turning mass allows no more
-_STRAY_SPREADS = 5.0  # a stamp further than this many spreads of the jitter from its place tells nothing
-_MOST_LATE_S = 3.0  # a stamp that is later than those around it allow by more than this [s] is damaged, not late
-_MOST_EARLY = 0.5  # a stamp that is more turns than this before its turn's end is damaged, since nothing arrives early
+_STRAY_SPREADS = 5.0  # a stamp further than this many spreads of the jitter from its estimate is ignored
+_MOST_LATE_S = 3.0  # a stamp later than its estimate by more than this [s] is damaged, not late
+_MOST_EARLY = 0.5  # a stamp earlier than its estimate by more turns than this is damaged, since nothing arrives early
 _SCANS_AROUND_BREAK = 8  # polar scans on each side of a step that show whether the step is a lasting break
 _BREAK_SPREADS = 7.0  # a step further than this many spreads of the jitter from the usual one may be a break
-_BREAK_LASTS = 0.6  # share of an unusual step that must last behind it for the step to be a break
-_NEAR = 3  # breaks fewer polar scans apart than this may be one
-_IGNORED = 1e-4  # weight of a stamp that tells nothing; above zero, so that a whole stretch of them can be solved
-_ROUNDS = 8  # most rounds of looking for such stamps; it takes two or three
+_BREAK_LASTS = 0.6  # share of an unusual step by which the stamps after it must stay shifted for it to be a break
+_NEAR = 3  # breaks fewer polar scans apart than this may be the same break
+_IGNORED = 1e-4  # weight of an ignored stamp; above zero, so that a whole stretch of them can be solved
+_ROUNDS = 8  # most rounds of looking for stamps to ignore; two or three suffice
 _PROBES = 64  # polar scans whose variances stand for those of all
-_LOW = 0.2  # quantile of some stamps below which hardly any is late
+_LOW = 0.2  # low quantile of the delays of some stamps; hardly any stamp below it is late
 _AVERAGED = 37  # turns over which their usual duration is averaged: the median of nine still shows the jitter of stamps
-_MOST_MISSING = 100  # turns in a hole of the numbers; where more are missing, nothing ties both sides
+_MOST_MISSING = 100  # a larger hole in the numbers counts as this many turns, since nothing ties its two sides
 
 
 @dataclass(frozen=True, slots=True)
 class Arrivals:
-    """When turns ended or began, as far as stamps of arrival tell.
+    """Stamps of the ends or starts of turns, estimated from stamps of arrival.
 
     Args:
-        stamps_us: (N,) int64 [us], strictly increasing; the stamps of arrival where they show no delays.
-        sigma_s: standard deviation of one of them [s]; 0 where they show no delays.
-        notes: what a user should know about the delays.
-        faults: which stamps cannot be those of their polar scans.
+        stamps_us: (N,) int64 [us], strictly increasing; equal to the stamps of arrival if these show no delays.
+        sigma_s: standard deviation of one stamp [s]; 0 if the stamps of arrival show no delays.
+        notes: notes for the user on the delays.
+        faults: faults for the user: which stamps of arrival are damaged.
     """
 
     stamps_us: NDArray[np.int64]
@@ -68,7 +68,7 @@ class Arrivals:
 
 
 def estimate_arrivals(stamps_us: NDArray[np.int64], numbers: NDArray[np.int64] | None = None) -> Arrivals:
-    """Frees the arrival stamps of polar scans of their delays.
+    """Estimates the stamps of polar scans by removing the delays from their stamps of arrival.
 
     Args:
         stamps_us: (N,) stamps of arrival [us] in the order of the polar scans; they may repeat and run backward.
@@ -79,7 +79,7 @@ def estimate_arrivals(stamps_us: NDArray[np.int64], numbers: NDArray[np.int64] |
     numbers = np.arange(1, len(stamps_us) + 1) if numbers is None else numbers
     places = np.concatenate([[0], np.cumsum(np.minimum(np.diff(numbers), _MOST_MISSING))])
     smooth, sigma_s = stamps_us, 0.0
-    for _ in range(1 + _ROUNDS):  # what comes of absurd stamps may be absurd itself, such as turns faster than any radar's
+    for _ in range(1 + _ROUNDS):  # absurd stamps first give absurd results, such as turns faster than any radar's
         before = smooth
         smooth, usual, sigma = _estimate_once(smooth, places)
         sigma_s = max(sigma_s, sigma)
@@ -100,7 +100,7 @@ def estimate_arrivals(stamps_us: NDArray[np.int64], numbers: NDArray[np.int64] |
 
 
 def _estimate_once(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> tuple[NDArray[np.int64], float, float]:
-    """Frees stamps of arrival (N,) [us] of turns at places (N,) of the delays that they show.
+    """Removes the delays that stamps of arrival (N,) [us] show; places (N,) count the turns, missing ones included.
 
     Returns:
         the stamps (N,) [us], how long a turn usually takes [us], and the standard deviation of the stamps [s].
@@ -129,13 +129,13 @@ def _describe_damaged(numbers: NDArray[np.int64], damaged: NDArray[np.bool_]) ->
 
 
 def _find_takes(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Finds how long a turn usually takes (N - 1,) [us] between increasing stamps (N,) [us] of turns at places (N,)."""
+    """Finds the usual duration (N - 1,) of a turn [us] between increasing stamps (N,) [us]; places (N,) count the turns."""
     steps = np.maximum(1, np.diff(stamps_us) // np.diff(places))
     return find_usual_turns(np.append(0, np.cumsum(steps)))
 
 
 def _mark_in_time(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Marks stamps (N,) [us] that increase, and that the radar can have reached the later ones from by whole turns."""
+    """Marks increasing stamps (N,) [us] that leave the radar enough time for the turns until every later one of them."""
     from scipy.ndimage import minimum_filter1d
 
     rows = np.flatnonzero(mark_increasing(stamps_us.tolist()))
@@ -150,9 +150,9 @@ def _mark_in_time(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> ND
 def _fill_turns(
     stamps_us: NDArray[np.int64], places: NDArray[np.int64], known: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], float]:
-    """Estimates the stamps (M,) [us] of all turns, steadily between known ones; returns how long one usually takes as well.
+    """Estimates the stamps (M,) [us] of all turns, evenly between known ones; returns a turn's usual duration [us] as well.
 
-    A turn between two known ones with a gap between them lies behind the gap if it arrived there, else before it.
+    Where a gap lies between two known turns, an unknown turn lies behind the gap if it arrived there, else before it.
     """
     stamps, counts = stamps_us[known], places[known]
     apart, steps, takes = np.diff(counts), np.diff(stamps), _find_takes(stamps, counts)
@@ -171,11 +171,11 @@ def _fill_turns(
 
 
 def _smooth_once(stamps_us: NDArray[np.int64], known: NDArray[np.float64]) -> tuple[NDArray[np.int64], float]:
-    """Subtracts from stamps the delays that they show; returns the standard deviation of what is left [s] as well.
+    """Subtracts from stamps the delays that they show; returns the standard deviation of the new stamps [s] as well.
 
     Args:
         stamps_us: (N,) increasing stamps of turns [us].
-        known: (N,) weights of the stamps; next to nothing where they are but estimated.
+        known: (N,) weights of the stamps; near zero where a stamp is only estimated.
     """
     if len(stamps_us) < 3:
         return stamps_us, 0.0
@@ -194,14 +194,14 @@ def _smooth_once(stamps_us: NDArray[np.int64], known: NDArray[np.float64]) -> tu
 
 
 def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Finds the polar scans, as a mask (N - 2,), that the next two follow without a break at the same turn rate.
+    """Marks the polar scans (N - 2,) that the next two follow without a break at the same turn rate.
 
     A break is a step after which the stamps stay behind their schedule, or ahead of it: a gap, or a clock that jumps. A
-    single late polar scan makes none, since the next ones are in time again.
+    single late polar scan is no break, since the next ones are on time again.
 
     Args:
-        stamps_us: (N,) of the polar scans [us], three at least.
-        usual: (N - 1,) how long a turn usually takes at each step between them [us].
+        stamps_us: (N,) stamps of the polar scans [us], at least three.
+        usual: (N - 1,) usual duration of a turn at each step between them [us].
     """
     from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
@@ -217,13 +217,13 @@ def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64]) -> NDAr
     # a second difference of stamps holds six times the variance of their jitter
     spread = SIGMAS_PER_DEVIATION * float(np.median(np.abs(np.diff(steps)))) / np.sqrt(6.0)
     excess = steps - usual
-    # late stamps come in runs, so the low ones tell
+    # late stamps come in runs, so low quantiles are compared
     lasting = np.diff(np.quantile([before, after], _LOW, axis=2), axis=0)[0] * np.sign(excess)
     least_us = max(_BREAK_SPREADS * spread, _LEAST_JITTER_S * 1e6)
     jump = (np.abs(excess) > least_us) & (lasting > _BREAK_LASTS * np.abs(excess))
     jump[: count // 2], jump[-count // 2 :] = False, False  # too few scans on one side to tell a break from late scans
     broken = gap | jump
-    # late polar scans beside a break make others, which are smaller and not of whole turns
+    # late polar scans beside a break look like further breaks, which are smaller and not of whole turns
     sizes = np.where(broken, np.abs(excess), 0.0)
     whole = np.abs(steps - np.round(steps / usual) * usual) < least_us
     broken &= whole | (sizes == maximum_filter1d(sizes, 2 * _NEAR + 1))
@@ -231,7 +231,7 @@ def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64]) -> NDAr
 
 
 def _mark_members(tied: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Marks the polar scans (N,) that are tied to others, from the mask (N - 2,) of the first ones of three."""
+    """Marks the polar scans (N,) that are tied to others, from the mask (N - 2,) of the first of three tied ones."""
     padded = np.pad(tied, 2)
     return padded[2:] | padded[1:-1] | padded[:-2]
 
@@ -246,10 +246,10 @@ def _estimate_delays(
 
     Args:
         bends: (N - 2,) second differences of the stamps [us].
-        tied: (N - 2,) which of them are of turns that follow one another steadily.
-        known: (N,) weights of the stamps; next to nothing where they are but estimated.
-        usual: (N - 2,) how long a turn usually takes at each of them [us]; where stamps claim that it differs from the
-            one before by more than a turning mass allows, they are untied.
+        tied: (N - 2,) True where the three turns of a second difference follow one another steadily.
+        known: (N,) weights of the stamps; near zero where a stamp is only estimated.
+        usual: (N - 2,) usual duration of a turn at each second difference [us]; turns whose duration would change by more
+            than a turning mass allows are untied.
     """
     for _ in range(_ROUNDS):
         if not np.any(_mark_members(tied) & (known == 1.0)):
@@ -263,10 +263,10 @@ def _estimate_delays(
 
 
 def _choose_fit(bends: NDArray[np.float64], tied: NDArray[np.bool_], known: NDArray[np.float64], turn: float) -> _Fit:
-    """Chooses the ratio of variances and the stamps that stray by their likelihood; a stray may lie anywhere in a turn [us].
+    """Chooses by likelihood the ratio of variances and the stray stamps, each of which may lie anywhere in a turn [us].
 
-    From one ratio to the next, turns may change more. So stamps that are late together, as long as a computer is busy, are
-    recognised against the steady turns around them before turns can bend to follow them.
+    The first ratio holds turns steadiest, and each later one lets them change more. So stamps that are late together, while
+    a computer is busy, are recognised against the steady turns around them before the turns can bend to follow them.
     """
     members = _mark_members(tied) & (known == 1.0)
     cost_stray = 2.0 * np.log(turn) - np.log(2.0 * np.pi) - 1.0
@@ -275,7 +275,7 @@ def _choose_fit(bends: NDArray[np.float64], tied: NDArray[np.bool_], known: NDAr
     for ratio in np.logspace(high, low, 1 + round(high - low)).tolist():
         for _ in range(_ROUNDS):
             fit, used = _fit_delays(bends, tied, weights, ratio), weights
-            early = -fit.delays[members & (fit.delays < 0.0)]  # late stamps say nothing of the jitter of the others
+            early = -fit.delays[members & (fit.delays < 0.0)]  # late stamps do not show the jitter of the others
             spread = SIGMAS_PER_DEVIATION * float(np.median(early)) if len(early) else 0.0
             stray = np.abs(fit.delays) > max(_STRAY_SPREADS * spread, _LEAST_JITTER_S * 1e6)
             weights = np.where(members & stray, _IGNORED, known)
@@ -288,13 +288,13 @@ def _choose_fit(bends: NDArray[np.float64], tied: NDArray[np.bool_], known: NDAr
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """How stamps are best split at a ratio of variances.
+    """The best split of stamps into delays and turns at one ratio of variances.
 
     Args:
-        delays: (N,) of the stamps [us].
+        delays: (N,) delays of the stamps [us].
         cost: twice the negative logarithm of the restricted likelihood of the ratio, up to a constant.
         factor: (3, N) Cholesky factor of the normal equations.
-        variance: of the jitter [us^2].
+        variance: variance of the jitter [us^2].
     """
 
     delays: NDArray[np.float64]
@@ -303,7 +303,7 @@ class _Fit:
     variance: float
 
     def measure_sigma(self, members: NDArray[np.bool_]) -> float:
-        """Returns the usual standard deviation [us] of the turns (N,) that are members."""
+        """Returns the median standard deviation [us] of the estimated stamps of those turns that a mask (N,) marks."""
         from scipy.linalg import cho_solve_banded
 
         chosen = np.flatnonzero(members)[pick_evenly(int(np.count_nonzero(members)), _PROBES)]
@@ -314,10 +314,10 @@ class _Fit:
 
 
 def _fit_delays(bends: NDArray[np.float64], tied: NDArray[np.bool_], weights: NDArray[np.float64], ratio: float) -> _Fit:
-    """Splits stamps into delays and turns: least squares of the delays and, `ratio` times, of the turns' second differences.
+    """Splits stamps into delays and turns by least squares: of the delays plus `ratio` times the turns' second differences.
 
-    The normal equations (W + ratio D'TD) delays = ratio D'T bends have five diagonals. W are the weights, T picks the
-    bends that are tied, D takes second differences.
+    The normal equations (W + ratio D'TD) delays = ratio D'T bends have five diagonals. W are the weights, T picks the bends
+    that are tied, and D takes second differences.
     """
     from scipy.linalg import cho_solve_banded, cholesky_banded
 

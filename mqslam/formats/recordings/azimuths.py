@@ -1,4 +1,4 @@
-"""Azimuths of a turn: read from and written as Oxford rows, which begin with time, angle and validity, or spread evenly."""
+"""Reads and writes a turn's azimuths as Oxford rows, which begin with time, angle and validity, or spreads them evenly."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from mqslam.formats.recordings.layout import Stamp
 from mqslam.formats.recordings.turns import measure_turn
 from mqslam.formats.stamps import mark_increasing
 
-# A turn ends where its azimuths end if that differs by less than this share of a turn from what their rate says. Otherwise
-# the rate decides, since the azimuths are not those of exactly one turn.
+# The span of the azimuths is the duration of the turn if it differs by less than this share from the duration that their
+# rate gives. Otherwise the rate decides, since the azimuths do not cover exactly one turn.
 _SAME_TURN = 0.02
 METADATA_BYTES = 11
 FLAG_BYTE = 10
 TURN_TICKS = 5600
-"""Bytes before the power in an Oxford row, the one among them that flags, and encoder ticks of a turn."""
+"""Number of bytes before the power in an Oxford row, index of the flag byte among them, and encoder ticks per turn."""
 FIRST_NS = 1e17
-"""Larger than any stamp since 1970 in us, and smaller than that of any radar's recording in ns."""
+"""Larger than any stamp since 1970 in us, and smaller than the stamps of any radar's recording in ns."""
 STATE_ENCODER = "state the encoder's ticks per turn by sensor.encoder_size if it has others"
-_NEAR_STEPS = 5  # steps between polar scans at either end whose median tells how long a turn takes there
-_OVERLAP = 1.05  # no turn of a radar takes so many times as long as until the next one begins: it keeps its rate better
+_NEAR_STEPS = 5  # steps between polar scans at either end of a recording whose median is the duration of a turn there
+_OVERLAP = 1.05  # no turn lasts this many times the time until the next one begins: a radar keeps its rate better
 _MADE = (500, 512, 1000, 1024, 1250, 1800, 2000, 2048, 2500, 3000, 3600, 4000, 4096, 5000, 7200, 8000, 8192, 10000, 16000)
-_SAME_SIZE = 0.02  # how well the steps between polar scans show the ticks of a turn
-_LONGEST_TURN_US = 30e6  # a stamp further than this from the others of its turn is damaged
+_SAME_SIZE = 0.02  # relative error of the ticks per turn that the steps between polar scans show
+_LONGEST_TURN_US = 30e6  # a stamp further than this from the median stamp of its turn is damaged
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,8 @@ class Azimuths:
     Args:
         stamps_us: (A,) int64 [us], not decreasing.
         angles: (A,) [rad] counter-clockwise from straight ahead, unwrapped along the turn.
-        valid: (A,) bool, False where the recording says so or the time or angle had to be interpolated.
+        valid: (A,) bool, False where the recording marks the azimuth as not measured, or its time or angle had to be
+            interpolated.
     """
 
     stamps_us: NDArray[np.int64]
@@ -53,13 +54,14 @@ class Azimuths:
         return last + max(1, round((last - first) / (len(self.stamps_us) - 1)))
 
     def measure_turn(self) -> float | None:
-        """Measures how long a whole turn takes [us] at the rate of these azimuths; None where they do not tell."""
+        """Measures how long a whole turn takes [us] at the rate of these azimuths; None where they do not show it."""
         return measure_turn((self.stamps_us - self.stamps_us[0]).astype(np.float64), self.angles)
 
     def find_duration(self) -> int | None:
-        """Finds how long the turn takes [us]; None where these azimuths do not tell.
+        """Finds how long the turn takes [us]; None where these azimuths do not show it.
 
-        It takes until its end, unless the rate of the azimuths shows that they are not those of exactly one turn.
+        It is the time from the first azimuth to `end_us`, unless the rate of the azimuths shows that they do not cover
+        exactly one turn.
         """
         until_end, measured = self.end_us - int(self.stamps_us[0]), self.measure_turn()
         if measured is None:
@@ -87,11 +89,12 @@ def repair_azimuths(
     Args:
         stamps_us: (A,) raw times [us].
         ticks: (A,) clockwise encoder values from straight ahead.
-        measured: (A,) which azimuths the recording says were measured.
-        turn: encoder ticks of a turn.
+        measured: (A,) True where the recording says that the azimuth was measured.
+        turn: encoder ticks per turn.
 
     Raises:
-        ValueError: there are under two rows, or under half of the times or ticks are usable, or half of the ticks are alike.
+        ValueError: there are fewer than two rows, fewer than half of the times or ticks are usable, or over half of the
+            ticks are equal.
     """
     if len(stamps_us) < 2:
         raise ValueError(f"has {len(stamps_us)} azimuths")
@@ -130,7 +133,7 @@ def spread_azimuths(count: int, stamp_us: int, duration_us: int, *, clockwise: b
 
 
 def note_spread(whose: str, stamp: Stamp, clockwise: bool) -> str:
-    """Words the note on what was assumed of azimuths without stamps and angles, timed by the stamps of files or headers."""
+    """Words the note on how azimuths without stamps and angles are placed, by stamps of files or headers (`whose`)."""
     return (
         "azimuths carry no stamps of their own and are spread evenly over the turn; "
         f"{whose} stamps are taken as the {stamp} of the turn (sensor.stamp), "
@@ -141,22 +144,22 @@ def note_spread(whose: str, stamp: Stamp, clockwise: bool) -> str:
 def check_encoder(
     path: Path, stamps_us: NDArray[np.int64], ends: Sequence[float | None], turn: int = TURN_TICKS
 ) -> list[str]:
-    """Checks that turns do not overlap by far, which they seem to where the encoder has fewer ticks than is taken.
+    """Checks that turns do not seem to overlap by far, as they do if the encoder has fewer ticks per turn than assumed.
 
-    They also seem to where the radar sweeps a part of the turn only, slowly. Such a recording is told from one of another
-    encoder by the number of ticks, since encoders are made with a few of them.
+    They also seem to overlap if the radar slowly sweeps only a part of the turn. The number of ticks that the turns show
+    tells the two cases apart, since encoders are made with only a few numbers of ticks.
 
     Args:
-        path: of the recording.
-        stamps_us: (N,) of its polar scans [us].
-        ends: how long the first and the last turn take at the rate of their azimuths [us]; None where these do not tell.
-        turn: encoder ticks that were taken as a turn.
+        path: path of the recording, for errors.
+        stamps_us: (N,) stamps of its polar scans [us].
+        ends: durations of the first and the last turn at the rate of their azimuths [us]; None where these do not show it.
+        turn: encoder ticks per turn that were assumed.
 
     Returns:
-        A fault for the user where they do, but no encoder that is made has as many ticks as the turns show.
+        A fault for the user if turns seem to overlap, but no encoder is made with as many ticks as they show.
 
     Raises:
-        DataError: they do, as with an encoder of another size.
+        DataError: turns seem to overlap, and an encoder with another number of ticks explains it.
     """
     steps = np.diff(stamps_us)
     if len(steps) < _NEAR_STEPS:
@@ -181,7 +184,7 @@ def read_metadata(image: NDArray[np.uint8], *, flags_validity: bool = True, turn
     Args:
         image: the rows.
         flags_validity: whether the byte says which azimuths were measured.
-        turn: encoder ticks of a turn.
+        turn: encoder ticks per turn.
 
     Raises:
         ValueError: the rows are no Oxford rows.
@@ -205,7 +208,7 @@ def has_times(image: NDArray[np.uint8]) -> bool:
 
 
 def has_metadata(image: NDArray[np.uint8], turn: int = TURN_TICKS) -> bool:
-    """Returns whether the rows of an image (A, W) begin with times and angles that sweep half a turn at least."""
+    """Returns whether the rows of an image (A, W) begin with times and angles that sweep at least half a turn."""
     try:
         azimuths = read_metadata(image, turn=turn)
     except ValueError:
@@ -225,8 +228,8 @@ def make_rows(recording: Recording, k: int, polar_scan: PolarScan, per_us: int =
     Args:
         recording: the recording.
         k: number of the polar scan, for an error to name.
-        polar_scan: its content.
-        per_us: ticks of the time in a microsecond: 1 for us, 1000 for ns.
+        polar_scan: polar scan k.
+        per_us: units of the written time per microsecond: 1 to write us, 1000 to write ns.
 
     Raises:
         DataError: the polar scan turns counter-clockwise.
@@ -240,13 +243,13 @@ def make_rows(recording: Recording, k: int, polar_scan: PolarScan, per_us: int =
 def make_rows_of_chirps(recording: Recording, k: int, polar_scan: PolarScan) -> NDArray[np.uint8]:
     """Makes the image (A, 11 + B) of Oxford rows of polar scan k with both directions of its chirps, if it has both.
 
-    Byte 10 is then 255 where the chirp goes up and 0 where it goes down, as Boreas-RT has it. It cannot mark azimuths that
+    Byte 10 is then 255 where the chirp goes up and 0 where it goes down, as in Boreas-RT. It then cannot mark azimuths that
     were not measured, so these are left out.
 
     Args:
         recording: the recording.
         k: number of the polar scan, for an error to name.
-        polar_scan: its content.
+        polar_scan: polar scan k.
 
     Raises:
         DataError: the polar scan turns counter-clockwise.
@@ -260,7 +263,7 @@ def make_rows_of_chirps(recording: Recording, k: int, polar_scan: PolarScan) -> 
 
 
 def encode_azimuths(recording: Recording, k: int, polar_scan: PolarScan, turn: int) -> NDArray[np.int64]:
-    """Encodes the azimuths of polar scan k as clockwise encoder values (A,) 0..turn, `turn` to a turn.
+    """Encodes the azimuths of polar scan k as clockwise encoder values (A,) from 0 to `turn`, the number of ticks per turn.
 
     Raises:
         DataError: the polar scan turns counter-clockwise, or has one azimuth.

@@ -1,12 +1,12 @@
-"""The layouts Boreas and Boreas-RT: `radar/<t>.png` of Oxford rows, with `calib/` or `applanix/` beside it.
+"""Reads and writes the layouts Boreas and Boreas-RT: `radar/<t>.png` of Oxford rows, with `calib/` or `applanix/` beside it.
 
 Source: github.com/utiasASRL/pyboreas, DATA_REFERENCE.md, DATA_RT_REFERENCE.md, pyboreas/utils, and issue 44. An image and
 its pose are stamped in the middle of the turn (row floor(A / 2) - 1). Poses lie in `applanix/radar_poses.csv`, calibrations
 in `calib/`: `T_a_b` takes points of frame b to frame a. The Applanix frame is x right, y forward, z up; the radar's is x
 forward, y right, z down.
 
-Readings of other sensors lie in `applanix/` and `imu/`. What applanix/imu.csv holds in Boreas is the post-processed
-solution, which the ground truth is, too; in Boreas-RT its authors advise against it for the same reason. So it is read only
+Readings of other sensors lie in `applanix/` and `imu/`. In Boreas, applanix/imu.csv holds the post-processed solution, from
+which the ground truth comes, too; for Boreas-RT, the authors advise against it for the same reason. So it is read only
 where a user names it.
 """
 
@@ -43,13 +43,13 @@ _COLUMNS = "GPSTime,easting,northing,altitude,vel_east,vel_north,vel_up,roll,pit
 
 
 def recognises(path: Path) -> bool:
-    """Returns whether the path is a recording of Oxford's names with a folder `calib` or `applanix` beside the images."""
+    """Returns whether the path looks like an Oxford recording with a folder `calib` or `applanix` beside its images."""
     root = oxford.find_image_folder(path).parent
     return oxford.recognises(path) and any((root / name).is_dir() for name in ("calib", "applanix"))
 
 
 def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
-    """Indexes a recording of Boreas: names, two images, poses and sensors are read, however long it is."""
+    """Indexes a recording of Boreas: reads names, the first and the last image, poses and sensors."""
     folder = oxford.find_image_folder(path)
     root = folder.parent
     recording = open_rows(
@@ -64,7 +64,7 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
     imus = (*(root / "imu" / name for name in DMU_NAMES), root / "applanix" / "imu_raw.csv")
     imu = next((file for file in imus if file.exists()), None)  # the one that the ground truth depends on least
     unread = root / "applanix" / "imu.csv"
-    dependent = f"{unread} comes out of the solution that the ground truth is, and is not read as a gyroscope"
+    dependent = f"{unread} comes from the same solution as the ground truth, and is not read as a gyroscope"
     return add_beside(
         recording,
         lambda: read_gyroscope_table(imu) if imu else None,
@@ -106,11 +106,12 @@ def _find_resolution(start_us: int) -> float:
 
 
 def _read_poses(file: Path) -> Trajectory:
-    """Reads the poses of the radar, x forward, y right, z down, in a frame of east, north and up, as planar REP 103.
+    """Reads the poses of the radar (x forward, y right, z down) in a frame of east, north and up as planar poses of REP 103.
 
     Columns: stamp, easting, northing, altitude [m], three velocities, roll, pitch, heading [rad], three rates; and
-    C_enu_radar = R1(roll) R2(pitch) R3(heading), where R turn the axes, not the vectors. Roll is near pi, so the heading
-    goes counter-clockwise from east as yaw does; exactly, the yaw is where the radar's x axis points.
+    C_enu_radar = R1(roll) R2(pitch) R3(heading), where the rotations R1, R2 and R3 turn the axes, not the vectors. Roll is
+    near pi, so the heading goes counter-clockwise from east as yaw does; exactly, the yaw is the direction of the radar's x
+    axis.
     """
     stamps, table = read_stamped(file, [1, 2, 7, 8, 9])
     easting, northing, roll, pitch, heading = table.T

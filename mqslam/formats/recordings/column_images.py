@@ -1,4 +1,4 @@
-"""A folder of polar images without metadata, one column per azimuth: RADIATE, and one form of MulRan."""
+"""Reads and writes folders of polar images without metadata, one column per azimuth: RADIATE, and one form of MulRan."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from mqslam.formats.recordings.layout import Sensing
 from mqslam.formats.recordings.lost_columns import Restorer
 from mqslam.formats.recordings.turns import find_usual_turns, place_turns
 
-_MOST_STEPS = 0.75  # a polar image cannot hold azimuths that lie further than this off even ones [steps]
-_NOTED_DEG = 0.05  # smaller deviations of azimuths from even ones are not worth a note
+_MOST_STEPS = 0.75  # a polar image cannot hold azimuths that lie further than this from even steps [steps]
+_NOTED_DEG = 0.05  # smaller deviations of azimuths from even steps are not worth a note
 _REMEDY = "convert it to a layout that keeps times and angles: oxford, boreas, mulran_oxford, a bag or .npz"
 
 
@@ -29,8 +29,8 @@ class ColumnImages:
     """The images of a recording, whose names are numbers.
 
     Args:
-        folder: holds the images.
-        names: (N,) int64, what they are called.
+        folder: folder of the images.
+        names: (N,) int64, names of the images.
         digits: least number of digits of a name.
     """
 
@@ -39,7 +39,7 @@ class ColumnImages:
     digits: int = 1
 
     def path(self, name: int) -> Path:
-        """Returns the path of the image of a name."""
+        """Returns the path of an image by its name."""
         return self.folder / f"{str(name).zfill(self.digits)}.png"
 
     def read_shape(self, name: int) -> tuple[int, int]:
@@ -60,7 +60,7 @@ class ColumnImageRecording(Recording):
     """A recording in polar images whose azimuths carry neither stamps nor angles.
 
     Args:
-        images: one per polar scan.
+        images: the images, one per polar scan.
         shape: range rows and azimuth columns of every image.
         clockwise: whether azimuths follow one another clockwise, seen from above.
     """
@@ -73,7 +73,8 @@ class ColumnImageRecording(Recording):
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Reads the polar scans start <= k < stop, one after the other.
 
-        Columns are put where they belong if the recorder lost azimuths, which are then marked as not measured.
+        If the recorder lost azimuths, the columns are moved to where they belong, and the lost azimuths are marked as not
+        measured.
         """
         restorer = Restorer(self._read_image, len(self))
         for k in range(len(self))[start:stop]:
@@ -102,16 +103,17 @@ def open_columns(
     usual_resolution: tuple[float, str],
     sensing: Sensing,
 ) -> ColumnImageRecording:
-    """Indexes polar images: the first that can be read is read, however many there are.
+    """Indexes polar images, however many there are: reads only the first one that can be read.
 
     Args:
         path: the recording.
         format: name of its layout.
         images: the images.
-        named_us: (N,) stamps of the polar scans [us], in their order: their ends, unless `sensing` says otherwise.
+        named_us: (N,) stamps [us] in the order of the polar scans: the ends of turns, unless `sensing` says otherwise.
         numbers: (N,) increasing numbers of the polar scans, of which some may be missing; None numbers them one by one.
-        usual_resolution: length of a range bin [m], unless `sensing` says otherwise, and whose radar has such bins.
-        sensing: what the user says; the radar turns clockwise, unless it says otherwise.
+        usual_resolution: length of a range bin [m], unless `sensing` says otherwise, and the name of the radar that has
+            such bins.
+        sensing: what the user states about the radar; it turns clockwise, unless stated otherwise.
 
     Raises:
         DataError: there are no images, or half of them cannot be used.
@@ -144,12 +146,12 @@ def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> l
     """Writes a polar image `<name>.png` per polar scan into a folder, one polar scan in memory at a time.
 
     The first column looks straight ahead. Where turns begin one step later, as Oxford's do, it is the last azimuth of the
-    turn before; the very first one stays empty. Stamps stay those of the turns.
+    turn before; it stays empty in the first image and after a gap. Stamps stay those of the turns.
 
     Args:
-        folder: where they go.
+        folder: folder for the images.
         recording: the recording.
-        names: (N,) of the images.
+        names: (N,) names of the images.
 
     Returns:
         Notes for the user on what was lost.
@@ -158,7 +160,7 @@ def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> l
         DataError: polar scans differ in size, or azimuths are not spread evenly from straight ahead.
     """
     shape, apart, clockwise, late = (0, 0), 0.0, True, False
-    # the last azimuth of a turn that begins one step late: it is the first column of the next image
+    # where turns begin one step late, a turn's last azimuth is the first column of the next image
     ahead: NDArray[np.uint8] | None = None
     follows = np.append(False, recording.ends_us[:-1] == recording.stamps_us[1:])
     for k, polar_scan in enumerate(recording.polar_scans()):
@@ -189,9 +191,9 @@ def _find_misfit(k: int, polar_scan: PolarScan, shape: tuple[int, int], off: flo
 
     Args:
         k: number of the polar scan.
-        polar_scan: its content.
-        shape: azimuths and range bins of the first one.
-        off: how far azimuths lie from where readers take them [rad].
+        polar_scan: polar scan k.
+        shape: azimuths and range bins of the first polar scan.
+        off: how far azimuths lie from where readers will place them [rad].
     """
     if polar_scan.power.shape != shape:
         sizes = [f"{azimuths} azimuths by {bins} bins" for azimuths, bins in (polar_scan.power.shape, shape)]
@@ -205,7 +207,7 @@ def _find_misfit(k: int, polar_scan: PolarScan, shape: tuple[int, int], off: flo
 
 
 def _measure_deviation(polar_scan: PolarScan, clockwise: bool, late: int) -> float:
-    """Measures how far azimuths lie from where a reader of polar images takes them [rad], from column `late` on."""
+    """Measures how far azimuths lie from where readers of polar images will place them [rad]; column `late` is the first."""
     even = spread_azimuths(len(polar_scan.azimuths), 0, 0, clockwise=clockwise).angles
     even = even + late * (even[1] - even[0])
     return float(np.abs(se2.wrap(polar_scan.azimuths - even)).max())

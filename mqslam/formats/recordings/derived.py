@@ -1,4 +1,4 @@
-"""Recordings made of another recording: a stretch of it by time, what it sees mirrored, or its reading watched."""
+"""Recordings derived from another recording: a stretch of it in time, its mirror image, or a copy that reports progress."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from mqslam.errors import ConfigError, DataError
 
 @dataclass(frozen=True, kw_only=True)
 class DerivedRecording(Recording):
-    """The polar scans of another recording, from one on, changed.
+    """The polar scans of another recording, from one of them on and perhaps mirrored.
 
     Args:
         inner: the recording.
-        first: number of the polar scan of the inner one that is the first one here.
-        earlier_s: start of this recording since the start of the inner one [s].
-        is_mirrored: whether the radar turns the other way than the inner one says.
+        first: number in the inner recording of the polar scan that comes first here.
+        earlier_s: time from the start of the inner recording to the start of this one [s].
+        is_mirrored: whether the radar turns the other way than the inner recording says.
     """
 
     inner: Recording
@@ -29,12 +29,12 @@ class DerivedRecording(Recording):
     is_mirrored: bool = False
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Reads the polar scans start <= k < stop, whose times count from the first one."""
+        """Reads the polar scans start <= k < stop, whose times count from the start of this recording."""
         stop = len(self) if stop is None else min(stop, len(self))
         return map(self._change, self.inner.polar_scans(self.first + start, self.first + stop))
 
     def _change(self, polar_scan: PolarScan) -> PolarScan:
-        """Returns a polar scan, with that of its other chirps, as it is in this recording."""
+        """Returns a polar scan of the inner recording, and its down-chirps, as they are in this recording."""
         return replace(
             polar_scan,
             times=polar_scan.times - self.earlier_s if self.earlier_s else polar_scan.times,
@@ -44,27 +44,27 @@ class DerivedRecording(Recording):
 
 
 def copy_fields(recording: Recording) -> dict[str, Any]:
-    """Returns all that any recording states of itself, by the names of its fields."""
+    """Returns a recording's values of the fields that every kind of recording has, by the names of the fields."""
     return {entry.name: getattr(recording, entry.name) for entry in fields(Recording)}
 
 
 def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Recording:
-    """Returns the polar scans of a recording that begin in a span of time; all else that it carries stays whole.
+    """Cuts a recording to the polar scans that begin in a span of time; its odometry and other sensors stay whole.
 
     Args:
         recording: the recording.
-        start_s: beginning of the span [s] since the recording's start; None takes the recording's.
-        end_s: end of the span [s] since the recording's start; None takes the recording's.
+        start_s: beginning of the span [s] since the recording's start; None takes the recording's start.
+        end_s: end of the span [s] since the recording's start; None takes the recording's end.
 
     Raises:
-        ConfigError: the span is none, or no polar scan begins in it.
+        ConfigError: the span ends before it begins, or no polar scan begins in it.
     """
     if start_s is None and end_s is None:
         return recording
     start = 0.0 if start_s is None else start_s
     end = np.inf if end_s is None else end_s
     span = f"{start:g} s to {'the end' if end_s is None else f'{end:g} s'}"
-    if not start < end:  # also where one of them is not a number
+    if not start < end:  # also catches times that are not numbers
         raise ConfigError(f"the stretch from {span}: ends before it begins; give two times in seconds since the start")
     first, after = np.searchsorted(recording.start_times, [start, end]).tolist()
     if first >= after:
@@ -79,17 +79,17 @@ def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Re
 
 
 def mirror(recording: Recording, note: str) -> Recording:
-    """Returns a recording whose radar sees everything on the other side, with a note on why."""
+    """Returns a recording with left and right exchanged, and with a note for the user on the reason."""
     same = copy_fields(recording) | {"notes": (*recording.notes, note)}
     return DerivedRecording(inner=recording, is_mirrored=True, **same)
 
 
 def turn_as_told(recording: Recording, clockwise: bool | None) -> Recording:
-    """Returns a recording whose radar turns the way that the user says, mirrored where its azimuths say otherwise.
+    """Returns a recording whose radar turns the way that the user states; it is mirrored if its azimuths turn the other way.
 
     Args:
         recording: the recording.
-        clockwise: whether the radar turns clockwise, seen from above; None takes what the recording says.
+        clockwise: whether the radar turns clockwise, seen from above; None leaves the recording as it is.
     """
     if clockwise is None or _is_clockwise(recording) is clockwise:
         return recording
@@ -99,7 +99,7 @@ def turn_as_told(recording: Recording, clockwise: bool | None) -> Recording:
 
 
 def _is_clockwise(recording: Recording) -> bool:
-    """Returns whether the azimuths of a recording decrease, by its first polar scan that can be read."""
+    """Returns whether the azimuths decrease in the first polar scan that can be read; True if none can be read."""
     for k in range(len(recording)):
         try:
             azimuths = recording[k].azimuths
@@ -111,12 +111,12 @@ def _is_clockwise(recording: Recording) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class WatchedRecording(Recording):
-    """Another recording that reports how far it has been read; `watch` makes one.
+    """A recording that wraps another one and reports how far it has been read; `watch` makes one.
 
     Args:
-        inner: the recording.
-        progress: called with (polar scans read, polar scans in all).
-        unmeasured: one number, that of the azimuths read so far that are marked as not measured.
+        inner: the wrapped recording.
+        progress: called with (number of polar scans read, number of all polar scans).
+        unmeasured: list of one number: how many of the azimuths read so far are marked as not measured.
     """
 
     inner: Recording
@@ -132,5 +132,5 @@ class WatchedRecording(Recording):
 
 
 def watch(recording: Recording, progress: Callable[[int, int], object]) -> WatchedRecording:
-    """Makes a recording that reports what is read of it."""
+    """Wraps a recording so that it reports how far it has been read."""
     return WatchedRecording(inner=recording, progress=progress, unmeasured=[0], **copy_fields(recording))

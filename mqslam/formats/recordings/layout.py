@@ -1,4 +1,4 @@
-"""What the module of a layout offers, what a user states about a radar, and the layouts that can be written."""
+"""Types that all layouts share: a layout's functions, a user's statements about a radar, and the targets of a conversion."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from mqslam.core.recording import Recording
 from mqslam.errors import Remedy
 
 Stamp = Literal["start", "end"]
-_FINEST_M, _COARSEST_M = 1e-3, 100.0  # no radar's range bins are shorter or longer; other numbers are mistakes
+_FINEST_M, _COARSEST_M = 1e-3, 100.0  # no radar has shorter or longer range bins: other numbers are mistakes
 Message = Literal["image", "b_scan"]
-"""Messages in which a bag holds polar scans: images of Oxford rows, or those of Navtech's driver."""
+"""Types of messages in which a bag holds polar scans: images of Oxford rows, or b-scans of Navtech's driver."""
 
 
 def is_bin_length(metres: float) -> bool:
@@ -23,12 +23,12 @@ def is_bin_length(metres: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Topics:
-    """Topics of a bag that a user names; None leaves the choice of one to its type and name.
+    """Topics of a bag that a user names; a topic that is None is chosen by its type and name.
 
     Args:
-        radar: of the polar scans.
-        odometry: of the odometry.
-        truth: of the ground truth.
+        radar: topic of the polar scans.
+        odometry: topic of the odometry.
+        truth: topic of the ground truth.
     """
 
     radar: str | None = None
@@ -41,14 +41,14 @@ USUAL_TOPICS = Topics()
 
 @dataclass(frozen=True, slots=True)
 class Sensing:
-    """Assumptions about a radar; None leaves one to the recording or to its layout's default.
+    """What a user states about a radar; where a value is None, the recording or its layout's default decides.
 
     Args:
         range_resolution: length of a range bin [m].
         clockwise: whether the radar turns clockwise, seen from above.
-        stamp: whether the only stamp of a polar scan is its start or its end.
-        topics: of a bag.
-        encoder_size: ticks of the encoder in a turn, where azimuths carry encoder values.
+        stamp: whether a polar scan's stamp, where it has only one, is its start or its end.
+        topics: topics of a bag to read.
+        encoder_size: encoder ticks per turn, where azimuths carry encoder values.
     """
 
     range_resolution: float | None = None
@@ -58,36 +58,36 @@ class Sensing:
     encoder_size: int | None = None
 
     def choose_resolution(self, usual_m: float, whose: str) -> tuple[float, list[str]]:
-        """Returns the length of a range bin [m], with a note where it is the usual one of a layout.
+        """Returns the length of a range bin [m], with a note where the layout's usual length is assumed.
 
         Args:
-            usual_m: the usual one [m].
-            whose: names the radar that has such bins.
+            usual_m: usual length in the layout [m].
+            whose: name of the radar that has such bins, for the note.
         """
         if self.range_resolution is not None:
             return self.range_resolution, []
         return usual_m, [note_resolution(usual_m, f", as {whose} has it")]
 
     def note_unused(self) -> list[str]:
-        """Notes that an instant of stamping has no effect, in a recording whose azimuths carry stamps of their own."""
+        """Notes that the user's choice of stamp has no effect, in a recording whose azimuths carry stamps of their own."""
         return [] if self.stamp is None else ["azimuths carry stamps of their own: sensor.stamp has no effect"]
 
 
 class Layout(Protocol):
-    """The functions that the module of a layout offers; the registry imports the module when it is asked for.
+    """The functions that the module of a layout offers; the registry imports the module when the layout is needed.
 
-    A layout that can also be written adds `TARGETS`, a tuple of `Target`.
+    The module of a layout that can also be written has `TARGETS` as well, a tuple of `Target`.
     """
 
     def recognises(self, path: Path) -> bool:
-        """Returns whether the path looks like a recording of this layout; reads names only."""
+        """Returns whether the path looks like a recording of this layout; only names are looked at."""
 
     def open_recording(self, path: Path, sensing: Sensing) -> Recording:
         """Indexes the recording at a path without reading its polar scans, however long it is.
 
         Args:
             path: the recording.
-            sensing: what the user says about the radar, which overrides what the layout says.
+            sensing: what the user states about the radar, which overrides what the layout assumes.
 
         Raises:
             DataError: there are no polar scans, or a file cannot be used.
@@ -104,17 +104,17 @@ class Target:
     """A layout that recordings can be written in.
 
     Args:
-        name: as a user states it.
-        write: writes a recording to a path, whole or not at all, one polar scan in memory at a time. It returns what a user
-            should know about what was lost, and raises a DataError where a polar scan cannot be read or the layout cannot
-            hold the recording, and an OutputError where it cannot be written.
-        suffix: of the file, "" for a folder.
-        odometry: whether odometry is written in the layout.
-        truth: whether ground truth is.
-        sensors: whether the gyroscope, GNSS fixes and the radar's mount are.
-        validity: whether it can say that an azimuth was not measured.
+        name: name of the layout, as a user states it.
+        write: writes a recording to a path, whole or not at all, one polar scan in memory at a time. It returns notes for
+            the user on what was lost. It raises a DataError where a polar scan cannot be read or the layout cannot hold the
+            recording, and an OutputError where it cannot be written.
+        suffix: suffix of the file, "" for a folder.
+        odometry: whether the layout holds odometry.
+        truth: whether it holds ground truth.
+        sensors: whether it holds the gyroscope, GNSS fixes and the radar's mount.
+        validity: whether it can mark an azimuth as not measured.
         assumed_resolution: length of a range bin [m] that readers assume for a recording; None where the layout states it.
-        message: how a bag holds polar scans; other layouts are written in one way.
+        message: type of the messages in which a bag holds polar scans; it has no meaning for other layouts.
         is_bag: whether it is a ROS bag, which can also hold the results of a run.
     """
 

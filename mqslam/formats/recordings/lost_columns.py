@@ -1,10 +1,10 @@
-"""Azimuths that a recorder lost on the way, found in polar images that tell nothing of them.
+"""Finds the azimuths that a recorder lost, in polar images that do not mark them, and moves the other columns into place.
 
 A recorder of polar images fills one column after the other with the azimuths of a turn, in a buffer that it uses again for
-the next turn. Where it loses azimuths, all later ones lie too far left, and the last columns still show the turn before.
-So the last columns tell how many azimuths were lost, and the images before and after tell where: a scene that moves past
-the radar shifts by as much from the image before to this one as from this one to the image after, for each azimuth and
-range. Where that cannot be, azimuths are missing.
+the next turn. Where it loses azimuths, all later ones lie too far left, and the last columns still show the turn before. So
+the last columns show how many azimuths were lost. The images before and after show where: at each azimuth and range, a
+scene that moves past the radar shifts by as much from the image before to this one as from this one to the image after.
+Where no such shift fits, azimuths are missing.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from mqslam.errors import DataError
 Image = NDArray[np.uint8]
 """Received power (R, A), one row per range bin and one column per azimuth."""
 
-_NEAR_SHARE = 36  # one in so many rows, the nearest, shows the radar's own leakage rather than the scene
-_ROWS = 600  # about as many range bins of an image are compared; more tell no more
-_BANDS = 8  # of range, each of which shifts by its own amount from one image to the next
-_SPAN = 15  # columns that are compared together; a band of fewer looks like others by chance
-_FASTEST = 10  # columns by which a scene shifts at most from one image to the next
-_STALE = 0.53  # a column that changes less since the turn before, as a share of the usual change, is a copy of it: copies
-#               change by at most half of that, by noise that the recorder adds, and others by more than 0.6 of it
+_NEAR_SHARE = 36  # the nearest rows, one in this many, show the radar's own leakage rather than the scene
+_ROWS = 600  # about this many range bins of an image are compared; more give no better result
+_BANDS = 8  # number of bands of range, each of which shifts by its own amount from one image to the next
+_SPAN = 15  # columns that are compared together; fewer columns look like others by chance
+_FASTEST = 10  # most columns by which a scene shifts from one image to the next
+_STALE = 0.53  # a column that changed by less than this share of the usual change is a copy of the turn before: copies
+#               change by at most half of the usual change, by noise that the recorder adds, others by more than 0.6 of it
 _ALIKE = 0.75  # copies also change by less than this share of their own spread; where there is only noise, the change is 1.4
-_MOST_LOST = 3  # seldom does a turn lose more azimuths
-_MOST_PLACED = 40  # losses of more azimuths are spread evenly: a search for their places could take minutes and gigabytes
-_KEPT = 8  # images that are kept in memory; six are looked at for each
+_MOST_LOST = 3  # a turn seldom loses more azimuths
+_MOST_PLACED = 40  # beyond this number, losses are spread evenly: a search for their places could take minutes and gigabytes
+_KEPT = 8  # images that are kept in memory; six are needed to restore one
 
 
 class Restorer:
-    """Puts the columns of a series of images of one size where they belong, and reads each image once.
+    """Moves the columns of a series of images of one size to where they belong, and reads each image once.
 
     Args:
         read: reads image k; raises DataError if it cannot be read.
@@ -48,7 +48,7 @@ class Restorer:
         self._first_source = keep(lambda k: self._find_source(k, self._spread_evenly))
 
     def restore(self, k: int) -> tuple[Image, NDArray[np.bool_]]:
-        """Puts the columns of image k where they belong.
+        """Moves the columns of image k to where they belong.
 
         Returns:
             The image (R, A), black where azimuths were lost, and the mask (A,) of the azimuths that were not lost.
@@ -88,12 +88,12 @@ class Restorer:
 
         Args:
             k: number of the image.
-            of_neighbour: the same of an image before or after, as far as it is known.
+            of_neighbour: returns the same array for the image before or after, as far as it is known.
         """
         beside = (k - 1, k + 1)
         if not 0 < self._lost(k) <= _MOST_PLACED or not all(self._is_there(other) for other in beside):
             return self._spread_evenly(k)
-        # a lost azimuth looks like the one before it
+        # a lost azimuth of a neighbour is replaced by the one before it
         sources = (np.maximum(np.maximum.accumulate(of_neighbour(other)), 0) for other in beside)
         before, after = (self._bands(other)[:, :, source] for other, source in zip(beside, sources, strict=True))
         bands = self._bands(k)
@@ -105,11 +105,11 @@ def count_lost(before: Image, image: Image) -> int:
     old, new = _choose_rows(before), _choose_rows(image)
 
     def measure_change(shift: int) -> NDArray[np.float32]:
-        """Returns the RMS change (A,) of each column from the one that lies some columns further on in the turn before."""
+        """Returns the RMS change (A,) of each column from the column that lies `shift` further right in the turn before."""
         change = _centre_columns(new - np.roll(old, -shift, axis=1))
         return np.asarray(np.sqrt((change**2).mean(axis=0)))
 
-    # after a turn that lost azimuths, most columns show another azimuth than before
+    # after a turn that lost azimuths, most columns show another azimuth than in the image before
     usual = min(float(np.median(measure_change(shift))) for shift in range(-_MOST_LOST, _MOST_LOST + 1))
     copied = measure_change(0) < np.minimum(_STALE * usual, _ALIKE * new.std(axis=0))
     return int(np.argmin(copied[::-1]))
@@ -120,18 +120,19 @@ def place_losses(
 ) -> NDArray[np.int64]:
     """Finds where in a turn azimuths were lost.
 
-    The score of a column and a number of azimuths lost before it is the sum, over bands of range, of its correlation with
-    the images before and after, for the shift of the scene that suits that band best. The numbers of lost azimuths of all
-    columns never decrease along the turn; those with the greatest sum of scores are found by dynamic programming.
+    Each column gets a score for each number of azimuths that may have been lost before it. The score is the sum over bands
+    of range of the column's correlation with the images before and after, at the shift of the scene that suits the band
+    best. Along the turn, the number of lost azimuths cannot decrease. Dynamic programming finds the numbers with the
+    greatest sum of scores.
 
     Args:
-        before: (bands, rows, A) the image before, its columns where they belong.
+        before: (bands, rows, A) the image before, with its columns where they belong.
         bands: (bands, rows, A) the image.
-        after: (bands, rows, A) the image after, its columns where they belong.
+        after: (bands, rows, A) the image after, with its columns where they belong.
         lost: number of lost azimuths.
 
     Returns:
-        (lost,) column before which each of them is missing, not decreasing.
+        (lost,) the column before which each lost azimuth is missing, not decreasing.
     """
     azimuths, reach = bands.shape[2], _FASTEST + lost
     earlier, later = (_correlate(bands, other, reach) for other in (before, after))
@@ -154,7 +155,7 @@ def place_losses(
 
 
 def _list_sources(azimuths: int, places: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Returns which column (A,) shows each azimuth, -1 where it was lost before one of some columns."""
+    """Returns which column (A,) shows each azimuth, -1 where it was lost; `places`: columns before which one was lost."""
     columns = np.arange(azimuths - len(places))
     source = np.full(azimuths, -1, dtype=np.int64)
     source[columns + np.searchsorted(places, columns, side="right")] = columns
@@ -162,29 +163,29 @@ def _list_sources(azimuths: int, places: NDArray[np.int64]) -> NDArray[np.int64]
 
 
 def _choose_rows(image: Image) -> NDArray[np.float32]:
-    """Returns the rows of an image that are compared, as many as bands can be cut from."""
+    """Returns the rows of an image that are compared, so many that they can be cut into bands of equal size."""
     near = image.shape[0] // _NEAR_SHARE
     rows = image[near :: max(1, image.shape[0] // _ROWS)]
     return rows[: max(1, len(rows) // _BANDS) * _BANDS].astype(np.float32)
 
 
 def _centre_columns(rows: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Returns rows whose columns have mean zero."""
+    """Subtracts its mean from each column of rows."""
     return np.asarray(rows - rows.mean(axis=-2, keepdims=True))
 
 
 def _cut_bands(image: Image) -> NDArray[np.float32]:
-    """Returns the power (bands, rows, A) of an image in bands of range; columns have mean zero and length one."""
+    """Returns the power (bands, rows, A) of an image in bands of range; a band's columns have mean zero and length one."""
     rows = _choose_rows(image)
     bands = _centre_columns(rows.reshape(min(_BANDS, len(rows)), -1, rows.shape[1]))
     return np.asarray(bands / np.sqrt((bands**2).sum(axis=1, keepdims=True) + 1e-6), dtype=np.float32)
 
 
 def _correlate(bands: NDArray[np.float32], other: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
-    """Correlates each column with those of another image that lie up to `reach` columns away.
+    """Correlates each column with the columns of another image that lie up to `reach` columns away.
 
     Returns:
-        (2 reach + 1, bands, A) mean correlation of the columns around each.
+        (2 reach + 1, bands, A) correlation at each shift, averaged over the columns around each column.
     """
     from scipy.ndimage import uniform_filter1d
 

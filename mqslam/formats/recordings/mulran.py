@@ -1,8 +1,8 @@
-"""The layout MulRan: polar images under `sensor_data/radar/`, in one of two forms or both.
+"""Reads and writes the layout MulRan: polar images under `sensor_data/radar/`, in one of two forms or both.
 
-`polar/<t>.png` has one column per azimuth and no metadata; `polar_oxford_form/<t>.png` has Oxford rows, with stamps in ns
-like the names. An image is stamped at the end of its turn. The poses of the vehicle lie in `global_pose.csv`, the readings
-of its sensors in `xsens_imu.csv` and `gps.csv`.
+`polar/<t>.png` has one column per azimuth and no metadata; `polar_oxford_form/<t>.png` has Oxford rows, whose stamps are in
+ns as in the names. An image is stamped at the end of its turn. The poses of the vehicle lie in `global_pose.csv`, the
+readings of its sensors in `xsens_imu.csv` and `gps.csv`.
 
 Source: sites.google.com/view/mulran-pr; github.com/url-kaist/outlier-robust-radar-odometry (ORORA), which states the stamp
 and the calibration.
@@ -36,19 +36,19 @@ RANGE_RESOLUTION_M = 0.0595  # published with the data set
 _USUAL_BINS = (RANGE_RESOLUTION_M, "MulRan's radar")
 _ROWS, _COLUMNS = "polar_oxford_form", "polar"
 _BASE_TO_RADAR = (1.50, -0.04, float(np.deg2rad(0.9)))
-"""Pose of the radar on the vehicle [m, m, rad]: calib_base2radar.txt of the dataset, of which z is left out."""
+"""Pose of the radar on the vehicle [m, m, rad]: from calib_base2radar.txt of the dataset, without z."""
 _MOUNT = Mount(np.array(_BASE_TO_RADAR), "the calibration that MulRan publishes, since no file of a recording states it")
 
 
 def recognises(path: Path) -> bool:
-    """Returns whether the path holds images in one of the two forms, or is the folder of one."""
+    """Returns whether the path holds images in one of the two forms, or is the folder of such images."""
     return any(_list_folders(path))
 
 
 def open_recording(path: Path, sensing: Sensing) -> Recording:
-    """Indexes a recording of MulRan: names, two images, poses and sensors are read, however long it is.
+    """Indexes a recording of MulRan: reads the names of the images, two images at most, the poses and the sensors.
 
-    Rows with own stamps are preferred to columns without.
+    Of a recording in both forms the Oxford rows are read, since their azimuths carry stamps.
     """
     folder = next(_list_folders(path), None)
     if folder is None:
@@ -75,7 +75,7 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
 
 
 def _list_folders(path: Path) -> Iterator[Path]:
-    """Lists the folders of images in and above which the path may be, the ones with own stamps first."""
+    """Yields the folders of images that the path is or holds, those with Oxford rows first."""
     for form in (_ROWS, _COLUMNS):
         inside = (path / "sensor_data" / "radar" / form, path / "radar" / form, path / form)
         for folder in (*inside, path) if path.resolve().name == form else inside:
@@ -84,7 +84,7 @@ def _list_folders(path: Path) -> Iterator[Path]:
 
 
 def _read_poses(file: Path) -> Trajectory:
-    """Reads the vehicle's poses, stamp [ns] and a 3 x 4 matrix by rows in REP 103, and carries them to the radar."""
+    """Reads the radar's poses from those of the vehicle: stamp [ns] and a 3 x 4 matrix by rows (REP 103) per line."""
     stamps, table = read_stamped(file, [1, 4, 5, 8])
     cosine, x, sine, y = table.T
     vehicle = np.column_stack([x, y, np.arctan2(sine, cosine)])
@@ -99,7 +99,7 @@ def write(out: Path, recording: Recording) -> list[str]:
 
 
 def write_rows(out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a folder of Oxford rows; see `Target`."""
+    """Writes a recording as a folder of images of Oxford rows; see `Target`."""
     with write_folder_aside(out) as folder:
         images = _prepare_folder(folder, recording, _ROWS)
         for k, polar_scan in enumerate(recording.polar_scans()):
@@ -122,7 +122,7 @@ def _prepare_folder(folder: Path, recording: Recording, form: str) -> Path:
 
 
 def _format_poses(truth: Trajectory) -> str:
-    """Formats the poses of the vehicle that carries the radar: stamp [ns] and a 3 x 4 matrix by rows."""
+    """Formats the radar's ground truth as poses of the vehicle: stamp [ns] and a 3 x 4 matrix by rows per line."""
     lines = []
     vehicle = se2.compose(truth.poses, se2.inverse(_BASE_TO_RADAR))
     for stamp, (x, y, yaw) in zip(truth.stamps_us.tolist(), vehicle.tolist(), strict=True):

@@ -1,4 +1,4 @@
-"""The native layout: one `.npz` with a few members per polar scan, read member by member."""
+"""Reads and writes the native layout: one `.npz` with a few members per polar scan, each read when it is needed."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _REMEDY = "write it anew"
 
 @dataclass(frozen=True, slots=True)
 class _Archive:
-    """An open recording, whose members are read when they are asked for."""
+    """An open `.npz` of the native layout, whose members are read when they are asked for."""
 
     path: Path
     file: zipfile.ZipFile
@@ -40,11 +40,11 @@ class _Archive:
         return name in npz.list_arrays(self.file)
 
     def refuse(self, problem: str) -> DataError:
-        """Returns the error that something is wrong with the file."""
+        """Returns an error that states a problem of the file."""
         return DataError(self.path, problem, _REMEDY)
 
     def read(self, name: str, kind: Any, shape: tuple[int, ...]) -> NDArray[Any]:
-        """Reads a member of a type and a shape, in which -1 stands for any length."""
+        """Reads a member and checks its type and its shape, in which -1 stands for any length."""
         try:
             array = npz.read_array(self.file, name)
         except ValueError as error:
@@ -107,7 +107,7 @@ def open_recording(path: Path, sensing: Sensing) -> NativeRecording:
 
 
 def _read_turns(archive: _Archive, stamps_us: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Reads how long the turns take (N,) [us]; older files say only when the last one ends."""
+    """Reads the durations (N,) of the turns [us]; older files state only the last turn's end, and the rest is estimated."""
     if "turns_us" in archive:
         turns = archive.read("turns_us", np.int64, stamps_us.shape)
         if np.any(turns <= 0) or np.any(turns > _LONGEST_TURN_S * 1e6):
@@ -122,7 +122,7 @@ def _read_turns(archive: _Archive, stamps_us: NDArray[np.int64]) -> NDArray[np.i
 
 
 def _measure(archive: _Archive, k: int) -> float | None:
-    """Measures how long turn k took by its azimuths' times [us]; None where they do not say."""
+    """Measures the duration of turn k [us] by its azimuths' times; None where they do not show it."""
     try:
         times, azimuths = (archive.read(f"{name}_{k:06d}", np.float64, (-1,)) for name in ("times", "azimuths"))
     except DataError:
@@ -132,7 +132,7 @@ def _measure(archive: _Archive, k: int) -> float | None:
 
 
 def _read_polar_scan(archive: _Archive, k: int, start_s: float) -> PolarScan:
-    """Reads polar scan k, which begins about start_s [s] after the recording."""
+    """Reads polar scan k, which begins about start_s [s] after the recording's start."""
     times, azimuths = (archive.read(f"{name}_{k:06d}", np.float64, (-1,)) for name in ("times", "azimuths"))
     power = archive.read(f"power_{k:06d}", np.uint8, (-1, -1))
     valid = archive.read(f"valid_{k:06d}", np.bool_, (-1,))
@@ -145,7 +145,7 @@ def _read_polar_scan(archive: _Archive, k: int, start_s: float) -> PolarScan:
 
 
 def _read_trajectory(archive: _Archive, name: str) -> Trajectory | None:
-    """Reads a trajectory of the archive; None where there is none of that name."""
+    """Reads a trajectory of the archive by its name; None where it holds no such trajectory."""
     if f"{name}_stamps_us" not in archive:
         return None
     stamps = archive.read(f"{name}_stamps_us", np.int64, (-1,))
@@ -172,7 +172,7 @@ def _read_fixes(archive: _Archive) -> Reading[Fixes] | None:
 
 
 def _read_mount(archive: _Archive) -> Mount | None:
-    """Reads where the radar sits; None where that is not stated."""
+    """Reads the radar's pose on the vehicle; None where the file does not state it."""
     if "mount_pose" not in archive:
         return None
     pose = archive.read("mount_pose", np.float64, (3,))
@@ -184,8 +184,8 @@ def _read_mount(archive: _Archive) -> Mount | None:
 def write(path: Path, recording: Recording) -> list[str]:
     """Writes a recording as a native `.npz`; see `Target`.
 
-    Members: `stamps_us`, `turns_us`, `range_resolution`, `notes`; where there are any `odometry_stamps_us`,
-    `odometry_poses`, the same with `ground_truth`; `gyroscope_stamps_us` and `gyroscope_rates`; `fixes_stamps_us`,
+    Members: `stamps_us`, `turns_us`, `range_resolution`, `notes`; where the recording has them, `odometry_stamps_us` and
+    `odometry_poses`, and the same for `ground_truth`; `gyroscope_stamps_us` and `gyroscope_rates`; `fixes_stamps_us`,
     `fixes_places` (latitude and longitude [degrees], standard deviation [m]) and `fixes_made_truth`; `mount_pose`; and the
     source of each of these three, such as `mount_source`. For polar scan k there are `times_k`, `azimuths_k`, `power_k` and
     `valid_k` with k in six digits at least. Nothing is compressed.
@@ -199,7 +199,7 @@ def write(path: Path, recording: Recording) -> list[str]:
 
 
 def _list_members(recording: Recording) -> Iterator[tuple[str, Any]]:
-    """Lists the members of a recording by name."""
+    """Yields the name and the content of every member that a recording is written as."""
     yield "stamps_us", recording.stamps_us
     yield "turns_us", recording.turns_us
     yield "range_resolution", np.float64(recording.range_resolution)

@@ -1,8 +1,9 @@
-"""The Oxford layout: a folder with `radar/<t>.png`, one image of Oxford rows per polar scan.
+"""Reads and writes the Oxford layout: a folder with `radar/<t>.png`, one image of Oxford rows per polar scan.
 
-Beside the images lie `radar.timestamps`, `odom.csv`, `imu.csv`, `gnss.csv` and `gt/`, where there are any, and `gps/` in the
-dataset itself. GNSS fixes that the ground truth was made from are written as `gt/gnss.csv`. The dataset's radar has no mount
-here: `extrinsics/radar.txt` of its SDK places it relative to a camera, not to the INS that the fixes and rates are of.
+Beside the images lie `radar.timestamps`, `odom.csv`, `imu.csv`, `gnss.csv` and `gt/`, where there are any, and `gps/` in
+the dataset itself. GNSS fixes that the ground truth was made from are written as `gt/gnss.csv`. No mount is known for the
+dataset's radar: `extrinsics/radar.txt` of its SDK places it relative to a camera, not to the INS, which measures the fixes
+and rates.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from mqslam.formats.trajectories import read_odometry, write_twists
 from mqslam.formats.tum import read_tum, write_tum
 
 RANGE_RESOLUTION_M = 0.0438  # fits Oxford's radar best; 0.0432 m is published
-_RECORDING = "recording.json"  # file in which a converted recording says how long a range bin is and where the radar sits
+_RECORDING = "recording.json"  # file in which a converted recording states the length of a range bin and the radar's mount
 _MOUNT, _MOUNT_KEYS = "radar_on_vehicle", ("x_m", "y_m", "yaw_rad")
 _GNSS, _TRUTH_GNSS = "gnss.csv", "gt/gnss.csv"
 _COLUMNS = "source_timestamp,destination_timestamp,x,y,z,roll,pitch,yaw,source_radar_timestamp,destination_radar_timestamp"
@@ -50,7 +51,7 @@ def recognises(path: Path) -> bool:
 
 
 def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
-    """Indexes a recording in the Oxford layout: names, two images and sensors are read, however long it is."""
+    """Indexes a recording in the Oxford layout: reads names, the first and the last image, and sensors."""
     folder = find_image_folder(path)
     root = folder.parent
     if not folder.is_dir():
@@ -77,10 +78,10 @@ def find_image_folder(path: Path) -> Path:
 
 
 def _list_names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str], list[str]]:
-    """Lists the names (N,) of the images that are there and listed, in order.
+    """Lists the names (N,), in order, of the images that exist and are in radar.timestamps, if there is such a list.
 
     Returns:
-        The names, what was left out, and what is wrong with the list.
+        The names, notes on what was left out, and faults of the list.
     """
     names = list_stamps(folder)
     listing = root / "radar.timestamps"
@@ -128,19 +129,19 @@ def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]
 
 
 def _read_gyroscope(root: Path) -> Reading[Gyroscope] | None:
-    """Reads the gyroscope of a recording or, from the dataset, its INS."""
+    """Reads the gyroscope of a recording or, in the dataset, of its INS."""
     files = (root / "imu.csv", root / "gps" / "ins.csv")
     return next((read_gyroscope_table(file) for file in files if file.exists()), None)
 
 
 def _read_fixes(root: Path) -> Reading[Fixes] | None:
-    """Reads the GNSS fixes of a recording or, from the dataset, those of its receiver or else its INS."""
+    """Reads the GNSS fixes of a recording or, in the dataset, of its GNSS receiver or else its INS."""
     files = (root / name for name in (_GNSS, _TRUTH_GNSS, "gps/gps.csv", "gps/ins.csv"))
     return next((read_fixes_table(file, made_truth=file == root / _TRUTH_GNSS) for file in files if file.exists()), None)
 
 
 def _read_mount(root: Path) -> Mount | None:
-    """Reads where the radar sits, which a converted recording may state."""
+    """Reads the radar's pose on the vehicle, which a converted recording may state."""
     file = root / _RECORDING
     try:
         stated = json.loads(untrusted.read_document(file)) if file.exists() else {}
@@ -155,7 +156,7 @@ def _read_mount(root: Path) -> Mount | None:
 
 
 def _read_ground_truth(root: Path, recording: Recording, notes: list[str]) -> Trajectory | None:
-    """Reads the ground truth of a recording; adds a note on what was left out of it."""
+    """Reads the ground truth of a recording, and adds to `notes` what was left out of it."""
     tum, csv = root / "gt" / "poses_tum.txt", root / "gt" / "radar_odometry.csv"
     if tum.exists():
         return read_tum(tum)
@@ -193,7 +194,7 @@ def write(out: Path, recording: Recording) -> list[str]:
 
 
 def _write_sensors(folder: Path, recording: Recording) -> None:
-    """Writes the gyroscope and the GNSS fixes, and what has no place in another file: range bins and the radar's mount."""
+    """Writes the gyroscope and the GNSS fixes, and in a file of their own the length of range bins and the radar's mount."""
     stated: dict[str, Any] = {}
     if recording.mount is not None:
         stated[_MOUNT] = dict(zip(_MOUNT_KEYS, recording.mount.pose.tolist(), strict=True))
@@ -229,7 +230,7 @@ def write_polar_scan(folder: Path, recording: Recording, k: int, polar_scan: Pol
 
 
 def _format_moves(truth: Trajectory) -> str:
-    """Formats poses as motions in the frames of the poses before them; Oxford's frames are y right, yaw clockwise."""
+    """Formats poses as motions, each in the frame of the pose before; in Oxford's frames, y is right and yaw clockwise."""
     moves = se2.wrapped_between(truth.poses[:-1], truth.poses[1:])
     lines = [_COLUMNS]
     for later, earlier, (x, y, yaw) in zip(truth.stamps_us[1:], truth.stamps_us[:-1], moves.tolist(), strict=True):

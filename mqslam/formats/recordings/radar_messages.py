@@ -1,10 +1,10 @@
-"""Radar messages of ROS: polar images, compressed or not, with or without the time and angle of every azimuth.
+"""Reads and writes radar messages of ROS: polar images, compressed or not, with or without times and angles of azimuths.
 
-Messages are read in every layout, and written as Oxford rows or as the b-scans of Navtech's driver. Drivers of several ages
-publish one azimuth per message (`RadarFftDataMessage` and its later names), in numbers or in their bytes, the high one
-first: the azimuths of a turn are gathered into one b-scan. Beside them they publish a RadarConfigurationMessage, whose
-`bin_size` is a number or the bytes of one, in metres or in tenths of a millimetre. No radar of this kind has bins shorter
-than 5 mm or longer than 0.5 m, which tells these units from each other.
+Messages are read in every layout, and written as Oxford rows or as the b-scans of Navtech's driver. Some drivers, old and
+new, publish one azimuth per message (`RadarFftDataMessage` and its later names), whose fields are numbers or the bytes of
+numbers, the high byte first; the azimuths of a turn are gathered into one b-scan. These drivers also publish a
+RadarConfigurationMessage, whose `bin_size` is a number or the bytes of one, in metres or in tenths of a millimetre. No
+radar of this kind has bins shorter than 5 mm or longer than 0.5 m, so the size of the number shows its unit.
 """
 
 from __future__ import annotations
@@ -54,28 +54,28 @@ _FEWEST_PIXELS = 100  # a polar image has at least this many pixels on its short
 _LONG_SIDE = 3  # on an unknown topic, a polar image is at least this many times as long as wide
 _MULRAN_PLAYER = "/radar/polar"
 _NAVTECH = "/navtech/polar"
-_DRIVER = ("/radar_data/b_scan_image", "/radar_data/b_scan_image_data")  # images by Navtech's ROS 2 driver, of two ages
+_DRIVER = ("/radar_data/b_scan_image", "/radar_data/b_scan_image_data")  # images by Navtech's ROS 2 driver, old and new
 _GIVE_RADAR = (
     f"give a bag with {IMAGE_TYPE} or CompressedImage on /Navtech/Polar, /radar/polar or {_DRIVER[0]}, "
     f"or with {B_SCAN_TYPE} or RadarFftDataMessage"
 )
-_B_SCAN_RANK = 4  # behind the images that users of these names mean
+_B_SCAN_RANK = 4  # b-scans rank behind images on the usual names
 _SUFFIXES = ("", "/compressed")
 _USUAL = [name + suffix for suffix in _SUFFIXES for name in (_NAVTECH, _MULRAN_PLAYER)]
 _RANKS = {name: rank for rank, name in enumerate(_USUAL)} | {
     name + suffix: _B_SCAN_RANK + 2 + rank for rank, (suffix, name) in enumerate(itertools.product(_SUFFIXES, _DRIVER))
 }
-"""How usual the names of topics of images are for a radar, the usual ones first.
+"""Ranks of image topics by how usual their names are for a radar, the most usual names first.
 
-Messages that carry the times and angles of their azimuths come before the driver's images, which do not.
+Messages that carry the times and angles of their azimuths come before the driver's images, which carry none.
 """
-_FIRST_S = 1_000_000_000  # a clock that says less has never been set: it counts from the start of the radar
+_FIRST_S = 1_000_000_000  # a clock that shows less has never been set: it counts from the start of the radar
 _NANOSECONDS = 1_000_000_000
-_SPLITS = 2**32  # parts of a second, where they are none of nanoseconds
+_SPLITS = 2**32  # parts of a second, where fractions are not in nanoseconds
 _CONFIGURATIONS: Final = ("/RadarConfigurationMessage", "/RadarConfigurationMsg")
 _BIN_M: Final = (0.005, 0.5)  # by the hardware: bins are about 4 to 18 cm long
-_PER_M: Final = (1.0, 1e4)  # units in which drivers state it
-_ENCODER_TICKS: Final = (400, 65536)  # by the hardware: encoders have a tick for every azimuth at least, in 16 bits
+_PER_M: Final = (1.0, 1e4)  # units per metre in which drivers state the length of a bin
+_ENCODER_TICKS: Final = (400, 65536)  # by the hardware: encoders have at least one tick per azimuth, in 16 bits
 
 _Azimuth = tuple[int, int, int, NDArray[np.uint8], str]  # recorded [ns], tick, stamp [ns], power (B,), frame
 
@@ -91,12 +91,12 @@ class AzimuthLayout(Enum):
 
 @dataclass(frozen=True, slots=True)
 class RadarTopic:
-    """The topic of a bag on which a radar's messages are.
+    """The topic of a bag that carries a radar's messages.
 
     Args:
-        name: its name.
+        name: name of the topic.
         layout: how messages hold their azimuths.
-        encoder: encoder ticks of a turn, where the bag or the user states them.
+        encoder: encoder ticks per turn; None where neither the bag nor the user states them.
     """
 
     name: str
@@ -110,16 +110,16 @@ class RadarTopic:
 
     @property
     def usual_stamp(self) -> Stamp:
-        """Which instant of a turn the only stamp of a message usually is.
+        """Whether a message's stamp, where it has only one, usually is the start or the end of the turn.
 
-        MulRan's player and Navtech's driver send a turn when it is complete.
+        It is the end with MulRan's player and Navtech's driver, which send a turn when it is complete.
         """
         name = self.name.lower().removesuffix("/compressed")
         is_late = name.endswith(_DRIVER) or (name.endswith(_MULRAN_PLAYER) and self.layout is AzimuthLayout.COLUMNS)
         return "end" if is_late else "start"
 
     def read_stamp(self, message: Any, logged_ns: int, clock: bags.Clock) -> int:
-        """Returns the stamp [us] of a message: its first azimuth's, else the header's, else when it was recorded.
+        """Returns the stamp [us] of a message: its first azimuth's, else the header's, else the time of recording.
 
         Raises:
             ValueError: its image cannot be used, or times and angles make no turn.
@@ -160,7 +160,7 @@ class RadarTopic:
         return repair_azimuths(stamps_us, ticks, np.ones(len(ticks), dtype=np.bool_), turn)
 
     def find_turn(self, message: Any) -> int:
-        """Finds the encoder ticks that are taken as a turn where nobody states them: the fewest that hold a message's."""
+        """Chooses the encoder ticks per turn where nobody states them: the smallest usual number that fits a message."""
         if self.layout is not AzimuthLayout.B_SCAN:
             return TURN_TICKS
         largest = np.asarray(message.encoder_values, dtype=np.uint16).max(initial=0)
@@ -173,10 +173,10 @@ def choose_topic(
     """Chooses the radar's topic; returns it with notes on the choice.
 
     Args:
-        path: of the bag.
-        reader: of the bag.
+        path: path of the bag.
+        reader: reader of the open bag.
         named: the topic that the user names, if any.
-        encoder: encoder ticks of a turn, if they are known.
+        encoder: encoder ticks per turn, if they are known.
 
     Raises:
         DataError: no topic holds polar scans, or several could, or the named one has no images.
@@ -235,12 +235,12 @@ def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder:
 
 
 def _interpret_layout(topic: str, message_type: str, message: Any, turn: int) -> AzimuthLayout:
-    """Finds the layout of a topic's messages from one of them; ValueError where its image cannot be used."""
+    """Finds the layout of a topic's messages from one of them; raises ValueError where its image cannot be used."""
     if message_type == B_SCAN_TYPE or message_type.endswith(FFT_NAMES):
         return AzimuthLayout.B_SCAN
     image = _read_pixels(message)
     if has_times(image):
-        read_metadata(image, turn=turn)  # says what is wrong with its angles
+        read_metadata(image, turn=turn)  # raises an error that says what is wrong with the angles
         return AzimuthLayout.OXFORD_ROWS
     if has_metadata(image, turn):
         return AzimuthLayout.OXFORD_ROWS
@@ -253,7 +253,7 @@ def _interpret_layout(topic: str, message_type: str, message: Any, turn: int) ->
 
 
 def _rank_topic(topic: str) -> int | None:
-    """Ranks a topic of images by its name as `_RANKS` does; None where only its images could show that it is a radar's."""
+    """Ranks a topic of images by its name as `_RANKS` does; None where the name alone does not show that it is a radar's."""
     return next((rank for name, rank in _RANKS.items() if topic.lower().endswith(name)), None)
 
 
@@ -263,7 +263,7 @@ def _is_twin(topic: str, other: str) -> bool:
 
 
 def _find_other_depth(message: Any) -> str:
-    """Returns what is wrong with a grey image that is not of 8 bits; "" of any other, such as one in colour."""
+    """Returns what is wrong with a grey image that does not have 8 bits; "" for any other image, such as one in colour."""
     try:
         _read_pixels(message)
     except NotGreyError as error:
@@ -309,14 +309,14 @@ def read_frame(message: Any) -> str:
 def read_turns(
     reader: AnyReader, messages: Iterable[tuple[Connection, int, Any]], topic: str
 ) -> Iterator[tuple[Connection, int, Any]]:
-    """Yields a bag's messages, with one b-scan for each turn of azimuths on the radar's topic.
+    """Yields a bag's messages; messages of single azimuths on the radar's topic are gathered into one b-scan per turn.
 
-    A turn that has only begun, or whose beginning is not in the bag, is left out, unless there is no other.
+    A turn of which the bag holds at most half, such as the first or last one, is left out, unless there is no other.
 
     Args:
-        reader: of the open bag.
+        reader: reader of the open bag.
         messages: connections, times of recording [ns] and bytes, as the reader yields them.
-        topic: the radar's.
+        topic: the radar's topic.
 
     Yields:
         The connection, the time of recording [ns] of the message or of a turn's first azimuth, and the bytes or the b-scan.
@@ -331,7 +331,7 @@ def read_turns(
         try:
             azimuth = _read_azimuth(bags.deserialise(reader, connection, raw), logged)
         except (ValueError, AttributeError):
-            yield connection, logged, raw  # whoever reads it next says what is wrong with it
+            yield connection, logged, raw  # the caller deserialises it, and reports what is wrong
             continue
         radar, end = connection, _find_end(gathered, azimuth)
         if end is not None:
@@ -346,7 +346,7 @@ def read_turns(
 
 
 def open_message(reader: AnyReader, connection: Connection, raw: Any) -> Any:
-    """Deserialises what `read_turns` yields: a b-scan of a turn is one already.
+    """Deserialises a message that `read_turns` yields; a gathered b-scan needs no deserialising.
 
     Raises:
         ValueError: its bytes are not those of its type.
@@ -355,7 +355,7 @@ def open_message(reader: AnyReader, connection: Connection, raw: Any) -> Any:
 
 
 def _find_end(gathered: list[_Azimuth], following: _Azimuth) -> int | None:
-    """Finds where a turn ends among azimuths gathered, of which the last may be damaged; None where it goes on."""
+    """Returns how many gathered azimuths form a turn that has ended, or None where it goes on; the last may be damaged."""
     if len(gathered) < 2:
         return None
     before, last = gathered[-2][1], gathered[-1][1]
@@ -369,13 +369,13 @@ def _find_end(gathered: list[_Azimuth], following: _Azimuth) -> int | None:
 
 
 def _sweeps(azimuths: list[_Azimuth], largest: int) -> bool:
-    """Returns whether azimuths sweep over half of a turn with so many ticks."""
+    """Returns whether azimuths sweep more than half of a turn, whose largest encoder value is given."""
     ticks = [tick for _, tick, *_ in azimuths]
     return 2 * (max(ticks) - min(ticks)) > largest
 
 
 def _read_azimuth(message: Any, logged: int) -> _Azimuth:
-    """Reads a message of one azimuth; AttributeError where it lacks a field, ValueError where power or a number is none."""
+    """Reads a message of one azimuth; raises AttributeError where it lacks a field, ValueError where a field is empty."""
     power = np.asarray(message.data, dtype=np.uint8)
     if power.ndim != 1 or not power.size:
         raise ValueError("holds no power")
@@ -390,7 +390,7 @@ def _read_azimuth(message: Any, logged: int) -> _Azimuth:
 
 
 def _read_number(stated: Any) -> int:
-    """Reads an unsigned number, or its bytes; ValueError where there are none."""
+    """Reads an unsigned number from itself or from its bytes; raises ValueError where there are no bytes."""
     if np.ndim(stated) == 0:
         return int(stated)
     content = np.asarray(stated, dtype=np.uint8).tobytes()
@@ -400,7 +400,7 @@ def _read_number(stated: Any) -> int:
 
 
 def _make_turn(azimuths: list[_Azimuth]) -> Any:
-    """Makes a message like the b-scans of Navtech's driver of the azimuths that have as many range bins as most have."""
+    """Makes a message like a b-scan of Navtech's driver; azimuths without the most frequent number of bins are left out."""
     widths, counts = np.unique([len(power) for *_, power, _ in azimuths], return_counts=True)
     width = int(widths[counts.argmax()])
     alike = [azimuth[1:] for azimuth in azimuths if len(azimuth[3]) == width]
@@ -434,11 +434,11 @@ def read_bin_size(reader: AnyReader) -> tuple[float, str] | None:
 
 
 def read_encoder_size(reader: AnyReader) -> int | None:
-    """Reads the ticks of the encoder in a turn; None where no message of an open bag states them."""
+    """Reads the encoder ticks per turn; None where no message of an open bag states them."""
     for _, message in _read_configurations(reader):
         numbers = [number for number in _list_numbers(getattr(message, "encoder_size", 0)) if number.is_integer()]
         sizes = [int(number) for number in numbers if _ENCODER_TICKS[0] <= number <= _ENCODER_TICKS[1]]
-        if sizes:  # the radar sends its bytes the high one first
+        if sizes:  # the radar sends the high byte first, an order that is read last
             return next((size for size in sizes if size in _ENCODER_TURNS), sizes[-1])
     return None
 
@@ -455,7 +455,7 @@ def _read_configurations(reader: AnyReader) -> Iterator[tuple[str, Any]]:
 
 
 def _list_numbers(stated: Any) -> Iterator[float]:
-    """Yields the numbers that a field may stand for: itself, or its bytes as a number of either order."""
+    """Yields the numbers that a field may stand for: itself, or its bytes as numbers in either byte order."""
     if np.ndim(stated) == 0:
         yield float(stated)
         return
@@ -480,7 +480,7 @@ def make_image(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) ->
 
 
 def make_b_scan(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -> Any:
-    """Makes a message of Navtech's driver of polar scan k, by the encoder its azimuths fit best.
+    """Makes a b-scan of Navtech's driver from polar scan k, with the encoder whose ticks fit its azimuths best.
 
     Raises:
         DataError: the polar scan turns counter-clockwise.
@@ -492,7 +492,7 @@ def make_b_scan(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -
 
 
 def _choose_encoder(polar_scan: PolarScan) -> int:
-    """Chooses the ticks per turn of the encoder: the finer one if only its ticks fit and its values show it."""
+    """Chooses the encoder ticks per turn: the larger number if only its ticks fit and a value exceeds the smaller number."""
     usual, fine = _ENCODER_TURNS
     turns = -polar_scan.azimuths / (2.0 * np.pi)
     on_usual, on_fine = (np.allclose(turns * t, np.round(turns * t), rtol=0.0, atol=1e-6) for t in (usual, fine))

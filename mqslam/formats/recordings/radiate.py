@@ -1,10 +1,10 @@
-"""The layout RADIATE: `Navtech_Polar/000001.png`, one column per azimuth, with arrival stamps in `Navtech_Polar.txt`.
+"""Reads and writes the layout RADIATE: polar images `Navtech_Polar/000001.png` with one column per azimuth.
 
-The readings of its sensors lie in `GPS_IMU_Twist/`.
+Their stamps of arrival lie in `Navtech_Polar.txt`, the readings of other sensors in `GPS_IMU_Twist/`, one message per file.
 
-The first line of a file of sensors is latitude, longitude [degrees] and altitude; three lines are the covariance of the
-position along east, north and up [m^2]; then come the orientation and, in the sixth line, the turn rates about x forward,
-y right and z down [rad/s]. Every message is there twice, with the same stamp. The clock is not that of the radar.
+The first line of a message is latitude, longitude [degrees] and altitude; the next three lines are the covariance of the
+position along east, north and up [m^2]; then come the orientation and, in the sixth line, the turn rates about x forward, y
+right and z down [rad/s]. Every message is there twice, with the same stamp. Its clock is not the radar's.
 
 Source: github.com/marcelsheeny/radiate_sdk, README.md, for the files; their order and axes were found on a drive.
 """
@@ -32,14 +32,14 @@ from mqslam.formats.text import read_lines
 
 _NAME = "GPS_IMU_Twist"
 _PLACE, _EAST, _NORTH, _RATES = 0, 1, 2, 5  # lines: position, two rows of its covariance, turn rates
-_MOST_BYTES = 10_000  # of a message, which has about 500
+_MOST_BYTES = 10_000  # largest size of a message; most have about 500
 _DOWN = (1.0, -1.0, -1.0)  # from x forward, y right, z down to x forward, y left, z up
-_DIGITS = 6  # least number of digits of the number of a frame, in a list of when frames arrived and in the name of its file
+_DIGITS = 6  # least number of digits of a frame's number, in the list of stamps and in the name of its file
 _FRAME = re.compile(r"\s*Frame:\s*(\d{1,18})\s+Time:\s*(\d+)(?:\.(\d+))?\s*")
 _LINE = "'Frame: 000001 Time: 1574859771.744660272'"
 _NANOSECONDS = 9  # digits of a fraction of a second
 RANGE_RESOLUTION_M = 0.175  # of the CTS350-X as RADIATE uses it; 576 such bins reach 100.8 m
-_OTHER_CLOCK = "GPS and IMU run on another clock, which a run finds: neither odometry nor ground truth is taken from them"
+_OTHER_CLOCK = "GPS and IMU run on another clock, whose offset a run finds: no odometry or ground truth is taken from them"
 
 
 def recognises(path: Path) -> bool:
@@ -48,7 +48,7 @@ def recognises(path: Path) -> bool:
 
 
 def open_recording(path: Path, sensing: Sensing) -> ColumnImageRecording:
-    """Indexes a recording of RADIATE: names, stamps and one image are read, however long it is."""
+    """Indexes a recording of RADIATE: reads names, stamps, one image and the messages of the sensors."""
     folder = _find_image_folder(path)
     if not folder.is_dir():
         raise DataError(path, "holds no folder Navtech_Polar/", "give the folder that holds it and Navtech_Polar.txt")
@@ -82,13 +82,14 @@ def open_recording(path: Path, sensing: Sensing) -> ColumnImageRecording:
 
 
 def read_listing(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Reads frames (N,) and when they arrived (N,) [us] from lines `Frame: 000001 Time: 1574859771.744660272`.
+    """Reads numbers of frames (N,) and stamps of arrival (N,) [us] from lines `Frame: 000001 Time: 1574859771.744660272`.
 
     RADIATE's files state the nanoseconds behind the point without their leading zeros: `36.25327499` is 36 s and 25,327,499
-    ns, not 36.25 s. Where fractions differ in length, they are read in the way in which the frames follow more steadily.
+    ns, not 36.25 s. Where fractions differ in length, both ways of reading are tried, and the one is taken in which frames
+    follow one another more steadily.
 
     Raises:
-        DataError: it cannot be read, or a line is of another form.
+        DataError: the list cannot be read, or a line has another form.
     """
     remedy = f"it should hold a line {_LINE} for each file"
     lines = [line for line in read_lines(listing, remedy, missing=remedy) if line]
@@ -108,7 +109,7 @@ def read_listing(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def _format_frame(frame: int) -> str:
-    """Formats the number of a frame as the name of its file."""
+    """Formats the number of a frame as in the name of its file."""
     return str(frame).zfill(_DIGITS)
 
 
@@ -138,7 +139,7 @@ def _read_message(file: Path) -> list[float]:
 
 
 def _make_gyroscope(root: Path, messages: SensorTable | None) -> Reading[Gyroscope] | None:
-    """Makes a gyroscope of the messages of a recording."""
+    """Makes a gyroscope from the messages of a recording; None where there are none."""
     if messages is None:
         return None
     note = f"the axes of {_NAME} are taken as x forward, y right, z down"
@@ -147,7 +148,7 @@ def _make_gyroscope(root: Path, messages: SensorTable | None) -> Reading[Gyrosco
 
 
 def _make_fixes(root: Path, messages: SensorTable | None) -> Reading[Fixes] | None:
-    """Makes fixes of the messages of a recording."""
+    """Makes fixes from the messages of a recording; None where there are none."""
     if messages is None:
         return None
     return make_fixes(root / _NAME, messages.with_columns(messages.columns[:, :3]), source=_NAME, own_clock=True)

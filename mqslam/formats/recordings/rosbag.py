@@ -1,7 +1,8 @@
-"""ROS bags: ROS 1 `.bag`, ROS 2 bag folder or `.db3`, `.mcap`, with radar images, odometry, ground truth and sensors.
+"""Reads and writes recordings in ROS bags: ROS 1 `.bag`, ROS 2 bag folder or `.db3`, `.mcap`.
 
-Bags are written with radar on /Navtech/Polar or /radar_data/b_scan_msg, odometry on /odom, ground truth on /ground_truth
-and sensors on the topics of `mqslam.formats.sensors.ros_sensors`.
+A bag holds the radar's messages, odometry, ground truth and sensors. Bags are written with radar on /Navtech/Polar or
+/radar_data/b_scan_msg, odometry on /odom, ground truth on /ground_truth and sensors on the topics of
+`mqslam.formats.sensors.ros_sensors`.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
     from rosbags.interfaces import Connection
 
-RANGE_RESOLUTION_M = 0.0438  # as in Oxford's recordings; a bag does not say it
+RANGE_RESOLUTION_M = 0.0438  # as in Oxford's recordings; assumed where a bag does not state it
 ODOMETRY_TOPIC = "/odom"
 TRUTH_TOPIC = "/ground_truth"
 _TOPICS = {"image": ("/Navtech/Polar", bags.IMAGE_TYPE), "b_scan": ("/radar_data/b_scan_msg", bags.B_SCAN_TYPE)}
@@ -53,7 +54,7 @@ class RosbagRecording(Recording):
 
     Args:
         radar: the radar's topic.
-        messages_us: (N,) int64 [us], stamp of the message of each polar scan, be it the start or the end of the turn.
+        messages_us: (N,) int64 [us], stamp of the message of each polar scan, which is the start or the end of the turn.
         logged_ns: (N,) int64 [ns], when the message of each polar scan was recorded.
         clockwise: whether azimuths without stamps and angles of their own follow one another clockwise, seen from above.
     """
@@ -78,7 +79,7 @@ class RosbagRecording(Recording):
                     message = open_message(reader, connection, raw)
                     if self.radar.read_stamp(message, logged, bags.Clock()) != self.messages_us[k]:
                         continue
-                except ValueError:  # the index has left it out, too
+                except ValueError:  # the index left this message out, too
                     continue
                 with bags.name_message(self.path, topic, logged):
                     polar_scan = self._polar_scan(k, message)
@@ -89,7 +90,7 @@ class RosbagRecording(Recording):
         raise DataError(self.path, f"polar scan {k} on {topic} is gone", "the bag changed since it was opened")
 
     def _until(self, connections: list[Connection], stop: int) -> int | None:
-        """Returns when all messages of the polar scans before `stop` are recorded [ns]; None if the bag ends with them."""
+        """Returns the time [ns] up to which the polar scans before `stop` were recorded; None for the end of the bag."""
         if not any(connection.msgtype.endswith(bags.FFT_NAMES) for connection in connections):
             return int(self.logged_ns[stop - 1]) + 1
         return int(self.logged_ns[stop]) if stop < len(self) else None
@@ -108,7 +109,7 @@ recognises = bags.recognises
 
 
 def open_recording(path: Path, sensing: Sensing) -> Recording:
-    """Indexes a bag in one pass over its messages, of which only stamps, poses and the readings of sensors stay."""
+    """Indexes a bag in one pass over its messages; only stamps, poses and the readings of sensors stay in memory."""
     with bags.open_bag(path) as reader:
         encoder = sensing.encoder_size or radar_messages.read_encoder_size(reader)
         radar, notes = radar_messages.choose_topic(path, reader, sensing.topics.radar, encoder)
@@ -116,7 +117,7 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
         sensors, stated = RosSensors.choose(reader), radar_messages.read_bin_size(reader)
         index = _read_index(path, reader, radar, {odometry_topic, truth_topic} - {None}, sensors)
     ordered = np.ones(len(index.stamps_us), dtype=np.bool_)
-    if radar.stamps_azimuths:  # else the order of messages is that of the polar scans
+    if radar.stamps_azimuths:  # else polar scans are in the order of their messages
         ordered = mark_increasing(index.stamps_us)
     messages_us = np.array(index.stamps_us, dtype=np.int64)[ordered]
     faults = []
@@ -193,12 +194,12 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """What the poses of a bag are the poses of, by the frame that their messages name: radar, vehicle or something on it.
+    """The frames of a bag, which show whether its poses are those of the radar, the vehicle or something on the vehicle.
 
     Args:
         radar: frame of the radar's messages.
-        mount: where the radar sits on the vehicle, or None where the bag does not say it.
-        placed: the static transforms.
+        mount: where the radar sits on the vehicle, or None where the bag does not state it.
+        placed: the transforms that never change.
     """
 
     radar: str
@@ -206,9 +207,10 @@ class Frames:
     placed: Mounts
 
     def place_odometry(self, odometry: Trajectory, topic: str, frame: str) -> tuple[Trajectory, str]:
-        """Returns odometry as the motion of the vehicle if the mount is known, else of the radar, and how it was understood.
+        """Returns odometry as the motion of the vehicle if the mount is known, else of the radar, and a note on this.
 
-        Odometry of a frame that no transform places, or of "", is taken as that of the vehicle, whose wheels make it.
+        If the mount is known, odometry that names no frame, or a frame that no transform places, is taken as the motion of
+        the vehicle, since its wheels measure it.
         """
         if self.mount is None:
             return odometry, f"odometry from {topic} is taken as the motion of the radar itself"
@@ -219,7 +221,7 @@ class Frames:
         return carried, f"odometry from {topic} is the motion of {frame}"
 
     def place_truth(self, truth: Trajectory, topic: str, frame: str) -> tuple[Trajectory, str]:
-        """Returns ground truth as poses of the radar where the transforms say how to carry it, and how it was understood."""
+        """Returns ground truth as poses of the radar where transforms lead from its frame to it, and a note on this."""
         if frame and name_frame(frame) == name_frame(self.radar):
             return truth, f"ground truth from {topic} is the pose of the radar"
         on_vehicle = self._find(frame)
@@ -232,7 +234,7 @@ class Frames:
         return carried, f"ground truth from {topic} is the pose of {frame}, carried to the radar by {self.mount.source}"
 
     def is_of_vehicle(self, frame: str) -> bool:
-        """Returns whether a frame is the vehicle's own, on which the bag does not place the radar."""
+        """Returns whether a frame is the vehicle's own, in a bag that does not state where the radar sits on the vehicle."""
         on_vehicle = self._find(frame)
         apart = name_frame(frame) != name_frame(self.radar)
         return self.mount is None and apart and on_vehicle is not None and not on_vehicle.any()
@@ -245,11 +247,11 @@ class Frames:
 
 @dataclass(slots=True)
 class _Index:
-    """The result of one pass over a bag: polar scans, messages that are none, and poses.
+    """The result of one pass over a bag: stamps of polar scans, unreadable messages of the radar, and poses.
 
-    Turns are those of polar scans whose azimuths are stamped, None where these do not tell; of the messages that are no
-    polar scans, the first is kept as an error. The radar's frame is that of its first message. `turn_ticks` are taken as a
-    turn of the encoder if none are stated.
+    If azimuths carry stamps, the turns' durations are listed, None where the azimuths do not show them. `unread` counts the
+    unreadable messages, and `error` is that of the first one. The radar's frame is the first that its messages name.
+    `turn_ticks` is the number of encoder ticks that is taken as a turn if none is stated.
     """
 
     stamps_us: list[int] = field(default_factory=list)
@@ -264,7 +266,7 @@ class _Index:
 
 
 def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[str | None, str | None]:
-    """Chooses the topics of odometry and of ground truth: those that are named, else by type and name."""
+    """Chooses the topics of odometry and of ground truth: those that the user names, else by type and name."""
     typed = [c for c in reader.connections if c.msgtype in (ODOMETRY_TYPE, bags.POSE_TYPE)]
     chosen = (named.odometry, named.truth)
     for topic in chosen:
@@ -279,7 +281,7 @@ def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[s
 def _read_index(
     path: Path, reader: AnyReader, radar: RadarTopic, pose_topics: set[str | None], sensors: RosSensors
 ) -> _Index:
-    """Reads the messages of the radar, of the pose topics and of the sensors, once."""
+    """Reads the messages of the radar, of the pose topics and of the sensors in one pass."""
     index = _Index()
     read = [c for c in reader.connections if c.topic == radar.name or c.topic in pose_topics or sensors.reads(c.topic)]
     for connection, logged, raw in read_turns(reader, reader.messages(read), radar.name):
@@ -315,8 +317,8 @@ def write(kind: str, message: Message, out: Path, recording: Recording) -> list[
 
     Args:
         kind: one of `mqslam.formats.bags.KINDS`.
-        message: `image` for mono8 images whose rows begin with time, angle and validity, as in the Oxford layout;
-            `b_scan` for the driver's own messages, which do not say whether an azimuth was measured.
+        message: `image` for mono8 images whose rows begin with time, angle and validity, as in the Oxford layout; `b_scan`
+            for the messages of Navtech's driver, which do not say whether an azimuth was measured.
         out: the file or folder.
         recording: the recording.
     """
@@ -335,7 +337,7 @@ def write(kind: str, message: Message, out: Path, recording: Recording) -> list[
 
 
 def _list_scans(bag: Bag, recording: Recording, message: Message) -> Iterator[_Entry]:
-    """Lists the polar scans as messages, stamped by their first azimuths."""
+    """Yields the polar scans as messages, stamped by their first azimuths."""
     make: Callable[..., Any] = radar_messages.make_image if message == "image" else radar_messages.make_b_scan
     connection = bag.topic(*_TOPICS[message])
     for k, polar_scan in enumerate(recording.polar_scans()):
@@ -343,7 +345,7 @@ def _list_scans(bag: Bag, recording: Recording, message: Message) -> Iterator[_E
 
 
 def _list_poses(bag: Bag, track: Trajectory, topic: str, frames: tuple[str, str]) -> Iterator[_Entry]:
-    """Lists poses in a fixed frame, of another frame, as odometry messages, each with the mean twist until the next."""
+    """Yields poses as odometry messages between a fixed and a moving frame, each with the mean twist until the next."""
     fixed, moved = frames
     connection = bag.topic(topic, ODOMETRY_TYPE)
     twists = track.mean_twists(track.stamps_us[:-1], track.stamps_us[1:])

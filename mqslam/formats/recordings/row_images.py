@@ -1,4 +1,4 @@
-"""A folder of images of Oxford rows, one per polar scan: Oxford, Boreas, and one form of MulRan."""
+"""Reads folders of images of Oxford rows, one image per polar scan: Oxford, Boreas, and one form of MulRan."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ _FEWEST_ROWS = 0.1
 # rows, because few azimuths of a recording are not measured.
 _VALIDITY_SHARE = 0.75
 # Otherwise byte 10 is the direction of the chirp, which alternates in Boreas-RT, if it is 255 in more than this share of
-# the rows; in fewer it says nothing about single azimuths.
+# the rows. Below this share it says nothing about single azimuths.
 _CHIRP_SHARE = 0.25
-_MOST_STAMP_ERROR_US = 1_000_000  # a name that is a stamp further than this outside its turn is damaged
+_MOST_STAMP_ERROR_US = 1_000_000  # an image whose name is a stamp further than this outside its turn is damaged
 _REMEDY = "copy it anew, or leave it out of the recording"
 
 _Rows = tuple[Azimuths, NDArray[np.uint8]]  # azimuths (A,) and their power (A, B)
@@ -54,7 +54,7 @@ class RowFolder:
     Args:
         path: the folder.
         flag: meaning of byte 10 of the rows.
-        encoder: encoder ticks of a turn.
+        encoder: encoder ticks per turn.
         usual: number of azimuths of the first image; 0 where it is not known yet.
     """
 
@@ -64,13 +64,17 @@ class RowFolder:
     usual: int = 0
 
     def read(self, name: int) -> tuple[_Rows, _Rows | None]:
-        """Reads the azimuths of an image and their power; of both directions of a chirp those that go up, then the others.
+        """Reads the azimuths of an image and their power.
 
         Args:
-            name: of the image: a stamp [us or ns] within its turn.
+            name: name of the image: a stamp [us or ns] within its turn.
+
+        Returns:
+            Azimuths and power of the up-chirps, and those of the down-chirps; of all azimuths and None if there is one
+            kind.
 
         Raises:
-            DataError: the image cannot be used, or does not belong to its name.
+            DataError: the image cannot be used, or its stamps do not fit its name.
         """
         image = self.path / f"{name}.png"
         pixels = read_grey(image)
@@ -99,8 +103,8 @@ class RowImageRecording(Recording):
     """A recording in images of Oxford rows.
 
     Args:
-        folder: holds the images.
-        names: (N,) int64, what they are called: increasing stamps [us or ns].
+        folder: folder of the images.
+        names: (N,) int64, names of the images: increasing stamps [us or ns].
     """
 
     folder: RowFolder
@@ -123,22 +127,23 @@ def open_rows(
     choose_resolution: Callable[[int], tuple[float, list[str]]],
     sensing: Sensing,
 ) -> RowImageRecording:
-    """Indexes images by their names: the first and the last that can be read are read, however many there are.
+    """Indexes images by their names, however many there are: reads the first and the last readable image, and a few others.
 
     An image is named after an instant of its turn: in Oxford the first azimuth, in Boreas the middle, in MulRan the end.
-    The first image shows which; the others begin the same part of their turns before their names.
+    The first image shows which instant that is, as a share of its turn; the same share holds for all other images.
 
     Args:
         path: the recording.
         format: name of its layout.
-        folder: holds the images.
-        names: (N,) of the images, increasing.
+        folder: folder of the images.
+        names: (N,) names of the images, increasing.
         choose_resolution: returns the length of a range bin [m] of a recording that begins at a stamp [us], with a note
             where it is assumed.
-        sensing: what the user says about the radar.
+        sensing: what the user states about the radar.
 
     Raises:
-        DataError: there are no images, or half of them cannot be used, or their encoder has other ticks.
+        DataError: there are no images, or half of them cannot be used, or their encoder has another number of ticks per
+            turn.
     """
     if not len(names):
         raise DataError(folder, "holds no polar scans", "it should hold images named <t>.png, t in microseconds")
@@ -191,10 +196,10 @@ def open_rows(
 
 
 def _interpret_flag(pixels: NDArray[np.uint8]) -> tuple[Flag, tuple[str, ...]]:
-    """Interprets byte 10 of a recording by its first image (A, 11 + B), with a note where it is not validity.
+    """Interprets byte 10 of a recording by its first image (A, 11 + B), with a note where it does not mark validity.
 
-    Few rows of a recording are marked as not measured. Boreas leaves the byte unused, Boreas-RT puts the direction of the
-    chirp there, which alternates from row to row.
+    Where it marks validity, only few rows are not measured. Boreas leaves the byte unused, Boreas-RT puts the direction of
+    the chirp there, which alternates from row to row.
     """
     share = float(np.mean(pixels[:, FLAG_BYTE] == 255)) if pixels.shape[1] > METADATA_BYTES else 1.0
     if share > _VALIDITY_SHARE:

@@ -1,4 +1,4 @@
-"""Durations of a radar's turns, from the stamps of polar scans and from those of azimuths where there are any."""
+"""Finds the durations of a radar's turns from the stamps of polar scans and, where there are any, of azimuths."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ USUAL_TURN_S = 0.25  # duration of a turn that is assumed where a recording show
 # Number of successive steps between polar scans whose median is the usual duration of a turn. Where a recording has fewer
 # steps, each is judged by itself.
 TURNS_AROUND = 9
-LONGEST_STEP = 1.5  # a step of more usual turns than this to the next polar scan holds a gap: half a turn is missing
+LONGEST_STEP = 1.5  # a step between polar scans longer than this many usual turns holds a gap: half a turn is missing
 ALIKE_TURNS = 1.25  # turns whose durations differ by less than this factor count as turns at the same rate
-_FEWEST_AZIMUTHS = 8  # a polar scan of fewer azimuths does not tell how fast they were swept
+_FEWEST_AZIMUTHS = 8  # a polar scan of fewer azimuths does not show how fast they were swept
 # Quantile of the steps between polar scans that counts as the duration of a turn in a recording of few polar scans. It is
 # low, because polar scans may be missing but never come early.
 _SHORT_SHARE = 0.25
 _RATE_CELL = 1.1  # steps are counted together to find turn rates if their durations differ by less than this factor
 _MOST_RATES = 8  # largest number of turn rates that a recording is assumed to have
 _WHOLE_TURN = 0.2  # a step counts as whole turns if it differs from them by at most this much [turns]
-# Costs of assuming that a polar scan is missing, which is their unit, that it came late, that it came early, and that the
-# radar was told to turn at another rate.
+# Costs of the assumptions that explain a step: a polar scan is missing (the unit of costs), it came late, it came early, or
+# the radar was told to turn at another rate.
 _COST_MISSING, _COST_LATE, _COST_EARLY, _COST_RATE_CHANGE = 1.0, 1.5, 2.0, 4.0
 _COMPARED_AZIMUTHS = 128  # largest number of azimuths of a polar scan that are compared to find how fast they were swept
 # Two azimuths are compared if they lie at least this share of their polar scan apart. Nearer ones would show the bursts in
@@ -37,15 +37,15 @@ Measure = Callable[[int], float | None]
 def measure_turn(stamps_us: NDArray[np.float64], angles: NDArray[np.float64]) -> float | None:
     """Measures how long a whole turn takes [us], at the rate at which azimuths were swept.
 
-    The rate is the median over pairs of azimuths that lie well apart. Neither bursts of stamps, nor missing azimuths, nor a
-    few late stamps change it much.
+    The rate is the median over pairs of azimuths that lie well apart. Bursts of stamps, missing azimuths and a few late
+    stamps hardly change it.
 
     Args:
         stamps_us: (A,) [us], not decreasing, counted from any instant.
         angles: (A,) [rad], unwrapped.
 
     Returns:
-        The duration, or None where there are too few azimuths, or where no radar sweeps like these.
+        The duration, or None where there are too few azimuths, or where no radar turns that fast or that slowly.
     """
     if len(angles) < _FEWEST_AZIMUTHS:
         return None
@@ -61,15 +61,17 @@ def measure_turn(stamps_us: NDArray[np.float64], angles: NDArray[np.float64]) ->
 
 
 def find_usual_turns(stamps_us: NDArray[np.int64], measure: Measure | None = None) -> NDArray[np.float64]:
-    """Finds how long a turn usually takes (N - 1,) [us] at each step from one polar scan to the next: the measure for gaps.
+    """Finds the usual duration (N - 1,) of a turn [us] at each step from one polar scan to the next; longer steps are gaps.
 
     It is found from the steps around, since a radar may be told to turn at another rate. Where there are few steps, or
-    where polar scans are missing regularly, steps do not tell turns from gaps; there the azimuths' own stamps do.
+    where polar scans are missing regularly, the steps alone do not show which of them are gaps; there the azimuths' own
+    stamps show it.
 
     Args:
         stamps_us: (N,) increasing stamps of the polar scans [us].
-        measure: tells of a polar scan's number how long its turn took by its azimuths' own stamps [us], None where they do
-            not say. It may read the polar scan, so it is asked for all of a few, and of many for one or two per turn rate.
+        measure: returns the duration of the turn of a polar scan, given by its number, from its azimuths' own stamps [us],
+            or None where these do not show it. It may read the polar scan. So it is called for every polar scan only where
+            there are few, else for one or two per turn rate.
     """
     usual = _find_usual_steps(np.diff(stamps_us).astype(np.float64))
     if measure is None or not len(usual):
@@ -88,15 +90,16 @@ def find_usual_turns(stamps_us: NDArray[np.int64], measure: Measure | None = Non
 def place_turns(
     stamps_us: NDArray[np.int64], stamp: Stamp, usual_us: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Finds starts (N,) and durations (N,) [us] of turns of which only their increasing stamps (N,) [us] are known.
+    """Finds starts (N,) and durations (N,) [us] of turns that have one stamp each.
 
-    A turn lasts until the next one's stamp; where stamps are ends, it has lasted since the one before's. Beside a gap and
-    at the open end it takes as long as its neighbour, since the turn rate drifts slowly.
+    Where stamps are starts, a turn lasts until the next stamp; where they are ends, it has lasted since the stamp before.
+    Beside a gap, and where there is no such stamp, a turn takes as long as its neighbour, since the turn rate drifts
+    slowly.
 
     Args:
-        stamps_us: one per turn.
-        stamp: which instant of the turns they are.
-        usual_us: (N - 1,) how long a turn usually takes at each step between them [us].
+        stamps_us: (N,) increasing stamps of the turns [us].
+        stamp: whether the stamps are starts or ends of turns.
+        usual_us: (N - 1,) usual duration of a turn at each step between stamps [us].
     """
     between = np.diff(stamps_us)
     if not len(between):
@@ -122,7 +125,8 @@ def _to_us(seconds: float) -> int:
 def _find_usual_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Finds the usual duration (M,) of a turn [us] at each of some steps (M,) [us].
 
-    Of few steps it is one of the shortest: no radar delivers a polar scan sooner than it turns, while any may be missing.
+    Where steps are few, it is one of the shortest: no radar delivers a polar scan sooner than it turns, while polar scans
+    may be missing.
     """
     unknown = _to_us(USUAL_TURN_S)
     if len(steps) >= TURNS_AROUND:
@@ -136,7 +140,7 @@ def _find_usual_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
 def _explain_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Finds the usual duration (M,) of a turn [us] at each of many steps (M,) [us].
 
-    The steps are explained by the sequence of turn rates that takes the cheapest assumptions: that polar scans are missing,
+    The steps are explained by the sequence of turn rates that needs the cheapest assumptions: that polar scans are missing,
     that one is late or early, or that the radar is told to turn at another rate.
     """
     rates = _collect_rates(steps)
@@ -156,7 +160,7 @@ def _explain_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _collect_rates(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Collects the durations of a turn (R,) [us] that may explain steps: those that occur most, unlike one another."""
+    """Collects durations of a turn (R,) [us] that may explain steps: the most frequent ones that clearly differ."""
     cells = np.round(np.log(steps) / np.log(_RATE_CELL)).astype(np.int64)
     names, counts = np.unique(cells, return_counts=True)
     rates: list[float] = []
@@ -174,7 +178,7 @@ def _find_cheapest_path(costs: NDArray[np.float64], change: float) -> NDArray[np
     """Finds the sequence (M,) of states that costs least, changes between states included.
 
     Args:
-        costs: (M, R) of each of R states at each step.
+        costs: (M, R) cost of each of R states at each step.
         change: cost of a change of state.
     """
     begins = np.flatnonzero(np.append(True, np.any(costs[1:] != costs[:-1], axis=1)))
@@ -193,9 +197,9 @@ def _find_cheapest_path(costs: NDArray[np.float64], change: float) -> NDArray[np
 
 
 def _choose_examples(steps: NDArray[np.int64], count: int) -> list[int]:
-    """Chooses polar scans that stand for some of the steps 0..count - 1.
+    """Chooses polar scans whose turns stand for those at some of the steps 0..count - 1, such as all steps at one turn rate.
 
-    They are the first or last of all, or else one in the middle of the longest run of steps.
+    They are the first or last polar scan of all, if the steps reach it, else one in the middle of the longest run of steps.
     """
     ends = [k for k, step in ((0, 0), (count, count - 1)) if step in (steps[0], steps[-1])]
     runs = np.split(steps, np.flatnonzero(np.diff(steps) > 1) + 1)

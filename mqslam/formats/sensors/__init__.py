@@ -1,4 +1,4 @@
-"""Gyroscopes, GNSS receivers and mounts, in files of their own, beside images, and in bags."""
+"""Reads gyroscopes, GNSS receivers and mounts from files of their own, from files beside images, and from bags."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ __all__ = ["read_fixes", "read_gyroscope"]
 
 @untrusted.reads_file
 def read_fixes(path: Path, start_us: int) -> Reading[Fixes]:
-    """Reads a file of GNSS fixes: NMEA, CSV `t,lat,lon[,sigma_m]`, or one of those that Oxford, Boreas and MulRan have.
+    """Reads a file of GNSS fixes: NMEA, CSV `t,lat,lon[,sigma_m]`, or a table of Oxford, Boreas or MulRan.
 
     Args:
         path: the file.
-        start_us: stamp of the recording's start [us], from which an NMEA log without a date takes it.
+        start_us: stamp of the recording's start [us], which gives the date of an NMEA log that states none.
 
     Raises:
         DataError: the file cannot be read, is none of these, or holds no fix.

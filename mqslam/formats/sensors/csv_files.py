@@ -1,16 +1,16 @@
-"""Gyroscopes and GNSS fixes in tables: our own CSV, and those of Boreas, Oxford and MulRan.
+"""Reads gyroscopes and GNSS fixes from tables: our own CSV, which it also writes, and those of Boreas, Oxford and MulRan.
 
-Sources, and the axes of
+Sources and axes:
 
 - Boreas and Boreas-RT (github.com/utiasASRL/pyboreas, DATA_REFERENCE.md, DATA_RT_REFERENCE.md and issue 44): the Applanix
   frame, and so imu.csv, is x right, y forward, z up. The Applanix IMU, and so imu_raw.csv, is x backward, y left; the issue
-  says z up, which would be left-handed: it is down, as `T_imu_applanix` in github.com/utiasASRL/boreas_vtr_wrapper has it.
-  The DMU41 of Boreas-RT is turned by `calib/T_applanix_dmu.txt`, about x right, y backward, z down.
+  says z up, which would be left-handed: z is down, as `T_imu_applanix` in github.com/utiasASRL/boreas_vtr_wrapper has it.
+  The axes of Boreas-RT's DMU41, about x right, y backward, z down, are given by `calib/T_applanix_dmu.txt`.
 - Oxford's INS, a NovAtel SPAN-CPT (robotcar-dataset.robots.ox.ac.uk/documentation): roll, pitch and yaw turn x forward, y
   right, z down into north, east, down [rad]; stamps are in us.
 - MulRan's Xsens (github.com/RPM-Robotics-Lab/file_player_mulran, src/ROSThread.cpp, for the columns): the dataset does not
-  say how it is turned. Its makers point to the Complex Urban dataset, whose car and sensors are almost the same (issue 27
-  there): its Vehicle2IMU.txt has the vehicle's own axes, x forward, y left, z up. Tables have no header and stamps in ns.
+  state its axes. Its makers point to the Complex Urban dataset, whose car and sensors are almost the same (issue 27 there):
+  its Vehicle2IMU.txt has the vehicle's own axes, x forward, y left, z up. Tables have no header and stamps in ns.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ GYROSCOPE_REMEDY = "give a CSV whose header is t,wx,wy,wz: microseconds, and rad
 FIXES_REMEDY = "give an NMEA log, or a CSV whose header is t,lat,lon[,sigma_m]: microseconds, degrees and metres"
 DMU_NAMES = ("dmu_imu.csv", "dmu_imu_infilled.csv")
 TO_FORWARD = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""Takes vectors of the Applanix frame to x forward, y left, z up."""
-_SQUARE = 1e-3  # the rows of a rotation in a file are of unit length and square to one another within this
+"""Rotation (3, 3) of vectors from the Applanix frame to x forward, y left, z up."""
+_SQUARE = 1e-3  # the rows of a rotation in a file have unit length and are at right angles within this
 _APPLANIX_FROM_RAW = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-_APPLANIX_FROM_DMU = np.diag([1.0, -1.0, -1.0])  # where T_applanix_dmu.txt is missing; the files differ by a degree from it
+_APPLANIX_FROM_DMU = np.diag([1.0, -1.0, -1.0])  # where T_applanix_dmu.txt is missing; such files differ from it by a degree
 _BOREAS_IMU = "give one of the IMU files of a Boreas recording"
 _BOREAS_FIXES = "give a file of a Boreas recording whose header names GPSTime, latitude and longitude"
 _OXFORD_INS = "give gps/ins.csv or gps/gps.csv as the Oxford RobotCar dataset has them"
 _STATUS, _GOOD = "ins_status", "SOLUTION_GOOD"
 _LONGEST_STEP_US = 1_000_000  # a heading may turn by half a turn in a longer time, and its difference would be ambiguous
 _MULRAN_RATES, _MULRAN_PLACE = (0, 8, 9, 10), (0, 1, 2, 4, 8)  # stamp, rates; stamp, place, variances along east and north
-_MULRAN_COLUMNS = (17, 13)  # of the tables of the gyroscope and of the fixes
+_MULRAN_COLUMNS = (17, 13)  # numbers of columns in the tables of the gyroscope and of the fixes
 
 
 @untrusted.reads_file
 def read_gyroscope_table(path: Path) -> Reading[Gyroscope]:
-    """Reads a gyroscope from a CSV: `t,wx,wy,wz`, or one of those that Oxford, Boreas and MulRan have.
+    """Reads a gyroscope from a CSV: `t,wx,wy,wz`, or a table of Oxford, Boreas or MulRan.
 
     Raises:
         DataError: the file cannot be read, is none of these, or holds fewer than two sound rows.
@@ -68,7 +68,7 @@ def read_gyroscope_table(path: Path) -> Reading[Gyroscope]:
 
 @untrusted.reads_file
 def read_fixes_table(path: Path, *, made_truth: bool = False) -> Reading[Fixes]:
-    """Reads GNSS fixes from a CSV: `t,lat,lon[,sigma_m]`, or one of those that Oxford, Boreas and MulRan have.
+    """Reads GNSS fixes from a CSV: `t,lat,lon[,sigma_m]`, or a table of Oxford, Boreas or MulRan.
 
     Args:
         path: the file.
@@ -108,10 +108,10 @@ def write_fixes_csv(path: Path, fixes: Fixes) -> None:
 
 
 def read_transform(file: Path) -> NDArray[np.float64]:
-    """Reads a transform (4, 4) of points, as Boreas states calibrations.
+    """Reads a calibration of Boreas: a transform (4, 4) of points.
 
     Raises:
-        DataError: the file holds none.
+        DataError: the file holds no such transform.
     """
     try:
         with untrusted.open_text(file) as lines:
@@ -131,7 +131,7 @@ def read_transform(file: Path) -> NDArray[np.float64]:
 
 
 def _read_boreas_rates(header: Header) -> Reading[Gyroscope]:
-    """Reads one of the gyroscopes of Boreas, its rates turned to x forward, y left, z up."""
+    """Reads one of the gyroscopes of Boreas, and turns its rates to x forward, y left, z up."""
     file = header.path
     if file.name in DMU_NAMES:
         names = ("time", "wx", "wy", "wz")
@@ -155,7 +155,7 @@ def _find_dmu_turn(file: Path) -> tuple[NDArray[np.float64], str]:
 
 
 def _read_boreas_fixes(header: Header) -> Reading[Fixes]:
-    """Reads the fixes of Boreas, in radians; angles that are too large for radians are degrees."""
+    """Reads the fixes of Boreas, whose angles are in radians, or in degrees if they are too large for radians."""
     table = read_sensor_table(header, header.find(("gpstime", "latitude", "longitude"), _BOREAS_FIXES))
     largest = np.nanmedian(np.abs(table.columns), axis=0) if np.isfinite(table.columns).any(axis=0).all() else np.zeros(2)
     in_radians = bool(largest[0] <= np.pi / 2 and largest[1] <= np.pi)
@@ -165,16 +165,16 @@ def _read_boreas_fixes(header: Header) -> Reading[Fixes]:
 
 
 def _read_ins_rates(header: Header) -> Reading[Gyroscope]:
-    """Reads the rates of Oxford's INS: the difference quotients of its attitude, halfway between two rows.
+    """Computes rates from Oxford's INS: the difference quotients of its attitude, stamped halfway between two rows.
 
-    Only rows count whose status is good, and only two that follow each other in the file. The rates about x and y are those
-    of roll and pitch, as long as these are small.
+    Both rows must have a good status and follow each other in the file. The rates of roll and pitch are taken as the rates
+    about x and y, which holds as long as both angles are small.
     """
     table, notes = _read_good_rows(header, ("roll", "pitch", "yaw"))
     steps_us = np.diff(table.stamps_us)
-    turns = se2.wrap(np.diff(table.columns[:, 1:], axis=0)) * [1.0, -1.0, -1.0]  # from x, y right, z down
+    turns = se2.wrap(np.diff(table.columns[:, 1:], axis=0)) * [1.0, -1.0, -1.0]  # from y right and z down to y left and z up
     near = (steps_us > 0) & (steps_us <= _LONGEST_STEP_US)
-    near &= np.isfinite(table.columns[:-1, 0]) & np.isfinite(table.columns[1:, 0])  # both are good
+    near &= np.isfinite(table.columns[:-1, 0]) & np.isfinite(table.columns[1:, 0])  # the status of both rows is good
     rates = turns[near] / (steps_us[near, None] * 1e-6)
     middles = table.stamps_us[:-1][near] + steps_us[near] // 2
     source = f"the heading in {header.path}, differentiated"
@@ -182,7 +182,7 @@ def _read_ins_rates(header: Header) -> Reading[Gyroscope]:
 
 
 def _read_ins_fixes(header: Header) -> Reading[Fixes]:
-    """Reads the fixes of Oxford's INS or, from gps.csv, those of its receiver with their standard deviations."""
+    """Reads the fixes of Oxford's INS or, from gps.csv, the fixes of its receiver with their standard deviations."""
     places, sigmas = ("latitude", "longitude"), ("latitude_sigma", "longitude_sigma")
     notes: list[str] = []
     if _STATUS in header.names:
@@ -198,7 +198,7 @@ def _read_ins_fixes(header: Header) -> Reading[Fixes]:
 
 
 def _read_good_rows(header: Header, names: Sequence[str]) -> tuple[SensorTable, list[str]]:
-    """Reads whether the status of each row is good (1, else NaN) and some columns, with a note on those that are not."""
+    """Reads the status of each row (1 if it is good, else NaN) and some columns, with a note on rows that are not good."""
     columns = header.find(("timestamp", _STATUS, *names), _OXFORD_INS)
     table = read_sensor_table(
         header, columns, "", {columns[1]: lambda text: 1.0 if text.strip().endswith(_GOOD) else np.nan}
@@ -209,7 +209,7 @@ def _read_good_rows(header: Header, names: Sequence[str]) -> tuple[SensorTable, 
 
 
 def _read_mulran_table(header: Header, columns: Sequence[int], count: int, remedy: str) -> SensorTable:
-    """Reads columns of a table without a header, if it has as many columns as MulRan's."""
+    """Reads columns of a table without a header, if it has at least as many columns as MulRan's."""
     if len(header.names) < count:
         remedy = f"{remedy}; or one of {count} columns without a header, as MulRan's later versions have it"
         raise DataError(header.path, f"has {len(header.names)} columns in its first line", remedy)

@@ -1,4 +1,4 @@
-"""GNSS fixes in NMEA 0183 logs: positions from GGA, dates from RMC or ZDA.
+"""Reads GNSS fixes from NMEA 0183 logs: positions from GGA, dates from RMC or ZDA.
 
 Source: NMEA 0183, with the fields of gpsd.gitlab.io/gpsd/NMEA.html. A sentence is `$TTSSS,field,...*HH`: two letters for the
 talker, three for the kind, and the exclusive or of all characters between $ and * as two hexadecimal digits.
@@ -24,8 +24,8 @@ from mqslam.formats.tables import SensorTable
 from mqslam.formats.text import open_lines
 
 _DAY_US = 86_400_000_000
-_MEASURED = ("1", "2", "3", "4", "5", "9")  # qualities of a GGA that are fixes: not none, estimated, entered or simulated
-_FIRST_YEAR = 1980  # GPS time begins here: years of two digits are those since then
+_MEASURED = ("1", "2", "3", "4", "5", "9")  # qualities of a GGA that are fixes; others: none, estimated, entered, simulated
+_FIRST_YEAR = 1980  # GPS time begins here: a year of two digits lies in the hundred years from then on
 _LONGEST_SENTENCE = 1000  # characters; the standard allows 82, and no receiver writes many more
 _REMEDY = "give the log as a receiver with fixes writes it: GGA with checksums"
 _UNCHECKED, _UNFIXED = "with a wrong or missing checksum", "in which the receiver states no fix"
@@ -36,7 +36,7 @@ def read_nmea(path: Path, start_us: int) -> Reading[Fixes]:
     """Reads the fixes of an NMEA log, whose clock is UTC.
 
     A GGA states the time of day only. The day is that of the RMC or ZDA before it or, if there is none, of the first one
-    after it; in a log without any it is the day that brings the first fix nearest to the recording's start.
+    after it; in a log without RMC and ZDA, it is the day on which the first fix lies nearest to the recording's start.
 
     Args:
         path: the log; anything before the $ of a line is left out.
@@ -118,10 +118,10 @@ def _find_first_date(path: Path) -> int | None:
 
 
 def _read_date(kind: str, fields: Sequence[str]) -> int | None:
-    """Returns the stamp [us] of a sentence that states time and date; receivers without a clock yet leave both empty.
+    """Returns the stamp [us] of a sentence that states time and date, else None; receivers may leave both empty at first.
 
     Raises:
-        ValueError: it states no date that there is.
+        ValueError: the sentence states a date that does not exist.
         IndexError: a field is missing.
     """
     if kind == "RMC" and fields[0] and fields[8]:

@@ -1,4 +1,4 @@
-"""The result of reading a gyroscope or a GNSS receiver: its sound rows, and what a user should know about the others."""
+"""Makes gyroscopes and GNSS fixes from the usable rows of a file or topic, with notes and faults for the user."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from mqslam.formats.poses import mark_places
 from mqslam.formats.stamps import mark_increasing
 from mqslam.formats.tables import SensorTable
 
-_FASTEST_TURN = np.pi  # no vehicle turns faster than half round in a second [rad/s]: such readings are in another unit
-_SPIKES = 1e-3  # share of readings that may be faster all the same: a gyroscope that is knocked
+_FASTEST_TURN = np.pi  # no vehicle turns faster than half a turn per second [rad/s]: such readings are in another unit
+_SPIKES = 1e-3  # share of readings that may be faster all the same, where the gyroscope was knocked
 _Sensor = TypeVar("_Sensor", covariant=True)
 _Some = TypeVar("_Some", bound=Recording)
 _Read = TypeVar("_Read")
@@ -28,11 +28,11 @@ _Read = TypeVar("_Read")
 
 @dataclass(frozen=True, slots=True)
 class Reading(Generic[_Sensor]):
-    """A sensor that was read, or all that a run uses.
+    """The readings of a sensor, or of all sensors that a run uses, with notes and faults for the user.
 
     Args:
-        sensor: its readings; None where a run uses none.
-        notes: how they were understood.
+        sensor: the readings; None where a run uses none.
+        notes: how the readings were understood.
         faults: which rows were left out or why the sensor is not used.
     """
 
@@ -42,13 +42,13 @@ class Reading(Generic[_Sensor]):
 
 
 def read_beside(read: Callable[[], _Read]) -> tuple[_Read | None, list[str]]:
-    """Reads a file beside the images of a recording; where it cannot be used, the images still can.
+    """Reads a file beside the images of a recording; if it cannot be used, it returns a fault and raises no error.
 
     Args:
-        read: reads it, or raises a DataError.
+        read: reads the file, or raises a DataError.
 
     Returns:
-        What was read, or None and the fault where it cannot be used.
+        The content of the file and no fault, or None and the fault.
     """
     try:
         return read(), []
@@ -66,16 +66,16 @@ def add_beside(
     odometry: Callable[[], Trajectory | None] = lambda: None,
     notes: Iterable[str] = (),
 ) -> _Some:
-    """Returns a recording with what lies beside its polar scans; what cannot be used is left out with a fault.
+    """Adds to a recording the sensors and trajectories beside its polar scans; unusable ones are left out with a fault.
 
     Args:
-        recording: the recording, whose notes come first; a trajectory that it has already stays.
+        recording: the recording, whose notes come first; it keeps its own trajectories where none are read.
         gyroscope: reads the gyroscope; None where the recording has none, DataError where it cannot be used.
         fixes: likewise the GNSS fixes.
-        mount: likewise where the radar sits.
+        mount: likewise the radar's mount.
         truth: likewise the ground truth.
         odometry: likewise the odometry.
-        notes: what a user should know besides.
+        notes: further notes for the user.
     """
     (true_track, untrue), (track, unused) = read_beside(truth), read_beside(odometry)
     turning, unturned = read_beside(gyroscope)
@@ -98,14 +98,14 @@ def add_beside(
 def make_gyroscope(
     path: Path, table: SensorTable, *notes: str, source: str = "", own_clock: bool = False
 ) -> Reading[Gyroscope]:
-    """Makes a gyroscope of the rows of a file or topic that can be used.
+    """Makes a gyroscope from the usable rows of a file or topic.
 
     Args:
         path: the file, for errors.
         table: stamps, and rates about x forward, y left and z up [rad/s].
         notes: how the file was understood.
-        source: what the rows come from where that is not the whole file, for messages.
-        own_clock: whether its clock is known not to be that of the radar.
+        source: where the rows come from, for messages, if not from the whole file.
+        own_clock: whether the gyroscope's clock is known not to be that of the radar.
 
     Raises:
         DataError: fewer than two rows can be used.
@@ -123,14 +123,14 @@ def make_gyroscope(
 def make_fixes(
     path: Path, table: SensorTable, *notes: str, source: str = "", made_truth: bool = False, own_clock: bool = False
 ) -> Reading[Fixes]:
-    """Makes fixes of the rows of a file or topic that can be used.
+    """Makes fixes from the usable rows of a file or topic.
 
     Args:
         path: the file, for errors.
-        table: stamps, and latitude and longitude [degrees] and, as far as the receiver states it, standard deviation [m]: a
-            finite positive number.
+        table: stamps, latitude and longitude [degrees] and, as far as the receiver states it, standard deviation [m], which
+            counts if it is finite and positive.
         notes: how the file was understood.
-        source: what the rows come from where that is not the whole file, for messages.
+        source: where the rows come from, for messages, if not from the whole file.
         made_truth: whether the recording's ground truth was made from this receiver.
         own_clock: whether the receiver's clock is known not to be that of the radar.
 
@@ -139,7 +139,7 @@ def make_fixes(
     """
     latitudes, longitudes = table.columns[:, :2].T
     sigmas = table.columns[:, 2] if table.columns.shape[1] > 2 else np.full(len(latitudes), np.nan)
-    on_earth = (np.abs(latitudes) <= 90.0) & (np.abs(longitudes) <= 180.0)  # false of NaN
+    on_earth = (np.abs(latitudes) <= 90.0) & (np.abs(longitudes) <= 180.0)  # false for NaN
     on_earth &= (latitudes != 0.0) | (longitudes != 0.0)  # receivers write zeros where they have no fix
     kept, faults = _choose_rows(source or str(path), table, np.asarray(on_earth), "no place on the Earth")
     if not kept.any():
@@ -178,7 +178,7 @@ def _describe_unusable(table: SensorTable, kept: int, noun: str, has: str) -> st
 def _choose_rows(
     source: str, table: SensorTable, sound: NDArray[np.bool_], unsound: str
 ) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
-    """Chooses the rows (N,) to keep of the sound ones (N,), and words what the unsound and the late ones are."""
+    """Marks the rows (N,) to keep: sound ones (N,) whose stamps increase; words the faults of the others."""
     faults = []
     rows = table.unread + len(sound)
     if bad := table.unread + int(np.count_nonzero(~sound)):

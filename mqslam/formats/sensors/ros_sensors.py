@@ -1,6 +1,6 @@
-"""Sensors in ROS bags: `sensor_msgs/Imu`, `sensor_msgs/NavSatFix`, and where the radar sits by /tf_static or /tf.
+"""Reads and writes sensors in ROS bags: `sensor_msgs/Imu`, `sensor_msgs/NavSatFix`, and mounts on /tf_static or /tf.
 
-Fixes on a topic whose name says that it is ground truth are those that the ground truth was made from.
+If the name of a topic of fixes says that it is ground truth, the recording's ground truth counts as made from these fixes.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 IMU_TYPE, FIX_TYPE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
 STATIC_TOPIC = "/tf_static"
 _IMU_TOPIC, _FIX_TOPIC, _TRUTH_FIX_TOPIC = "/imu/data", "/gps/fix", "/ground_truth/fix"
-_IMU_FRAME, _FIX_FRAME = "imu", "gps"  # no transform places them: rates stay about the axes that they are read about
+_IMU_FRAME, _FIX_FRAME = "imu", "gps"  # no transform places these frames, so readers do not turn the rates
 _NOT_GIVEN = -1.0  # first number of a covariance whose quantity an Imu does not state
-_NO_FIX, _UNKNOWN = -1, -2  # statuses of a NavSatFix; drivers that never set it leave the last one
+_NO_FIX, _UNKNOWN = -1, -2  # statuses of a NavSatFix; drivers that never set the status leave the latter
 
 
 @dataclass(slots=True)
 class _Rows:
-    """The messages on a topic: their stamps [us], three numbers each, and how many beside them are damaged."""
+    """The messages on a topic: their stamps [us], three numbers of each, and how many further ones are damaged."""
 
     stamps: array[int] = field(default_factory=lambda: array("q"))
     numbers: array[float] = field(default_factory=lambda: array("d"))
@@ -55,13 +55,13 @@ class _Rows:
 
 @dataclass(slots=True)
 class RosSensors:
-    """The messages of a bag's sensors; `add` takes in one after the other.
+    """The messages of a bag's sensors; `add` takes in one message after the other.
 
     Args:
         imu_topic: topic of the gyroscope, or None.
         fix_topic: topic of the GNSS receiver, or None.
         others: topics of the same types that are not read.
-        transform_topics: topics of transforms, of which those count that never change.
+        transform_topics: topics of transforms; only transforms that never change are used.
         rows: turn rates [rad/s], or latitude, longitude [degrees] and standard deviation [m], by topic.
         imu_frame: frame of the gyroscope.
         unfixed: number of messages without a fix.
@@ -124,7 +124,7 @@ class RosSensors:
         return make_gyroscope(path, table, note, source=self.imu_topic)
 
     def read_fixes(self, path: Path) -> Reading[Fixes] | None:
-        """Returns the fixes; None without a topic, or where the receiver never had one.
+        """Returns the fixes; None without a topic, or where the receiver never had a fix.
 
         Raises:
             DataError: no message can be used.
@@ -135,10 +135,11 @@ class RosSensors:
         return make_fixes(path, table, source=self.fix_topic, made_truth=_is_truth(self.fix_topic))
 
     def read_mount(self, path: Path, radar_frame: str) -> Mount | None:
-        """Returns where the transforms place the radar on the vehicle; None where they do not.
+        """Returns the mount of the radar as the transforms state it; None where they do not.
 
         Raises:
-            DataError: it holds damaged messages, or transforms that are not finite.
+            DataError: no transform places the radar, but messages are damaged; or transforms place it by numbers that are
+                not finite.
         """
         topic = self.mounts.topics.get(bags.name_frame(radar_frame))
         pose = self.mounts.find(radar_frame) if topic else None
@@ -183,7 +184,7 @@ class RosSensors:
 
 
 def _is_place(latitude: float, longitude: float) -> bool:
-    """Returns whether a latitude and a longitude [degrees] are a place, and not what a receiver without one leaves."""
+    """Returns whether a latitude and a longitude [degrees] are a place, and not what a receiver writes without a fix."""
     return bool(np.isfinite([latitude, longitude]).all()) and (latitude, longitude) != (0.0, 0.0)
 
 
@@ -200,7 +201,7 @@ def _is_truth(topic: str) -> bool:
 
 
 def list_sensor_messages(bag: Bag, recording: Recording) -> list[Iterator[tuple[int, Connection, Any]]]:
-    """Lists the messages of a recording's sensors, one iterator in the order of stamps per sensor that it has."""
+    """Returns one iterator per sensor of a recording; it yields the sensor's messages in the order of their stamps."""
     lists = []
     if recording.mount is not None:
         lists.append(_list_mount(bag, recording.mount, recording.start_us))
@@ -212,13 +213,13 @@ def list_sensor_messages(bag: Bag, recording: Recording) -> list[Iterator[tuple[
 
 
 def _list_mount(bag: Bag, mount: Mount, stamp_us: int) -> Iterator[tuple[int, Connection, Any]]:
-    """Lists the transform from the vehicle to the radar, stamped [us]."""
+    """Yields the transform from the vehicle to the radar, with a stamp [us]."""
     connection = bag.topic(STATIC_TOPIC, TF_TYPE, latched=True)
     yield stamp_us, connection, bag.transform(stamp_us, (VEHICLE_FRAME, RADAR_FRAME), mount.pose)
 
 
 def _list_rates(bag: Bag, gyroscope: Gyroscope) -> Iterator[tuple[int, Connection, Any]]:
-    """Lists the readings of a gyroscope; orientation and acceleration are marked as not given."""
+    """Yields the readings of a gyroscope; orientation and acceleration are marked as not given."""
     connection = bag.topic(_IMU_TOPIC, IMU_TYPE)
     level = bag.quaternion(0.0)
     absent, unknown = np.zeros(9), np.zeros(9)
@@ -229,7 +230,7 @@ def _list_rates(bag: Bag, gyroscope: Gyroscope) -> Iterator[tuple[int, Connectio
 
 
 def _list_fixes(bag: Bag, fixes: Fixes) -> Iterator[tuple[int, Connection, Any]]:
-    """Lists GNSS fixes; heights and their variance are not known."""
+    """Yields GNSS fixes; heights and their variance are not known."""
     connection = bag.topic(_TRUTH_FIX_TOPIC if fixes.made_truth else _FIX_TOPIC, FIX_TYPE)
     status = bag.make("sensor_msgs/msg/NavSatStatus", 0, 1)
     places = zip(fixes.latitudes.tolist(), fixes.longitudes.tolist(), fixes.sigmas_m.tolist(), strict=True)

@@ -101,7 +101,7 @@ def test_the_post_processed_imu_is_ground_truth_and_read_only_where_it_is_named(
     file = write_applanix_imu(boreas / "applanix" / "imu.csv", APPLANIX @ RATE, DRIVE_US)
     recording = open_recording(boreas)
     assert recording.gyroscope is None and not recording.faults
-    assert sum("the solution that the ground truth is" in note for note in recording.notes) == 1
+    assert sum("the same solution as the ground truth" in note for note in recording.notes) == 1
     np.testing.assert_allclose(read_gyroscope(file).sensor.rates, np.tile(RATE, (40, 1)), rtol=0.0, atol=1e-12)
 
 
@@ -262,7 +262,7 @@ def test_turn_rates_and_fixes_are_read_once_per_message_and_turned_upright(radia
     np.testing.assert_allclose(recording.fixes.latitudes, LATITUDE + 1e-6 * np.arange(40), rtol=0.0, atol=1e-11)
     np.testing.assert_allclose(recording.fixes.longitudes, LONGITUDE)
     np.testing.assert_allclose(recording.fixes.sigmas_m, np.sqrt((9.0 + 16.0) / 2.0))
-    assert any(note.startswith("GPS and IMU run on another clock, which a run finds") for note in recording.notes)
+    assert any(note.startswith("GPS and IMU run on another clock, whose offset") for note in recording.notes)
     assert any("are taken as x forward, y right, z down" in note for note in recording.notes)
 
 
