@@ -1,1 +1,1 @@
-"""What every layer speaks of: SE(2), motions, recordings, scans, measurements, trajectories, maps."""
+"""The geometry and data types that all layers share: SE(2), motions, recordings, scans, measurements, trajectories, maps."""

@@ -1,4 +1,4 @@
-"""The protocol of engines: places where pure functions are called for many items, to the same result anywhere."""
+"""The protocol of engines, which call a pure function for many items, all with the same result wherever they do it."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ R = TypeVar("R")
 
 
 def ignore_result(number: int, result: object) -> None:
-    """Does nothing with a result: nobody watches."""
+    """Ignores a result; the default where nobody watches."""
 
 
 class Engine(Protocol):
-    """A place where function(shared, item) is called for many items.
+    """Calls function(shared, item) for many items, in this process or in others.
 
-    The function must be at the top level of a module and depend on its arguments alone; the function, its arguments and its
-    results must pickle, and what calls share must not change. It may be called more than once for one item, so that whatever
-    it writes must be the same each time.
+    The function must be at the top level of a module and depend on its arguments alone. The function, its arguments and
+    its results must be picklable, and the shared argument must not change. The function may be called more than once for
+    one item, so whatever it writes must be the same each time.
     """
 
     @property
     def jobs(self) -> int:
-        """Number of processes that a call of `map_apart` may use itself."""
+        """Number of processes that each function called by `map_apart` may use itself."""
         ...
 
     def map(
@@ -39,31 +39,33 @@ class Engine(Protocol):
 
         Args:
             function: the function to call.
-            shared: its first argument, which a worker gets once.
-            items: its second arguments.
-            done: called in this process, in the order of the items, with the number of items done and the last result.
+            shared: the function's first argument; each worker gets it once.
+            items: the function's second arguments, one per call.
+            done: called in this process after each item, in order, with the number of items done so far and the item's
+                result.
 
         Raises:
             Exception: the function fails for an item, or `done` fails; the first such error is raised.
             WorkerError: a process died.
-            OSError: there is no room for what the calls share.
+            OSError: the disk has no room for the shared argument.
             ClusterError: the cluster is lost.
         """
         ...
 
     def start(self, function: Callable[[S, T], R], shared: S, item: T) -> AbstractContextManager[Callable[[], R] | None]:
-        """Starts a call of function(shared, item) while this process goes on with the block, with which the call ends.
+        """Starts a call of function(shared, item) in another process; it runs beside the block and ends with it.
 
         Args:
             function: the function to call.
-            shared: its first argument.
-            item: its second argument.
+            shared: the function's first argument.
+            item: the function's second argument.
 
         Returns:
-            A context of a function that waits for the result and returns it; None where there is no other process.
+            A context whose value is a function that waits for the result and returns it, or None where there is no other
+            process.
 
         Raises:
-            WorkerError: the process that it was called in has died.
+            WorkerError: the process that made the call died.
         """
         ...
 
@@ -74,5 +76,5 @@ class Engine(Protocol):
         items: Sequence[T],
         done: Callable[[int, R | None], None] = ignore_result,
     ) -> list[R | None]:
-        """Returns the same for long calls that may crash their process; the result of a call that did is None."""
+        """Returns the same as `map`, for long calls that may crash their process; the result of a crashed call is None."""
         ...

@@ -1,4 +1,4 @@
-"""The protocol that all front ends meet, and how one is found by its name."""
+"""The protocol of front ends, and functions that load a front end by its name and check its motions."""
 
 from __future__ import annotations
 
@@ -32,32 +32,33 @@ from mqslam.errors import (
 )
 
 _log = logging.getLogger(__name__)
-_NEGATIVE = 1e-6  # variance below zero that rounding explains, per sum of the variances
+_NEGATIVE = 1e-6  # an eigenvalue of a covariance down to minus this share of its trace is a rounding error
 
 
 def ignore_motion(motion: Measurement) -> None:
-    """Shows nothing."""
+    """Ignores a motion; the default where nobody watches."""
 
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What a front end may know besides the returns.
+    """The settings and measurements that a front end may use besides the scans.
 
     Args:
         config: all settings.
         revolution_s: usual duration of a turn [s].
         start_us: stamp [us] of the recording's time zero.
-        odometry: dead-reckoned poses of another source, or None.
-        doppler_beta: range shift per closing speed [s], as the settings name it or as it was measured.
-        doppler_sigma: standard deviation of a shift that was measured [s]; zero elsewhere.
-        stamp_sigma_s: standard deviation of a scan's stamp [s], as the reader has found it.
-        preview: takes each motion, in order, as soon as a front end has a first estimate of it, to show it. A front end that
-            yields its motions as it measures them need not call it.
-        sensors: the other sensors of the vehicle, for what comes after the front end.
-        turning: how far the radar turns, as a gyroscope says that agrees with motions that were measured before, or None. It
-            serves where a front end finds nothing, and never as information: the graph has the gyroscope itself.
-        velocities: of the sensor, as the radar's own chirps measured them, or None. They serve like the turning.
-        engine: where a front end may have stretches of a recording tracked beside each other; None tracks them here.
+        odometry: dead-reckoned poses from another source, or None.
+        doppler_beta: range shift per closing speed [s], from the settings or as measured.
+        doppler_sigma: standard deviation of `doppler_beta` [s] if it was measured, else zero.
+        stamp_sigma_s: standard deviation of a scan's stamp [s], as estimated by the reader of the recording.
+        preview: called with each motion, in order, as soon as the front end has a first estimate of it, to display it. A
+            front end that yields its motions as it measures them need not call it.
+        sensors: the other sensors of the vehicle, for the stages after the front end.
+        turning: yaw rates of the radar from a gyroscope that agrees with motions measured before, or None. They help
+            where a front end finds no motion, but must not add information to a motion, because the graph contains the
+            gyroscope itself.
+        velocities: velocities of the sensor, measured by the radar's own chirps, or None. They are used like `turning`.
+        engine: engine on which a front end may track stretches of a recording in parallel; None tracks them in this process.
     """
 
     config: Config
@@ -83,7 +84,7 @@ class Context:
         *,
         doppler_beta: float = 0.0,
     ) -> Self:
-        """Returns what is known of a recording before it is read."""
+        """Makes the context of a recording from what is known before its scans are read."""
         return cls(
             config,
             recording.revolution_s,
@@ -95,7 +96,7 @@ class Context:
         )
 
     def odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
-        """Returns the mean twist (3,) of the odometry between two times [s], or None where there is none."""
+        """Returns the mean twist (3,) of the odometry between two times [s], or None if the odometry does not cover them."""
         if self.odometry is None or t1 <= t0:
             return None
         stamps = self.start_us + np.round(np.array([t0, t1]) * 1e6).astype(np.int64)
@@ -104,9 +105,10 @@ class Context:
         return np.asarray(self.odometry.mean_twists(stamps[:1], stamps[1:])[0])
 
     def told_twist(self, t0: float, t1: float) -> se2.Array | None:
-        """Returns the mean twist (3,) between two times [s] as other sensors tell it; None where none does.
+        """Returns the mean twist (3,) between two times [s] as other sensors measured it, or None where none did.
 
-        A component that nothing tells is NaN. A gyroscope tells the turn better than odometry, and chirps the velocity.
+        A component that no sensor measures is NaN. The gyroscope's yaw rate and the chirps' velocity are better than
+        those of the odometry, so they are preferred.
         """
         twist = self.odometry_twist(t0, t1)
         twist = np.full(3, np.nan) if twist is None else twist.copy()
@@ -120,33 +122,33 @@ class Context:
 
 
 class FrontEnd(Protocol):
-    """Turns scans into relative motions.
+    """Measures the relative motions between scans.
 
-    A class whose attribute `takes_turning` is true is asked a second time, with what a gyroscope says of the turn, where it
-    did not find every motion.
+    A front end whose class attribute `takes_turning` is true is run a second time, with the yaw rates of a gyroscope, if
+    it did not find every motion the first time.
     """
 
     def __init__(self, context: Context) -> None: ...
 
     def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
-        """Measures the motion from the start of each scan to the start of the next, in order: one fewer than scans.
+        """Measures the motion from the start of each scan to the start of the next, in order: one motion fewer than scans.
 
         Raises:
-            EstimationError: the scans hold nothing that a motion could be estimated from.
+            EstimationError: no motion can be estimated from the scans.
         """
         ...
 
 
 def list_front_ends() -> list[str]:
-    """Returns the names of the front ends that are installed here, those of other packages included."""
+    """Returns the names of all installed front ends, including those of other packages."""
     return sorted(point.name for point in entry_points(group="mqslam.frontends"))
 
 
 def load(name: str) -> type[FrontEnd]:
-    """Loads the front end of a name.
+    """Loads the class of a front end by its name.
 
     Raises:
-        ConfigError: there is none of that name, or it cannot be imported.
+        ConfigError: no front end has that name, or it cannot be imported.
     """
     try:
         front_end: type[FrontEnd] = find_entry_point(name).load()
@@ -158,12 +160,12 @@ def load(name: str) -> type[FrontEnd]:
 
 
 def create(name: str, context: Context) -> FrontEnd:
-    """Creates the front end of a name.
+    """Creates a front end by its name.
 
     Raises:
-        ConfigError: there is none of that name, or it cannot be imported.
-        FrontEndError: it fails by a fault of its own.
-        MqslamError: it lacks something, such as odometry.
+        ConfigError: no front end has that name, or it cannot be imported.
+        FrontEndError: the front end fails with an error of its own.
+        MqslamError: the context lacks something that the front end needs, such as odometry.
     """
     with _blame(name):
         return load(name)(context)
@@ -173,7 +175,7 @@ def find_entry_point(name: str) -> EntryPoint:
     """Finds the entry point of a front end by its name, without importing it.
 
     Raises:
-        ConfigError: there is none of that name.
+        ConfigError: no front end has that name.
     """
     for point in entry_points(group="mqslam.frontends"):
         if point.name == name:
@@ -182,16 +184,17 @@ def find_entry_point(name: str) -> EntryPoint:
 
 
 def measure_motions(name: str, context: Context, scans: Scans) -> Iterator[Measurement]:
-    """Yields a front end's motions, each checked to be one that the graph can hold.
+    """Yields the motions that a front end measures, after checking that the graph can use each of them.
 
     Args:
-        name: of the front end.
-        context: what it may know besides the scans.
-        scans: of the recording.
+        name: name of the front end.
+        context: what the front end may use besides the scans.
+        scans: scans of the recording.
 
     Raises:
-        EstimationError: a motion is not made of finite numbers or its covariance is none, or there are too few or too many.
-        FrontEndError: the front end fails by a fault of its own.
+        EstimationError: a motion has numbers that are not finite or an invalid covariance, or the number of motions is
+            wrong.
+        FrontEndError: the front end fails with an error of its own.
     """
     front_end, count = create(name, context), 0
     with _blame(name):
@@ -211,14 +214,14 @@ def measure_motions(name: str, context: Context, scans: Scans) -> Iterator[Measu
 
 
 def _wrap_yaw(motion: Measurement) -> Measurement:
-    """Returns a motion whose yaw is between -180 and 180 deg: a front end may have it a whole turn off."""
+    """Wraps the yaw of a motion to -180..180 deg, because a front end may return it off by a whole turn."""
     if abs(motion.pose[2]) <= np.pi:
         return motion
     return replace(motion, pose=np.append(motion.pose[:2], se2.wrap(motion.pose[2])))
 
 
 def _check_motion(name: str, motion: Measurement) -> None:
-    """Raises EstimationError if the graph cannot hold a motion."""
+    """Raises EstimationError if a motion has wrong shapes, numbers that are not finite, or negative variances."""
     if np.shape(motion.pose) != (3,) or np.shape(motion.covariance) != (3, 3):
         shapes = f"a pose of shape {np.shape(motion.pose)} and a covariance of shape {np.shape(motion.covariance)}"
         raise EstimationError(f"front end {name}: gave {shapes}; it must give (3,) and (3, 3)")
@@ -234,9 +237,9 @@ def _check_motion(name: str, motion: Measurement) -> None:
 
 @contextmanager
 def _blame(name: str) -> Iterator[None]:
-    """Turns an error that a front end did not raise on purpose into one that names the front end.
+    """Turns an unexpected error of a front end into one that names the front end.
 
-    Want of memory is left as it is, since it is seldom the fault of the front end.
+    A MemoryError is passed on unchanged, since it is seldom the fault of the front end.
 
     Raises:
         FrontEndError: the block raised such an error.

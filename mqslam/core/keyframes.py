@@ -14,8 +14,8 @@ from mqslam.core.sensors import Georeference
 KEYFRAME_POINT: Final = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("range", "<f4"), ("ray", "<f4"), ("time", "<f4"), ("intensity", "<f4")]
 )
-"""A return in the frame of its keyframe: place x, y [m], length [m] and direction [rad] of the ray that it was seen along,
-time since the keyframe's stamp [s], and received power, 0..255."""
+"""A return in the frame of its keyframe: position x, y [m], length [m] and direction [rad] of the ray that it was seen
+along, time since the keyframe's stamp [s], and received power, 0..255."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,11 +23,11 @@ class MappedRecording:
     """A recording that a map was made from.
 
     Args:
-        path: where it was.
-        start_us: stamp of its start [us].
-        end_us: stamp of its end [us].
+        path: path of the recording when the map was made.
+        start_us: stamp of the recording's start [us].
+        end_us: stamp of the recording's end [us].
         revolution_s: usual duration of a turn [s].
-        doppler_beta: range shift per closing speed [s] with which its returns were placed.
+        doppler_beta: range shift per closing speed [s] with which the returns were placed in the map.
     """
 
     path: str
@@ -39,19 +39,20 @@ class MappedRecording:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Keyframes:
-    """The keyframes of a map, those of each recording together and in the order of time.
+    """The keyframes of a map, grouped by recording and ordered by time within each recording.
 
     Args:
-        recordings: the recordings that they are from.
-        origins: (K,) number of the recording of each.
-        scans: (K,) number of each among the scans of its recording; in a merged map among those of all recordings, as its
-            graph numbers them.
-        stamps_us: (K,) start of each [us], in the clock of its recording.
-        poses: (K, 3) of the radar at these stamps, in the map's frame [m, m, rad].
-        covariances: (K, 3, 3) of these poses against the map's first one, in their own frames; NaN where they are not known.
-        travelled: (K,) length of the path since the start of its recording [m].
-        rows: (K, 2) its first point, and the one after its last.
-        points: (M,) of `KEYFRAME_POINT`; they may lie in a mapped file.
+        recordings: the recordings that the keyframes come from.
+        origins: (K,) number of each keyframe's recording in `recordings`.
+        scans: (K,) number of each keyframe among the scans of its recording; in a merged map, among the scans of all
+            recordings, as the graph numbers them.
+        stamps_us: (K,) start of each keyframe's scan [us], in the clock of its recording.
+        poses: (K, 3) poses of the radar at these stamps, in the map's frame [m, m, rad].
+        covariances: (K, 3, 3) covariances of these poses relative to the map's first pose, each in its own frame; NaN
+            where unknown.
+        travelled: (K,) length of the path from the start of the recording to each keyframe [m].
+        rows: (K, 2) row of each keyframe's first point in `points`, and the row after its last point.
+        points: (M,) points of all keyframes, with the fields of `KEYFRAME_POINT`; the array may lie in a memory-mapped file.
         georeference: where the map lies on the Earth, or None.
     """
 
@@ -72,12 +73,12 @@ class Keyframes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaceTable:
-    """Places of a map as they look, to be found again by it.
+    """Descriptors of what places of a map look like, by which the places can be recognised.
 
     Args:
         keyframes: (P,) number of the keyframe at each place.
-        descriptors: (P, R, S) of the places; they may lie in a mapped file.
-        made_with: the settings that they were made with, as JSON has them.
+        descriptors: (P, R, S) descriptors of the places; the array may lie in a memory-mapped file.
+        made_with: settings with which the descriptors were made, as JSON values.
     """
 
     keyframes: NDArray[np.int64]
@@ -90,18 +91,18 @@ class KeyframeMap:
     """A map that can be used without its recordings.
 
     Args:
-        keyframes: its keyframes.
-        places: its places, as they look.
+        keyframes: the keyframes of the map.
+        places: descriptors of places of the map.
     """
 
     keyframes: Keyframes
     places: PlaceTable
 
     def carry(self, frame: se2.Array) -> KeyframeMap:
-        """Returns the map in another frame, in which the present one has a pose (3,); it loses its place on the Earth."""
+        """Returns the map in a new frame, in which the present frame has the pose `frame` (3,), without its georeference."""
         keyframes = replace(self.keyframes, poses=se2.compose(frame, self.keyframes.poses), georeference=None)
         return replace(self, keyframes=keyframes)
 
     def place_on_earth(self, georeference: Georeference | None) -> KeyframeMap:
-        """Returns the map with where it lies on the Earth."""
+        """Returns the map with this georeference, or without any for None."""
         return replace(self, keyframes=replace(self.keyframes, georeference=georeference))

@@ -30,16 +30,16 @@ class Measurement:
         t1: end of the motion [s] since the recording's start.
         pose: (3,) x [m], y [m], yaw [rad] of the pose at t1 in the frame of the pose at t0.
         covariance: (3, 3) of x, y, yaw, in the frame of the pose at t0 [m, m, rad].
-        status: how far it can be trusted.
+        status: how far the motion can be trusted.
         psi: the scan's score at its minimum; NaN where the front end has none.
         psi_odometry: the scan's score under the odometry's motion; NaN without odometry.
         points: number of returns used.
-        matched: share of them that found a neighbour in the map; NaN where the front end does not say.
+        matched: share of these returns that found a neighbour in the map; NaN where the front end does not say.
         on_map: whether both scans were matched to one map, so that errors of successive motions cancel instead of adding
             up.
-        apart: (3,) by how much the motion as it was measured backward in time is beyond the one that was measured forward,
-            where this is the mean of both; NaN where it was not measured twice. A motion that is one of the two errs more
-            than their mean: for it the difference counts the square root of two times as much.
+        apart: (3,) the motion measured backward in time minus the motion measured forward in time, where `pose` is the
+            mean of both. A pose that is only one of the two has a larger error, so its difference is multiplied by the
+            square root of two. NaN where the motion was measured only once.
     """
 
     t0: float
@@ -60,9 +60,9 @@ class Tie:
     """A measured pose of one scan or submap in the frame of an earlier one.
 
     Args:
-        earlier, later: numbers of the two.
-        pose: (3,) of the later one in the frame of the earlier.
-        covariance: (3, 3) of the pose, in the frame of the earlier [m, m, rad].
+        earlier, later: numbers of the two scans or submaps.
+        pose: (3,) pose of the later one in the frame of the earlier one.
+        covariance: (3, 3) covariance of the pose, in the frame of the earlier one [m, m, rad].
     """
 
     earlier: int
@@ -73,10 +73,10 @@ class Tie:
 
 @dataclass(frozen=True, slots=True)
 class Loop(Tie):
-    """A place passed twice.
+    """A loop closure: the relative pose between two passes of one place.
 
     Args:
-        matched: share of the later pass's returns that lie on the earlier one's.
+        matched: share of the later pass's returns that lie on returns of the earlier pass.
         psi: score per point of the two passes registered on each other.
     """
 
@@ -86,7 +86,7 @@ class Loop(Tie):
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """All measurements of a recording, and the sensor's error that they were made with.
+    """All motions measured in a recording, and the Doppler shift with which they were computed.
 
     Args:
         measurements: one per pair of successive scans.
@@ -101,15 +101,15 @@ class Measured:
 
 @dataclass(frozen=True, slots=True)
 class LoopSearch:
-    """What a search for loops has led to.
+    """The result of a search for loop closures.
 
     Args:
         loops: the loop closures that are in the graph.
         tried: number of pairs of scans that were compared.
-        ambiguous: number of these that match, but at several places that the trajectory allows.
-        implausible: number of these that match at a place that the trajectory rules out.
-        unsure: number of further pairs that were not compared, because the trajectory is less sure of them than the search
-            reaches.
+        ambiguous: number of compared pairs that match at several places that the trajectory allows.
+        implausible: number of compared pairs that match only at a place that the trajectory rules out.
+        unsure: number of further pairs that were not compared, because their relative pose is too uncertain for the
+            search to cover.
     """
 
     loops: list[Loop]
@@ -120,11 +120,11 @@ class LoopSearch:
 
     @property
     def warnings(self) -> list[str]:
-        """What to tell where more pairs of passes match than could be tied: a line for each reason."""
+        """Warnings for the user: one for each reason that left out more pairs of passes than there are loops."""
         left_out = {
             "several places fit": self.ambiguous,
             "only a place fits that the trajectory rules out": self.implausible,
-            "the trajectory is less sure of the place than the search for loops reaches": self.unsure,
+            "the search for loops cannot cover the uncertainty of the trajectory": self.unsure,
         }
         return [
             f"{why}: {count} pairs of passes were left out" for why, count in left_out.items() if count > len(self.loops)
@@ -133,14 +133,14 @@ class LoopSearch:
 
 @dataclass(frozen=True, slots=True)
 class Refined:
-    """What the refinement of a trajectory has led to.
+    """The result of the refinement of a trajectory.
 
     Args:
-        loops: the loops that stay in the graph: those whose passes no tie measures.
-        ties: single scans registered on earlier passes, whose factors stand in the place of the other loops.
+        loops: the loops that stay in the graph, because no tie measures their passes.
+        ties: registrations of single scans on earlier passes, whose factors replace the other loops.
         psi_before: psi per point across passes before optimisation; None where no place is passed twice.
-        psi_loops: the same with the loops, before the refinement.
-        psi_across: the same under the final trajectory.
+        psi_loops: the same psi with the loops, before the refinement.
+        psi_across: the same psi under the final trajectory.
         refused: whether the refinement made psi across passes larger and was therefore dropped.
     """
 

@@ -22,14 +22,14 @@ VX, VY, OMEGA = 0, 1, 2
 
 
 def _spread_nodes(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns as many nodes between 0 and 1, and their weights."""
+    """Returns `count` Gauss-Legendre nodes between 0 and 1, and their weights."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
 _NODES, _WEIGHTS = _spread_nodes(6)
 _FEW_NODES, _FEW_WEIGHTS = _spread_nodes(2)
-_SHORT_TURN = 0.005  # turn [rad] below which few nodes are exact to rounding: the error falls with its fifth power
+_SHORT_TURN = 0.005  # turn [rad] below which few nodes are exact to rounding: the error falls with the turn's fifth power
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +39,10 @@ class MotionModel:
     Parameter p adds theta[p] * t**powers[p] to twist component components[p] (0 vx [m/s], 1 vy [m/s], 2 omega [rad/s]).
 
     Args:
-        name: of the model.
-        parameters: (P,) their names.
-        components: (P,) the twist component that each adds to.
-        powers: (P,) the power of time that each is multiplied with.
+        name: name of the model.
+        parameters: (P,) names of the parameters.
+        components: (P,) the twist component that each parameter adds to.
+        powers: (P,) the power of time that each parameter is multiplied by.
     """
 
     name: str
@@ -62,11 +62,11 @@ class MotionModel:
 
     @property
     def arrays(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """The components and the powers (P,) as the kernels take them."""
+        """The components and the powers (P,), as arrays for the kernels."""
         return np.array(self.components, dtype=np.int64), np.array(self.powers, dtype=np.int64)
 
     def from_twist(self, twist: se2.Array) -> se2.Array:
-        """Returns the parameters (P,) of a constant twist (vx, vy, omega); what the model cannot hold is dropped."""
+        """Returns the parameters (P,) of a constant twist (vx, vy, omega); components that the model lacks are dropped."""
         theta = np.zeros(self.size)
         for p, (component, power) in enumerate(zip(self.components, self.powers, strict=True)):
             if power == 0:
@@ -83,7 +83,7 @@ ACCELERATED_TWIST = MotionModel(
 
 @nb.njit(cache=True, inline="always")
 def raise_to(base: float, power: int) -> float:
-    """Returns a power, of which the motion models use low ones alone: faster than the general one."""
+    """Returns base**power by repeated multiplication, which is faster for the low powers of the motion models."""
     result = 1.0
     for _ in range(power):
         result *= base
@@ -113,7 +113,7 @@ def integrate(
     jacobians = np.zeros((n, 3, size))
     twists = np.zeros((n, 3))
     d_yaw, bases = np.zeros(size), np.zeros(size)
-    before, turned = 0.0, 0.0  # the time up to which all before is integrated, and the yaw there
+    before, turned = 0.0, 0.0  # the time up to which the twist has been integrated, and the yaw at that time
     for i in range(n):
         t = times[i]
         if i > 0:

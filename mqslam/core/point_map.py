@@ -1,4 +1,4 @@
-"""Maps: returns placed in the world by a trajectory, the cells in which there are returns, and clouds of any origin."""
+"""Maps: returns placed in the world by a trajectory, occupancy grids, and timed point clouds of any origin."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from mqslam.core import se2
 from mqslam.core.statistics import pick_evenly
 from mqslam.core.stored import make_stored, release
 
-_BLOCK: Final = 200_000  # points of a map that are in memory at a time: a matter of memory only
-_LOOKED_AT: Final = 1_000_000  # points of a map, evenly spread over its time, that are looked at to thin it
-# numerical limits of the search for a raster, which is only for looking at a map
+_BLOCK: Final = 200_000  # points of a map that are in memory at a time; no result depends on it
+_LOOKED_AT: Final = 1_000_000  # number of points, evenly spread over the map's time, among which thinning picks
+# numerical limits of the search for the raster by which a map is thinned for display
 _SMALLEST_CELL_M: Final = 1e-3
 _CELL_RATIO: Final = 1.05
 
 
 @dataclass(frozen=True, slots=True)
 class PointMap:
-    """Returns in the world frame, each with its part of the score; the arrays of a large map may lie in mapped files.
+    """A map of returns in the world frame, each with its share of the score; large arrays may lie in memory-mapped files.
 
     Args:
         points: (N, 2) [m], world frame.
@@ -45,7 +45,7 @@ class PointMap:
 
     @property
     def psi_per_point(self) -> float | None:
-        """Score per point with the charges for unmatched points; None without points."""
+        """Score per point, including the charges for unmatched points; None without points."""
         return self.psi_total / len(self) if len(self) else None
 
     @property
@@ -66,7 +66,7 @@ class PointMap:
             release(self.points, self.times, self.intensities, self.psi, self.matched)
 
     def carry(self, frame: se2.Array) -> PointMap:
-        """Returns the map in another world frame, in which the present one has a pose (3,) [m, m, rad]."""
+        """Returns the map in a new world frame, in which the present frame has the pose `frame` (3,) [m, m, rad]."""
         points, begin = make_stored(self.points.shape), 0
         for block in self.blocks():
             points[begin : begin + len(block)] = se2.transform(frame, block.points)
@@ -80,14 +80,16 @@ class PointMap:
         return cls(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=np.bool_))
 
     def take(self, chosen: NDArray[np.int64]) -> PointMap:
-        """Returns the points of indices (M,)."""
+        """Returns the map of the points with these indices (M,)."""
         return PointMap(
             self.points[chosen], self.times[chosen], self.intensities[chosen], self.psi[chosen], self.matched[chosen]
         )
 
 
 def pick_thinned(points: NDArray[np.float64], most: int) -> NDArray[np.int64]:
-    """Returns indices of at most `most` points that show a map: all, or one per cell of the finest raster with so few cells.
+    """Returns the indices of at most `most` points that represent a map for display.
+
+    A map with more points is thinned to one point per cell of the finest raster with at most `most` occupied cells.
 
     Args:
         points: (N, 2) m.
@@ -102,8 +104,8 @@ def pick_thinned(points: NDArray[np.float64], most: int) -> NDArray[np.int64]:
 
 
 def _pick_one_per_cell(points: NDArray[np.float64], most: int) -> NDArray[np.int64]:
-    """Returns the index of one point per cell of the finest raster with at most `most` cells."""
-    order = np.random.default_rng(0).permutation(len(points))  # any point of a cell may stay, whatever its time
+    """Returns the index of one point per cell of the finest raster with at most `most` occupied cells."""
+    order = np.random.default_rng(0).permutation(len(points))  # so that a random point of a cell stays, not its earliest
     shuffled = (points - points.min(axis=0))[order]
     low, high = _SMALLEST_CELL_M, float(np.ptp(points, axis=0).max()) + _SMALLEST_CELL_M
     while high > _CELL_RATIO * low:
@@ -114,12 +116,12 @@ def _pick_one_per_cell(points: NDArray[np.float64], most: int) -> NDArray[np.int
 
 @nb.njit(cache=True, nogil=True)
 def find_first_of_cells(points: NDArray[np.float64], cell: float, most: int) -> NDArray[np.int64]:
-    """Returns the indices of the first point in each cell of a raster; it ends when there are more than `most` cells.
+    """Returns the index of the first point in each occupied cell of a raster, at most `most` + 1 of them.
 
     Args:
-        points: (N, 2) m, of which none is negative.
+        points: (N, 2) m, not negative.
         cell: side of a cell [m].
-        most: largest number of cells that matters.
+        most: largest number of occupied cells of interest; one more ends the search.
     """
     room = 4
     while room < 4 * most:
@@ -143,7 +145,7 @@ def find_first_of_cells(points: NDArray[np.float64], cell: float, most: int) -> 
 
 @dataclass(frozen=True, slots=True)
 class OccupancyGrid:
-    """Cells in which the sensor saw something.
+    """A grid that marks the cells in which the sensor saw something.
 
     Args:
         occupied: (H, W) bool, row 0 at the lowest y, column 0 at the lowest x.
@@ -158,7 +160,7 @@ class OccupancyGrid:
 
 @dataclass(frozen=True, slots=True)
 class TimedCloud:
-    """A planar cloud in the order of its times.
+    """A planar point cloud with a stamp per point, ordered by time.
 
     Args:
         path: the file it was read from.
@@ -176,7 +178,7 @@ class TimedCloud:
 
     @property
     def is_of_radar(self) -> bool:
-        """Whether the points are known to be a radar's: a run has written the file, and takes nothing but radar."""
+        """Whether the points are known to be a radar's: only our own runs state `scan_us`, and they process radar only."""
         return self.scan_us is not None
 
     def __len__(self) -> int:

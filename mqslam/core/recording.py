@@ -1,4 +1,4 @@
-"""A recording: of a radar, opened and indexed with one polar scan in memory at a time, or of a planar lidar."""
+"""Recordings of a radar, which are indexed and read one polar scan at a time, and recordings of a planar lidar."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from mqslam.core.trajectory import Trajectory
 
 FASTEST_TURN_US = 50_000
 SLOWEST_TURN_US = 5_000_000
-"""No spinning radar turns 20 times a second, or only once in five: other durations are no turns [us]."""
+"""Shortest and longest plausible turn [us]: no spinning radar turns 20 times a second, or only once in five seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class PolarScan:
-    """One turn of the radar.
+    """The power that the radar receives during one turn.
 
     Args:
         times: (A,) [s] since the recording's start, one per azimuth, not decreasing.
         azimuths: (A,) [rad] counter-clockwise from straight ahead (REP 103), unwrapped along the turn.
         power: (A, B) uint8 received power, one row per azimuth; bin b is centred at (b + 0.5) range resolutions.
         valid: (A,) bool, False where the recording marks the azimuth as not measured.
-        down: the azimuths of the same turn whose chirp goes down, where those above are the ones whose chirp goes up; their
-            Doppler shift has the opposite sign. None where the chirps of all azimuths go the same way.
+        down: the azimuths of the same turn whose chirp goes down, while the chirps of the azimuths above go up. Their
+            Doppler shift has the opposite sign. None where all chirps go the same way.
     """
 
     times: NDArray[np.float64]
@@ -39,7 +39,7 @@ class PolarScan:
     down: PolarScan | None = None
 
     def split(self, rising: NDArray[np.bool_]) -> PolarScan:
-        """Returns the azimuths that a mask (A,) says to have a chirp that goes up, and the others as those that go down."""
+        """Returns the azimuths that a mask (A,) marks as having a chirp that goes up, with all others as `down`."""
         return replace(self._take(rising), down=self._take(~rising))
 
     def _take(self, chosen: NDArray[np.bool_]) -> PolarScan:
@@ -49,27 +49,27 @@ class PolarScan:
 
 @dataclass(frozen=True)
 class Recording(ABC):
-    """A recording, indexed but not read: it pickles as paths and numbers, and workers read what they need.
+    """A radar recording, indexed but not read: it pickles as paths and numbers, and workers read the scans they need.
 
     Args:
         path: the recording.
         format: name of its layout.
         stamps_us: (N,) int64 [us], stamp of the first azimuth of every polar scan, strictly increasing.
-        turns_us: (N,) int64 [us], how long each turn takes: until the next one begins, unless a gap follows.
+        turns_us: (N,) int64 [us], duration of each turn: the time until the next one begins, unless a gap follows.
         range_resolution: length of a range bin [m].
-        is_resolution_assumed: whether nothing states that length, and it is the usual one of the layout.
-        stamp_sigma_s: standard deviation of a turn's stamp [s] where stamps of arrival were freed of their delays; 0 where
-            stamps are exact.
-        odometry: dead-reckoned poses the recording carries, or None: those of the vehicle's frame where the recording has a
-            mount, else taken as those of the radar.
+        is_resolution_assumed: whether the recording does not state that length, and the layout's usual one is taken.
+        stamp_sigma_s: standard deviation of a turn's stamp [s] where stamps are arrival times corrected for their
+            delays; 0 where stamps are exact.
+        odometry: dead-reckoned poses that the recording contains, or None. They are poses of the vehicle's frame if the
+            recording has a mount, and are taken as poses of the radar otherwise.
         ground_truth: poses of the radar that are known better than any estimate, for evaluation only, or None.
-        truth_on_vehicle: whether the ground truth is of the vehicle's frame instead, since the recording does not state
-            where the radar sits on it.
-        gyroscope: readings of a gyroscope the recording carries, or None.
-        fixes: GNSS fixes the recording carries, or None.
+        truth_on_vehicle: whether the ground truth is made of poses of the vehicle's frame instead, because the recording
+            does not state where the radar sits on the vehicle.
+        gyroscope: readings of a gyroscope that the recording contains, or None.
+        fixes: GNSS fixes that the recording contains, or None.
         mount: where the radar sits on the vehicle, as the recording states it, or None.
         notes: what a user should know about how the recording was understood.
-        faults: what is wrong with the recording and was left out or put right.
+        faults: defects of the recording that were left out or corrected.
     """
 
     path: Path
@@ -104,7 +104,7 @@ class Recording(ABC):
 
     @property
     def start_us(self) -> int:
-        """Stamp [us] of the recording's start, which is time zero inside."""
+        """Stamp [us] of the recording's start, from which all times in seconds count."""
         return int(self.stamps_us[0])
 
     @property
@@ -146,14 +146,14 @@ class Recording(ABC):
 
 @dataclass(frozen=True, slots=True)
 class LidarRecording:
-    """A planar lidar's scans.
+    """A recording of a planar lidar.
 
     Args:
         path: the recording.
         format: name of its layout: carmen or laserscan.
-        scans: each from the stamp of its first beam to the next scan's; times count from the first scan's stamp [s],
-            intensities are 0 where the recording has none.
-        trajectory: poses of the sensor that some SLAM system wrote beside the scans, or None.
+        scans: the scans, each lasting from the stamp of its first beam to that of the next scan. Times count from the
+            first scan's stamp [s]; intensities are 0 where the recording has none.
+        trajectory: poses of the sensor that some SLAM system stored with the scans, or None.
         odometry: dead-reckoned poses of the sensor that the recording carries, or None.
         notes: what a user should know about how the recording was understood.
     """
@@ -167,11 +167,11 @@ class LidarRecording:
 
 
 def stamp_scans(stamps_us: NDArray[np.int64], returns: Sequence[Returns]) -> Scans:
-    """Returns scans that end where the next one begins; the last ends a median step after its stamp.
+    """Makes scans that end where the next one begins; the last one ends a median step after its stamp.
 
     Args:
         stamps_us: (N,) [us], strictly increasing, at least two.
-        returns: of each of the N scans.
+        returns: returns of each of the N scans.
     """
     starts = (stamps_us - stamps_us[0]) * 1e-6
     edges = np.append(starts, starts[-1] + np.median(np.diff(starts))).tolist()

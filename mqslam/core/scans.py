@@ -1,4 +1,4 @@
-"""Returns, which the detector keeps of a polar scan; scans, the returns of one turn each; and all scans of a recording."""
+"""Returns that the detector finds in polar scans, scans that hold the returns of one turn, and all scans of a recording."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ class Returns:
         return len(self.ranges)
 
     def take(self, chosen: NDArray[np.bool_]) -> Returns:
-        """Returns those that a mask (N,) chooses."""
+        """Returns the returns that a mask (N,) chooses."""
         return Returns(self.ranges[chosen], self.azimuths[chosen], self.times[chosen], self.intensities[chosen])
 
     @classmethod
     def none(cls) -> Returns:
-        """Returns no returns: those of a polar scan that could not be read."""
+        """Makes empty returns, as for a polar scan that could not be read."""
         return cls(np.empty(0), np.empty(0), np.empty(0), np.empty(0))
 
     @classmethod
     def concatenate(cls, parts: Sequence[Returns]) -> Returns:
-        """Returns all returns of several parts, in their order."""
+        """Joins the returns of several parts, in the order of the parts."""
         return cls(
             np.concatenate([p.ranges for p in parts]),
             np.concatenate([p.azimuths for p in parts]),
@@ -62,11 +62,11 @@ class Scan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredScans(Sequence[Scan]):
-    """Scans whose returns lie in one table, usually in a mapped file: each is a copy of its part of it.
+    """Scans whose returns lie in one table, usually in a memory-mapped file; indexing copies the part of one scan.
 
     Args:
         spans: (N, 2) t0 and t1 of each scan [s since the recording's start].
-        rows: (N, 2) its first row in the table, and the one after its last.
+        rows: (N, 2) first row of each scan in the table, and the row after its last.
         table: (M, 4) range [m], azimuth [rad], time [s] and intensity of each return.
     """
 
@@ -93,7 +93,7 @@ class StoredScans(Sequence[Scan]):
 
 
 class ScanStore:
-    """Takes the returns of one scan after the other into a temporary file."""
+    """Collects the returns of one scan after the other in a temporary file."""
 
     def __init__(self) -> None:
         self._table, self._ends = StoredRows(4), [0]
@@ -102,24 +102,24 @@ class ScanStore:
         """Appends the returns of the next scan.
 
         Raises:
-            OutputError: there is no room for them.
+            OutputError: the disk has no room for them.
         """
         rows = np.column_stack([returns.ranges, returns.azimuths, returns.times, returns.intensities])
         self._table.append(rows)
         self._ends.append(len(self._table))
 
     def close(self, spans: NDArray[np.float64]) -> StoredScans:
-        """Returns the scans, whose beginnings and ends (N, 2) [s] are given; none can be appended any more."""
+        """Returns the scans, given their starts and ends (N, 2) [s]; no scan can be appended after this."""
         return StoredScans(spans, np.column_stack([self._ends[:-1], self._ends[1:]]), self._table.close())
 
 
 @dataclass(frozen=True, slots=True)
 class Scans(Sequence[Scan]):
-    """The scans of a recording, or some of them in their order: what every stage takes.
+    """The scans of a recording, or some of them in order; the input of every stage.
 
     Args:
         scans: the scans.
-        start_us: stamp [us] of their time zero, the recording's start.
+        start_us: stamp [us] of time zero, the recording's start.
         revolution_s: usual duration of a turn [s].
     """
 
@@ -142,7 +142,7 @@ class Scans(Sequence[Scan]):
         return self.scans[k]
 
     def take(self, chosen: Iterable[int]) -> Scans:
-        """Returns the scans of some indices."""
+        """Returns the scans with these indices."""
         listed = list(chosen)
         scans = self.scans[listed] if isinstance(self.scans, StoredScans) else tuple(self.scans[k] for k in listed)
         return Scans(scans, self.start_us, self.revolution_s)
@@ -177,11 +177,11 @@ class PeakCounts:
     """Counts of what the steps of the detector kept and dropped.
 
     Args:
-        azimuths: azimuths looked at.
-        unused_azimuths: those that are marked invalid or that are saturated.
+        azimuths: azimuths processed.
+        unused_azimuths: azimuths that are marked invalid or that are saturated.
         peaks: local maxima above the threshold.
-        ring_peaks: those that were dropped as parts of a ring.
-        peaks_out_of_range: peaks nearer or farther than the settings allow; counted where there are few others.
+        ring_peaks: peaks that were dropped as parts of a ring.
+        peaks_out_of_range: peaks nearer or farther than the settings allow; counted only if there are few others.
     """
 
     azimuths: int = 0
@@ -195,7 +195,7 @@ class PeakCounts:
 
     @property
     def remedy(self) -> str:
-        """Advice where there are too few returns: it names the step that dropped most of them."""
+        """Advice for a recording with too few returns, based on the step that dropped most of them."""
         if 2 * self.unused_azimuths > self.azimuths:
             left_out = f"{self.unused_azimuths} of {self.azimuths} azimuths are marked invalid or count as saturated"
             return f"{left_out}; check the radar's gain and which azimuths its driver marks as invalid"

@@ -1,4 +1,4 @@
-"""Planar rigid motions as arrays (..., 3): x [m], y [m], yaw [rad], REP 103; yaw is wrapped by `wrap` alone."""
+"""Planar rigid motions as arrays (..., 3): x [m], y [m], yaw [rad], REP 103; the yaw is only wrapped where stated."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _CLOSE = 0.1  # poses nearer in time than this share of the usual step are dupli
 
 
 def wrap(angle: ArrayLike) -> Array:
-    """Returns the angle [rad] brought into [-pi, pi); one that is there already stays the same to its last bit."""
+    """Wraps an angle [rad] to [-pi, pi); an angle that is there already stays the same to its last bit."""
     given = np.asarray(angle, dtype=np.float64)
     return np.where((given >= -np.pi) & (given < np.pi), given, (given + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def compose(a: ArrayLike, b: ArrayLike) -> Array:
-    """Returns pose b, which is given in the frame of pose a, in the frame that a is given in."""
+    """Composes two poses: returns pose b, given in the frame of pose a, in the frame in which a is given."""
     a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
     return np.stack(
@@ -33,7 +33,7 @@ def compose(a: ArrayLike, b: ArrayLike) -> Array:
 
 
 def inverse(a: ArrayLike) -> Array:
-    """Returns the motion that undoes a."""
+    """Returns the inverse of a pose or motion."""
     a = np.asarray(a, dtype=np.float64)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
     return np.stack([-c * a[..., 0] - s * a[..., 1], s * a[..., 0] - c * a[..., 1], -a[..., 2]], axis=-1)
@@ -52,18 +52,18 @@ def wrapped_between(a: ArrayLike, b: ArrayLike) -> Array:
 
 
 def subtract(a: Array, b: Array) -> Array:
-    """Returns by how much (3,) pose a is beyond pose b, component by component in the frame that both are in."""
+    """Returns a - b (3,) component by component, in the common frame of both poses, with the yaw wrapped."""
     off = a - b
     off[2] = wrap(off[2])
     return off
 
 
 def chain(motions: Iterable[Array], start: Array | None = None) -> Array:
-    """Returns the poses (N + 1, 3) that N relative motions (3,) lead through, each made from where the one before ends.
+    """Returns the poses (N + 1, 3) that result from composing N relative motions (3,) one after the other.
 
     Args:
         motions: each in the frame of the pose that it starts at.
-        start: (3,) the first pose; None stands for the origin.
+        start: (3,) the first pose; None starts at the origin.
     """
     poses = [np.zeros(3) if start is None else start]
     for motion in motions:
@@ -72,10 +72,10 @@ def chain(motions: Iterable[Array], start: Array | None = None) -> Array:
 
 
 def integrate_steps(steps: Array) -> Array:
-    """Returns the poses (N + 1, 3) that steps (N, 3) lead through from the origin, as `chain` does but all at once.
+    """Composes steps (N, 3) to poses (N + 1, 3) that start at the origin: a faster `chain` without a loop.
 
-    Odometry has many more steps than a radar has scans. The order of the sums differs from `chain`'s, and so may the last
-    digits of the result.
+    It is meant for odometry, which has many more steps than a radar has scans. It sums in another order than `chain`, so
+    the last digits of the result may differ.
     """
     yaw = np.concatenate([[0.0], np.cumsum(steps[:, 2])])
     c, s = np.cos(yaw[:-1]), np.sin(yaw[:-1])
@@ -95,7 +95,7 @@ def path_lengths(poses: Array) -> Array:
 
 
 def transform(pose: ArrayLike, points: ArrayLike) -> Array:
-    """Returns points (N, 2) [m], given in the pose's frame, in the frame that the pose is given in."""
+    """Returns points (N, 2) [m], given in the pose's frame, in the frame in which the pose is given."""
     pose, points = np.asarray(pose, dtype=np.float64), np.asarray(points, dtype=np.float64)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     return np.asarray(points @ np.array([[c, s], [-s, c]]) + pose[:2])
@@ -124,23 +124,23 @@ def _arc(w: Array) -> tuple[Array, Array]:
 
 
 def adjoint(pose: ArrayLike) -> Array:
-    """Returns the (3, 3) matrix that carries a perturbation in a pose's own frame to the frame it is given in."""
+    """Returns the matrix (3, 3) that carries a perturbation in a pose's own frame to the frame that the pose is given in."""
     x, y, yaw = np.asarray(pose, dtype=np.float64)
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c, -s, y], [s, c, -x], [0.0, 0.0, 1.0]])
 
 
 def rotate_covariance(covariance: Array, yaw: float) -> Array:
-    """Returns a covariance (3, 3), given in a frame that is rotated by yaw [rad], in the frame that is not."""
+    """Converts a covariance (3, 3) from a frame that is rotated by yaw [rad] to the frame that is not rotated."""
     turn = adjoint([0.0, 0.0, yaw])
     outside = turn @ covariance @ turn.T
     return np.asarray(0.5 * (outside + outside.T))
 
 
 def normalise(errors: Array, covariances: Array) -> Array:
-    """Returns the squares (N,) of errors (N, 3) in units of their covariances (N, 3, 3).
+    """Returns the squared Mahalanobis distances (N,) of errors (N, 3) under their covariances (N, 3, 3).
 
-    They are chi-squares with three degrees of freedom where the covariances are right.
+    If the covariances are right, they follow a chi-square distribution with three degrees of freedom.
     """
     return np.asarray(np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[:, :, None])[:, :, 0]))
 
@@ -152,7 +152,7 @@ def scale_covariance(covariance: Array, factors: Array) -> Array:
 
 
 def covariance_of_inverse(pose: ArrayLike, covariance: Array) -> Array:
-    """Returns the covariance (3, 3) of a pose's inverse, given that of the pose, each in the frame its pose is given in."""
+    """Converts the covariance (3, 3) of a pose to that of its inverse, each in the frame in which its pose is given."""
     x, y, yaw = np.asarray(pose, dtype=np.float64)
     lever = adjoint([x, y, 0.0])
     return rotate_covariance(lever @ covariance @ lever.T, -yaw)
@@ -161,7 +161,7 @@ def covariance_of_inverse(pose: ArrayLike, covariance: Array) -> Array:
 def interpolate(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     """Returns poses (M, 3) at times `at` (M,) on the constant-twist arcs through poses (N, 3) at increasing times (N,).
 
-    Outside the times the first or last arc between poses that lie `apart` in time is continued.
+    Before the first and after the last time, the nearest arc is continued; it joins poses that `select_apart` keeps.
     """
     t, p, q = np.asarray(times, dtype=np.float64), np.asarray(poses, dtype=np.float64), np.asarray(at, dtype=np.float64)
     if len(t) == 1:
@@ -185,11 +185,12 @@ def _on_arcs(t: Array, p: Array, q: Array) -> Array:
 def smooth(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     """Returns poses (M, 3) at times `at` (M,) on the smooth curve through poses (N, 3) at increasing times (N,).
 
-    Between poses the curve is cubic with the velocities that the neighbouring poses show, so that a turn begins and ends
-    within a step as it does on the road; outside the times the first or last arc is continued. Only poses that
-    lie `apart` in time are taken: the others would show a velocity that is the noise of two poses over hardly any time.
+    Between poses the curve is cubic, with velocities from the neighbouring poses, so that a turn can begin and end
+    within a step, as on the road. Before the first and after the last time, the nearest arc is continued. Only poses
+    that `select_apart` keeps are used, because two poses that are very close in time would give a velocity that is
+    mostly noise.
     """
-    from scipy.interpolate import CubicHermiteSpline  # loads half of SciPy, and every command needs this module
+    from scipy.interpolate import CubicHermiteSpline  # here: it loads half of SciPy, and every command imports this module
 
     t, p, q = np.asarray(times, dtype=np.float64), np.asarray(poses, dtype=np.float64), np.asarray(at, dtype=np.float64)
     if len(t) < 3:
@@ -206,9 +207,9 @@ def smooth(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
 
 
 def select_apart(times: Array) -> NDArray[np.int64]:
-    """Returns the indices of those of the increasing times (N,) that are no duplicates of an earlier one.
+    """Returns the indices of the increasing times (N,) that are not duplicates of an earlier one.
 
-    A duplicate follows another time within a small part of the usual step.
+    A time is a duplicate if it follows another one within a small part of the usual step.
     """
     steps = np.diff(times)
     least = _CLOSE * float(np.median(steps)) if len(steps) else 0.0

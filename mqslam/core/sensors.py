@@ -1,4 +1,4 @@
-"""The sensors beside the radar: what they deliver, where they sit on the vehicle, and where on the Earth a map lies."""
+"""The sensors besides the radar: their readings, the radar's mount on the vehicle, and where on the Earth a map lies."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mqslam.core.trajectory import Trajectory
 
 
 class _Stamped:
-    """Readings over time."""
+    """Base of sensor readings with stamps."""
 
     __slots__ = ()
     stamps_us: NDArray[np.int64]
@@ -23,7 +23,7 @@ class _Stamped:
 
     @property
     def rate_hz(self) -> float:
-        """Readings per second: the median over the recording; NaN with fewer than two."""
+        """Readings per second, from the median time between readings; NaN with fewer than two readings."""
         return float(1e6 / np.median(np.diff(self.stamps_us))) if len(self) > 1 else float("nan")
 
 
@@ -34,8 +34,9 @@ class Gyroscope(_Stamped):
     Args:
         stamps_us: (N,) int64 [us], strictly increasing.
         rates: (N, 3) rad/s about x forward, y left and z up of the gyroscope, as its layout states its axes.
-        source: the file or topic that they come from, for messages.
-        own_clock: whether its clock is known not to be that of the radar, so that no error of it says anything.
+        source: the file or topic that the readings come from, for messages.
+        own_clock: whether the gyroscope is known to have its own clock, so that its offset from the radar's clock is no
+            fault.
     """
 
     stamps_us: NDArray[np.int64]
@@ -44,17 +45,17 @@ class Gyroscope(_Stamped):
     own_clock: bool = False
 
 
-_LONGEST: Final = 5.0  # a longer time between two readings, in usual ones, is a gap: by definition of a gap
+_LONGEST: Final = 5.0  # by definition, a time between readings that is longer than this many median ones is a gap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turning:
-    """The angle about one axis that a gyroscope has turned by, interpolated between its readings.
+    """The angle that a gyroscope has turned about one axis, interpolated between its readings.
 
     Args:
-        times: (N,) of the readings [s] since the recording's start, increasing.
-        angles: (N,) turned so far [rad].
-        gaps: (N,) how many gaps lie before each reading.
+        times: (N,) times of the readings [s] since the recording's start, increasing.
+        angles: (N,) angle turned from the first reading to each reading [rad].
+        gaps: (N,) number of gaps before each reading.
     """
 
     times: NDArray[np.float64]
@@ -66,7 +67,7 @@ class Turning:
         """Integrates the rates about one of a gyroscope's axes by the trapezoidal rule.
 
         Args:
-            gyroscope: two readings or more.
+            gyroscope: a gyroscope with at least two readings.
             start_us: stamp [us] of the recording's time zero.
             axis: 0 for x, 1 for y, 2 for z.
         """
@@ -77,7 +78,7 @@ class Turning:
         return cls(times, angles, gaps)
 
     def between(self, begins: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns the angles (M,) turned between times (M,) and later ones (M,) [s]; NaN across a gap and outside."""
+        """Returns the angles (M,) turned from times (M,) to later ones (M,) [s]; NaN across gaps and outside the times."""
         turned = np.interp(ends, self.times, self.angles) - np.interp(begins, self.times, self.angles)
         last = len(self.times) - 1
         first_after = np.searchsorted(self.times, begins, side="right")
@@ -89,13 +90,13 @@ class Turning:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownTurning:
-    """How far the radar turns, as a calibrated gyroscope says.
+    """The yaw rate of the radar from a calibrated gyroscope.
 
     Args:
-        turning: of the gyroscope's axis that is the radar's vertical.
-        scale: turns of the radar per turn of that axis; negative where it is mounted upside down.
+        turning: angle turned about the gyroscope's axis that is the radar's vertical.
+        scale: turns of the radar per turn about that axis; negative if the gyroscope is mounted upside down.
         delay_s: how late the gyroscope's clock is [s].
-        bias: of its rate, in turns of the radar [rad/s].
+        bias: bias of the yaw rate after scaling [rad/s].
     """
 
     turning: Turning
@@ -121,9 +122,9 @@ class Fixes(_Stamped):
         longitudes: (N,) degrees, east is positive.
         sigmas_m: (N,) standard deviation of the position along each horizontal axis, as the receiver states it [m]; NaN
             where it states none.
-        source: the file or topic that they come from, for messages.
-        made_truth: whether the recording's ground truth was made from this receiver: then the fixes, used for an estimate,
-            would make the evaluation of that estimate meaningless.
+        source: the file or topic that the fixes come from, for messages.
+        made_truth: whether the recording's ground truth was made from this receiver, so that the evaluation of an
+            estimate that uses the fixes would be meaningless.
         own_clock: whether the receiver's clock is known not to be that of the radar.
     """
 
@@ -137,9 +138,9 @@ class Fixes(_Stamped):
 
 
 _DAY_S: Final = 86_400.0
-_WEEKS_S: Final = 1024.0 * 7.0 * _DAY_S  # after so many weeks GPS counts them from zero again
+_WEEKS_S: Final = 1024.0 * 7.0 * _DAY_S  # GPS counts weeks from zero again after 1024 of them
 _GPS_EPOCH_S: Final = 315_964_800.0  # from 1970 to the beginning of GPS time
-_LEAPS_S: Final = (18.0, 17.0, 16.0, 15.0)  # by which GPS time has been ahead of UTC since 2009
+_LEAPS_S: Final = (18.0, 17.0, 16.0, 15.0)  # seconds by which GPS time has been ahead of UTC since 2009
 _TIMES_OFF: Final = {
     **{seconds: f"{seconds:.0f} s, as GPS time is against UTC" for seconds in _LEAPS_S},
     37.0: "37 s, as TAI is against UTC",
@@ -150,25 +151,25 @@ _TIMES_OFF: Final = {
     _GPS_EPOCH_S: "the time from 1970 to 1980, in which GPS time begins",
 }
 KNOWN_S: Final = tuple(side * seconds for seconds in _TIMES_OFF for side in (1.0, -1.0))
-"""How late the stamps of such a clock are [s]."""
+"""How late the stamps of clocks with these errors are [s]."""
 
 
 def describe_offset(late_s: float) -> str:
-    """Returns in words how late or early stamps are that are late by one of `KNOWN_S`."""
+    """Describes one of the delays `KNOWN_S` of stamps [s] in words."""
     return f"{'late' if late_s > 0.0 else 'early'} by {_TIMES_OFF[abs(late_s)]}"
 
 
 def find_offset(first_us: int, last_us: int, start_us: int, end_us: int) -> float | None:
-    """Finds which of `KNOWN_S` makes stamps that share no time with a recording lie in it.
+    """Finds the delay of `KNOWN_S` that explains why stamps lie outside the time of a recording.
 
     Args:
-        first_us: the first of the stamps [us].
-        last_us: the last of them [us].
+        first_us: the first stamp [us].
+        last_us: the last stamp [us].
         start_us: start of the recording [us].
         end_us: end of the recording [us].
 
     Returns:
-        How late the stamps are [s]; None where none of these moves half of the shorter of the two spans into the other.
+        How late the stamps are [s]; None if no delay, once removed, makes the two spans overlap by half of the shorter one.
     """
 
     def share(late_s: float) -> float:
@@ -181,10 +182,10 @@ def find_offset(first_us: int, last_us: int, start_us: int, end_us: int) -> floa
 
 @dataclass(frozen=True, slots=True)
 class TangentPlane:
-    """A local tangent plane (WGS 84), east and north of its origin.
+    """A local tangent plane (WGS 84) with axes to the east and north.
 
     Args:
-        latitude, longitude: of its origin [degrees].
+        latitude, longitude: position of its origin [degrees].
     """
 
     latitude: float
@@ -192,18 +193,18 @@ class TangentPlane:
 
     @classmethod
     def at_middle(cls, fixes: Fixes) -> TangentPlane:
-        """Returns the plane that touches the Earth at the median of fixes, of which there is one at least."""
+        """Returns the plane that touches the Earth at the median of at least one fix."""
         return cls(float(np.median(fixes.latitudes)), float(np.median(fixes.longitudes)))
 
     def project(self, latitudes: NDArray[np.float64], longitudes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns positions (N,) [degrees] in the plane: (N, 2) east, north [m]."""
+        """Converts positions (N,) [degrees] to points of the plane (N, 2): east, north [m]."""
         from pymap3d import geodetic2enu
 
         east, north, _ = geodetic2enu(latitudes, longitudes, 0.0, self.latitude, self.longitude, 0.0)
         return np.column_stack([east, north])
 
     def locate(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns points (N, 2) of the plane [m] on the Earth: (N, 2) latitude, longitude [degrees]."""
+        """Converts points (N, 2) of the plane [m] to positions on the Earth (N, 2): latitude, longitude [degrees]."""
         from pymap3d import enu2geodetic
 
         latitudes, longitudes, _ = enu2geodetic(*points.T, 0.0, self.latitude, self.longitude, 0.0)
@@ -216,23 +217,23 @@ class Georeference:
 
     Args:
         plane: the tangent plane.
-        pose: (3,) of the map's frame in it: east [m], north [m], and yaw counter-clockwise from east [rad].
+        pose: (3,) pose of the map's frame in the plane: east [m], north [m], and yaw counter-clockwise from east [rad].
     """
 
     plane: TangentPlane
     pose: se2.Array
 
     def carry(self, frame: se2.Array) -> Georeference:
-        """Returns where a map lies whose frame is another one, in which the frame of the present one has a pose (3,)."""
+        """Returns the georeference of the map in a new frame, in which the present frame has the pose `frame` (3,)."""
         return Georeference(self.plane, se2.compose(self.pose, se2.inverse(frame)))
 
     def locate(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns points (N, 2) of the map [m] on the Earth: (N, 2) latitude, longitude [degrees]."""
+        """Converts points (N, 2) of the map [m] to positions on the Earth (N, 2): latitude, longitude [degrees]."""
         return self.plane.locate(se2.transform(self.pose, points))
 
 
 RADAR, VEHICLE = "radar", "vehicle"
-"""What the poses that a run writes may be the poses of."""
+"""The two frames of which a run can write poses."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -242,7 +243,7 @@ class Mount:
     Args:
         pose: (3,) x [m], y [m] and yaw [rad] of the radar in the vehicle's frame.
         source: the file, topic or publication that states it, for messages.
-        given: whether the user states it, and not the recording.
+        given: whether the user states the pose, not the recording.
     """
 
     pose: se2.Array
@@ -250,17 +251,17 @@ class Mount:
     given: bool = False
 
     def carry_to_radar(self, vehicle: Trajectory) -> Trajectory:
-        """Returns the poses of the radar on a vehicle, in the frame in which the vehicle's poses are given."""
+        """Converts poses of the vehicle to poses of the radar, in the same fixed frame."""
         return Trajectory(vehicle.stamps_us, se2.compose(vehicle.poses, self.pose))
 
     def carry_to_vehicle(self, radar: Trajectory) -> Trajectory:
-        """Returns the poses of the vehicle under a radar, in the frame in which the radar's poses are given."""
+        """Converts poses of the radar to poses of the vehicle, in the same fixed frame."""
         return Trajectory(radar.stamps_us, se2.compose(radar.poses, se2.inverse(self.pose)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensors:
-    """What a run knows beside the radar and its odometry; None where there is nothing, or it is not to be used.
+    """The sensors that a run may use besides the radar and odometry; None for a sensor that is missing or not to be used.
 
     Args:
         gyroscope: readings of a gyroscope.

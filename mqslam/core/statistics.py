@@ -1,4 +1,4 @@
-"""Robust statistics: spreads that gross differences do not move, chances, medians of very many numbers, even picks."""
+"""Robust statistics: variances that outliers do not affect, p-values, medians of very many numbers, evenly spread picks."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 MEDIAN_OF_CHI2: Final = 0.4549
-"""Median of a chi-square with one degree of freedom: divided by it, a median of squares is a variance."""
+"""Median of a chi-square with one degree of freedom; a median of squares divided by it estimates the variance."""
 MEDIAN_SPREAD: Final = 2.33
-"""Standard deviation of such a variance, as a share of it, times the root of the number of squares."""
+"""Standard deviation of such an estimate relative to the variance, times the root of the number of squares."""
 SIGMAS_PER_DEVIATION: Final = 1.4826
 """Standard deviations of normal noise per median absolute deviation."""
 
 
 def cut_gross(squares: NDArray[np.float64], times: float) -> NDArray[np.float64]:
-    """Returns squares (N, K) of which none is more than so many times the median of its column; NaN where they are NaN.
+    """Limits squares (N, K) to `times` times the median of their column; NaN stays NaN.
 
-    A column of which more than half are zero has no such limit.
+    A column whose median is zero is not limited.
     """
     known = np.isfinite(squares)
     median = np.array(
@@ -29,42 +29,41 @@ def cut_gross(squares: NDArray[np.float64], times: float) -> NDArray[np.float64]
 
 
 MEDIAN_EFFICIENCY: Final = 0.37
-"""By definition: efficiency of a median absolute deviation of normal noise, against the standard deviation."""
+"""By definition: efficiency of the median absolute deviation relative to the standard deviation, for normal noise."""
 _KEPT: Final = 0.998  # by definition: share of normal noise that a trimmed scale keeps, within 3.1 standard deviations
 
 
 def correct_for_places(p_values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns p-values (N,) as probabilities that one as small shows anywhere where the map is good (Bonferroni).
+    """Corrects p-values (N,) for the number of places: how likely a good map shows one as small anywhere (Bonferroni).
 
     Args:
-        p_values: of single places; NaN where nothing was judged, which does not count as a place.
+        p_values: p-values of single places; NaN where nothing was judged, which does not count as a place.
     """
     return np.minimum(np.count_nonzero(np.isfinite(p_values)) * p_values, 1.0)
 
 
 def find_trimmed_scale(squares: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the same factors as `find_usual_scale` from the mean of all places but those that are far off.
+    """Estimates the factors of `find_usual_scale` by a mean that leaves out the places that are far off.
 
-    It is less uncertain where the places are few, and not moved by those that are torn as long as these are less than half.
+    With few places it is less uncertain than the median. Torn places do not affect it as long as they are fewer than half.
 
     Args:
         squares: (N, 3), as for `find_usual_scale`.
     """
-    from scipy.stats import chi2  # loads half of SciPy, and every command needs this module
+    from scipy.stats import chi2  # here, since it loads half of SciPy and every command imports this module
 
     farthest = chi2.ppf(_KEPT, 1)
     kept = np.where(squares <= farthest * find_usual_scale(squares), squares, np.nan)
-    usual = chi2.cdf(farthest, 3) / _KEPT  # mean of the squares of normal noise of which the farthest are left out
+    usual = chi2.cdf(farthest, 3) / _KEPT  # mean square of normal noise without its farthest values
     return np.asarray(np.maximum(np.nanmean(kept, axis=0) / usual, 1.0))
 
 
 def compute_p_values(squares: NDArray[np.float64], freedom: float) -> NDArray[np.float64]:
-    """Returns the probabilities that offsets as large as these show at places of a good map.
+    """Returns the probabilities (N,) that single places of a good map show offsets as large as these.
 
     Args:
-        squares: (N,) of offsets (3,), in units of covariances that are scaled until the usual place is as far off as it
-            should be.
-        freedom: degrees of freedom of the scale, which is itself uncertain.
+        squares: (N,) squares of offsets (3,) in units of their covariances, which were scaled to fit the usual place.
+        freedom: degrees of freedom of that scale, which is itself uncertain.
     """
     from scipy.stats import f as f_distribution
 
@@ -72,33 +71,33 @@ def compute_p_values(squares: NDArray[np.float64], freedom: float) -> NDArray[np
 
 
 def find_smallest(p_values: Iterable[float]) -> float | None:
-    """Returns the smallest of the corrected p-values of places, which is that of all together; None without any."""
+    """Returns the smallest corrected p-value of places, which is the p-value of all places together; None without any."""
     return min((float(p) for p in p_values if np.isfinite(p)), default=None)
 
 
 def find_usual_scale(squares: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the factors (3,) on variances that make the usual place as far off as its covariance says; 1 at least.
+    """Returns factors (3,), at least 1, on variances that make the covariances fit the median offset of all places.
 
-    The curvature's covariance is too small by a factor that depends on the world. The median of all places shows it, and
-    is not moved by the few that are torn.
+    The covariance from the curvature is too small by a factor that depends on the world. The median of all places shows
+    this factor, and the few torn places do not affect it.
 
     Args:
-        squares: (N, 3) how far off each place is per axis, squared, in units of its variances.
+        squares: (N, 3) squared offset of each place per axis, in units of its variance.
     """
     return np.asarray(np.maximum(np.median(squares, axis=0) / MEDIAN_OF_CHI2, 1.0))
 
 
-_FINE = 44  # last bits of a number that say where in its step it lies: steps are 0.2 to 0.4 % wide, and 524,288 in all
+_FINE = 44  # last bits, which only place a number within its step; the 524,288 steps are 0.2 to 0.4 % wide
 
 
 def find_median(list_blocks: Callable[[], Iterable[NDArray[np.float64]]]) -> float:
-    """Returns the median of the numbers in all blocks, none of which is negative; NaN where there are none.
+    """Returns the median of the numbers in all blocks, which must not be negative; NaN without any number.
 
-    The blocks are looked at twice: to count the numbers in steps, and for those in the steps where the middle is. A step
-    holds the numbers with the same leading bits, which increase as the numbers do.
+    The blocks are read twice: first to count the numbers in each step (bin), then to sort the numbers in the steps
+    around the median. A step holds the numbers with the same leading bits, which increase with the number.
 
     Args:
-        list_blocks: returns the blocks, each time it is called.
+        list_blocks: returns all blocks each time it is called.
     """
     counts = np.zeros(1 << (63 - _FINE), dtype=np.int64)
     for block in list_blocks():
@@ -122,5 +121,5 @@ def _find_steps(numbers: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def pick_evenly(count: int, most: int) -> NDArray[np.int64]:
-    """Returns at most `most` of the numbers 0..count - 1, the first and the last among them, increasing."""
+    """Returns at most `most` evenly spread numbers of 0..count - 1, increasing, with the first and the last among them."""
     return np.linspace(0, count - 1, min(count, most)).round().astype(np.int64) if count else np.arange(0)

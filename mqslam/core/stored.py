@@ -1,6 +1,6 @@
-"""Arrays as long as a recording: they lie in temporary files, and only what is read of them takes room in memory.
+"""Arrays as long as a recording: they lie in temporary files, and only the parts in use take up memory.
 
-The files have no names and vanish with their arrays, whatever ends the process.
+The files have no names and vanish with their arrays, even if the process is killed.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mqslam.errors import OutputError
 
-_SMALL = 4_000_000  # bytes; a smaller array stays in memory: a matter of speed only
+_SMALL = 4_000_000  # bytes; a smaller array stays in memory, which is faster
 
 
 def make_stored(shape: tuple[int, ...], kind: type[np.generic] | np.dtype[Any] = np.float64) -> NDArray[Any]:
@@ -30,7 +30,7 @@ def make_stored(shape: tuple[int, ...], kind: type[np.generic] | np.dtype[Any] =
         return np.zeros(shape, kind)
     try:
         with tempfile.TemporaryFile() as file:
-            if hasattr(os, "posix_fallocate"):  # a write to a mapped page for which there is no room would end the process
+            if hasattr(os, "posix_fallocate"):  # else writing to a mapped page without room on the disk kills the process
                 os.posix_fallocate(file.fileno(), 0, size)
             else:
                 file.truncate(size)
@@ -43,7 +43,7 @@ class StoredRows:
     """Rows of numbers that are appended to a temporary file one block after the other.
 
     Args:
-        width: numbers in a row.
+        width: number of values in a row.
 
     Raises:
         OutputError: there is no room for the file.
@@ -68,7 +68,7 @@ class StoredRows:
         self._count += len(rows)
 
     def close(self) -> NDArray[np.float64]:
-        """Returns all rows (M, width) as an array in the file; nothing can be appended any more."""
+        """Returns all rows (M, width) as an array that lies in the file; no row can be appended after this."""
         try:
             with self._file as file:
                 file.flush()
@@ -80,9 +80,9 @@ class StoredRows:
 
 
 def release(*parts: NDArray[Any] | memoryview | mmap.mmap) -> None:
-    """Takes mapped files, or those that arrays lie in, out of the memory of this process until they are read again.
+    """Releases mapped files, or the mapped files that arrays lie in, from this process's memory until they are read again.
 
-    Whatever does not lie in a mapped file stays as it is.
+    Arrays that lie in no mapped file stay as they are.
     """
     for part in parts:
         base: Any = part

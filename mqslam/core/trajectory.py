@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 
-# A trajectory covers a recording if it lacks at most this much [us] of it at each end, where its first or last motion is
+# A trajectory covers a recording if it lacks at most this much time [us] at each end, where its first or last motion is
 # continued.
 _TRACK_SLACK_US: Final = 500_000
 
@@ -40,7 +40,7 @@ class Trajectory:
         return np.asarray((self.stamps_us - start_us) * 1e-6)
 
     def at(self, stamps_us: NDArray[np.int64]) -> se2.Array:
-        """Interpolates poses (M, 3) at other stamps (M,) [us] along constant-twist arcs; the ends are continued."""
+        """Interpolates poses (M, 3) at other stamps (M,) [us] along constant-twist arcs; the end arcs are continued."""
         start, near = self.stamps_us[0], self._find_around(stamps_us)
         return se2.interpolate((self.stamps_us[near] - start) * 1e-6, self.poses[near], (stamps_us - start) * 1e-6)
 
@@ -58,5 +58,5 @@ class Trajectory:
         return np.asarray(se2.log(moves) / ((ends_us - begins_us) * 1e-6)[:, None])
 
     def covers(self, start_us: int, end_us: int, slack_us: int = _TRACK_SLACK_US) -> bool:
-        """Returns whether a span of time [us] lies within the trajectory, which may lack slack_us [us] of it at each end."""
+        """Returns whether the trajectory covers a span of time [us]; it may lack slack_us [us] of the span at each end."""
         return bool(self.stamps_us[0] - slack_us <= start_us and end_us <= self.stamps_us[-1] + slack_us)

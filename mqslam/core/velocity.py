@@ -1,4 +1,4 @@
-"""Velocities of the sensor over time, each measured by one scan without a map, and what else is detected in polar scans."""
+"""Velocities of the sensor, each measured by one scan without a map, and the results of detection in polar scans."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 CHIRP_BETA = 0.0502
 """Range shift per closing speed [s] of the chirps that go up.
 
-It is that of the radar of Boreas-RT, a Navtech RAS6, which is the only one whose chirps are known to go up and down in turn.
+The value is that of the radar of Boreas-RT, a Navtech RAS6, the only radar whose chirps are known to alternate up and down.
 
 Source: f / (bandwidth * azimuths per second), 0.944 * 76.04 GHz / (893 MHz * 1600 / s), as the authors of "Are Doppler
 Velocity Measurements Useful for Spinning Radar Odometry?" (Lisus et al., RA-L 2025) and of "DRO: Doppler-Aware Direct Radar
@@ -39,7 +39,7 @@ class Outcome(IntEnum):
 
     @property
     def reason(self) -> str:
-        """What to tell a user about a scan with this outcome."""
+        """The outcome in words, for the user."""
         return _REASONS[self]
 
 
@@ -62,7 +62,7 @@ class Velocities:
         velocities: (N, 2) forward and left [m/s]; NaN where the scan measured none.
         covariances: (N, 2, 2) [m^2/s^2]; NaN where the scan measured none.
         outcomes: (N,) int64, the `Outcome` of each scan.
-        doppler_beta: range shift per closing speed [s] of the chirps that go up, by which they were computed.
+        doppler_beta: range shift per closing speed [s] of the chirps that go up, with which the velocities were computed.
     """
 
     times: Array
@@ -86,14 +86,15 @@ class Velocities:
 
     @property
     def reasons(self) -> dict[str, int]:
-        """How many scans measured no velocity, by the reason."""
+        """Number of scans that measured no velocity, by reason."""
         counts = {outcome: int(np.count_nonzero(self.outcomes == outcome)) for outcome in Outcome}
         return {outcome.reason: count for outcome, count in counts.items() if count and outcome != Outcome.MEASURED}
 
     def at(self, times: Array) -> tuple[Array, Array]:
-        """Returns velocities (M, 2) and covariances (M, 2, 2) at times (M,) [s], between the two measured scans around each.
+        """Interpolates velocities (M, 2) and covariances (M, 2, 2) at times (M,) [s] between the measured scans around them.
 
-        They are NaN where there is none on one side; what lies between two scans is taken to change evenly.
+        The velocity is taken to change linearly between two scans. It is NaN before the first and after the last
+        measured scan.
         """
         known = np.flatnonzero(self.measured)
         if not len(known):
@@ -110,7 +111,7 @@ class Velocities:
 
     @classmethod
     def join(cls, parts: Sequence[Velocities]) -> Velocities:
-        """Returns the velocities of successive stretches of scans, which have the same Doppler shift, as one."""
+        """Joins the velocities of successive stretches of scans, which must have the same Doppler shift."""
         return cls(
             np.concatenate([part.times for part in parts]),
             np.concatenate([part.velocities for part in parts]),
@@ -125,17 +126,18 @@ def make_twists(
 ) -> tuple[se2.Array, NDArray[np.float64]]:
     """Makes the sensor's mean twist over time spans, such as those of scans, from its velocities and yaw rates.
 
-    The velocity in the middle of a span is its mean, up to changes of acceleration within the span.
+    The velocity in the middle of a span is taken as the span's mean; only changes of acceleration within the span are
+    ignored.
 
     Args:
-        velocities: of the sensor.
+        velocities: velocities of the sensor.
         spans: (M, 2) begin and end [s] since the recording's start.
-        yaw_rates: (M,) mean yaw rate of the sensor over each span [rad/s], whatever measured it.
+        yaw_rates: (M,) mean yaw rate of the sensor over each span [rad/s], from any source.
         yaw_variances: (M,) their variances [rad^2/s^2].
 
     Returns:
-        Twists (M, 3) forward [m/s], left [m/s], yaw rate [rad/s], and their covariances (M, 3, 3); the velocity's part is
-        NaN where no scan on one side measured it.
+        Twists (M, 3) forward [m/s], left [m/s], yaw rate [rad/s], and their covariances (M, 3, 3). The velocity and its
+        covariance are NaN before the first and after the last scan that measured it.
     """
     middle, spread = velocities.at(spans.mean(axis=1))
     covariances = np.zeros((len(spans), 3, 3))
@@ -146,14 +148,14 @@ def make_twists(
 
 @dataclass(frozen=True, slots=True)
 class Detected:
-    """The returns of a stretch of polar scans, the sensor's velocities, and what it cost to detect them.
+    """The returns and velocities detected in a stretch of polar scans, and the time that it took.
 
     Args:
-        returns: of each polar scan, none of one that could not be read; nothing at all where scans hold them.
+        returns: returns of each polar scan, empty for a scan that could not be read; an empty list if `Scans` hold them.
         unread: why a polar scan could not be read, by its number in the recording.
-        read_s, detect_s: seconds spent.
+        read_s, detect_s: seconds spent on reading and on detection.
         counts: what the detector kept and dropped.
-        velocities: of the sensor, one per polar scan; None where they were not asked for, or chirps do not alternate.
+        velocities: velocities of the sensor, one per polar scan; None where not asked for, or where chirps do not alternate.
     """
 
     returns: list[Returns]

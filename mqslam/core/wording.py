@@ -1,4 +1,4 @@
-"""Words in messages: singular and plural, left and right, how sure a pose is, and what is said of sensors."""
+"""Wording of messages: singular and plural, left and right, the uncertainty of a pose, and notes on sensors."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ def is_or_are(number: int) -> str:
 
 
 def left_or_right(value: float) -> str:
-    """Returns the side to which a positive value means left."""
+    """Returns `left` for a value of zero or more, else `right`."""
     return "left" if value >= 0.0 else "right"
 
 
 def list_reasons(verdict: Mapping[str, Any]) -> list[str]:
-    """Returns the reasons of a verdict that a person is told besides the diagnosis: none where nothing is wrong.
+    """Returns the reasons of a verdict that its diagnosis does not contain yet; none for a verdict that passes.
 
     Args:
-        verdict: `verdict` of a summary.
+        verdict: entry `verdict` of a summary.
     """
     if verdict.get("status") == "pass":
         return []
@@ -40,10 +40,10 @@ def list_reasons(verdict: Mapping[str, Any]) -> list[str]:
 
 
 def describe_last_pose(last: Mapping[str, Any] | None) -> str:
-    """Returns how sure a run is of its last pose, in words.
+    """Describes the uncertainty of a run's last pose in words.
 
     Args:
-        last: `last_pose` of its summary.
+        last: entry `last_pose` of the run's summary.
     """
     if last is None:
         return "how sure it is, is not known"
@@ -55,7 +55,7 @@ def describe_last_pose(last: Mapping[str, Any] | None) -> str:
 
 
 def describe_delay(delay_s: float) -> str:
-    """Returns how late or early a clock is, in words."""
+    """Describes in words how late or early a clock is."""
     return f"{abs(delay_s):.2f} s {'late' if delay_s >= 0.0 else 'early'}"
 
 
@@ -63,9 +63,9 @@ _NAMES = {"gyroscope": "the gyroscope", "gnss": "GNSS"}
 
 
 def list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
-    """Returns what was found of the sensors that are used, and after them of where the radar sits on the vehicle.
+    """Returns the notes on the sensors in use and on the radar's mount, and a doubt if the sensors may bend the map.
 
-    What is said of a sensor that is not used is a warning.
+    Notes on a sensor that is not used are shown elsewhere, as warnings.
 
     Args:
         summary: content of summary.json; it may lack these parts.
@@ -78,7 +78,7 @@ def list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _doubt_sensors(summary: Mapping[str, Any], used: Sequence[str]) -> list[str]:
-    """Returns that a map which is not passed was crisper before the sensors that are used joined."""
+    """Returns a note if a map that does not pass was crisper, by psi, before the sensors in use were added."""
     psi = summary.get("psi") or {}
     before, after = psi.get("per_point_odometry"), psi.get("per_point_optimised")
     passed = (summary.get("verdict") or {}).get("status") == "pass"

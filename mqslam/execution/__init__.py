@@ -1,1 +1,1 @@
-"""Where work is done and how its results are kept: engines, checkpoints, interrupts, and files written whole."""
+"""Execution of the work, and storage of its results: engines, checkpoints, interrupts, and files that are written whole."""

@@ -37,7 +37,7 @@ FOLDER = CHECKPOINT
 def hash_run(
     recording: Recording, config: Config, frontend: str, odometry: Trajectory | None, sensors: Sensors = NO_SENSORS
 ) -> str:
-    """Returns a hash of everything that a run's result depends on: runs with different keys are different runs."""
+    """Returns a hash of everything that a run's result depends on; a run only resumes a checkpoint with the same hash."""
     digest = hashlib.sha256()
     path, resolution = str(recording.path.resolve()), str(recording.range_resolution)
     for text in (__version__, dump_yaml(config), frontend, path, resolution):
@@ -61,15 +61,16 @@ def hash_run(
 def keep_checkpoint(out: Path, key: str, *, resume: bool, how: str = Remedy.RESUME) -> Iterator[Checkpoint]:
     """Yields the checkpoint of a run, and keeps it after an error if the run can be resumed.
 
-    A full disk, a lost cluster or worker, lack of memory or an interrupt leaves the checkpoint behind, and the error says
-    how to go on. After any other error of mqslam resuming would fail in the same way, so that nothing is left behind. After
-    an unforeseen error a later version may go on, but the same one would fail again, so that the error does not say so.
+    After a full disk, a lost cluster or worker, a failed front end, lack of memory or an interrupt, the checkpoint
+    stays, and the error says how to resume. After any other error of mqslam a resumed run would fail in the same way, so
+    the checkpoint is removed, unless the run was itself resumed. After an unforeseen error the checkpoint stays, since a
+    later version may be able to resume. This version would fail again, so the error does not mention the checkpoint.
 
     Args:
         out: the run's result folder.
         key: hash of what the run's result depends on.
-        resume: whether to use what an earlier run has left there.
-        how: how to go on, for the error's message.
+        resume: whether to use the checkpoint that an earlier run has left there.
+        how: how to resume, for the error's message.
     """
     checkpoint = Checkpoint(out, key, resume=resume)
     try:
@@ -77,7 +78,7 @@ def keep_checkpoint(out: Path, key: str, *, resume: bool, how: str = Remedy.RESU
     except (OutputError, ClusterError, WorkerError, FrontEndError) as error:
         if checkpoint.holds_anything:
             resumable = type(error)(error.message, *error.remedies, how)
-            resumable.add_note(how)  # for an interrupt that code of others has turned into this error
+            resumable.add_note(how)  # in case other code has turned an interrupt into this error
             raise resumable from error
         raise
     except MqslamError:
@@ -97,7 +98,7 @@ class Checkpoint:
     Args:
         out: the run's result folder; the checkpoint lies in it while the run goes on.
         key: hash of what the run's result depends on.
-        resume: whether to use what is there.
+        resume: whether to use a checkpoint that is there.
 
     Raises:
         OutputError: `resume` is given, but the folder belongs to another run.
@@ -107,7 +108,7 @@ class Checkpoint:
         self._out, self._folder = out, out / FOLDER
         self._key = key
         run = self._folder / "run.json"
-        if not (resume and run.exists()):  # written first: without it, nothing has been kept
+        if not (resume and run.exists()):  # run.json is written first: without it, nothing has been kept
             remove_checkpoint(out)
             return
         try:
@@ -119,7 +120,7 @@ class Checkpoint:
             raise OutputError(problem, Remedy.REPLACE_UNFINISHED_OUTPUT)
 
     def remove(self) -> None:
-        """Deletes what was kept, and the result folder if it holds nothing else."""
+        """Deletes the checkpoint, and the result folder if it holds nothing else."""
         remove_checkpoint(self._out)
         with contextlib.suppress(OSError):
             self._out.rmdir()
@@ -130,7 +131,7 @@ class Checkpoint:
         return any(self._folder.glob("*.npz"))
 
     def find(self, kept: Kept[R]) -> R | None:
-        """Returns the result of a kind, or None if it was not kept or its file is damaged."""
+        """Returns the kept result of a kind, or None if there is none or its file is damaged."""
         try:
             with (
                 untrusted.check_file(self._folder / kept.file).open("rb") as file,

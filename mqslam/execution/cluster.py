@@ -1,6 +1,6 @@
 """An engine that works on a Dask cluster, whose tasks are calls of the stages' functions.
 
-The workers read the recording themselves, so that its path must be the same on all machines; only returns, points and
+The workers read the recording themselves, so its path must be the same on all machines; only returns, points and
 measurements are sent.
 """
 
@@ -32,9 +32,9 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 _ANSWER_S = 10.0  # how long a scheduler and its first worker may take to answer
-_LOOK_S = 15.0  # time between two checks for workers; a cluster without workers at two checks in a row has none
-_LOSSES = 3  # how many times in a row the data that tasks share is sent again after all of its copies are lost
-_TASKS = 8  # tasks for each worker that many items are grouped into
+_LOOK_S = 15.0  # time between two checks for workers; a cluster without workers at two checks in a row is lost
+_LOSSES = 3  # how many times in a row the shared data is sent again after all of its copies are lost
+_TASKS = 8  # number of tasks per worker that many items are grouped into
 _SMALL = 10_000  # bytes; smaller data travels with each task and cannot be lost with a worker
 _LOGGERS = ("distributed", "distributed.client", "tornado")
 
@@ -43,8 +43,8 @@ _LOGGERS = ("distributed", "distributed.client", "tornado")
 def connect(address: str) -> Iterator[Engine]:
     """Connects to a cluster and yields its workers as an engine.
 
-    The workers of this machine are processes that no network reaches: whoever reaches a scheduler of Dask can run programs
-    as its owner, and on one machine that would be all of its users.
+    Workers on this machine are processes without a network port. Whoever can reach a scheduler of Dask can run programs
+    as the scheduler's owner, and all users of this machine could reach one that runs here.
 
     Args:
         address: `tcp://host:port` of a scheduler, or `local:N` for N workers on this machine while the block lasts.
@@ -91,13 +91,13 @@ def _check_versions(client: Client, address: str) -> None:
             raise ClusterError(f"{where}: has mqslam {version}; install {__version__} as on this machine")
 
 
-def _version() -> str:  # machines with another version of mqslam look it up by this name
+def _version() -> str:  # machines with another version of mqslam look this function up by its name
     """Returns the version of mqslam on the machine that runs this."""
     return __version__
 
 
 class DaskEngine:
-    """The workers of a Dask cluster as an engine (`mqslam.execution.local_engine.Engine`).
+    """The workers of a Dask cluster as an engine (`mqslam.core.engine.Engine`).
 
     If a worker dies, another one does its tasks again.
 
@@ -112,7 +112,7 @@ class DaskEngine:
 
     @property
     def jobs(self) -> int:
-        """Number of processes that a call of `map_apart` may use: one, since a worker may not start any."""
+        """Number of processes that each function called by `map_apart` may use: one, since a worker may not start any."""
         return 1
 
     def map(
@@ -145,7 +145,7 @@ class DaskEngine:
         def wait() -> R:
             try:
                 result: R = self._wait_for(future)
-            except (FutureCancelledError, KilledWorker):  # the worker is gone; `map` knows what to do about it
+            except (FutureCancelledError, KilledWorker):  # the worker is gone; `map` sends the task again
                 result = self.map(function, shared, [item])[0]
             return result
 
@@ -176,10 +176,10 @@ class DaskEngine:
     ) -> list[Any]:
         """Returns the tasks' results; if the workers that held `shared` have died, the missing tasks are sent again.
 
-        The result of a task that has killed its workers is None if it may die.
+        The result of a task that has killed its workers is None if `may_die` is set.
 
         Raises:
-            ClusterError: the cluster is lost, or a task that may not die has killed its workers.
+            ClusterError: the cluster is lost, or a task has killed its workers and `may_die` is not set.
         """
         results: list[Any] = []
         losses = 0
@@ -207,7 +207,7 @@ class DaskEngine:
         return results
 
     def _send(self, function: Callable[[S, T], Any], shared: S, items: Sequence[T]) -> list[Future]:
-        """Sends a task per item; if what they share is large, it is sent to every worker beforehand."""
+        """Sends one task per item; a large shared argument is sent to every worker beforehand."""
         if len(pickle.dumps(shared)) < _SMALL:
             alone: list[Future] = self._client.map(partial(_attempt, function, shared), items, pure=False)
             return alone
@@ -223,7 +223,7 @@ class DaskEngine:
         """Waits for a task's result and returns it.
 
         Raises:
-            ClusterError: there is no worker left that could do the task.
+            ClusterError: no worker is left that could do the task, or the connection to the scheduler is lost.
         """
         unmanned = 0
         while unmanned < 2:
@@ -260,19 +260,22 @@ class DaskEngine:
         return bool(self._client.status != "running")
 
     def _describe_loss(self, error: Exception | None) -> ClusterError:
-        """Returns the error of a lost cluster: only a wait for workers ends by a timeout, all else is the connection."""
+        """Makes the error of a lost cluster: no error, or a timeout, means no workers; any other means no connection."""
         unmanned = error is None or isinstance(error, TimeoutError)
         what = "has no workers left" if unmanned and not self._lost else "the connection to the scheduler is lost"
         return ClusterError(f"{self._address}: {what}")
 
 
 def choose_group_size(items: int, workers: int) -> int:
-    """Returns how many items a task takes: handing out one takes milliseconds, and no worker should wait for another's."""
+    """Returns the number of items per task.
+
+    Every task costs milliseconds, but with large tasks workers would wait for each other at the end.
+    """
     return max(1, items // (_TASKS * max(workers, 1)))
 
 
 def _call_each(function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> tuple[list[R], Exception | None]:
-    """Returns function(shared, item) for each item up to the first that fails, and that one's error."""
+    """Returns function(shared, item) for each item up to the first that fails, and its error, or None."""
     results: list[R] = []
     for item in items:
         result, error = _attempt(function, shared, item)
@@ -283,7 +286,7 @@ def _call_each(function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> 
 
 
 def _attempt(function: Callable[[S, T], R], shared: S, item: T) -> tuple[R | None, Exception | None]:
-    """Returns what the function returns or raises, so that whatever a future raises is an error of the cluster itself."""
+    """Returns the function's result or its error, so that an error that a future raises is always one of the cluster."""
     try:
         return function(shared, item), None
     except Exception as error:

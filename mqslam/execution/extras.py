@@ -1,4 +1,4 @@
-"""The libraries that are installed here: their versions, and what installs those that only some commands need."""
+"""The installed libraries: their versions, and the commands that install libraries which only some commands need."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import unquote, urlparse
 
-_LIBRARIES: Final = {  # by extra, as pyproject.toml has them: what it brings, and what for
+_LIBRARIES: Final = {  # names of libraries for messages, by the names that `describe_missing` takes
     "open3d": "Open3D",
     "pcd": "pypcd4",
     "las": "laspy with lazrs",
     "view": "Rerun",
     "cluster": "Dask",
 }
-_EXTRAS: Final = {"pcd": "clouds", "las": "clouds"}  # of libraries whose extra has another name
+_EXTRAS: Final = {"pcd": "clouds", "las": "clouds"}  # names of the extras in pyproject.toml that differ from those above
 
 
-_DECIDING: Final = ("numpy", "scipy", "numba", "gtsam", "open3d", "kiss-icp", "matplotlib")  # they decide results
+_DECIDING: Final = ("numpy", "scipy", "numba", "gtsam", "open3d", "kiss-icp", "matplotlib")  # results depend on these
 
 
 def list_versions() -> list[str]:
-    """Returns the versions of Python and of the libraries that decide results, as far as these are installed."""
+    """Returns the versions of Python and of the installed libraries that results depend on."""
     versions = [f"Python {platform.python_version()}"]
     for package in _DECIDING:
         try:
@@ -36,7 +36,7 @@ def list_versions() -> list[str]:
 
 
 def describe_missing(library: str) -> tuple[str, str]:
-    """Returns that a library is not installed, and what installs it, as the two parts of an error's message.
+    """Returns the two parts of an error's message: that a library is not installed, and the command that installs it.
 
     Args:
         library: `open3d`, `pcd`, `las`, `view` or `cluster`.
@@ -47,8 +47,8 @@ def describe_missing(library: str) -> tuple[str, str]:
 def _name_command(extra: str) -> str:
     """Returns a command that adds an extra to this installation, whether it came from a clone, a wheel or a repository.
 
-    The installer leaves in `direct_url.json` (PEP 610) where it took mqslam from. Without that file it came from
-    an index, and nothing says that the index of this machine has mqslam, so that the command names a clone.
+    The installer writes the source of mqslam to `direct_url.json` (PEP 610). Without that file mqslam came from an
+    index. This machine's index may not have mqslam, so the command then names a clone.
     """
     pip = f"{shlex.quote(sys.executable)} -m pip install"
     source = _read_source()
@@ -65,7 +65,7 @@ def _name_command(extra: str) -> str:
 
 
 def _read_source() -> dict[str, Any]:
-    """Returns where the installer took mqslam from; nothing where it did not say."""
+    """Reads from which source the installer took mqslam; empty if the installer has not recorded it."""
     try:
         text = metadata.distribution("mqslam").read_text("direct_url.json")
         source = json.loads(text or "{}")

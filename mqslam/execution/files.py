@@ -1,4 +1,4 @@
-"""Result files: each is written beside its place and renamed, so that it is either whole or absent."""
+"""Result files: each is written under a temporary name and then renamed, so that it is either whole or absent."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from mqslam.errors import OutputError, Remedy, show_lines
 
 @contextlib.contextmanager
 def blame_output(path: Path, done: str, remedy: Remedy) -> Iterator[None]:
-    """Turns an error of the system in the block into one about an output that cannot be `done`: made, or written.
+    """Turns an OSError of the block into an error about an output that cannot be `done`: made, or written.
 
     Raises:
-        OutputError: the system refused something.
+        OutputError: the block raised an OSError.
     """
     try:
         yield
@@ -34,7 +34,7 @@ def blame_output(path: Path, done: str, remedy: Remedy) -> Iterator[None]:
 def write_aside(path: Path) -> Iterator[Path]:
     """Yields a temporary path beside `path`, which takes the name of `path` when the block ends without an error.
 
-    The file has reached the disk before it takes that name, and others may read it as the user's umask says.
+    The file is flushed to the disk before it takes that name. Its permissions follow the user's umask.
 
     Raises:
         OutputError: the folder cannot be written to, or the disk is full.
@@ -55,26 +55,26 @@ def write_aside(path: Path) -> Iterator[Path]:
 
 
 def flush(path: Path) -> None:
-    """Has the system write a file, or the names in a folder, to the disk."""
+    """Flushes a file, or the names in a folder, to the disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
     except OSError as error:
-        if error.errno != errno.EINVAL:  # a file system that has nothing to flush
+        if error.errno != errno.EINVAL:  # EINVAL: the file system has nothing to flush
             raise
     finally:
         os.close(handle)
 
 
 def _read_umask() -> int:
-    """Returns what the user takes from the permissions of new files; the system tells it only to those who set it."""
+    """Returns the user's umask; the system tells it only when it is set, so it is set and then restored."""
     mask = os.umask(0o077)
     os.umask(mask)
     return mask
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a UTF-8 text file, whole or not at all, with escapes for what is not fit to be shown."""
+    """Writes a UTF-8 text file, whole or not at all, with escapes for characters that are not fit to be shown."""
     with write_aside(path) as aside:
         aside.write_text(show_lines(text), encoding="utf-8")
 
@@ -85,12 +85,12 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def to_json(content: Mapping[str, Any]) -> str:
-    """Returns the content as JSON that every language reads."""
+    """Returns the content as standard JSON, which every language reads."""
     return json.dumps(to_json_values(content), indent=1, allow_nan=False)
 
 
 def to_json_values(value: Any) -> Any:
-    """Returns a value with None for numbers that JSON does not have, Python's numbers, and texts fit to be shown."""
+    """Converts a value for JSON: NaN and infinity to None, NumPy's numbers to Python's, texts to ones fit to be shown."""
     if isinstance(value, Mapping):
         return {key: to_json_values(part) for key, part in value.items()}
     if isinstance(value, list | tuple):

@@ -1,7 +1,7 @@
-"""Result folders: each is claimed beforehand, written beside its place and renamed: it is whole or absent.
+"""Result folders: each is claimed first, written under a temporary name and then renamed, so it is whole or absent.
 
-While a command works, nobody else writes the folder. What others put into it meanwhile is kept: only what bears the name of
-something that mqslam writes is ever removed.
+While a command works, no other command writes the folder. Files that others put into it meanwhile are kept: mqslam only
+ever removes files with names that it writes itself.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mqslam.errors import OutputError, Remedy
 from mqslam.execution.files import blame_output, flush
 from mqslam.execution.guards.locks import Lock, lock_output
 
-CHECKPOINT = "checkpoint"  # folder in a result, of a run that is not finished
+CHECKPOINT = "checkpoint"  # folder in the result of a run that is not finished
 _RESULTS = """
     summary.json audit.json compare.json batch.json config.yaml run.log report.html
     trajectory.tum trajectory_*.tum odometry.tum ground_truth.tum mended.tum trajectory_at_truth.tum trajectory.geojson
@@ -26,7 +26,7 @@ _RESULTS = """
     audit.csv steps.csv spans.csv revisits.csv bad_places.csv bad_places.geojson heatmap.png overlay.png
     map.ply map.pgm map.yaml map.tif map.rrd keyframes/index.json keyframes/*.npy figure2.png figure3.png boreas-*.txt
 """
-_ROWS = "*/trajectory.tum */trajectory.kitti */times.txt */odometry.tum */measurements.csv */covariances.csv"  # of compare
+_ROWS = "*/trajectory.tum */trajectory.kitti */times.txt */odometry.tum */measurements.csv */covariances.csv"  # of `compare`
 _RECORDINGS = """
     radar.timestamps radar/*.png gt/radar_odometry.csv gt/poses_tum.txt odom.csv imu.csv gnss.csv recording.json
     simulation.json applanix/radar_poses.csv calib/*.txt global_pose.csv sensor_data/radar/polar/*.png
@@ -37,11 +37,11 @@ _OF_CHECKPOINT = """
     checkpoint/refinement.npz checkpoint/along.npz checkpoint/.run.json.* checkpoint/.*.npz.*
 """
 _NAMES = (*_RESULTS.split(), *_RECORDINGS.split(), *_OF_CHECKPOINT.split())
-_UNFINISHED, _REPLACED = "unfinished", "replaced"  # suffixes of the folders beside a result, and the lock's words for them
+_UNFINISHED, _REPLACED = "unfinished", "replaced"  # suffixes of folders beside a result, and the words for them in its lock
 
 
 class _Claim(NamedTuple):
-    """A result folder that a command of this process writes, and what lay in it at its start and may be replaced."""
+    """The claim of this process on a result folder: its lock, and the entries found in it that may be replaced."""
 
     lock: Lock
     replaceable: Sequence[PurePosixPath]
@@ -58,13 +58,13 @@ def claim_folder(
 
     Args:
         out: the folder.
-        force: whether what mqslam has written into it may be replaced.
+        force: whether files that mqslam has written into it may be replaced.
         resume: whether an unfinished run in it is to be continued.
-        sources: what the result is computed from, which must not be replaced by it.
+        sources: the inputs of the result, which it must not replace.
 
     Raises:
-        OutputError: the folder exists with content that may be neither replaced nor resumed, holds a source or lies in it,
-            is a file, cannot be made, or is written by another command.
+        OutputError: the folder has content that must not be replaced or resumed, holds a source or lies in one, is a
+            file, cannot be made, or is being written by another command.
     """
     for source in sources:
         _check_place(out, source)
@@ -83,7 +83,7 @@ def claim_folder(
 def write_folder_aside(out: Path) -> Iterator[Path]:
     """Yields a folder beside `out` that takes the place of `out` when the block ends without an error.
 
-    What mqslam has written into `out` goes then; all else that lies in it is carried over.
+    Files that mqslam has written into `out` are removed then; all other files in it are moved to the new folder.
 
     Raises:
         OutputError: the folder cannot be written.
@@ -113,7 +113,7 @@ def write_folder_aside(out: Path) -> Iterator[Path]:
 
 
 def _put(aside: Path, out: Path, claim: _Claim) -> None:
-    """Gives a finished folder its place."""
+    """Moves a finished folder to its place, and carries over the files of the old folder that mqslam did not write."""
     if out.exists():
         replaced = _name_beside(out, _REPLACED)
         claim.lock.note(f"{_REPLACED} {replaced.name}")
@@ -133,7 +133,7 @@ def _put(aside: Path, out: Path, claim: _Claim) -> None:
 
 
 def _give_back(out: Path, lock: Lock) -> None:
-    """Gives back what a killed command was about to replace."""
+    """Restores the folder that a killed command was about to replace."""
     for left in _list_left(out, lock, _REPLACED):
         if not out.exists():
             left.rename(out)
@@ -143,14 +143,14 @@ def _give_back(out: Path, lock: Lock) -> None:
 
 
 def _list_left(out: Path, lock: Lock, word: str) -> list[Path]:
-    """Lists the folders that killed commands have left beside a folder and noted in its lock by a word."""
+    """Lists the folders beside `out` that killed commands have left and noted in its lock with a word."""
     names = [note.partition(" ")[2] for note in lock.notes if note.startswith(f"{word} .{out.name}.{word}")]
     left = [out.with_name(name) for name in names if "/" not in name]
     return [folder for folder in left if folder.is_dir() and not folder.is_symlink()]
 
 
 def _name_beside(out: Path, word: str) -> Path:
-    """Returns a path beside a folder where nothing is."""
+    """Returns a path beside a folder at which nothing exists."""
     path, number = out.with_name(f".{out.name}.{word}"), 0
     while os.path.lexists(path):
         number += 1
@@ -159,10 +159,10 @@ def _name_beside(out: Path, word: str) -> Path:
 
 
 def _check_place(out: Path, recording: Path | None) -> None:
-    """Checks that a result folder can be where it is wanted.
+    """Checks that a result folder can be made at its path.
 
     Raises:
-        OutputError: it cannot, or a recording would be replaced.
+        OutputError: the folder cannot be made there, or it holds the recording or lies in it.
     """
     if out.name in ("", ".."):
         raise OutputError(f"{out}: is not the name of a new folder", Remedy.CHOOSE_OUTPUT)
@@ -177,7 +177,7 @@ def _check_free(out: Path, *, force: bool, resume: bool) -> None:
     """Checks that a result folder holds nothing that must stay.
 
     Raises:
-        OutputError: it holds something, or is a file.
+        OutputError: the folder holds such content, or is a file.
     """
     unfinished = (out / CHECKPOINT).is_dir()
     is_in_use = out.is_dir() and any(out.iterdir()) and not force and not (resume and unfinished)
@@ -226,13 +226,13 @@ def list_entries(folder: Path) -> list[PurePosixPath]:
 
 
 def list_written(folder: Path, entries: Iterable[PurePosixPath]) -> list[PurePosixPath]:
-    """Returns those of a folder's entries that bear the names of what mqslam writes."""
+    """Returns the entries of a folder whose names are among those that mqslam writes."""
     names = (*_NAMES, *_ROWS.split()) if (folder / "compare.json").is_file() else _NAMES
     return [entry for entry in entries if any(_matches(entry, name) for name in names)]
 
 
 def remove_entries(folder: Path, entries: Iterable[PurePosixPath]) -> None:
-    """Removes files below a folder, as far as they are there, and the folders between that hold nothing any more."""
+    """Removes files below a folder where they exist, and the folders in between that are empty then."""
     for entry in entries:
         with contextlib.suppress(OSError):
             (folder / entry).unlink()
@@ -242,7 +242,7 @@ def remove_entries(folder: Path, entries: Iterable[PurePosixPath]) -> None:
 
 
 def remove_checkpoint(out: Path) -> None:
-    """Removes what an unfinished run has kept in its result folder."""
+    """Removes the checkpoint of an unfinished run from its result folder."""
     inside = [PurePosixPath(CHECKPOINT) / entry for entry in list_entries(out / CHECKPOINT)]
     remove_entries(out, list_written(out, inside))
     with contextlib.suppress(OSError):
@@ -250,19 +250,19 @@ def remove_checkpoint(out: Path) -> None:
 
 
 def carry_over(folder: Path, out: Path) -> None:
-    """Moves all that is below a folder to the same place in another; where that is taken, `.kept` is added to the name."""
+    """Moves all files below a folder to the same place in another folder; `.kept` is added to names that are taken."""
     for entry in list_entries(folder):
         target = out / entry
         while os.path.lexists(target):
             target = target.with_name(f"{target.name}.kept")
-        with contextlib.suppress(OSError):  # it stays where it is
+        with contextlib.suppress(OSError):  # a file that cannot be moved stays
             target.parent.mkdir(parents=True, exist_ok=True)
             (folder / entry).rename(target)
-        remove_entries(folder, [entry / "moved"])  # the folders that are empty now
+        remove_entries(folder, [entry / "moved"])  # removes the folders above it that are empty now
     with contextlib.suppress(OSError):
         folder.rmdir()
 
 
 def _matches(entry: PurePosixPath, name: str) -> bool:
-    """Returns whether an entry bears a name, in which `*` stands for a part of a file's or a folder's name."""
+    """Returns whether an entry has a name, in which `*` stands for any part of the name of one file or folder."""
     return len(entry.parts) == name.count("/") + 1 and entry.match(name)

@@ -18,17 +18,17 @@ if TYPE_CHECKING:
 __all__ = ["Interrupted", "raise_interrupts", "shield_from_interrupts"]
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_AGAIN_S = 0.05  # after which it is seen whether an interrupt was lost, again and again
+_AGAIN_S = 0.05  # time between two checks whether an interrupt was lost
 
 
 @contextmanager
 def raise_interrupts() -> Iterator[None]:
     """Makes SIGINT, SIGTERM and SIGHUP end all workers and raise `Interrupted` in the main thread, while the block lasts.
 
-    A signal that is ignored, as shells do for their background jobs, stays ignored. An interrupt that is raised while an
-    object is deleted or while compiled code calls Python may be dropped there, or be turned into an error that somebody
-    handles. It is raised again a moment later, unless the cleaning up that it causes is under
-    way; at the latest it is raised at the end of the block.
+    A signal that is ignored stays ignored, as for background jobs of shells. Python may drop an interrupt that is raised
+    while an object is deleted or while compiled code calls Python, and other code may turn an interrupt into an error
+    and handle it. Such an interrupt is raised again a moment later, unless the program is already cleaning up because of
+    it, and at the latest at the end of the block.
     """
     hook = sys.unraisablehook
     alarm = signal.getsignal(signal.SIGALRM)
@@ -63,7 +63,7 @@ def raise_interrupts() -> Iterator[None]:
         if received:
             raise Interrupted(received[0])
     except Exception as error:
-        if received:  # a library that was being imported turns the interrupt into an ImportError
+        if received:  # a library that is being imported may turn the interrupt into an ImportError
             stopped = Interrupted(received[0])
             for note in getattr(error, "__notes__", []):
                 stopped.add_note(note)

@@ -1,4 +1,4 @@
-"""The kinds of results that a checkpoint keeps, and how each becomes named arrays and is restored from them."""
+"""The kinds of results that a checkpoint keeps, each with the functions that convert it to named arrays and back."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from mqslam.errors import DataError
 R = TypeVar("R")
 Arrays = dict[str, NDArray[Any]]
 
-_VELOCITIES = {field.name: f"velocity_{field.name}" for field in fields(Velocities)}  # names of their arrays
+_VELOCITIES = {field.name: f"velocity_{field.name}" for field in fields(Velocities)}  # array names by field
 _STATUSES = tuple(Status)
 _DOPPLER = ("doppler_beta", "doppler_sigma")
-_COUNTS = ("tried", "ambiguous", "implausible", "unsure")  # of a search for loops
+_COUNTS = ("tried", "ambiguous", "implausible", "unsure")  # counts of a search for loops
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,8 @@ class Kept(Generic[R]):
 
     Args:
         file: name of its file.
-        pack: makes arrays, by name, from the result.
-        unpack: makes the result from these arrays; it raises KeyError if one is missing.
+        pack: converts the result to arrays by name.
+        unpack: restores the result from these arrays; it raises KeyError if one is missing.
     """
 
     file: str
@@ -39,12 +39,12 @@ class Kept(Generic[R]):
 
 
 def describe_kept_stretch(begin: int, end: int) -> Kept[Detected]:
-    """Returns the kind that keeps the returns of the polar scans begin <= k < end, and the sensor's velocities."""
+    """Returns the kind of result that holds the returns and velocities of the polar scans begin <= k < end."""
     return Kept(f"returns-{begin:06d}-{end:06d}.npz", _pack_detected, _unpack_detected)
 
 
 def _pack_detected(detected: Detected) -> Arrays:
-    """Returns detected returns as arrays: those of all scans joined, and where each scan ends."""
+    """Converts detected returns to arrays: the returns of all scans joined, and the position at which each scan ends."""
     arrays = {name: np.concatenate([getattr(r, name) for r in detected.returns]) for name in _list_fields(Returns)}
     arrays["ends"] = np.cumsum([len(r) for r in detected.returns])
     arrays["counts"] = np.array(astuple(detected.counts), dtype=np.int64)
@@ -57,19 +57,19 @@ def _pack_detected(detected: Detected) -> Arrays:
 
 
 def _unpack_detected(arrays: Arrays) -> Detected:
-    """Returns the detected returns that arrays hold."""
+    """Restores detected returns from arrays."""
     columns = [np.split(arrays[name], arrays["ends"][:-1]) for name in _list_fields(Returns)]
     returns = [Returns(*(np.ascontiguousarray(part) for part in parts)) for parts in zip(*columns, strict=True)]
     errors = (DataError(*words) for words in arrays["why"].tolist())
     unread = dict(zip(arrays["unread"].tolist(), errors, strict=True))
     own = {field: arrays[name] for field, name in _VELOCITIES.items()}
-    beta = own.pop("doppler_beta")  # an array without dimensions; one without numbers where there are no velocities
+    beta = own.pop("doppler_beta")  # an array without dimensions, or an empty array where there are no velocities
     velocities = Velocities(**own, doppler_beta=float(beta)) if beta.size else None
     return Detected(returns, unread, counts=PeakCounts(*arrays["counts"].tolist()), velocities=velocities)
 
 
 def _pack_measured(measured: Measured) -> Arrays:
-    """Returns measurements as arrays, one per field."""
+    """Converts measurements to arrays, one per field."""
     arrays: Arrays = {name: np.array(getattr(measured, name)) for name in _DOPPLER}
     for name in _list_fields(Measurement):
         arrays[name] = np.array([getattr(motion, name) for motion in measured.measurements])
@@ -78,7 +78,7 @@ def _pack_measured(measured: Measured) -> Arrays:
 
 
 def _unpack_measured(arrays: Arrays) -> Measured:
-    """Returns the measurements that arrays hold."""
+    """Restores measurements from arrays."""
     names = _list_fields(Measurement)
     columns = (arrays[name] if arrays[name].ndim > 1 else arrays[name].tolist() for name in names)
     rows = (dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True))
@@ -87,37 +87,37 @@ def _unpack_measured(arrays: Arrays) -> Measured:
 
 
 def _pack_loops(search: LoopSearch) -> Arrays:
-    """Returns a search for loops as arrays."""
+    """Converts a search for loops to arrays."""
     counts: Arrays = {name: np.array(getattr(search, name)) for name in _COUNTS}
     return counts | _stack_loops(search.loops)
 
 
 def _unpack_loops(arrays: Arrays) -> LoopSearch:
-    """Returns the search for loops that arrays hold."""
+    """Restores a search for loops from arrays."""
     return LoopSearch(_split_loops(arrays), *(int(arrays[name]) for name in _COUNTS))
 
 
 def _pack_refined(refined: Refined) -> Arrays:
-    """Returns a refinement as arrays: the loops that stay before the ties, and how many they are."""
+    """Converts a refinement to arrays: the loops that stay, followed by the ties, and the number of loops that stay."""
     psi = np.array([refined.psi_before, refined.psi_loops, refined.psi_across], dtype=np.float64)  # None becomes NaN
     own = {"staying": np.array(len(refined.loops)), "psi_across": psi, "refused": np.array(refined.refused)}
     return own | _stack_loops([*refined.loops, *refined.ties])
 
 
 def _unpack_refined(arrays: Arrays) -> Refined:
-    """Returns the refinement that arrays hold."""
+    """Restores a refinement from arrays."""
     loops, staying = _split_loops(arrays), int(arrays["staying"])
     before, closed, after = (None if np.isnan(value) else float(value) for value in arrays["psi_across"])
     return Refined(loops[:staying], loops[staying:], before, closed, after, bool(arrays["refused"]))
 
 
 def _stack_loops(loops: Sequence[Loop]) -> Arrays:
-    """Returns loops as arrays, one per field."""
+    """Converts loops to arrays, one per field."""
     return {name: np.array([getattr(loop, name) for loop in loops]) for name in _list_fields(Loop)}
 
 
 def _split_loops(arrays: Arrays) -> list[Loop]:
-    """Returns the loops that arrays, one per field, hold."""
+    """Restores loops from arrays, one per field."""
     rows = zip(*(arrays[name] for name in _list_fields(Loop)), strict=True)
     return [Loop(int(a), int(b), pose, covariance, float(share), float(psi)) for a, b, pose, covariance, share, psi in rows]
 

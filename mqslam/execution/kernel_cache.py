@@ -1,6 +1,6 @@
-"""Where numba keeps the compiled kernels: beside the code, else in the user's cache, else in a folder of its own.
+"""The choice where numba keeps compiled kernels: beside the code, else in the user's cache, else in a temporary folder.
 
-The first two are numba's own choice. Where it can write to neither, as in a container that may only read, it would refuse
+Numba itself chooses one of the first two. If it can write to none of them, as in a read-only container, it would refuse
 to compile at all.
 """
 
@@ -14,13 +14,13 @@ _CODE = Path(__file__).parents[1]
 
 
 def choose_cache() -> None:
-    """Names a folder for compiled kernels if numba would find none; the processes that this one starts use it, too."""
+    """Sets a folder for compiled kernels if numba would find none; the processes that this one starts use it, too."""
     if "NUMBA_CACHE_DIR" not in os.environ and not any(map(_is_writable, (_CODE, *_list_user_caches()))):
         os.environ["NUMBA_CACHE_DIR"] = str(_make_folder())
 
 
 def _list_user_caches() -> list[Path]:
-    """Returns the folder that numba takes for a user's cache; none for a user without a home, as containers have them."""
+    """Returns the folder that numba takes for a user's cache; none for a user without a home folder, as in containers."""
     named = os.environ.get("XDG_CACHE_HOME")
     if named:
         return [Path(named)]
@@ -37,7 +37,7 @@ def _is_writable(folder: Path) -> bool:
 
 
 def _make_folder() -> Path:
-    """Returns a folder for temporary files that nobody else can write to: what lies in it is executed."""
+    """Returns a temporary folder that nobody else can write to, because the kernels in it are executed."""
     own = Path(tempfile.gettempdir()) / f"mqslam-kernels-{os.getuid()}"
     try:
         own.mkdir(mode=0o700, exist_ok=True)

@@ -1,6 +1,6 @@
-"""The engine of one machine: it calls pure functions in this process or in several, to the same result.
+"""The engine of one machine: it calls pure functions in this process or in several, with the same result.
 
-The processes stay for many calls, and read what the calls share from files that all of them map into memory.
+The processes stay for many calls, and read the shared argument from files that all of them map into memory.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 DIED = "its process died: memory ran out, a library crashed, or the program that started it has no __main__ guard"
-_LARGE = 1_000_000  # bytes; a smaller array is copied with what holds it
-_PIECE = 1 << 24  # bytes of an array in a file that are in memory at a time while it is copied: a matter of memory only
+_LARGE = 1_000_000  # bytes; a smaller array is copied with the object that holds it
+_PIECE = 1 << 24  # bytes of a mapped array that are in memory at a time while it is copied
 _WORTH_PROCESSES = 5  # for fewer items, starting processes takes longer than it saves
 
 
 class LocalEngine:
     """The processes of this machine as an engine; they start when they are first needed, and end with the engine.
 
-    A process that another one has started must close its engine, or leave its `with` block, before it ends.
+    A child process must close its engine, or leave its `with` block, before it ends.
 
     Args:
-        jobs: how many of them work at a time; one is this process itself.
-        apart: how many calls of `map_apart` are made at a time; they share the processes.
+        jobs: number of processes that work at a time; 1 means this process itself.
+        apart: number of functions that `map_apart` calls at a time; they share the processes.
     """
 
     def __init__(self, jobs: int, *, apart: int = 1) -> None:
@@ -58,7 +58,7 @@ class LocalEngine:
 
     @property
     def jobs(self) -> int:
-        """Number of processes that a call of `map_apart` may use."""
+        """Number of processes that each function called by `map_apart` may use."""
         return max(1, self._jobs // self._apart)
 
     def close(self) -> None:
@@ -74,7 +74,7 @@ class LocalEngine:
         items: Sequence[T],
         done: Callable[[int, R], None] = ignore_result,
     ) -> list[R]:
-        """Calls the function as `Engine.map` does; this process does a few items itself if there are no others yet."""
+        """Calls the function as `Engine.map` does; this process does a few items itself if no other runs yet."""
         if self._jobs == 1 or (self._workers is None and len(items) < _WORTH_PROCESSES):
             return _collect((function(shared, item) for item in items), done)
         with self._close_on_error():
@@ -103,7 +103,7 @@ class LocalEngine:
 
     @contextmanager
     def _close_on_error(self) -> Iterator[None]:
-        """Ends the processes after an error of the block, so that nothing further is done."""
+        """Ends the processes after an error of the block, so that they do no further items."""
         try:
             yield
         except BaseException as error:
@@ -122,7 +122,7 @@ class LocalEngine:
         """Calls the function as `Engine.map_apart` does, each time in a process of its own."""
         if self._apart == 1:
             return _collect((_call_apart(function, shared, item) for item in items), done)
-        with ThreadPoolExecutor(self._apart) as threads:  # each waits for a process
+        with ThreadPoolExecutor(self._apart) as threads:  # each thread waits for a process
             try:
                 return _collect(threads.map(lambda item: _call_apart(function, shared, item), items), done)
             except BaseException:
@@ -162,8 +162,8 @@ def _call_interruptibly(function: Callable[[S, T], R], shared: S, item: T) -> R:
 class WorkerProcesses:
     """Processes that call functions. They start with the first call, which takes a second or two, and end with this object.
 
-    A large array is written to a file once and mapped by every process, so that many processes hold it in memory once.
-    Arrays that calls share must therefore never change.
+    A large array is written to a file once and mapped by every process, so that it is in memory only once for all of
+    them. Arrays that calls share must therefore never change.
 
     Args:
         count: number of processes.
@@ -178,10 +178,10 @@ class WorkerProcesses:
         self._files = 0
 
     def submit(self, function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> list[Future[R]]:
-        """Has function(shared, item) called for each item, the first ones first.
+        """Submits function(shared, item) for each item, in order.
 
         Raises:
-            OSError: what they share cannot be written, for example because the disk is full.
+            OSError: the function and its shared argument cannot be written, for example because the disk is full.
             BrokenProcessPool: a process has died.
         """
         if not items:
@@ -202,7 +202,7 @@ class WorkerProcesses:
         return futures
 
     def close(self) -> None:
-        """Ends the processes at once, with whatever they are calling."""
+        """Ends the processes at once, even in the middle of a call."""
         for process in list((self._executor._processes or {}).values()):  # Python 3.14 has a method for it
             process.terminate()
         self._executor.shutdown(cancel_futures=True)
@@ -212,13 +212,13 @@ class WorkerProcesses:
         """Writes an object to a file, and its large arrays to files of their own, which last as long as the arrays do.
 
         Returns:
-            The file, and the arrays.
+            The file of the object, and the large arrays.
         """
         arrays: list[Any] = []
         paths: list[Path] = []
 
         def keep(buffer: pickle.PickleBuffer) -> bool:
-            """Returns whether an array is so small that it is copied with what holds it."""
+            """Returns whether an array is small enough to be copied with the object that holds it."""
             with buffer.raw() as raw:
                 if raw.nbytes < _LARGE:
                     return True
@@ -230,7 +230,7 @@ class WorkerProcesses:
         return self._write_bytes(pickle.dumps((paths, content))), arrays
 
     def _write_once(self, raw: memoryview) -> Path:
-        """Writes the bytes of an array to a file, unless they are in one."""
+        """Returns the file with the bytes of an array, which is written the first time only."""
         for key, (array, path) in list(self._written.items()):
             if array() is None:
                 del self._written[key]
@@ -241,7 +241,7 @@ class WorkerProcesses:
         return known[1]
 
     def _write_bytes(self, content: bytes | memoryview) -> Path:
-        """Writes a new file; where there is no room for all of it, none of it stays."""
+        """Writes a new file; a file that does not fit on the disk is removed again."""
         self._files += 1
         path = self._folder / str(self._files)
         view = memoryview(content)
@@ -256,15 +256,15 @@ class WorkerProcesses:
         return path
 
 
-# what a process calls for item after item: its file, the function, the first argument, and what of it lies in files
+# what a process calls for each item: the file of the call, the function, the shared argument, and its mapped arrays
 _held: tuple[Path, Callable[[Any, Any], Any], Any, list[mmap.mmap]] | None = None
 
 
 def _call(path: Path, item: Any) -> Any:
-    """Returns the result of the function in a file for an item, in a process of `WorkerProcesses`."""
+    """Calls the function that a file holds for an item, in a process of `WorkerProcesses`."""
     global _held
     if _held is None or _held[0] != path:
-        _held = None  # it is released before the next one takes memory
+        _held = None  # the last call's memory is released before the next call takes some
         return_free_memory()
         paths, content = pickle.loads(path.read_bytes())
         maps = [_map_into_memory(array) for array in paths]
@@ -278,13 +278,13 @@ def _call(path: Path, item: Any) -> Any:
 
 
 def _map_into_memory(path: Path) -> mmap.mmap:
-    """Returns the bytes of a file; what a call wrote to them would be its own, and gone after it."""
+    """Maps a file into memory; what a call writes to it does not reach the file, and is lost after the call."""
     with path.open("rb") as file:
         return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
 
 
 def end_with_parent(folder: Path | None = None) -> None:
-    """Ends this process when its parent ends, even if that is killed, and removes a folder of the parent's."""
+    """Ends this process when its parent ends, even if the parent is killed, and removes the parent's folder."""
     parent = parent_process()
 
     def end() -> None:

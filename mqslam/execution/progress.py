@@ -1,4 +1,4 @@
-"""How a stage reports its progress."""
+"""The type of the functions to which a stage reports its progress."""
 
 from __future__ import annotations
 
@@ -8,4 +8,4 @@ Progress = Callable[[str, int, int], object]  # stage, done, total
 
 
 def ignore_progress(stage: str, done: int, total: int) -> None:
-    """Does nothing: nobody sees the progress."""
+    """Ignores the progress; the default where nobody watches."""

@@ -32,7 +32,7 @@ _log = logging.getLogger(__name__)
 
 
 class Runner:
-    """The services that wrap around the stages of one run.
+    """Services for the stages of one run: timing, progress, kept results and tolerated failures.
 
     Args:
         engine: where work is done; no result depends on it.
@@ -41,9 +41,9 @@ class Runner:
         watch: called with every scan once its motion is measured, with its pose and its points in the first scan's frame.
 
     Attributes:
-        runtime_s: seconds by stage so far.
+        runtime_s: seconds that each stage has taken so far.
         warnings: what could not be done so far, and why.
-        crashes: the errors, in words, of what could not be made, by its name.
+        crashes: error messages of results that could not be made, by the name of the result.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Runner:
         return tolerate(what, self.warnings, self.crashes)
 
     def find(self, kept: Kept[R]) -> R | None:
-        """Returns the result of a stage that an earlier run has kept, or None."""
+        """Returns the result of a stage if an earlier run has kept it, else None."""
         return self._checkpoint.find(kept) if self._checkpoint else None
 
     def keep(self, kept: Kept[R], result: R) -> None:
@@ -85,7 +85,7 @@ class Runner:
             self._checkpoint.keep(kept, result)
 
     def make_once(self, kept: Kept[R], make: Callable[[], R]) -> R:
-        """Returns the result of a stage that an earlier run has kept, or makes and keeps it now."""
+        """Returns the result of a stage if an earlier run has kept it, else makes and keeps it now."""
         result = self.find(kept)
         if result is None:
             result = make()
@@ -115,17 +115,17 @@ class Runner:
         accept: Callable[[R], bool],
         steps: Callable[[T], int],
     ) -> Iterator[R]:
-        """Yields function(shared, item) for each item, in order; each result is one that was kept, or is made and kept now.
+        """Yields function(shared, item) for each item, in order; results that were not kept before are made and kept now.
 
-        Results are made a batch at a time, so that those of a long recording are never all in memory.
+        Results are made in batches, so that the results of a long recording are never all in memory.
 
         Args:
             stage: name of the stage, for progress.
             function: the function to call.
-            shared: its first argument.
-            items: its second arguments.
+            shared: the function's first argument.
+            items: the function's second arguments, one per call.
             kept: returns how the result for an item is kept.
-            accept: returns whether a result that was kept is good enough.
+            accept: returns whether a kept result is good enough to be used again.
             steps: returns the number of steps that an item counts for in the progress.
         """
         total, reached = sum(map(steps, items)), 0

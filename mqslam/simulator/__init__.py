@@ -1,7 +1,7 @@
 """A simulated radar drive: a geometric scene, a true motion, a spinning radar, wheels that slip, a gyroscope and GNSS.
 
 `simulate_recording` renders a drive in memory, `simulate` writes the same drive as a recording in the Oxford layout.
-Both take another `World` than the simulator's own, which stands in for what the radar sees of the scene, and when.
+Both accept another `World` in place of the simulator's own; it determines what the radar sees of the scene, and when.
 """
 
 from mqslam.core.velocity import CHIRP_BETA

@@ -3,11 +3,13 @@
 A beam is cut into thin cells of its two-way pattern. Walls are clipped to the cells exactly, so an oblique wall fills
 the span of ranges that it really crosses; a pole is a bright line at its nearest point, seen with the pattern's gain.
 
-Every `_cast` function takes one thing in the frame of the beam, as (distance along it, distance to its left) [m], with the
-sensor's velocity relative to it in the same frame [m/s], and adds what the thing returns to the hits.
+Every `_cast` function takes the position of one thing in the frame of the beam, as (distance along the beam, distance to
+its left) [m], and the sensor's velocity relative to the thing in the same frame [m/s]. It adds the thing's echoes to the
+hits.
 
 The numbers of this file define the simulated world: with other numbers the same seed would give other recordings.
-All kernels live in this one file: numba renews its cache when the file of a kernel changes, not those of its callees.
+All kernels live in this one file, because numba renews its cache when a kernel's own file changes, but not when the file
+of a function that it calls changes.
 """
 
 from __future__ import annotations
@@ -25,25 +27,25 @@ COUNTS_PER_DECADE = 20.0
 COUNTS_PER_NEPER = COUNTS_PER_DECADE / np.log(10.0)
 """uint8 counts per factor of e in power."""
 NOISE_COUNTS = COUNTS_PER_NEPER * np.log(-np.log(1.0 - (np.arange(16384) + 0.5) / 16384))
-"""Quantiles of exponential noise of mean power 1, in counts: most bins hold nothing else, and a look-up is quick."""
+"""Quantiles of exponential noise of mean power 1, in counts: most bins hold only noise, and a look-up is quick."""
 NEAREST = 1.0
 """Distance ahead [m] within which nothing is seen."""
 REFERENCE_RANGE = 10.0
 """Range [m] at which the echoes have their nominal power."""
 PLANT_ECHO = 0.3
-"""Echo of leaves that take the whole beam, as a share of a wall's of reflectivity 1 at right angles."""
+"""Echo of leaves that take the whole beam, as a share of the echo of a wall of reflectivity 1 at right angles."""
 GRAZING_ECHO = 0.1
 """Echo of a wall that the beam grazes, as a share of its echo at right angles."""
 CLUTTER_DECADES = (1.5, 4.5)
-"""Least and greatest power of an echo of nothing, as powers of ten."""
+"""Least and greatest power of a clutter echo, which nothing in the scene causes, as powers of ten."""
 SATURATION_DECADES = (1.5, 2.5)
 """Least and greatest excess of a saturated azimuth's noise, as powers of ten."""
 ECHO_HALF_WIDTH = 4
-"""Range bins on either side of an echo's middle that it reaches."""
+"""Number of range bins to which an echo extends on either side of its middle."""
 HITS = 96
 """Largest number of things that one cell of a beam can meet."""
 CORNERS = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5], [0.5, 0.5]])
-"""Corners of a vehicle in its own lengths and widths, and the first again."""
+"""Corners of a vehicle in units of its length and width; the first corner is repeated at the end."""
 NEAR, FAR, ENERGY, OPACITY, CLOSING = range(5)
 """Columns of a hit: nearest and farthest range [m], energy, share of the cell's beam taken, closing speed [m/s]."""
 
@@ -51,7 +53,7 @@ Pair = tuple[float, float]
 
 
 class Things(NamedTuple):
-    """What reflects, as `Scene` has it."""
+    """The reflecting things of a scene, as arrays of `Scene`."""
 
     walls: Array
     poles: Array
@@ -62,10 +64,10 @@ class Things(NamedTuple):
 class Sweep(NamedTuple):
     """The sensor during one turn."""
 
-    poses: Array  # (A, 3) at each azimuth, scene frame
+    poses: Array  # (A, 3) pose at each azimuth, scene frame
     twists: Array  # (A, 3) body velocity at each azimuth [m/s, m/s, rad/s]
-    times: Array  # (A,) of each azimuth [s]
-    angles: Array  # (A,) of the beam against the sensor's heading [rad]
+    times: Array  # (A,) time of each azimuth [s]
+    angles: Array  # (A,) angle of the beam to the left of the sensor's heading [rad]
     betas: Array  # (A,) range shift per closing speed [s], signed by the chirp
 
 
@@ -78,7 +80,7 @@ class Pattern(NamedTuple):
 
 
 class SimulatedRadar(NamedTuple):
-    """What the radar makes of the echoes, as `SensorModel` has it, but with linear powers in place of levels."""
+    """The parameters of `SensorModel` that shape the echoes, with linear powers in place of levels."""
 
     bins: int
     resolution: float
@@ -150,11 +152,11 @@ def _cast_beam(things: Things, sweep: Sweep, k: int, pattern: Pattern, radar: Si
 def _cast_wall(
     start: Pair, end: Pair, material: Pair, velocity: Pair, wall_echo: float, pattern: Pattern, hits: Hits
 ) -> None:
-    """Adds a wall between two ends, with its reflectivity and the share of the beam that it takes, where it is met."""
+    """Adds a wall between two ends, with a material (reflectivity, opacity), to the hits of all cells that it crosses."""
     u0, w0 = start
     u1, w1 = end
     if u0 < NEAREST and u1 < NEAREST:
-        return  # returns this early because taking arrays out of their tuples costs as much as these tests
+        return  # this early, because taking the arrays out of their tuples costs as much as these tests
     edges, gains = pattern.edges, pattern.gains
     cells = len(gains)
     if w0 * edges[0, 1] < u0 * edges[0, 0] and w1 * edges[0, 1] < u1 * edges[0, 0]:
@@ -236,7 +238,7 @@ def _cast_pole(
 def _cast_mover(
     mover: Array, time: float, pose: Array, velocity: Pair, axis: Pair, wall_echo: float, pattern: Pattern, hits: Hits
 ) -> None:
-    """Adds the sides of a vehicle, a row of `Scene.movers`, seen at a time [s] from a pose along an axis of the scene."""
+    """Adds the sides of a vehicle, a row of `Scene.movers`, at a time [s], seen from a pose along the unit vector `axis`."""
     c, s = np.cos(mover[2]), np.sin(mover[2])
     along = (mover[4] + mover[5] * time) % mover[3]
     dx, dy = mover[0] + along * c - pose[0], mover[1] + along * s - pose[1]
@@ -285,7 +287,7 @@ def _cast_plant(
 
 @nb.njit(cache=True, nogil=True)
 def _add_echoes(hits: Hits, radar: SimulatedRadar, beta: float, row: Array) -> None:
-    """Adds all hits of a beam to its row of power (B,), each seen through what stands before it in its cell."""
+    """Adds all hits of a beam to its row of power (B,), each attenuated by the hits in front of it in its cell."""
     for c in range(len(hits.counts)):
         through = 1.0
         for h in np.argsort(hits.table[c, : hits.counts[c], NEAR]):

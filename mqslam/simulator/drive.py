@@ -14,8 +14,8 @@ from mqslam.simulator.scene import BLOCK, LANE, Scene
 Times = NDArray[np.float64]
 
 _ROUND = (BLOCK[0] + 2.0 * LANE, BLOCK[1] + 2.0 * LANE)  # the right-hand lane round a block, along x and y [m]
-_CORNER_MPS, _ACCELERATION = 5.0, 2.0  # speed in corners, and largest change of speed [m/s^2]
-_CURVATURE, _RAMP_M = 0.11, 5.0  # in the middle of a corner [1/m], and the length over which it rises and falls
+_CORNER_MPS, _ACCELERATION = 5.0, 2.0  # speed in corners [m/s], and largest change of speed [m/s^2]
+_CURVATURE, _RAMP_M = 0.11, 5.0  # curvature in the middle of a corner [1/m], and length over which it rises and falls
 
 
 class Drive(ABC):
@@ -55,12 +55,12 @@ class ConstantDrive(Drive):
 
 @dataclass(frozen=True)
 class SampledDrive(Drive):
-    """The cubic, continuous in its velocity, through sampled poses with sampled velocities; it is continued at the ends.
+    """A drive along the cubic spline through sampled poses with sampled velocities; the end pieces are continued.
 
     Args:
         times: (N,) [s], increasing.
         samples: (N, 3) x [m], y [m], yaw [rad], yaw unwrapped.
-        rates: (N, 3) their derivatives in the scene's frame [m/s, m/s, rad/s].
+        rates: (N, 3) time derivatives of the samples, in the scene's frame [m/s, m/s, rad/s].
     """
 
     times: Times
@@ -107,7 +107,7 @@ def make_loop_drive(duration_s: float, *, speed: float = 9.0) -> SampledDrive:
 
     Args:
         duration_s: how long to drive [s].
-        speed: on the straights [m/s].
+        speed: speed on the straights [m/s].
     """
     places, lap, curvatures, limits = _lay_lap(speed)
     distance = np.arange(0.0, speed * duration_s + 10.0, 0.1)
@@ -155,7 +155,8 @@ def _lay_corner() -> tuple[se2.Array, Times, float]:
     """Lays a left turn by 90 degrees whose curvature [1/m] rises and falls linearly.
 
     Returns:
-        Poses (N, 3) in the frame of its start, which is left out; curvatures (N,) [1/m] there; their spacing [m].
+        Poses (N, 3) in the frame of the turn's start, without the start itself; the curvatures (N,) [1/m] at these
+        poses; the spacing of the poses [m].
     """
     length = np.pi / 2.0 / _CURVATURE + _RAMP_M
     place = np.linspace(0.0, length, round(length / 0.1) + 1)
@@ -173,8 +174,8 @@ def limit_acceleration(distance: Times, limit: Times, acceleration: float) -> Ti
     """Returns the largest speeds (N,) [m/s] at distances (N,) [m] that keep to limits (N,) [m/s] and an acceleration.
 
     Args:
-        distance: along the path [m], increasing by equal steps.
-        limit: of the speed there [m/s].
+        distance: (N,) distances along the path [m], increasing by equal steps.
+        limit: (N,) speed limits there [m/s].
         acceleration: largest change of speed [m/s^2].
     """
     squared = limit**2
@@ -187,7 +188,7 @@ def limit_acceleration(distance: Times, limit: Times, acceleration: float) -> Ti
 
 
 def make_tunnel_drive(duration_s: float) -> SampledDrive:
-    """Makes a drive along x from 60 m before the origin on, whose speed goes from 10 m/s to 13 and to 7 in turn."""
+    """Makes a drive along x that starts 60 m before the origin, at a speed that swings around 10 m/s between 7 and 13."""
     times = np.arange(0.0, duration_s + 0.5, 0.02)
     phase, period = 2.0 * np.pi * times / 24.0, 24.0 / (2.0 * np.pi)
     zeros = np.zeros_like(times)
@@ -196,7 +197,7 @@ def make_tunnel_drive(duration_s: float) -> SampledDrive:
 
 
 def clear_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
-    """Moves the vehicles of a scene, which do not give way, along their lanes until none of them runs into a drive [s]."""
+    """Moves vehicles of a scene along their lanes so that, where possible, none runs into a drive of `duration_s` [s]."""
     times = np.arange(0.0, duration_s, 0.05)
     poses = drive.poses(times)
     movers = scene.movers.copy()
@@ -207,9 +208,9 @@ def clear_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
 
 
 def meets(mover: Times, place: float, times: Times, poses: se2.Array) -> bool:
-    """Returns whether a vehicle, a row (9,) of `Scene.movers`, would touch the own one if it began at a place [m].
+    """Returns whether another vehicle, which begins at a place [m] of its lane, would touch the radar's own vehicle.
 
-    The own vehicle has poses (N, 3) at times (N,) [s].
+    The other vehicle is a row (9,) of `Scene.movers`. The own vehicle has poses (N, 3) at times (N,) [s].
     """
     x, y, _ = poses.T
     c, s = np.cos(mover[2]), np.sin(mover[2])

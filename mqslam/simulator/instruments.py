@@ -1,7 +1,7 @@
-"""Other sensors on the vehicle, each with its errors: wheels that slip, a gyroscope, and a GNSS receiver.
+"""Simulates the other sensors on the vehicle with their errors: wheels that slip, a gyroscope, and a GNSS receiver.
 
-Every function simulates what a sensor measures on a drive, given how long that takes [s], the stamp of time zero in the
-radar's clock [us], the errors of the sensor, and their seed.
+Every function simulates the measurements of a sensor on a drive, given the duration of the drive [s], the stamp of time
+zero in the radar's clock [us], the errors of the sensor, and the seed of these errors.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mqslam.simulator.drive import Drive
 SLOWEST_HZ, FASTEST_HZ = 50.0, 200.0
 """Rates at which vehicles' gyroscopes are usually read [1/s]."""
 ORIGIN_DEG = (51.76, -1.26)
-"""Latitude and longitude of the scene's origin, of which x points east and y north: Oxford."""
+"""Latitude and longitude of the scene's origin, in Oxford; x points east and y north."""
 _EQUATOR_M, _FLATTENING = 6_378_137.0, 1.0 / 298.257223563
 """Semi-major axis and flattening of the ellipsoid of WGS 84."""
 
@@ -35,7 +35,7 @@ class OdometryModel:
     bias_walk: float = 0.001  # standard deviation by which the bias wanders in a second [rad/s]
     rate_noise: float = 0.01  # standard deviation of a row's yaw rate [rad/s]
     slip: float = 0.12  # relative excess of the yaw rate in a hard turn
-    hard_turn: float = 0.2  # yaw rate [rad/s] at which slip begins; from twice that on it is full
+    hard_turn: float = 0.2  # yaw rate [rad/s] at which slip begins; from twice this rate on, it is full
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class WheelOdometry:
 def simulate_wheel_odometry(
     drive: Drive, duration_s: float, start_us: int, model: OdometryModel, seed: int
 ) -> WheelOdometry:
-    """Simulates what wheel odometry reports of a drive, up to the first row at or after its end."""
+    """Simulates the rows of wheel odometry on a drive, up to the first row at or after the end of the drive."""
     rng = np.random.default_rng([seed, 3])
     rows = int(np.ceil(duration_s * model.rate_hz - 1e-9)) + 1
     times = np.arange(rows + 1) / model.rate_hz
@@ -79,7 +79,7 @@ class GyroscopeModel:
     noise: float  # density of the white noise [rad/s per square root of Hz]
     scale: float  # standard deviation of an axis's relative scale error
     rate_hz: float = 100.0  # readings per second
-    late_s: float = 0.0  # how much later than the radar's clock the gyroscope's stamps the same instant [s]
+    late_s: float = 0.0  # by how much the gyroscope's stamp of an instant is later than the radar's [s]
 
 
 GRADES = {
@@ -94,7 +94,7 @@ GRADES = {
 
 
 def simulate_gyroscope(drive: Drive, duration_s: float, start_us: int, model: GyroscopeModel, seed: int) -> Gyroscope:
-    """Simulates what a gyroscope reads during a drive; it neither pitches nor rolls.
+    """Simulates the readings of a gyroscope during a drive without pitch and roll.
 
     Returns:
         Readings in the gyroscope's own clock, from time zero to the first one at or after the end of the drive.
@@ -113,22 +113,22 @@ def simulate_gyroscope(drive: Drive, duration_s: float, start_us: int, model: Gy
 
 @dataclass(frozen=True)
 class ReceiverModel:
-    """Errors of a receiver of one frequency, such as the u-blox M8 and M9, of which half the fixes lie within 2 to 2.5 m."""
+    """Errors of a single-frequency receiver, such as the u-blox M8 and M9, whose median error is 2 to 2.5 m."""
 
     rate_hz: float = 1.0  # fixes per second
     noise_m: float = 2.0  # standard deviation of a fix along each axis [m]; the receiver states it, whatever its error is
     jumps: float = 1.0  # multipath jumps per minute
-    # standard deviation of a jump along each axis [m]: a wall on the other side of a street reflects the signals
+    # standard deviation of a jump along each axis [m], as when a wall on the other side of a street reflects the signals
     jump_m: float = 20.0
     jump_s: float = 4.0  # mean duration of a jump [s]
     outages: float = 0.5  # outages per minute
-    outage_s: float = 6.0  # mean duration of an outage [s]: a bridge or a street that is narrow
+    outage_s: float = 6.0  # mean duration of an outage [s], as under a bridge or in a narrow street
 
 
 def simulate_fixes(
     drive: Drive, roofs: NDArray[np.float64], duration_s: float, start_us: int, model: ReceiverModel, seed: int
 ) -> Fixes:
-    """Simulates a receiver's fixes at the radar's place during a drive; there are none under the scene's roofs (R, 4)."""
+    """Simulates a receiver's fixes at the radar's position during a drive; there are none under the scene's roofs (R, 4)."""
     rng = np.random.default_rng([seed, 22])
     times = np.arange(int(np.floor(duration_s * model.rate_hz + 1e-9)) + 1) / model.rate_hz
     true = drive.poses(times)[:, :2]
@@ -152,9 +152,9 @@ def _draw_spells(rng: np.random.Generator, duration_s: float, per_minute: float,
 
 
 def _find_degrees(places: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns latitudes (N,) and longitudes (N,) [deg] of places (N, 2) [m] in the plane that touches the origin.
+    """Returns latitudes (N,) and longitudes (N,) [deg] of places (N, 2) [m] in the tangent plane at the origin.
 
-    The radii of curvature are those at the origin: ten kilometres away this is wrong by some metres.
+    The Earth's radii of curvature are taken at the origin, so that the result is wrong by some metres ten kilometres away.
     """
     latitude, longitude = ORIGIN_DEG
     squared = _FLATTENING * (2.0 - _FLATTENING)

@@ -1,4 +1,4 @@
-"""Simulated recordings that need no files: what the radar sees turn by turn, rendered when it is read, and the truth."""
+"""Simulated recordings that need no files: polar scans are rendered when they are read, and the true poses are known."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ class World(Protocol):
     """A drive through a scene as the radar measures it."""
 
     def stamps(self, k: int) -> NDArray[np.float64]:
-        """Returns the times (A,) [s] at which the azimuths of turn k are said to be measured."""
+        """Returns the times (A,) [s] with which the azimuths of turn k are stamped."""
 
     def end(self) -> float:
-        """Returns the time [s] at which the last turn is said to end."""
+        """Returns the time [s] with which the end of the last turn is stamped."""
 
     def render(self, k: int) -> NDArray[np.uint8]:
         """Renders the readings (A, B) of turn k; they do not depend on which other turns are rendered."""
 
     def describe(self) -> dict[str, Any]:
-        """Returns what the parameters of a written recording say of the world, for JSON."""
+        """Returns the parameters of the world for the JSON file that is written beside a recording."""
 
 
 MakeWorld = Callable[[Scene, Drive, SensorModel, int, int], World]
@@ -52,13 +52,13 @@ MakeWorld = Callable[[Scene, Drive, SensorModel, int, int], World]
 
 @dataclass(frozen=True)
 class ClearWorld:
-    """A world in which every surface shows from everywhere, and every azimuth is stamped when it is measured."""
+    """A world in which every surface is visible from all sides, and every azimuth is stamped when it is measured."""
 
     scene: Scene  # what reflects
     drive: Drive  # how the radar moves
     sensor: SensorModel  # the radar
-    turns: int  # how often it turns
-    seed: int  # of the noise
+    turns: int  # number of turns
+    seed: int  # seed of the noise
 
     def stamps(self, k: int) -> NDArray[np.float64]:
         """Returns the times (A,) [s] at which the azimuths of turn k are measured."""
@@ -70,13 +70,13 @@ class ClearWorld:
         return self.turns / self.sensor.turn_rate_hz
 
     def render(self, k: int) -> NDArray[np.uint8]:
-        """Renders the readings (A, B) of turn k, each azimuth from where the radar is at its stamp in whole microseconds."""
+        """Renders the readings (A, B) of turn k, each azimuth from the radar's pose at its stamp in whole microseconds."""
         times = np.asarray((to_stamps(self.stamps(k)) - START_US) * 1e-6, dtype=np.float64)
         poses, twists = self.drive.poses(times), self.drive.twists(times)
         return render_polar_scan(self.scene, poses, twists, times, self.sensor, (self.seed, k))
 
     def describe(self) -> dict[str, Any]:
-        """Returns nothing, since scene, radar and seed say all."""
+        """Returns no parameters, since scene, radar and seed define this world."""
         return {}
 
 
@@ -126,11 +126,11 @@ def simulate_recording(  # noqa: PLR0913 - these are the options of a simulation
         drive: how the sensor moves.
         duration_s: time by which the last polar scan ends [s].
         sensor: the radar; None takes a Navtech CTS350-X.
-        seed: of all noise.
+        seed: seed of all noise.
         odometry: errors of the wheel odometry; None takes the usual ones.
-        world: makes what the radar sees; every surface shows from everywhere in the usual one.
-        gyroscope: errors of the gyroscope; None takes none along.
-        receiver: errors of the GNSS receiver; None takes none along.
+        world: makes the world as the radar sees it; in the usual one, every surface is visible from all sides.
+        gyroscope: errors of the gyroscope; None simulates no gyroscope.
+        receiver: errors of the GNSS receiver; None simulates no receiver.
 
     Raises:
         ConfigError: the duration holds no whole turn.

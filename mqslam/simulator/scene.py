@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 WALL_OPACITY, VEHICLE_OPACITY, POLE_OPACITY = 0.95, 0.35, 0.5
-"""Share of the beam that does not pass: the antenna sits on a roof, so that much of it passes over things."""
+"""Share of the beam that a thing blocks: the antenna sits on a vehicle's roof, so much of the beam passes over things."""
 LANE = 1.75
 """Distance of a lane's middle from the street's middle [m]; traffic keeps to the right."""
 BLOCK = (100.0, 72.0)
@@ -30,7 +30,7 @@ def _no_rows(columns: int) -> Array:
 
 @dataclass(frozen=True)
 class Scene:
-    """What reflects; a reflectivity of 1 is that of a house wall, and of a lamp post among the poles.
+    """The reflecting things of a world. A reflectivity of 1 is that of a house wall, and for poles that of a lamp post.
 
     Args:
         walls: (W, 6) x0 [m], y0 [m], x1 [m], y1 [m], reflectivity, opacity 0..1; parked vehicles are four walls each.
@@ -68,7 +68,7 @@ class SceneParts:
         )
 
     def add_poles(self, places: Array, radii: Array | float, reflectivities: Array) -> None:
-        """Adds poles at places (N, 2) [m] with radii [m]."""
+        """Adds poles at places (N, 2) [m] with radii [m] and reflectivities (N,)."""
         self.poles.append(np.column_stack([places, np.broadcast_to(radii, len(places)), reflectivities]))
 
     def add_vehicle(self, rng: np.random.Generator, centre: Array, yaw: float) -> None:
@@ -82,11 +82,11 @@ class SceneParts:
 
         Args:
             rng: generator of the house's details.
-            corner: (2,) [m] left end of the front, seen with `inward` to the left of `along`.
+            corner: (2,) [m] end of the front at which `along` begins; `inward` points to the left of `along`.
             along: (2,) unit vector along the front.
             inward: (2,) unit vector from the street into the house.
-            length: of the front [m].
-            depth: of the house [m].
+            length: length of the front [m].
+            depth: depth of the house [m].
         """
         bays = max(2, round(length / rng.uniform(3.0, 5.0)))
         cuts = np.concatenate([[0.0], np.sort(rng.uniform(1.0, length - 1.0, bays - 1)), [length]])
@@ -125,11 +125,11 @@ def draw_mover(rng: np.random.Generator) -> tuple[float, float]:
 def make_street_scene(seed: int, *, movers: int = 10) -> Scene:
     """Makes nine blocks of a city: broken facades, gaps and a park, lamps, trees, parked and moving vehicles.
 
-    The middle block is centred at the origin. The lanes around it that a counter-clockwise drive keeps to are free of
-    moving vehicles, because these do not give way.
+    The middle block is centred at the origin. The lanes around it that a counter-clockwise drive uses have no moving
+    vehicles, because these do not give way.
 
     Args:
-        seed: another seed is another city.
+        seed: another seed gives another city.
         movers: number of moving vehicles.
     """
     rng = np.random.default_rng([seed, 1])
@@ -149,18 +149,19 @@ def make_street_scene(seed: int, *, movers: int = 10) -> Scene:
 
 
 def make_corridor_scene(*, length: float = 4000.0) -> Scene:
-    """Makes two featureless walls of a length [m] along x, 14 m apart: motion along them cannot be seen."""
+    """Makes two featureless walls of a length [m] along x, 14 m apart: a radar cannot see motion along them."""
     return Scene(np.array([[-length / 2.0, y, length / 2.0, y, 1.0, WALL_OPACITY] for y in (-7.0, 7.0)]))
 
 
 def make_tunnel_scene(seed: int, *, length: float = 400.0) -> Scene:
-    """Makes a bare tunnel along x from the origin on, between two streets with houses and lamps.
+    """Makes a bare tunnel along x that starts at the origin, between two streets with houses and lamps.
 
-    In its middle a radar of 120 m sees nothing but two featureless walls, and motion along them cannot be seen by a map.
+    In the middle of the tunnel, a radar with a range of 120 m sees only two featureless walls, so that a map cannot show
+    motion along them.
 
     Args:
-        seed: another seed has other houses.
-        length: of the tunnel [m].
+        seed: another seed gives other houses.
+        length: length of the tunnel [m].
     """
     rng = np.random.default_rng([seed, 23])
     parts = SceneParts([np.array([[0.0, y, length, y, 1.0, WALL_OPACITY] for y in (-_TUNNEL_M, _TUNNEL_M)])])
@@ -183,7 +184,7 @@ def make_yard_scene(seed: int, *, movers: int = 0) -> Scene:
     """Makes a yard at the origin with buildings around it, 10 to 150 m away, trees, lamps and parked vehicles.
 
     Args:
-        seed: another seed is another yard.
+        seed: another seed gives another yard.
         movers: number of vehicles that drive past.
     """
     rng = np.random.default_rng([seed, 2])
@@ -219,7 +220,7 @@ def make_yard_scene(seed: int, *, movers: int = 0) -> Scene:
 
 
 def _block(rng: np.random.Generator, centre: Array, half: Array, parts: SceneParts) -> None:
-    """Adds the houses of one block of half size (2,) [m], in rows along its four sides, with gaps."""
+    """Adds the houses of one block, given half its size (2,) [m], in rows along its four sides, with gaps."""
     depth = 11.0
     for quarter in range(4):
         along = np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)][quarter])
@@ -280,7 +281,7 @@ def _traffic(rng: np.random.Generator, number: int) -> Array:
 
 
 def _on_lanes(rng: np.random.Generator, lanes: list[tuple[Array, float, float]], number: int) -> Array:
-    """Puts vehicles (number, 9) on lanes (start, heading, length) at random; those of one lane share a speed."""
+    """Puts vehicles (number, 9) on lanes (start, heading, length) at random; all vehicles of a lane have the same speed."""
     speeds = rng.uniform(5.0, 10.0, len(lanes))
     movers = np.empty((number, 9))
     for m in range(number):

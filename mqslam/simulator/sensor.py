@@ -26,20 +26,20 @@ class SensorModel:
         turn_rate_hz: turns per second.
         azimuths: azimuths per turn.
         range_resolution: length of a range bin [m].
-        max_range: range at which the last bin ends at the latest [m].
+        max_range: largest range at which the last bin may end [m].
         beam_width_deg: one-way half-power width of the beam.
         cells: number of thin parts that the beam is cut into, over three beam widths.
         spread_bins: standard deviation of an echo along the range [bins].
-        wall_level: counts of a wall at right angles to the beam, 10 m away.
-        pole_level: counts of a lamp post in the middle of the beam, 10 m away.
+        wall_level: counts of the echo of a wall at right angles to the beam, 10 m away.
+        pole_level: counts of the echo of a lamp post in the middle of the beam, 10 m away.
         noise_level: counts of the mean thermal noise; 0 means no noise.
         speckle: share of an echo's power that fluctuates, 0..1.
         roughness: standard deviation of a surface's depth [m].
         saturation_probability: probability that the noise of an azimuth is 15 to 25 dB higher.
-        clutter_probability: probability that a bin holds an echo of nothing.
+        clutter_probability: probability that a bin holds a clutter echo, which nothing in the scene causes.
         doppler_beta: range shift per closing speed [s]: measured range = true range - doppler_beta * closing speed.
-        chirps: whether chirps go up and down in turn, up at the first azimuth; the shift of those that go down has the
-            opposite sign.
+        chirps: whether chirps go up and down in turn, up at the first azimuth; a chirp that goes down has the opposite
+            range shift.
     """
 
     turn_rate_hz: float = 4.0
@@ -97,7 +97,7 @@ class SensorModel:
 
     @property
     def angles(self) -> NDArray[np.float64]:
-        """Azimuths (A,) [rad] counter-clockwise from straight ahead, from 0 down to a whole turn."""
+        """Azimuths (A,) [rad] counter-clockwise from straight ahead: from 0 down to almost -2 pi, a clockwise turn."""
         return np.asarray(-2.0 * np.pi / ENCODER * self.encoders)
 
 
@@ -113,11 +113,11 @@ def render_polar_scan(
 
     Args:
         scene: what reflects.
-        poses: (A, 3) of the sensor at each azimuth, scene frame.
+        poses: (A, 3) pose of the sensor at each azimuth, scene frame.
         twists: (A, 3) body velocity of the sensor at each azimuth [m/s, m/s, rad/s].
-        times: (A,) of each azimuth [s]; they place the moving vehicles.
+        times: (A,) time of each azimuth [s], which determines where moving vehicles are.
         sensor: the radar.
-        seed: of the noise of this polar scan; the same seed gives the same bytes.
+        seed: seed of the noise of this polar scan; the same seed gives the same bytes.
 
     Returns:
         Counts (A, B) uint8, half a decibel each.
@@ -148,7 +148,7 @@ def render_polar_scan(
 
 
 def _keep_near(scene: Scene, poses: se2.Array, max_range: float) -> Things:
-    """Returns what reflects, without the walls, poles and plants that no beam from some poses (A, 3) reaches."""
+    """Returns the things of a scene without the walls, poles and plants that are out of range of all poses (A, 3)."""
     middle = poses[len(poses) // 2, :2]
     reach = max_range + np.hypot(*(poses[:, :2] - middle).T).max() + 2.0  # the margin covers the size of any thing
     starts, along = scene.walls[:, :2], scene.walls[:, 2:4] - scene.walls[:, :2]

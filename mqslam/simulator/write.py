@@ -1,4 +1,4 @@
-"""A simulated drive written as a recording in the Oxford layout, with the readings of other sensors beside it."""
+"""Writes a simulated drive as a recording in the Oxford layout, with the readings of the other sensors beside it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from mqslam.simulator.sensor import SensorModel
 SCENES = ("street", "corridor", "tunnel", "yard", "city")
 """Names of the scenes that `simulate` knows."""
 COARSE_SENSOR = SensorModel(range_resolution=0.175, max_range=120.0)
-"""A Navtech CTS350-X whose range bins are longer than they could be, and end sooner: its recordings stay small."""
+"""A Navtech CTS350-X with longer range bins and a shorter range than it can have, so that its recordings stay small."""
 _MOST_LATE_S = 10.0  # a limit on nonsense: no driver takes longer to stamp a reading
 _LONGEST_S = 7 * 24 * 3600.0  # a limit on disk space, far beyond any use
 
@@ -53,15 +53,15 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
         out: folder to make; it may exist, but must be empty.
         scene: `street` (rounds of a block), `corridor` (straight on between endless walls), `tunnel` (a bare tunnel
             of 400 m between two streets, at changing speed), `yard` (a slow circle) or
-            `city` (kilometres of streets, of which a drive comes to many again).
+            `city` (kilometres of streets, many of which the drive passes again).
         duration_s: how long to drive [s].
         sensor: the radar.
-        seed: of the scene and of all noise.
+        seed: seed of the scene and of all noise.
         movers: number of vehicles in the scene's lanes; None takes the scene's usual number.
-        world: makes what the radar sees of the scene; every surface shows from everywhere in the usual one.
+        world: makes the world as the radar sees it; in the usual one, every surface is visible from all sides.
         imu: grade of the gyroscope: `mems` (a consumer part), `good` (a tactical one) or `none`.
         imu_rate_hz: readings of the gyroscope per second.
-        imu_late_s: how much later than the radar's clock the gyroscope's stamps the same instant [s].
+        imu_late_s: by how much the gyroscope's stamp of an instant is later than the radar's [s].
         jobs: number of polar scans that are rendered at the same time.
         progress: called with (polar scans written, polar scans in all).
 

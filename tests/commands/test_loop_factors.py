@@ -120,7 +120,7 @@ def test_who_asks_is_told_of_passes_that_could_not_be_tied(street: TrackedRun) -
     track = Trajectory(scans_of(street).stamps_us, street.poses)
     unsure = CONFIG.model_copy(update={"odometry": OdometryConfig(sigma_yaw_rate=1.0)})
     assert loop_factors(scans_of(street), track, A, config=unsure, work=Work(tell=told.append)) == []
-    assert len(told) == 1 and "less sure of the place than the search for loops reaches" in told[0]
+    assert len(told) == 1 and "the search for loops cannot cover the uncertainty" in told[0]
 
 
 def test_what_cannot_be_meant_is_refused(street: TrackedRun) -> None:

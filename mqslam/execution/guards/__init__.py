@@ -1,1 +1,1 @@
-"""What keeps a command from doing harm and from coming to harm: locks, names of its own files, bounds of memory."""
+"""Guards that keep a command from doing and taking harm: locks, bounds of memory, separate processes for hostile files."""

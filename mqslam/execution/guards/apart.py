@@ -1,4 +1,4 @@
-"""Work on hostile files in a process of its own, which may crash, with bounded memory and time."""
+"""Calls functions on hostile files in a process of their own, which may crash and has bounded memory and time."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from typing import Final, NoReturn
 
 from mqslam.execution.guards.memory import bound_memory
 
-_PATIENCE_S: Final = 600.0  # time of such a process
-_REFUSED: Final = 3  # its exit code when it says on stderr what is wrong
+_PATIENCE_S: Final = 600.0  # longest time that such a process may take
+_REFUSED: Final = 3  # exit code of a process that has written to stderr what is wrong
 _ONE_THREAD: Final = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
 
 
 class ProcessFailed(Exception):
-    """A process that did not come to its end; its text is what is wrong, as far as it could say so."""
+    """The error of a process that did not finish; its text says what went wrong, as far as that is known."""
 
 
 def call_apart(function: Callable[[list[str]], bytes], words: list[str], content: bytes = b"", *, most_bytes: int) -> bytes:
-    """Returns what a function of a module returns in a process of its own.
+    """Calls a function of a module in a process of its own, and returns its result.
 
-    The folder that the user works in is no place to import from there: it may hold anything.
+    That process imports nothing from the user's current folder, since the folder may hold anything.
 
     Args:
-        function: takes words, may read stdin, and may print nothing.
-        words: for the function.
-        content: of stdin.
+        function: the function; it takes the words, may read stdin, and must not print.
+        words: argument of the function.
+        content: content of stdin.
         most_bytes: memory that the process may have.
 
     Raises:
@@ -51,7 +51,7 @@ def call_apart(function: Callable[[list[str]], bytes], words: list[str], content
 
 
 def answer(function: Callable[[list[str]], bytes]) -> NoReturn:
-    """Calls a function for `call_apart`, in that process."""
+    """Calls a function in the process that `call_apart` has started, and ends that process."""
     bound_memory(int(sys.argv[1]))
     try:
         content = function(sys.argv[2:])
@@ -61,4 +61,4 @@ def answer(function: Callable[[list[str]], bytes]) -> NoReturn:
         os._exit(_REFUSED)
     sys.stdout.buffer.write(content)
     sys.stdout.flush()
-    os._exit(0)  # what a damaged file has made of a library need not end well
+    os._exit(0)  # at once, since a library that has read a damaged file may crash at a normal exit

@@ -1,7 +1,7 @@
-"""Bounds for what a ROS bag may unpack and define: rosbags itself takes as much memory as a bag asks it to.
+"""Bounds on the memory that a ROS bag can make rosbags use, since rosbags itself takes as much as a bag asks for.
 
-They are put in the place of the functions by which rosbags unpacks data, opens databases, and parses profiles and
-the definitions of messages.
+Bounded functions replace those with which rosbags unpacks data, opens databases, and parses profiles and message
+definitions.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any, cast
 
 from mqslam.errors.untrusted import bound_unpacked
 
-_LONGEST_QUALITIES = 4000  # characters: a profile takes 300
+_LONGEST_QUALITIES = 4000  # characters of quality-of-service profiles; a profile takes 300
 _LONGEST_DEFINITION = 1_000_000  # characters
 _LONGEST_ARRAY = 1000  # strings or messages in an array of fixed length, for each of which rosbags writes code
 _LARGE_CONSTANT = re.compile(r"<<|\bconst\b[^;]*=[^;]*\*")  # a few of these make numbers that fill the memory
@@ -24,7 +24,7 @@ _LARGE_CONSTANT = re.compile(r"<<|\bconst\b[^;]*=[^;]*\*")  # a few of these mak
 
 @cache
 def bound_rosbags() -> None:
-    """Puts the bounds in place, once."""
+    """Replaces functions of rosbags by bounded ones, once."""
     names = "rosbag1.reader", "rosbag2.reader", "rosbag2.storage_mcap", "rosbag2.storage_sqlite3", "highlevel.anyreader"
     first, second, mcap, sqlite, reading = (cast(Any, importlib.import_module(f"rosbags.{name}")) for name in names)
     lz4, zstd = _unpack_with("lz4.frame", "LZ4FrameDecompressor"), _BoundedZstd(second.zstd)
@@ -37,12 +37,12 @@ def bound_rosbags() -> None:
 
 
 def _unpack_with(module: str, name: str) -> Callable[[bytes], bytes]:
-    """Returns a function that unpacks by the class of a name, up to a bound."""
+    """Returns a function that unpacks data up to a bound, with the class of a name in a module."""
     return partial(_unpack, getattr(importlib.import_module(module), name))
 
 
 class _BoundedZstd:
-    """The part of the zstd module by which rosbags unpacks chunks, messages and whole files."""
+    """A bounded replacement of the zstd module, with which rosbags unpacks chunks, messages and whole files."""
 
     def __init__(self, zstd: Any) -> None:
         self._zstd = zstd
@@ -52,7 +52,7 @@ class _BoundedZstd:
         return _unpack(self._zstd.ZstdDecompressor, packed)
 
     def open(self, file: Any, mode: str) -> Any:
-        """Opens a packed file to be read."""
+        """Opens a packed file for reading."""
         size = file.seek(0, io.SEEK_END)
         file.seek(0)
         return _BoundedFile(self._zstd.open(file, mode), bound_unpacked(size))
@@ -71,7 +71,7 @@ class _BoundedFile:
         self._file.close()
 
     def read(self, size: int = -1) -> bytes:
-        """Reads what comes next, up to a number of bytes."""
+        """Reads the next bytes, at most `size` of them."""
         content: bytes = self._file.read(min(size, self._left + 1) if size >= 0 else self._left + 1)
         self._left -= len(content)
         if self._left < 0:
@@ -80,10 +80,10 @@ class _BoundedFile:
 
 
 def _unpack(make: Callable[[], Any], packed: bytes) -> bytes:
-    """Unpacks one or several streams, one behind the other, by an unpacker of bz2, lz4 or zstd for each.
+    """Unpacks one stream or several joined streams, each with a new unpacker of bz2, lz4 or zstd.
 
     Raises:
-        ValueError: they unpack to more than is allowed, or end too early.
+        ValueError: the streams unpack to more than is allowed, or end too early.
     """
     most, parts, left = bound_unpacked(len(packed)), [], packed
     while left:
@@ -104,22 +104,22 @@ def _refuse(most_bytes: int) -> ValueError:
 
 
 def _parse_qualities(parse: Callable[[Any], list[Any]], profiles: Any) -> list[Any]:
-    """Returns the quality of service, or none where its YAML is damaged, or long or repetitive, which takes much memory."""
+    """Parses quality-of-service profiles; returns none for damaged YAML, or long or repetitive YAML that fills memory."""
     is_short = isinstance(profiles, str) and len(profiles) <= _LONGEST_QUALITIES and not set("&*") & set(profiles)
     try:
         return parse(profiles) if is_short else []
-    except Exception:  # whatever is wrong with them: nothing is read by them
+    except Exception:  # any error may be ignored, because reading needs no profiles
         return []
 
 
 def _bound_database(apsw: Any, database: Any) -> None:
-    """Keeps a database from making rows that are not in its file: by views, or by columns that are computed."""
+    """Keeps a database from making rows that are not in its file, by views or by computed columns."""
     database.config(apsw.SQLITE_DBCONFIG_ENABLE_VIEW, 0)
     database.limit(apsw.SQLITE_LIMIT_LENGTH, bound_unpacked(0) + Path(database.filename).stat().st_size)
 
 
 def _bound_definitions(parse: Callable[..., Mapping[str, Any]]) -> Callable[..., Mapping[str, Any]]:
-    """Returns a parser of message definitions that refuses those which rosbags cannot digest."""
+    """Returns a parser of message definitions that refuses definitions that would take rosbags too much memory."""
     from rosbags.interfaces import Nodetype
 
     def parse_bounded(text: str, *name: str) -> Mapping[str, Any]:

@@ -1,4 +1,4 @@
-"""The lock of an output: a file beside it that names the process which writes it, so that no other process does, too."""
+"""Locks of outputs: a file beside an output names the process that writes it, so that no other process writes it, too."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from pathlib import Path
 
 from mqslam.errors import OutputError, Remedy
 
-_TITLE = "mqslam, process"  # how a lock begins; a file of that name that begins otherwise is somebody else's
+_TITLE = "mqslam, process"  # first words of a lock; a file of its name with another beginning belongs to someone else
 _LONGEST = 10_000  # characters of a lock that are read
-_HELD = (errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES)  # any other failure is a file system without locks
-_TRIES = 5  # the owner may remove the file between our opening and our locking it
+_HELD = (errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES)  # any other error means a file system without locks
+_TRIES = 5  # attempts, since the owner may remove the file between our opening and our locking it
 
 
 class Lock:
     """The lock of an output, which this process holds.
 
     Args:
-        path: its file.
-        handle: of the file, which is open and locked.
-        found: what an owner that was killed has left in it.
+        path: file of the lock.
+        handle: handle of the file, which is open and locked.
+        found: content of the file that an owner left when it was killed.
     """
 
     def __init__(self, path: Path, handle: int, found: bytes) -> None:
@@ -34,7 +34,7 @@ class Lock:
         self._write(os.fsencode("\n".join((f"{_TITLE} {os.getpid()} on {socket.gethostname()}", *self.notes))) + b"\n")
 
     def note(self, *lines: str) -> None:
-        """Adds lines, for the next owner if this process is killed."""
+        """Adds lines to the file, for the next owner if this process is killed."""
         os.write(self._handle, os.fsencode("".join(f"{line}\n" for line in lines)))
 
     def remove(self) -> None:
@@ -59,9 +59,9 @@ class Lock:
 
 @contextmanager
 def lock_output(out: Path) -> Iterator[Lock]:
-    """Yields the lock of an output, whose file is removed with the end of the block.
+    """Yields the lock of an output, whose file is removed at the end of the block.
 
-    The system frees the lock of a process that is killed. Its file stays, with what the process has noted in it, until a
+    The system frees the lock of a process that is killed. The file stays, with the notes of that process, until a later
     block ends without an error.
 
     Args:
@@ -93,7 +93,7 @@ def lock_output(out: Path) -> Iterator[Lock]:
 
 
 def _take(path: Path, out: Path, opened: contextlib.ExitStack) -> Lock:
-    """Opens and locks the file of a lock."""
+    """Opens the file of a lock, and locks it."""
     for _ in range(_TRIES):
         handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
         try:
@@ -116,7 +116,7 @@ def _take(path: Path, out: Path, opened: contextlib.ExitStack) -> Lock:
 
 
 def _try_to_lock(handle: int) -> bool:
-    """Locks a file; returns False if it is locked. Where the file system has no locks, nothing is locked."""
+    """Locks a file; returns False if another owner holds it. On a file system without locks, nothing is locked."""
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""The largest memory that processes have held or may hold, and what they hold of memory that a stage has freed."""
+"""Memory of processes: its peak so far, an upper bound for it, and the return of freed memory to the system."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _UNIT_MB = 2.0**-20 if sys.platform == "darwin" else 2.0**-10  # macOS counts by
 
 
 def find_peak_mb(*, children: bool = False) -> float:
-    """Returns the largest memory that this process, or any of it and its ended children, has held [MB].
+    """Returns the peak memory [MB] of this process, or the largest peak among it and its ended children.
 
     Args:
         children: whether children count, too.
@@ -20,12 +20,12 @@ def find_peak_mb(*, children: bool = False) -> float:
 
 
 def bound_memory(most_bytes: int) -> None:
-    """Lets this process have no more memory than that."""
+    """Limits the memory of this process to `most_bytes`."""
     resource.setrlimit(resource.RLIMIT_AS, (most_bytes, most_bytes))
 
 
 def return_free_memory() -> None:
-    """Returns to the system what the C library keeps of freed memory for later; after a stage that is often 100 MB.
+    """Gives freed memory that the C library keeps for later back to the system; after a stage that is often 100 MB.
 
     Only glibc does so on request.
     """

@@ -19,17 +19,17 @@ from mqslam.simulator.drive import SampledDrive, limit_acceleration
 from mqslam.simulator.scene import Array
 
 SPACING = 0.25
-"""Distance of the samples of a path [m]."""
+"""Distance between the samples of a path [m]."""
 CORNER = 8.0
 """Distance before a crossing's outermost lane at which a corner begins [m]."""
 BEND = 8.0
-"""Distance before a bend within a street at which it begins [m]."""
+"""Distance before a bend within a street at which the path begins to turn [m]."""
 ROUNDING = 0.47
-"""Length of a corner's handles as a share of the distance between its ends: a little more than those of an arc."""
+"""Length of a corner's Bezier handles as a share of the distance between its ends; those of an arc are slightly shorter."""
 PATH_SMOOTHING, TIME_SMOOTHING = 2.5, 0.5
 """Standard deviations of the smoothing of the path [m] and of the progress along it [s]."""
 WANDER, WANDER_LENGTH = 0.12, 25.0
-"""Standard deviation of the place in the lane, and the distance over which it changes [m]."""
+"""Standard deviation of the sideways position in the lane, and the distance over which the position changes [m]."""
 AHEAD, SIDEWAYS = 1.4, 1.8
 """Largest accelerations along and across the path [m/s^2]."""
 STOP_CHANCE = 0.25
@@ -38,7 +38,7 @@ STOP_S = (2.0, 6.0)
 """Shortest and longest stop [s]."""
 
 UNDER_WAY_S = 10.0
-"""Time on the route before the drive's time zero [s]."""
+"""Time for which the vehicle has been on the route at the drive's time zero [s]."""
 
 
 def make_city_drive(seed: int, duration_s: float) -> SampledDrive:
@@ -48,7 +48,7 @@ def make_city_drive(seed: int, duration_s: float) -> SampledDrive:
     points, speeds, crossings = _lay_path(plan, plan_route(seed, plan, fastest * (duration_s + 2.0 * UNDER_WAY_S)))
     rng = np.random.default_rng([seed, 9])
     points = _wander(rng, gaussian_filter1d(points, PATH_SMOOTHING / SPACING, axis=0, mode="nearest"))
-    reach = round(4.0 * PATH_SMOOTHING / SPACING)  # the ends are smoothed with points that are not there
+    reach = round(4.0 * PATH_SMOOTHING / SPACING)  # the ends are cut off, since their smoothing lacks the points beyond them
     points, speeds = points[reach:-reach], speeds[reach:-reach]
     places = np.r_[0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T))]
     along = np.arange(0.0, places[-1], SPACING)
@@ -65,11 +65,11 @@ def make_city_drive(seed: int, duration_s: float) -> SampledDrive:
 
 
 def _lay_path(plan: CityPlan, route: list[Course]) -> tuple[Array, Array, list[int]]:
-    """Lays the way along the lanes of a route, with rounded corners and bends.
+    """Makes the path along the lanes of a route, with rounded corners and bends.
 
     Returns:
-        Points (N, 2) [m], about `SPACING` apart; speeds (N,) [m/s] at which one drives there; indices of the points
-        before each crossing.
+        Points (N, 2) [m], about `SPACING` apart; usual speeds (N,) [m/s] there; the index of the last point before each
+        crossing.
     """
     corners = np.zeros(len(plan.crossings))
     for street in plan.driven_streets():
@@ -101,7 +101,7 @@ def _lay_path(plan: CityPlan, route: list[Course]) -> tuple[Array, Array, list[i
 
 
 def _round_corner(before: Array, after: Array) -> Array:
-    """Returns points (N, 2) between the end of the piece `before` (2, 2) and the start of the piece `after` (2, 2)."""
+    """Returns points (N, 2) on a rounded corner from the end of the piece `before` (2, 2) to the start of `after` (2, 2)."""
     a, b = before[1], after[0]
     distance = float(np.hypot(*(b - a)))
     u, v = before[1] - before[0], after[1] - after[0]
@@ -127,7 +127,7 @@ def _curvatures(line: CubicSpline, along: Array) -> Array:
 
 
 def _time_progress(along: Array, speeds: Array, waits: Array) -> tuple[Array, Array]:
-    """Returns times (M,) [s] and the distances (M,) [m] reached by them, with the acceleration constant in between."""
+    """Returns times (M,) [s] and the distances (M,) [m] reached at these times, with constant acceleration in between."""
     steps = 2.0 * np.diff(along) / (speeds[1:] + speeds[:-1])
     arrived = np.r_[0.0, np.cumsum(steps + waits[:-1])]
     leaving = arrived + waits
@@ -147,13 +147,13 @@ def _drive_along(line: CubicSpline, times: Array, reached: Array, duration_s: fl
 
 
 OUTWARD = 300.0
-"""Length [m] after which the way to something new turns back."""
+"""Length [m] of a round's way out, after which it turns back."""
 LONGEST = 1300.0
-"""Length [m] of a round from which on it turns back earlier."""
+"""Length [m] of the longest round; a round that would be longer turns back earlier."""
 AGAIN = 2.0
-"""Factor by which a street driven before counts as longer, where a round looks for its way."""
+"""Factor by which a street that was driven before counts as longer, so that rounds prefer new streets."""
 LONGEST_BACK = 1100.0
-"""Length [m] of a round and of the way to turn round after it, up to which it is driven backwards."""
+"""Largest length [m] of a round that is driven backwards, including the way to turn round after it."""
 
 
 class Course(NamedTuple):
@@ -164,30 +164,30 @@ class Course(NamedTuple):
 
     @property
     def start(self) -> int:
-        """Number of the crossing that it leaves."""
+        """Number of the crossing at which the course begins."""
         return self.street.ends[:: self.way][0]
 
     @property
     def end(self) -> int:
-        """Number of the crossing that it reaches."""
+        """Number of the crossing at which the course ends."""
         return self.street.ends[:: self.way][1]
 
     @property
     def line(self) -> Array:
-        """Middle (K, 2) [m] of the street, as driven."""
+        """Middle (K, 2) [m] of the street, in the direction of the course."""
         return self.street.line[:: self.way]
 
 
 def plan_route(seed: int, plan: CityPlan, length: float) -> list[Course]:
     """Plans a route of rounds through several blocks each, without turning round in a street.
 
-    A round leads out to something new and back by other streets. Each is driven twice: every other one
-    backwards, if it is short. Then the route goes on to where the next begins.
+    A round leads out to something new and back by other streets. Each round is driven twice. Of every other round, if it
+    is short, the second drive is backwards. Then the route goes on to the start of the next round.
 
     Args:
-        seed: of the route.
+        seed: seed of the route.
         plan: the city.
-        length: that the route reaches at least [m].
+        length: least length of the route [m].
     """
     rng = np.random.default_rng([seed, 8])
     courses = [Course(street, way) for street in plan.driven_streets() for way in (1, -1)]  # k ^ 1 is the way back of k
@@ -247,7 +247,7 @@ def _turn_round(net: _Net, here: int, tour: list[int]) -> list[int]:
 
 
 class _Net:
-    """All courses that can be driven, their lengths [m], and which of them follow each other: all but the way back."""
+    """All courses with their lengths [m]. A course may be followed by any that begins at its end, except by its way back."""
 
     def __init__(self, courses: list[Course]) -> None:
         self.lengths = np.array([course.street.length for course in courses])
@@ -263,7 +263,7 @@ class _Net:
         return np.isin(np.arange(len(self.lengths)) // 2, np.array(route) // 2)
 
     def find_way(self, here: int, goals: list[int], factors: NDArray[np.float64]) -> list[int]:
-        """Returns the courses after `here` of the shortest way to the nearest goal, with lengths times their factors."""
+        """Returns the shortest way to the nearest goal, as the courses after `here`; lengths are multiplied by `factors`."""
         costs = (self.lengths * factors)[self._after]
         size = len(self.lengths)
         costs, before = dijkstra(

@@ -16,7 +16,7 @@ from mqslam.simulator.scene import Array
 COLUMNS, ROWS = 12, 10
 """Crossings of the net along x and along y; nobody drives to the outermost ones."""
 MEDIAN = 1.6
-"""Half of the strip between the two roadways of the dual carriageway [m]."""
+"""Half of the width of the strip between the two roadways of the dual carriageway [m]."""
 
 StreetKind = Literal["street", "carriageway", "bridge", "footway"]
 BlockKind = Literal["closed", "open", "halls", "square", "park", "river"]
@@ -26,10 +26,10 @@ class Profile(NamedTuple):
     """The cross section of a street, the same to both sides of its middle."""
 
     half: float  # half of the roadway's width [m]
-    verge: float  # width of what lies between roadway and houses [m]
-    # distances of the lanes' middles from the street's middle [m]; one drives on the last of the right side
+    verge: float  # width of the strip between roadway and houses [m]
+    # distances of the lanes' middles from the street's middle [m]; a drive uses the last lane on the right side
     lanes: tuple[float, ...]
-    speed: float  # at which one drives there [m/s]
+    speed: float  # usual speed of a drive [m/s]
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Street:
 
 @dataclass(frozen=True)
 class Block:
-    """What four streets enclose."""
+    """The area that four streets enclose."""
 
     kind: BlockKind  # what stands there
     outline: Array  # (K, 2) the middles of the streets around it [m], counter-clockwise
@@ -89,7 +89,7 @@ class CityPlan:
 
 
 def _is_inside(ends: tuple[int, int]) -> bool:
-    """Returns whether a street, given by its crossings, does not lead to the outermost ones."""
+    """Returns whether both crossings of a street lie inside the net, not at its edge."""
     return all(0 < end // COLUMNS < ROWS - 1 and 0 < end % COLUMNS < COLUMNS - 1 for end in ends)
 
 
@@ -103,7 +103,7 @@ class _Sights(NamedTuple):
 
 
 def lay_plan(seed: int) -> CityPlan:
-    """Lays the streets and blocks of a city; another seed is another city."""
+    """Lays the streets and blocks of a city; another seed gives another city."""
     rng = np.random.default_rng([seed, 4])
     sights = _choose_sights(rng)
     crossings = _place_crossings(rng, sights.carriageway)
@@ -125,7 +125,7 @@ def _choose_sights(rng: np.random.Generator) -> _Sights:
 
 
 def _place_crossings(rng: np.random.Generator, carriageway: int) -> Array:
-    """Returns places (C, 2) [m]: those of an uneven grid, moved at random and along long waves."""
+    """Returns the crossings (C, 2) [m] of an uneven grid, moved at random and along long waves."""
     x, y = (np.r_[0.0, np.cumsum(rng.uniform(*span, n - 1))] for n, span in ((COLUMNS, (78, 165)), (ROWS, (66, 120))))
     grid = np.stack(np.meshgrid(x - x.mean(), y - y.mean()), axis=-1)
     moves = rng.uniform(-7.0, 7.0, grid.shape)
@@ -167,7 +167,7 @@ def _lay_streets(rng: np.random.Generator, crossings: Array, sights: _Sights) ->
 
 
 def _name_street(is_row: bool, column: int, row: int, sights: _Sights) -> StreetKind:
-    """Returns what a street along x, or else along y, that begins at a crossing is."""
+    """Returns the kind of the street that begins at a crossing and runs along x (`is_row`), or else along y."""
     across, up = sights.park
     if is_row:
         if row == sights.carriageway:
@@ -210,7 +210,7 @@ def _lay_street(
 def _make_block(
     rng: np.random.Generator, streets: dict[tuple[int, int], Street], column: int, row: int, sights: _Sights
 ) -> Block:
-    """Makes the block whose corner with the least column and row is the crossing of that column and row."""
+    """Makes the block whose corner with the least column and row is the crossing at `column` and `row`."""
     corner = row * COLUMNS + column
     above = corner + COLUMNS
     around = [((corner, corner + 1), 1), ((corner + 1, above + 1), 1), ((above, above + 1), -1), ((corner, above), -1)]
@@ -231,11 +231,11 @@ def _make_block(
 
 
 def offset_line(line: Array, distances: Array, *, closed: bool) -> Array:
-    """Moves every piece of a broken line to its left, and lets the pieces meet again.
+    """Moves every piece of a polyline to its left, and makes the pieces meet again.
 
     Args:
         line: (N, 2) [m]; the last point of a closed line is joined to its first.
-        distances: of every piece [m]: (N,) of a closed line, (N - 1,) of an open one.
+        distances: distance by which every piece is moved [m]: (N,) of a closed line, (N - 1,) of an open one.
         closed: whether the line is a polygon.
 
     Returns:
@@ -275,7 +275,7 @@ def distance_to_pieces(points: Array, starts: Array, ends: Array) -> Array:
 
 
 def draw_inside(rng: np.random.Generator, polygon: Array, number: int) -> Array:
-    """Draws points (M, 2) in a polygon: as many as of `number` points in the box around it."""
+    """Draws `number` points in the box around a polygon, and returns those (M, 2) that lie in the polygon."""
     low, high = polygon.min(axis=0), polygon.max(axis=0)
     points = rng.uniform(low, high, (number, 2))
     return np.asarray(points[contains(polygon, points)])

@@ -32,10 +32,10 @@ USUAL_TRAFFIC = 0.2
 def make_city_scene(seed: int, *, movers: int | None = None) -> Scene:
     """Makes a city of about 1.3 km by 0.9 km, with 12 km of streets that a drive can use.
 
-    Vehicles move on all lanes and do not give way: `give_way` takes those away that a drive would run into.
+    Vehicles move on all lanes and do not give way: `give_way` removes those that a drive would run into.
 
     Args:
-        seed: another seed is another city.
+        seed: another seed gives another city.
         movers: number of moving vehicles; None takes one for every 125 m of lane.
     """
     plan = lay_plan(seed)
@@ -51,7 +51,7 @@ def make_city_scene(seed: int, *, movers: int | None = None) -> Scene:
 
 
 def give_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
-    """Moves vehicles along their lanes out of the way of a drive, and takes away those that it would still meet."""
+    """Moves vehicles along their lanes out of the way of a drive, and removes those that the drive would still meet."""
     scene = clear_way(scene, drive, duration_s)
     times = np.arange(0.0, duration_s, 0.05)
     poses = drive.poses(times)
@@ -95,7 +95,7 @@ def _lay_lanes(rng: np.random.Generator, plan: CityPlan) -> list[tuple[float, fl
 
 
 LOW_OPACITY = 0.15
-"""Share of the beam that a railing, a fence or a barrier takes."""
+"""Share of the beam that a railing, a fence or a barrier blocks."""
 CORNER = np.deg2rad(30.0)
 """A house line that turns by more than this [rad] has a corner there."""
 
@@ -103,7 +103,7 @@ Span = tuple[float, float]
 
 
 class _Style(NamedTuple):
-    """How a block is built up: setback, depth and length of its houses, probability and length of a gap after one [m]."""
+    """How a block is built up: setback, depth and length of its houses, probability and length of gaps between them [m]."""
 
     setback: Span
     depth: Span
@@ -208,7 +208,7 @@ def _overlaps(shape: Array, others: list[Array]) -> bool:
 
 
 def _bound_plot(rng: np.random.Generator, start: Array, end: Array, parts: SceneParts) -> None:
-    """Adds a hedge or a fence along a side of an open block, or nothing."""
+    """Adds a hedge, a fence or nothing along a side of an open block."""
     chance = rng.random()
     if chance < 0.35:
         _add_hedge(rng, start, end, parts)
@@ -234,7 +234,7 @@ def _fill_court(rng: np.random.Generator, block: Block, house_line: Array, house
 
 
 def _add_where_free(box: Array, house_line: Array, taken: list[Array], parts: SceneParts) -> None:
-    """Adds a box of four walls (4, 6) if it is within the house line and reaches into nothing that is there."""
+    """Adds a box of four walls (4, 6) if it lies within the house line and overlaps nothing in `taken`."""
     corners = box[:, :2]
     if not _overlaps(corners, taken) and np.all(contains(house_line, corners)):
         taken.append(corners)
@@ -282,11 +282,11 @@ def _furnish_square(rng: np.random.Generator, house_line: Array, parts: ScenePar
 
 
 PARKING_VERGE = 5.0
-"""Width of a verge [m] from which on vehicles park there."""
+"""Vehicles park on verges that are wider than this [m]."""
 
 
 def furnish_street(rng: np.random.Generator, street: Street, clear: tuple[float, float], parts: SceneParts) -> None:
-    """Adds what stands along a street; at its two ends, distances `clear` [m] stay free."""
+    """Adds the things along a street; at its two ends, distances `clear` [m] stay free."""
     first, last = clear[0] + 1.0, street.length - clear[1] - 1.0
     if street.kind == "footway" or last - first < 5.0:
         return
@@ -307,7 +307,7 @@ def furnish_street(rng: np.random.Generator, street: Street, clear: tuple[float,
 def _furnish_side(
     rng: np.random.Generator, street: Street, span: tuple[float, float], side: float, parts: SceneParts
 ) -> None:
-    """Adds what stands on the left (side 1) or right (side -1) of a street, between two distances along it [m]."""
+    """Adds the things on the left (side 1) or right (side -1) of a street, between two distances along it [m]."""
     half, verge = street.profile.half, street.profile.verge
     parks = verge > PARKING_VERGE and street.kind == "street"
     kerb = half + (2.5 if parks else 0.5)

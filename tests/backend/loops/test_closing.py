@@ -74,7 +74,7 @@ def test_passes_that_the_trajectory_does_not_know_well_enough_are_not_compared_a
     search = closed(60.0, 20.0)
     assert search.loops == [] and search.tried == 0 and search.unsure >= 5
     (warning,) = search.warnings
-    assert "less sure of the place than the search for loops reaches" in warning
+    assert "the search for loops cannot cover the uncertainty" in warning
 
 
 def test_a_few_pairs_left_out_beside_many_loops_are_no_warning() -> None:
