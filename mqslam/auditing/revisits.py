@@ -200,7 +200,7 @@ class Revisit:
     @property
     def moved(self) -> NDArray[np.float64]:
         """The offset (2,) of the later pass in the world's directions [m]: one pass beside the other keeps it in turns."""
-        return se2.transform([0.0, 0.0, self.heading], self.offset[None, :2])[0]
+        return np.asarray(se2.transform([0.0, 0.0, self.heading], self.offset[None, :2])[0])
 
 
 @dataclass(frozen=True, slots=True)
