@@ -1,1 +1,1 @@
-"""Comparing front ends on one recording: the same returns, the same back end, the same judges."""
+"""Compares front ends on one recording, with the same returns, the same back end and the same judges."""

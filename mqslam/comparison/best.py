@@ -1,7 +1,7 @@
-"""The best row of a comparison: what decides it, and the sentences that say so.
+"""Finds the best row of a comparison, and says in words what decides.
 
-Errors against ground truth decide first, the share of torn windows and of torn revisits after them. psi per point over
-neighbours in time decides nothing, since a map that bends slowly has as small a one as a map that does not.
+Errors against ground truth decide first, then the shares of torn windows and of torn revisits. psi per point over neighbours
+in time decides nothing, since it is as small for a map that bends slowly as for one that does not bend.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from mqslam.auditing.windows.windows import share_torn
 from mqslam.comparison.judgement import JudgedRow
 from mqslam.core.wording import join_words
 
-_FIGURES: Final = ".3f"  # errors that read the same in the table are taken to be the same
+_FIGURES: Final = ".3f"  # errors with the same text in the table count as equal
 
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """What a row is ranked by.
+    """The errors and shares by which a row is ranked.
 
     Args:
-        name: of the row.
+        name: name of the row.
         drift_percent: error [%] of KITTI's segments against ground truth, or None where it is not known.
         ate_rmse_m: position error [m] against ground truth, or None where it is not known.
-        windows: the torn ones among its windows.
-        revisits: the torn ones among its sure revisits.
+        windows: share of its windows that are torn.
+        revisits: share of its sure revisits that are torn.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Standing:
 
     @classmethod
     def of(cls, judged: JudgedRow) -> Standing:
-        """Returns what a judged row is ranked by."""
+        """Returns the errors and shares by which a judged row is ranked."""
         return cls(
             name=judged.row.name,
             drift_percent=None if judged.after is None else judged.after.drift_percent,
@@ -51,12 +51,12 @@ class Standing:
 
 @dataclass(frozen=True, slots=True)
 class Best:
-    """The best row, or the rows that cannot be told apart.
+    """The best row of a comparison, or several rows between which no criterion decides.
 
     Args:
-        rows: name of the best row; several names where nothing tells these rows apart.
-        decided_by: what tells the best row from the last of the others, or None where nothing does.
-        sentence: all of this in words, with the figures that decide.
+        rows: name of the best row, or of each of these rows.
+        decided_by: the criterion that rules out the last of the other rows; None where none does.
+        sentence: the result in words, with the figures that decide.
     """
 
     rows: tuple[str, ...]
@@ -65,7 +65,7 @@ class Best:
 
 
 class _Figure(NamedTuple):
-    """A row's figure in one criterion, the range in which it may be by chance, and how a sentence states it."""
+    """A row's value of one criterion, the range within which the value may lie by chance, and its text in a sentence."""
 
     name: str
     value: float
@@ -75,7 +75,7 @@ class _Figure(NamedTuple):
 
 
 class _Tie(NamedTuple):
-    """What a criterion that does not decide leaves: rows that it cannot tell apart, and rows that are worse."""
+    """The result of a criterion that does not decide: rows that may be equal by it, and rows that are worse."""
 
     criterion: str
     alike: list[_Figure]
@@ -83,17 +83,17 @@ class _Tie(NamedTuple):
 
 
 def find_best(rows: Sequence[Standing]) -> Best | None:
-    """Finds the best row: by drift, then by ATE, then by the share of torn windows, then by that of torn revisits.
+    """Finds the best row: by drift, then by ATE, then by the share of torn windows, then of torn revisits.
 
-    A criterion keeps the row with the smallest figure and all rows that it cannot tell from that one, and the next
-    criterion decides among these. Two errors are the same if they read the same in the table. Two shares differ if their
-    ranges do not overlap. A criterion that is not known of every row that is left decides nothing.
+    A criterion keeps the row with the smallest value and all rows that do not differ from it, and the next criterion decides
+    among these. Two errors differ if they have different text in the table. Two shares differ if their ranges do not
+    overlap. A criterion is skipped if one of the remaining rows has no value for it.
 
     Args:
-        rows: those that ran.
+        rows: rows that ran.
 
     Returns:
-        the best row; None where there are not two rows to compare.
+        the best row, or the rows between which no criterion decides; None for fewer than two rows.
     """
     if len(rows) < 2:
         return None
@@ -120,7 +120,7 @@ def find_best(rows: Sequence[Standing]) -> Best | None:
 
 
 def _state_error(name: str, error: float | None, unit: str) -> _Figure | None:
-    """Returns an error against ground truth as a figure that is known as exactly as it is shown; None without truth."""
+    """Returns an error against ground truth as a figure, rounded as in the table and without a range; None without truth."""
     if error is None:
         return None
     text = f"{error:{_FIGURES}}"
@@ -128,7 +128,7 @@ def _state_error(name: str, error: float | None, unit: str) -> _Figure | None:
 
 
 def _state_share(name: str, share: Share) -> _Figure | None:
-    """Returns a share as a figure with its exact binomial range; None where there is nothing to be counted."""
+    """Returns a share as a figure with its exact binomial range; None where nothing was counted."""
     if not share.total:
         return None
     value = share.count / share.total
@@ -145,7 +145,7 @@ _CRITERIA: Final[dict[str, Callable[[Standing], _Figure | None]]] = {
 
 
 def _explain(tie: _Tie) -> str:
-    """Returns why a criterion does not decide, and which rows it rules out all the same."""
+    """Returns in words why a criterion does not decide, and which rows it rules out nevertheless."""
     names, texts = join_words([figure.name for figure in tie.alike]), [figure.text for figure in tie.alike]
     if len(set(texts)) == 1:
         said = f"The {tie.criterion} of {names} is the same: {texts[0]}."

@@ -1,4 +1,4 @@
-"""A finished comparison: every row judged on the same scans, the best of them, and how far they are apart."""
+"""Compares rows: judges each on the same scans, finds the best, and measures how far the rows are apart."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ from mqslam.psi.place import Beam, beam_of
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Everything a finished comparison knows.
+    """The result of a comparison.
 
     Args:
         recording: the recording.
         settings: all settings.
         doppler_beta: range shift per closing speed by which the rows were rendered [s].
-        rows: front ends and given trajectories, those that failed too.
-        judged: the rows that ran, judged, by their names.
-        best: the best of them, or those that cannot be told apart; None without two rows to compare.
+        rows: front ends and given trajectories, including those that failed.
+        judged: judgements of the rows that ran, by the rows' names.
+        best: the best row, or the rows between which nothing decides; None without two rows to compare.
         psi_across: psi per point across passes by row; empty where no place is passed twice.
         compared: number of scans that every row covers, on which they are judged.
-        places: places where the rows differ most; the rows' crops begin with these.
-        stations: places all along the path, whose crops follow.
-        agreement: names of every two rows that ran, and how far they are apart.
-        warnings: what the reader has to know before the numbers.
+        places: places where the rows differ most; each row's crops begin with these.
+        stations: places spread along the path; their crops follow.
+        agreement: names of each two rows that ran, and errors of the first as if the second were the truth.
+        warnings: warnings that a reader must know before the numbers.
     """
 
     recording: Recording
@@ -76,10 +76,10 @@ def compare_rows(
 
     Args:
         recording: the recording.
-        rows: front ends and given trajectories, those that failed too.
-        scans: of the recording.
+        rows: front ends and given trajectories, including those that failed.
+        scans: scans of the recording.
         settings: all settings, with the Doppler shift that is used.
-        warnings: what is wrong with the data, or is not used of it.
+        warnings: warnings about faults of the data, and about data that are not used.
         engine: where the rows are judged; the result does not depend on it.
         progress: called as the audits go on.
 
@@ -123,13 +123,13 @@ def measure_rows_across(
 ) -> dict[str, float]:
     """Measures psi per point across passes of every row.
 
-    The psi of different places cannot be compared. So one row says where a place is passed twice, and all are measured
-    there: the best row, or the first of those that cannot be told apart, or the only one.
+    The psi of different places cannot be compared. One row therefore says where places are passed twice, and all rows are
+    measured there. It is the best row, or the first if nothing decides between several.
 
     Args:
-        judged: the rows that were judged, by their names.
-        best: the best of them; None for one row alone.
-        scans: those that every row covers.
+        judged: judgements of the rows, by the rows' names.
+        best: the best row, or the rows between which nothing decides; None for one row alone.
+        scans: scans that every row covers.
         settings: all settings.
         beam: the sensor's errors.
         engine: where the points are scored; the result does not depend on it.

@@ -1,4 +1,4 @@
-"""The judges of a comparison: the same for every row, with ground truth and without."""
+"""Judges every row of a comparison in the same way, with ground truth and without."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from mqslam.execution.progress import Progress
 from mqslam.mapping.render import render
 from mqslam.psi.place import Beam
 
-# Least number of windows between two such places.
+# Least number of windows between two places that are shown because the trajectories differ there.
 _PLACES_APART = 2
 # Number of places shown at which the trajectories differ most.
 _PLACES = 6
 # A difference in yaw counts as much as the distance by which it moves a point this far away [m].
 _LEVER_M = 20.0
 
-# what the report shows, none of which changes a number
+# sizes of what the report shows; no number depends on them
 _STATIONS: Final = 60  # places along the way that can be looked at
 _MAP_POINTS: Final = 60_000  # points of a row's map that are kept to be looked at
 _CROP_M: Final = 60.0  # half side of a crop [m]
@@ -43,12 +43,12 @@ _CROP_M: Final = 60.0  # half side of a crop [m]
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A place where the rows differ.
+    """A place at which the rows can be compared by eye: a window of scans.
 
     Args:
-        begin, end: its sweeps among those that all rows cover.
-        t0, t1: when it begins and ends [s] since the recording's start.
-        apart_m: how far the two rows farthest apart are from each other on the way through it [m].
+        begin, end: its sweeps, begin <= k < end, among those that all rows cover.
+        t0, t1: times at which it begins and ends [s] since the recording's start.
+        apart_m: largest difference between two rows' motions through it [m]; zero where it was not measured.
     """
 
     begin: int
@@ -66,12 +66,12 @@ class JudgedRow:
         row: the row.
         psi_per_point: score per point of its rendered map.
         matched: share of the map's points that another sweep saw too.
-        audit: its windows and revisits judged.
+        audit: audit of its map.
         before, after: errors against ground truth before and after the back end, or None without ground truth.
-        nees: squared errors of its motions over their covariances and degrees of freedom, 1 on average where these are
-            right, or None without ground truth or without motions.
+        nees: mean squared error of its motions in units of their covariances, per degree of freedom. It is 1 on average if
+            the covariances are right; None without ground truth or without motions.
         crops: (M, 2) [m] points of each place's window, in the frame of the sensor at its middle.
-        map: part of the rendered map, spread evenly.
+        map: part of the points of the rendered map, evenly spread.
     """
 
     row: Row
@@ -89,11 +89,11 @@ def take_common_scans(rows: Sequence[Row], scans: Scans) -> Scans:
     """Returns the scans that the trajectory of every row covers.
 
     Args:
-        rows: those without a trajectory do not count.
-        scans: of the recording.
+        rows: rows of a comparison; those without a trajectory do not count.
+        scans: scans of the recording.
 
     Raises:
-        EstimationError: they are fewer than a window.
+        EstimationError: these scans are fewer than a window.
     """
     by_row = {row.name: find_covered(scans, row.trajectory) for row in rows if row.trajectory is not None}
     inside = set(range(len(scans))).intersection(*by_row.values())
@@ -110,10 +110,10 @@ def take_common_scans(rows: Sequence[Row], scans: Scans) -> Scans:
 
 
 def find_places(scans: Scans, tracks: Sequence[Trajectory], size: int) -> list[Place]:
-    """Finds where the trajectories differ most on the way through a window, the worst place first.
+    """Finds the windows over which the motions of the trajectories differ most; the largest difference comes first.
 
     Args:
-        scans: those that every trajectory covers.
+        scans: scans that every trajectory covers.
         tracks: the trajectories.
         size: number of scans of a window.
     """
@@ -149,12 +149,12 @@ def pick_stations(scans: Scans, size: int) -> list[Place]:
 
 @dataclass(frozen=True)
 class Judge:
-    """What judges every row of a comparison in the same way.
+    """A judge that treats every row of a comparison in the same way.
 
     Args:
-        scans: those that every row covers.
+        scans: scans that every row covers.
         truth: ground truth, or None.
-        where: the places to crop.
+        where: places at which each row's map is cropped.
         settings: all settings.
         beam: the sensor's errors.
         engine: where rows are judged; the result does not depend on it.
@@ -172,8 +172,8 @@ class Judge:
     def judge_all(self, rows: Sequence[Row]) -> tuple[list[Row], dict[str, JudgedRow]]:
         """Judges every row that has a trajectory.
 
-        Errors are taken from the first of the scans to the last, so that a short trajectory is not judged on an easier part
-        than a long one.
+        Errors against ground truth are measured from the first of the common scans to the last, so that a short trajectory
+        is not judged on an easier part than a long one.
 
         Returns:
             the rows, with a failure where one could not be judged, and the judgement of the others by name.
@@ -210,7 +210,7 @@ class Judge:
 
 
 def _cut_to_scans(truth: Trajectory, scans: Scans) -> Trajectory | None:
-    """Returns the part of the truth between the beginning of the first scan and the end of the last; None without any."""
+    """Returns the ground truth from the start of the first scan to the end of the last one; None if it is empty."""
     begin, end = (scans.start_us + round(1e6 * time_s) for time_s in (scans[0].t0, scans[-1].t1))
     inside = (truth.stamps_us >= begin - SLACK_US) & (truth.stamps_us <= end + SLACK_US)
     return Trajectory(truth.stamps_us[inside], truth.poses[inside]) if inside.any() else None
@@ -223,7 +223,7 @@ def _crop(sweeps: Sweeps, place: Place) -> NDArray[np.float64]:
 
 
 def compare_pairs(rows: Sequence[Row]) -> list[tuple[str, str, Evaluation]]:
-    """Returns how far every two rows are apart: their names and the errors of the first as if the second were the truth."""
+    """Returns for each two rows their names, and the errors of the first row as if the second were the truth."""
     pairs = []
     for i, a in enumerate(rows):
         for b in rows[i + 1 :]:

@@ -1,4 +1,4 @@
-"""The rows of a comparison: front ends, each run on the same returns in a process of its own, and given trajectories."""
+"""Makes the rows of a comparison: front ends, each run on the same returns in its own process, and given trajectories."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from mqslam.execution.progress import Progress
 from mqslam.execution.runner import Runner
 from mqslam.slam import Slam
 
-_WITH_GYROSCOPE: Final = "+gyro"  # at the end of the name of a row
+_WITH_GYROSCOPE: Final = "+gyro"  # ends the name of a row whose front end uses the gyroscope
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,16 +30,16 @@ class Row:
     """The result of one front end, or a trajectory that another program made.
 
     Args:
-        name: as the table shows it.
+        name: name of the row in the table.
         failure: why there is no result, or None.
         odometry: the front end's motions, chained without optimisation; None for a failed row.
-        trajectory: the same after the back end, where there is one, or the given trajectory.
+        trajectory: the trajectory after the back end, or the given one; without a back end the same as `odometry`.
         measurements: the front end's relative motions; none for a given trajectory.
-        loops, loops_rejected: closures that the back end kept and did not keep.
-        measure_s, back_end_s: seconds the front end and the back end took.
-        peak_rss_mb: largest memory of the process it ran in [MB]; a cluster's worker may have run others before.
+        loops, loops_rejected: numbers of loop closures that the back end kept and rejected.
+        measure_s, back_end_s: seconds that the front end and the back end took.
+        peak_rss_mb: largest memory of the process that ran the row [MB]; a cluster's worker may have run other rows before.
         warnings: what could not be done for it, and why.
-        covariances: of all poses after the back end, or why they are not known; None where there is no back end.
+        covariances: covariances of all poses after the back end, or why they are not known; None where there is no back end.
     """
 
     name: str
@@ -61,9 +61,9 @@ class FrontEndTask:
     """The task that every front end of a comparison gets.
 
     Args:
-        scans: of the recording.
-        back_end: whether graph and loops follow.
-        jobs: number of processes that it may use.
+        scans: scans of the recording.
+        back_end: whether the pose graph and the search for loops follow.
+        jobs: number of processes that the front end may use.
     """
 
     scans: Scans
@@ -72,7 +72,7 @@ class FrontEndTask:
 
 
 def split_row(name: str) -> tuple[str, bool]:
-    """Splits the name of a front end's row into that of the front end, and whether the gyroscope joins it: `psi+gyro`."""
+    """Splits the name of a row, such as `psi+gyro`, into the name of the front end and whether it uses the gyroscope."""
     return name.removesuffix(_WITH_GYROSCOPE), name.endswith(_WITH_GYROSCOPE)
 
 
@@ -84,14 +84,14 @@ def run_front_ends(
     *,
     back_end: bool,
 ) -> list[Row]:
-    """Runs front ends, each in a process of its own; what stops one is stated in its row.
+    """Runs front ends, each in a process of its own; if one fails, its row states why.
 
     Args:
         contexts: what each front end may know besides the scans, by the name of its row.
-        scans: of the recording.
-        engine: where they run.
+        scans: scans of the recording.
+        engine: where the front ends run.
         progress: called as rows are done.
-        back_end: whether graph and loops follow.
+        back_end: whether the pose graph and the search for loops follow.
     """
 
     def report(number: int, row: Row | None) -> None:
@@ -130,7 +130,7 @@ def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
             warnings=(*solution.warnings, *solution.sensors.notes),
             covariances=solution.covariances,
         )
-    except Exception as error:  # a front end may be anyone's code, and the others are to go on
+    except Exception as error:  # a front end may be anyone's code, and must not stop the others
         raise_interrupt(error)
         return Row(row, failure=describe_error(error))
 

@@ -1,4 +1,4 @@
-"""The page of an audit."""
+"""Makes the page of an audit, its heat map, and the files of its bad places."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _MEASURES: Final = {
     "joint_entropy": ("joint less separate entropy", " nat"),
     "grid_entropy": ("entropy per grid cell", " nat"),
 }
-_COMPARED: Final = (  # what is shown before and after mending: its name, where the summary has it, and its unit
+_COMPARED: Final = (  # values shown before and after mending: label, part and key in the summary, and unit
     ("windows torn", "windows", "torn", ""),
     ("median inflation", "windows", "inflation_median", ""),
     ("jumps", "steps", "jumps", ""),
@@ -65,7 +65,7 @@ _GROUPS: Final = {
 }
 _PLACE_HEAD: Final = ("", "what", "time", "place", "off by", "correction", "inflation", "verdict")
 _FINE: Final = "The largest corrections of what is not torn"
-_MOST_WINDOWS, _MOST_PAIRS = 120, 40  # windows, and what else is torn, that can be clicked: limits of the page's size
+_MOST_WINDOWS, _MOST_PAIRS = 120, 40  # most windows and other torn places that can be clicked: they limit the page's size
 
 
 def write_audit_page(
@@ -77,19 +77,19 @@ def write_audit_page(
     summary: Mapping[str, Any],
     mended: AuditedTrajectory | None = None,
 ) -> list[str]:
-    """Writes an audit's heat map, its bad places as files, and its page into an existing folder.
+    """Writes an audit's page, its heat map and the files of its bad places into an existing folder.
 
     Args:
         folder: the folder.
         title: heading of the page.
-        audit: the windows and revisits, judged.
-        sweeps: what was judged.
+        audit: judgement of the map.
+        sweeps: the points that were judged.
         config: all settings.
-        summary: content of audit.json; what is absent or None is shown as not available.
-        mended: the mended trajectory and its audit; None where none was asked for.
+        summary: content of audit.json; values that are absent or None are shown as not available.
+        mended: the mended trajectory and its audit; None where mending was not asked for.
 
     Returns:
-        what could not be made, and why; the page says it too.
+        a message for each part that could not be made, with the reason; the page shows them, too.
 
     Raises:
         OutputError: a file cannot be written.
@@ -149,13 +149,13 @@ def _show_charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section
 
 
 def _chart_revisits(revisits: Sequence[RevisitAudit], settings: AuditConfig, x: np.ndarray, x_title: str) -> Chart:
-    """Returns how far the two passes of every revisit are apart.
+    """Returns a chart of how far the two passes of every revisit are off each other.
 
     Args:
-        revisits: the revisits, judged.
-        settings: of the audit.
-        x: (N,) of every sweep, over which they are drawn.
-        x_title: title of that axis.
+        revisits: the judged revisits.
+        settings: settings of the audit.
+        x: (N,) value on the x axis for every sweep; a revisit is drawn at its later sweep.
+        x_title: title of the x axis.
     """
     kinds = (
         ("not sure", GREY, "s", [r.revisit for r in revisits if not r.revisit.sure]),
@@ -174,7 +174,7 @@ def _chart_revisits(revisits: Sequence[RevisitAudit], settings: AuditConfig, x: 
 def _show_mended(
     audit: Audit, sweeps: Sweeps, summary: Mapping[str, Any], mended: AuditedTrajectory | None
 ) -> Section | None:
-    """Returns the given trajectory and the mended one side by side; None where none was asked for."""
+    """Returns a section with the given and the mended trajectory side by side; None without a mended one."""
     after = part_of(summary, "mended")
     if mended is None or not after:
         return None
@@ -192,11 +192,11 @@ def _show_mended(
 
 
 def explore_audit(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explorer | None:
-    """Returns the map, its windows' inflation and its revisits over time, and crops before and after their corrections.
+    """Returns the interactive map of an audit, with inflation and revisits over time, and crops of places to click.
 
     Args:
-        sweeps: what was judged.
-        audit: the windows and revisits, judged.
+        sweeps: the points that were judged.
+        audit: judgement of the map.
         settings: settings of the audit.
     """
     times = sweeps.times[0] + (sweeps.turns - sweeps.numbers[0]) * sweeps.revolution_s
@@ -222,7 +222,7 @@ def explore_audit(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explor
 
 
 def _choose_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[Spot]:
-    """Returns windows, all torn ones and others evenly spread, and what else is torn, in the order of time."""
+    """Returns the places to click in the order of time: torn windows, evenly spread other windows, and other torn places."""
     torn = [w for w in audit.windows if w.torn][:_MOST_WINDOWS]
     fine = [w for w in audit.windows if not w.torn]
     fine = [fine[k] for k in pick_evenly(len(fine), _MOST_WINDOWS - len(torn))]
@@ -232,7 +232,7 @@ def _choose_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[S
 
 
 def _show_spot(sweeps: Sweeps, spot: Spot) -> Place:
-    """Returns what is shown of a spot when it is clicked."""
+    """Returns the texts and the crops that a click on a spot shows."""
     before, after = make_crop(sweeps, spot)
     colours = mix_shades(len(before))
     t0 = spot.t0 if spot.kind == "window" else spot.t1 - sweeps.revolution_s
@@ -241,21 +241,21 @@ def _show_spot(sweeps: Sweeps, spot: Spot) -> Place:
 
 
 def _number_worst(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[list[tuple[int, Spot]]]:
-    """Returns the worst places with their numbers: those that are torn, and the others."""
+    """Returns the worst places with their numbers in two lists: the torn ones, and the others."""
     spots = list(enumerate(find_worst_spots(sweeps, audit, settings), 1))
     return [[(k, spot) for k, spot in spots if spot.torn is wanted] for wanted in (True, False)]
 
 
 def _list_worst(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section | None:
-    """Returns the worst places as a table: torn ones at once, the others unfold."""
+    """Returns a table of the worst torn places and, folded, a table of the worst other places; None without any."""
     torn, fine = _number_worst(sweeps, audit, settings)
     if not torn and not fine:
         return None
     notes = (
         "Torn places come first, by how far they are off." if torn else "No place is torn.",
         "After them come the windows of the largest inflation; all are well apart.",
-        "A correction, as seen from the sensor, moves the end of a window or span against its begin, what follows a jump, "
-        "or the later pass of a revisit.",
+        "A correction moves the end of a window or span relative to its begin, the scans after a jump, or the later pass of "
+        "a revisit. Its directions are as seen from the sensor.",
         f"{' and '.join(BAD_PLACES)} beside this page hold all places that are torn or of which nothing could be decided.",
     )
     tables = [
@@ -266,7 +266,7 @@ def _list_worst(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section 
 
 
 def _list_unmatched(sweeps: Sweeps, audit: Audit, summary: Mapping[str, Any]) -> Section | None:
-    """Returns what could not be judged, where it is, and where to look; None where all could be judged."""
+    """Returns a table of what could not be judged, its place, and the file that lists it; None where all was judged."""
     rows = list_unmatched(sweeps, audit)
     blind = [str(line) for line in summary.get("not_judged") or ()]
     if not rows and not blind:
@@ -277,7 +277,7 @@ def _list_unmatched(sweeps: Sweeps, audit: Audit, summary: Mapping[str, Any]) ->
 
 
 def _show_crops(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section | None:
-    """Returns pictures of the worst places before and after their corrections: torn ones at once, the others unfold."""
+    """Returns pictures of the worst places before and after their corrections; places that are not torn are folded."""
     torn, fine = ([_show_crop(sweeps, k, spot) for k, spot in some] for some in _number_worst(sweeps, audit, settings))
     note = (
         "The points where the correction shows the most, seen from the sensor, ahead to the right. Blue is what was "
@@ -296,9 +296,9 @@ def _show_crop(sweeps: Sweeps, number: int, spot: Spot) -> Card:
 
 
 def _list_numbers(audit: Audit, summary: Mapping[str, Any]) -> Section:
-    """Returns the table at the end of an audit's page."""
+    """Returns the numbers at the end of an audit's page."""
     groups = []
-    for part, heading in _GROUPS.items():  # psi per point may prefer the wrong map: nobody is to read it alone
+    for part, heading in _GROUPS.items():  # psi per point alone may prefer the wrong map
         values = {key: value for key, value in part_of(summary, part).items() if key != "psi_per_point"}
         if values:
             groups.append((heading, list_values(part, values)))

@@ -1,4 +1,4 @@
-"""The page over all runs of a batch."""
+"""Makes the page of a batch, which lists all its runs and links to their pages."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _NUMBERS: Final = (  # key of a run in batch.json, head of its column, unit
 
 
 def write_batch_page(out: Path, title: str, summary: Mapping[str, Any], plan: str) -> list[str]:
-    """Writes a batch's page into its folder, where the runs' own folders are; it links to the pages of its runs.
+    """Writes a batch's page into its folder, which also holds the folders of its runs; the page links to theirs.
 
     Args:
         out: the folder.
@@ -38,7 +38,7 @@ def write_batch_page(out: Path, title: str, summary: Mapping[str, Any], plan: st
         plan: text of RUNS.yaml.
 
     Returns:
-        what could not be made, and why; the page says it too.
+        a message for each part that could not be made, with the reason; the page shows them, too.
 
     Raises:
         OutputError: the file cannot be written.
@@ -48,7 +48,7 @@ def write_batch_page(out: Path, title: str, summary: Mapping[str, Any], plan: st
     tracks: dict[str, Trajectory] = {}
     for run in summary["runs"]:
         if run["trajectory"]:
-            with tolerate(f"the picture of {run['name']}", page.failures):  # a kept run may have lost its file since
+            with tolerate(f"the picture of {run['name']}", page.failures):  # a kept run may lack its file by now
                 tracks[run["name"]] = read_tum(out / run["trajectory"])
     page.add("the numbers", lambda: _list_numbers(summary))
     page.add("the table of the runs", lambda: _tabulate_runs(summary))
@@ -97,7 +97,7 @@ def _format_number(key: str, value: Any, unit: str) -> str:
 
 
 def _describe_run(run: Mapping[str, Any]) -> tuple[str | Cell, ...]:
-    """Returns a run in words."""
+    """Returns the cells of a run in the table of words."""
     name = Cell(run["name"], _link_to(run))
     if run["failure"]:
         return name, f"failed: {run['failure']}"
@@ -122,7 +122,7 @@ def _describe_errors(run: Mapping[str, Any]) -> str:
 
 
 def _show_trajectories(summary: Mapping[str, Any], tracks: Mapping[str, Trajectory]) -> Section | None:
-    """Returns a small picture per run that is finished, each on its own scale."""
+    """Returns a small picture of the trajectory of each finished run, each at its own scale."""
     figures = []
     for run in summary["runs"]:
         if (track := tracks.get(run["name"])) is not None:
@@ -134,5 +134,5 @@ def _show_trajectories(summary: Mapping[str, Any], tracks: Mapping[str, Trajecto
 
 
 def _link_to(run: Mapping[str, Any]) -> str | None:
-    """Returns the address of a run's page, beside that of the batch; None where the run has none."""
+    """Returns the address of a run's page relative to the page of the batch; None where the run has no page."""
     return None if run["report"] is None else quote(run["report"])

@@ -1,4 +1,4 @@
-"""The canvas of all figures: dark ink on a transparent ground, the same bytes for the same data."""
+"""Draws maps and charts as PNG and SVG: dark ink on a transparent background, and the same bytes for the same data."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ INK = "#1c2430"
 BLUE, ORANGE, GREEN, RED, VIOLET, PURPLE = "#1d5fd1", "#d9620d", "#16803c", "#c81e1e", "#7a3db8", "#a8327e"
 GREY, TRUTH_GREY = "#7b8594", "#9aa3af"
 OUTERMOST = 0.005  # share of a map's points that may lie beyond each edge of its picture
-MAP_SHAPE, PATH_SHAPE, SQUARE = (0.5, 1.3), (1.0, 1.2), (1.0, 1.0)  # least and greatest height of a picture, per width
+MAP_SHAPE, PATH_SHAPE, SQUARE = (0.5, 1.3), (1.0, 1.2), (1.0, 1.0)  # least and greatest ratio of height to width
 DPI = 200  # pixels per inch
 _SOFT = "#8a94a3"
 _WIDTH_IN, _SMALL_IN = 6.4, 2.6  # width of a figure and of a small one
 _LEFT_IN, _RIGHT_IN, _BOTTOM_IN, _TOP_IN = 0.78, 0.12, 0.48, 0.12  # margins around the axes
-_ENOUGH = 300_000  # points that are looked at at a time, and of which the edges of a view are taken
+_ENOUGH = 300_000  # points that are counted at a time, and most points that set the edges of a view
 _FAINTEST = 0.35  # opacity of a pixel with a single point
-_LINE_IN, _LETTER_IN, _KEY_IN, _ACROSS_IN = 0.19, 0.075, 0.5, 5.7  # of a legend: line, letter, sample of a line, width
-_MOST = 1200  # points of a line in a chart that are drawn: more cannot be told apart
+_LINE_IN, _LETTER_IN, _KEY_IN, _ACROSS_IN = 0.19, 0.075, 0.5, 5.7  # of a legend: line, letter, key, total width
+_MOST = 1200  # most points of a line that a chart draws: nobody could see more
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class View:
     y1: float
 
     def contains(self, points: Points) -> NDArray[np.bool_]:
-        """Returns which of the points (N, 2) [m] it shows."""
+        """Returns which of the points (N, 2) [m] lie in the view."""
         x, y = points.T
         return np.asarray((x >= self.x0) & (x <= self.x1) & (y >= self.y0) & (y <= self.y1))
 
@@ -78,22 +78,22 @@ class Curve:
 
     @property
     def is_dots(self) -> bool:
-        """Whether it is dots rather than a line."""
+        """Whether the curve is drawn as dots rather than as a line."""
         return self.style in ("o", "^", "s", "x", ".", "|")
 
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """Curves that share an axis, over time or distance.
+    """A chart of curves over time or distance, with one y axis or two.
 
     Args:
-        title: title of the axis, with its unit.
+        title: title of the left y axis, with its unit.
         curves: the curves.
-        levels: name, value and colour of lines across the chart.
-        log: names of the logarithmic axes: x, y, and beside for the one on the right.
+        levels: name, value and colour of horizontal lines across the chart.
+        log: names of the logarithmic axes: `x`, `y` for the left y axis, `beside` for the right one.
         x_title: title of the x axis.
-        beside: title of the axis on the right; empty without one.
-        top: upper end of the axis; None takes that of the values.
+        beside: title of the right y axis; empty for none.
+        top: upper end of the y axes; None fits it to the values.
     """
 
     title: str
@@ -106,7 +106,7 @@ class Chart:
 
 
 class Drawing(NamedTuple):
-    """Maps, as points (N, 2) [m] with the colour of their ink, and curves over them."""
+    """The content of a picture: maps, each as points (N, 2) [m] and their colour, and curves over the maps."""
 
     maps: Sequence[tuple[Points, str]] = ()
     curves: Sequence[Curve] = ()
@@ -124,7 +124,7 @@ def join_lines(lines: Sequence[Points]) -> Points:
 
 
 def mix_shades(count: int) -> tuple[str, ...]:
-    """Returns the colours of groups in the order of time: the first blue, the last orange."""
+    """Returns a colour for each of some groups in the order of time, from blue for the first to orange for the last."""
     ends = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in (BLUE, ORANGE)])
     mixed = [(1.0 - share) * ends[0] + share * ends[1] for share in np.linspace(0.0, 1.0, count)]
     return tuple("#" + "".join(f"{round(part):02x}" for part in colour) for colour in mixed)
@@ -134,8 +134,8 @@ def find_common_view(positions: Sequence[Points], shape: tuple[float, float], le
     """Returns the rectangle around all positions.
 
     Args:
-        positions: arrays (N, 2) [m], one of them not empty.
-        shape: least and greatest height of the rectangle per width; it is enlarged to meet them.
+        positions: arrays (N, 2) [m], of which at least one is not empty.
+        shape: least and greatest ratio of the rectangle's height to its width; the rectangle is enlarged to meet them.
         left_out: share of the positions that may lie beyond each side, so that a few stray ones do not shrink the rest.
     """
     filled = [p[pick_evenly(len(p), _ENOUGH)] for p in positions if len(p)]
@@ -156,14 +156,14 @@ def draw_world(
     is_small: bool = False,
     opaque: bool = False,
 ) -> list[bytes]:
-    """Draws maps and paths from above as PNG files, all with one extent, one scale and one shade of ink per count of points.
+    """Draws maps and paths from above as PNG files, which share their extent, their scale and the shades for point density.
 
     Args:
-        drawings: what each of the pictures shows.
-        shape: least and greatest height of a picture per width.
-        view: the part of the world that is shown; None takes all that is drawn.
+        drawings: content of each picture.
+        shape: least and greatest ratio of a picture's height to its width.
+        view: part of the world that is shown; None shows everything that is drawn.
         is_small: whether the pictures are small squares without ticks.
-        opaque: whether they are drawn on white, to be looked at by themselves, rather than on a transparent ground.
+        opaque: whether the background is white, for pictures outside a page, rather than transparent.
     """
     if view is None:
         maps = [points for drawing in drawings for points, _ in drawing.maps]
@@ -212,10 +212,10 @@ def draw_chart(chart: Chart) -> bytes:
 
 
 def make_world(view: View, above_in: float = 0.0) -> tuple[MplFigure, Axes]:
-    """Returns an empty figure of the world from above, x to the right, one metre as long along x as along y.
+    """Returns an empty figure of the world from above, with x to the right and the same scale along x and y.
 
     Args:
-        view: the part of the world it shows.
+        view: part of the world that it shows.
         above_in: room left above the axes [inch].
     """
     inner = _WIDTH_IN - _LEFT_IN - _RIGHT_IN
@@ -226,7 +226,7 @@ def make_world(view: View, above_in: float = 0.0) -> tuple[MplFigure, Axes]:
 
 
 def _make_small(view: View) -> tuple[MplFigure, Axes]:
-    """Returns a small figure of a square of the world with a bar for scale; without ticks the square fills the picture."""
+    """Returns a small empty figure of a square of the world; a scale bar replaces ticks, so that the square fills it."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(_SMALL_IN, _SMALL_IN), dpi=DPI)
@@ -260,7 +260,7 @@ def _make_axes(height_in: float, above_in: float) -> tuple[MplFigure, Axes]:
 
 
 def make_halo(width: float = 2.5) -> list[AbstractPathEffect]:
-    """Returns a white edge for text or lines, so that they stand out from what they lie on."""
+    """Returns a white outline for text or lines, which makes them stand out from the map below them."""
     from matplotlib.patheffects import withStroke
 
     return [withStroke(linewidth=width, foreground="white")]
@@ -274,7 +274,7 @@ def _plot(axes: Axes, curve: Curve, points: Points | None = None) -> None:
         look |= {"fillstyle": "none"} if curve.style == "s" else {} if curve.style in "x|" else {"markeredgewidth": 0}
     elif curve.style in ("-o", "--o"):
         look |= {"linestyle": curve.style[:-1], "marker": "o", "markersize": 4}
-    name = (" " if curve.name.startswith("_") else "") + curve.name.replace("$", r"\$")  # a legend shows it as it is
+    name = (" " if curve.name.startswith("_") else "") + curve.name.replace("$", r"\$")  # shown literally in a legend
     x, y = (curve.points if points is None else points).T
     axes.plot(x, y, color=curve.colour, alpha=curve.alpha, label=name or None, **look)
 
@@ -287,7 +287,7 @@ def _measure_legend(names: Sequence[str]) -> tuple[int, float]:
 
 
 def _put_legend(axes: Axes, names: Sequence[str], handles: Sequence[Any] | None = None) -> None:
-    """Puts a tight legend of these names into the room above the axes."""
+    """Puts a compact legend of these names into the space above the axes."""
     if not names:
         return
     tight: dict[str, Any] = {
@@ -320,11 +320,11 @@ def _use_plain_log(axes: Axes, which: str) -> None:
 
 
 def lay_ink(view: View, maps: Sequence[tuple[Axes, Points, str]]) -> None:
-    """Draws maps as ink: opacity grows with the logarithm of the points per pixel, alike in all maps; one point is visible.
+    """Draws the point density of maps: opacity grows with the logarithm of the points per pixel, and one point is visible.
 
     Args:
-        view: the part of the world that all axes show.
-        maps: axes to draw on, points (N, 2) [m] and colour of each map; all axes are of one size.
+        view: part of the world that all axes show.
+        maps: axes to draw on, points (N, 2) [m] and colour of each map; axes have one size, and maps share their shades.
     """
     from matplotlib.colors import to_rgb
 
@@ -360,7 +360,7 @@ def _count_pixels(points: Points, view: View, columns: int) -> NDArray[np.int64]
 
 
 def encode_png(figure: MplFigure, opaque: bool = False) -> bytes:
-    """Returns a figure as a PNG file: transparent for a page, or on white to be looked at by itself."""
+    """Returns a figure as a PNG file, with a white background if it is opaque, else with a transparent one."""
     file = io.BytesIO()
     ground = "white" if opaque else "none"
     figure.savefig(file, format="png", dpi=DPI, transparent=not opaque, facecolor=ground, metadata={"Software": None})
@@ -368,7 +368,7 @@ def encode_png(figure: MplFigure, opaque: bool = False) -> bytes:
 
 
 _SVG: Final = b"<svg"
-_NOT_SHOWN: Final = re.compile(  # what a page does without, or what would act on all of it
+_NOT_SHOWN: Final = re.compile(  # parts that a page does not need, or that would affect the whole page
     r'<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->| xmlns(?::\w+)?="[^"]*"| version="[^"]*"', re.DOTALL
 )
 _NAMED_GROUP: Final = re.compile(r'<g id="[^"]*">')  # the names repeat from chart to chart, and nothing refers to them
@@ -377,11 +377,11 @@ _FONT: Final = re.compile(r"(font(?:-family)?: [^';\"]*)'[^;\"]*")
 
 
 def _encode_svg(figure: MplFigure) -> bytes:
-    """Returns a figure as an SVG element that stands in a page, where its words can be searched, copied and read aloud."""
+    """Returns a figure as an SVG element for a page, in which its words can be searched, copied and read aloud."""
     import matplotlib as mpl
 
     file = io.BytesIO()
-    # words stay words, and the names of parts depend on nothing but what the parts show
+    # words stay text instead of outlines, and ids depend on the content only, so that the same data give the same bytes
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "mqslam"}):
         figure.savefig(file, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     text = file.getvalue().decode("utf-8")

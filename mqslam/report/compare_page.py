@@ -1,4 +1,4 @@
-"""The page of a comparison: every row has its own colour and line style in all pictures."""
+"""Makes the page of a comparison; every row has its own colour and line style in all pictures."""
 
 from __future__ import annotations
 
@@ -33,26 +33,26 @@ from mqslam.report.words import ABSENT, format_length, list_facts, list_values, 
 # the looks of the page; no result depends on them
 _COLOURS: Final = ("#0b5fb0", "#d55e00", "#00886a", "#a8327e", "#7a5c00", "#3aa5dd")
 _STYLES: Final[tuple[Any, ...]] = ("-", "--", "-.", ":", (0, (6, 1.5, 1, 1.5, 1, 1.5)))
-_MEDIAN_OF = 15  # windows of the running median
-_HALF_SIDE_M = 30.0  # half the side of what the map to move in shows of a place
-_CLOSE_M, _FAR_M = 60.0, 300.0  # shortest and longest side of what is shown of the place where the rows differ most
-_SIDE = 20.0  # that side per length by which they are apart
+_MEDIAN_OF = 15  # number of windows in the running median
+_HALF_SIDE_M = 30.0  # half the side of the interactive map's close view of a place
+_CLOSE_M, _FAR_M = 60.0, 300.0  # shortest and longest side of the picture of the place where the rows differ most
+_SIDE = 20.0  # that side, in units of how far the rows are apart
 
 
 def write_compare_page(
     folder: Path, comparison: Comparison, summary: Mapping[str, Any], table: Sequence[Sequence[str]], marked: frozenset[Any]
 ) -> list[str]:
-    """Writes a comparison's picture of all trajectories and its page into an existing folder.
+    """Writes a comparison's page and its picture of all trajectories into an existing folder.
 
     Args:
         folder: the folder.
         comparison: the finished comparison.
         summary: content of compare.json.
         table: head and rows as the terminal shows them.
-        marked: line and column in the table of the best values.
+        marked: line and column of each of the best values in the table.
 
     Returns:
-        what could not be made, and why; the page says it too.
+        a message for each part that could not be made, with the reason; the page shows them, too.
 
     Raises:
         OutputError: a file cannot be written.
@@ -80,13 +80,13 @@ def write_compare_page(
 
 
 def rank_rows(rows: Sequence[JudgedRow]) -> dict[str, int]:
-    """Ranks rows: the best of all is 1, then the best of those that are left, and so on.
+    """Ranks rows: the best row gets rank 1, the best of the remaining rows the next rank, and so on.
 
     Args:
-        rows: those that ran.
+        rows: rows that ran.
 
     Returns:
-        the rank of each by its name, the best first; rows that cannot be told apart share one.
+        the rank of each row by its name, the best first; rows between which nothing decides share a rank.
     """
     left = [Standing.of(row) for row in rows]
     ranks: dict[str, int] = {}
@@ -98,7 +98,7 @@ def rank_rows(rows: Sequence[JudgedRow]) -> dict[str, int]:
 
 
 def _tabulate_rows(comparison: Comparison, table: Sequence[Sequence[str]], marked: frozenset[Any]) -> Section:
-    """Returns the rows as the terminal shows them, the best first, with their ranks."""
+    """Returns the table of the rows with their ranks, the best first; the other cells are the same as on the terminal."""
     (_, *head), *lines = table
     ranks = rank_rows(list(comparison.judged.values()))
     rows: list[tuple[str | Cell, ...]] = []
@@ -153,9 +153,9 @@ def draw_overlay(rows: Sequence[JudgedRow], truth: Trajectory | None, *, opaque:
     """Draws all trajectories over each other.
 
     Args:
-        rows: the rows that ran.
-        truth: ground truth, on which each is laid by the best rigid motion; without it all start from one pose.
-        opaque: whether it is drawn on white, to be looked at by itself, rather than on a transparent ground, for a page.
+        rows: rows that ran.
+        truth: ground truth, with which the best rigid motion aligns each trajectory; without it, all start from one pose.
+        opaque: whether the background is white, for a picture outside a page, rather than transparent.
     """
     tracks = {row.row.name: row.row.trajectory for row in rows if row.row.trajectory is not None}
     motions, shown = _find_common_frame(list(tracks.values()), truth)
@@ -167,11 +167,11 @@ def draw_overlay(rows: Sequence[JudgedRow], truth: Trajectory | None, *, opaque:
 
 
 def _find_common_frame(tracks: Sequence[Trajectory], truth: Trajectory | None) -> tuple[list[se2.Array], Points | None]:
-    """Finds one frame for all trajectories: that of the ground truth, or that of their common start.
+    """Finds one frame for all trajectories: the frame of the ground truth, or the pose at their common start.
 
     Returns:
         motions (3,) that bring every trajectory into the frame, and positions (N, 2) [m] of the part of the truth that
-        they cover; None where there is no truth on which all of them can be laid.
+        they cover; None in place of the positions if there is no truth with which all trajectories can be aligned.
     """
     if truth is not None:
         motions = [motion for track in tracks if (motion := align_positions(track, truth)) is not None]
@@ -184,7 +184,7 @@ def _find_common_frame(tracks: Sequence[Trajectory], truth: Trajectory | None) -
 
 
 def _chart_inflation(comparison: Comparison) -> Chart:
-    """Returns the running median of the inflation of all rows' windows over time, where the radar moved."""
+    """Returns a chart of the running median of each row's inflation over time, from the windows in which the radar moved."""
     rows, curves = list(comparison.judged.values()), []
     for k, (row, windows) in enumerate(zip(rows, select_moving_windows(rows, comparison.recording.start_us), strict=True)):
         if windows:
@@ -193,16 +193,16 @@ def _chart_inflation(comparison: Comparison) -> Chart:
 
 
 def smooth_inflation(windows: Sequence[WindowAudit]) -> Points:
-    """Returns the middles [s] of windows and the running median of their inflation (W, 2)."""
+    """Returns the middle [s] of each window and the running median of the inflation there (W, 2)."""
     times, inflation = trace_inflation(windows).T
     return over(times, median_filter(inflation, min(_MEDIAN_OF, len(inflation)), mode="nearest"))
 
 
 def select_moving_windows(rows: Sequence[JudgedRow], start_us: int) -> list[list[WindowAudit]]:
-    """Returns of each row the windows in which its own trajectory moves on.
+    """Returns for each row the windows in which its own trajectory moves or turns.
 
     Args:
-        rows: the rows that ran.
+        rows: rows that ran.
         start_us: stamp of the recording's start [us].
     """
     selected = []
@@ -216,10 +216,10 @@ def select_moving_windows(rows: Sequence[JudgedRow], start_us: int) -> list[list
 
 
 def select_moving_places(rows: Sequence[JudgedRow], places: Sequence[Place], start_us: int) -> list[int]:
-    """Returns the numbers of the places in which the trajectory of any row moves on.
+    """Returns the numbers of the places in which the trajectory of any row moves or turns.
 
     Args:
-        rows: the rows that ran.
+        rows: rows that ran.
         places: the places.
         start_us: stamp of the recording's start [us].
     """
@@ -232,7 +232,7 @@ def select_moving_places(rows: Sequence[JudgedRow], places: Sequence[Place], sta
 
 
 def _are_moving(track: Trajectory, spans: Sequence[tuple[float, float]], start_us: int) -> NDArray[np.bool_]:
-    """Returns in which spans (N) of time [s] a trajectory moves or turns on (N,); it begins and ends as its ends do."""
+    """Returns in which of N spans of time [s] a trajectory moves or turns (N,); outside its ends it stands still."""
     stamps = start_us + np.round(1e6 * np.array(spans)).astype(np.int64)
     begins, ends = np.clip(stamps, track.stamps_us[0], track.stamps_us[-1]).T
     before, after = track.at(begins), track.at(ends)
@@ -242,7 +242,7 @@ def _are_moving(track: Trajectory, spans: Sequence[tuple[float, float]], start_u
 
 
 def explore_comparison(comparison: Comparison) -> Explorer | None:
-    """Returns the maps and trajectories of all rows, their windows' inflation over time, and crops of every row."""
+    """Returns the interactive map of a comparison: maps, trajectories, inflation over time and crops of every row."""
     rows, start_us = list(comparison.judged.values()), comparison.recording.start_us
     tracks = [row.row.trajectory for row in rows if row.row.trajectory is not None]
     motions, true = _find_common_frame(tracks, comparison.recording.ground_truth)
@@ -269,7 +269,7 @@ def explore_comparison(comparison: Comparison) -> Explorer | None:
 
 
 def _show_place(place: Place, crops: Sequence[tuple[str, Points, str]]) -> explorer.Place:
-    """Returns what is shown of a place when it is clicked: the name, the points (M, 2) [m] and the colour of each row."""
+    """Returns what a click on a place shows; `crops` holds the name, the points (M, 2) [m] and the colour of each row."""
     text = "the points of one window under every row"
     if place.apart_m:
         text = f"here the rows differ by up to {format_length(place.apart_m)}"
@@ -281,7 +281,7 @@ def _show_place(place: Place, crops: Sequence[tuple[str, Points, str]]) -> explo
 
 
 def _show_difference(comparison: Comparison) -> Section:
-    """Returns the place where the rows are the farthest apart as one picture, and beside it who judges them and by what."""
+    """Returns a picture of the place where the rows are the farthest apart, and answers on who judges them and by what."""
     rows, truth = list(comparison.judged.values()), comparison.recording.ground_truth
     drawn = draw_difference(rows, truth)
     answers = Table(("question", "answer"), _answer_sceptic(comparison), holds_words=True)
@@ -297,11 +297,12 @@ def draw_difference(rows: Sequence[JudgedRow], truth: Trajectory | None) -> tupl
     """Draws the maps and trajectories of all rows over each other where the trajectories are the farthest apart.
 
     Args:
-        rows: the rows that ran.
-        truth: ground truth, on which each is laid by the best rigid motion; without it all start from one pose.
+        rows: rows that ran.
+        truth: ground truth, with which the best rigid motion aligns each trajectory; without it, all start from one pose.
 
     Returns:
-        the picture, how far they are apart there [m], and when that is [s] after the first pose; None for a single row.
+        the picture, how far the trajectories are apart there [m], and the time there since the first pose that all of them
+        cover [s]; None for a single row.
     """
     tracks = [row.row.trajectory for row in rows if row.row.trajectory is not None]
     if len(tracks) < 2:
@@ -324,7 +325,7 @@ def draw_difference(rows: Sequence[JudgedRow], truth: Trajectory | None) -> tupl
 
 
 def _answer_sceptic(comparison: Comparison) -> list[tuple[str, str]]:
-    """Returns who judges the rows, by what and with what reasons, and what it means where ground truth disagrees."""
+    """Returns questions of a sceptical reader and their answers: who judges, by what, why, and what if truth disagrees."""
     audits = {name: row.audit for name, row in comparison.judged.items()}
     who = (
         f"The same audit for every row: the same returns of the same {comparison.compared:,} scans, the same settings, and "

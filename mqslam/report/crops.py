@@ -1,4 +1,4 @@
-"""Crops of a map before and after a correction, close enough to see what the correction mends."""
+"""Crops the map around a place, before and after its correction, close enough to show what the correction mends."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from mqslam.core import se2
 from mqslam.report.canvas import SQUARE, Curve, Drawing, Points, View, draw_world, find_common_view, mix_shades
 from mqslam.report.spots import Spot
 
-# how a crop is placed in its picture; nothing but the picture depends on these
-_REACH_M = 80.0  # farther points are not looked at
+# these say which part of a place its picture shows; no other result depends on them
+_REACH_M = 80.0  # points farther from the sensor than this do not decide where a crop lies
 _CLOSE_M, _FAR_M = 12.0, 80.0  # shortest and longest side of a crop
-_SIDE = 40.0  # side of a crop per length by which the place is off
-_LEAST = 0.02  # weight of a point that the correction moves no closer: it decides only where there are no others
-_CELLS = 4  # cells along the side of a crop when its place is looked for
+_SIDE = 40.0  # side of a crop, in units of how far the place is off
+_LEAST = 0.02  # weight of a point that the correction brings no closer: small, so that any gain outweighs it
+_CELLS = 4  # cells along the side of a crop, in which the search for its place counts points
 
 Crop: TypeAlias = tuple[list[Points], list[Points]]
-"""A place before and after its correction: (M, 2) [m] per pass or sweep, the earliest first, in the sensor's frame there."""
+"""Points of a place before and after its correction: (M, 2) [m] per sweep or pass, earliest first, in the spot's frame."""
 
 
 def make_crop(sweeps: Sweeps, spot: Spot) -> Crop:
-    """Returns one place, where its correction shows the most.
+    """Returns the crop of a place where its correction shows the most.
 
     Args:
-        sweeps: what was judged.
+        sweeps: the points that were judged.
         spot: the place.
     """
     before, after = _bend(sweeps, spot) if len(spot.stretches) == 1 else _move(sweeps, spot)
@@ -46,20 +46,20 @@ def make_crop(sweeps: Sweeps, spot: Spot) -> Crop:
 
 
 def draw_crop(crop: Crop) -> list[bytes]:
-    """Draws a crop before and after, on one extent; the earliest pass or sweep is blue, the last one orange."""
+    """Draws a crop before and after its correction; the earliest sweep or pass is blue, the last one orange."""
     shown = [points for points in (*crop[0], *crop[1]) if len(points)]
     half = 0.5 * _CLOSE_M
     view = find_common_view(shown, SQUARE) if shown else View(-half, half, -half, half)
     drawings = []
     for passes in crop:
-        strengths = 0.4 + 0.4 * np.abs(np.linspace(-1.0, 1.0, len(passes)))  # the first and the last are the farthest apart
+        strengths = 0.4 + 0.4 * np.abs(np.linspace(-1.0, 1.0, len(passes)))  # the first and the last stand out most
         looks = zip(mix_shades(len(passes)), passes, strengths.tolist(), strict=True)
         drawings.append(Drawing((), [Curve("", colour, points, ".", 3.5, strength) for colour, points, strength in looks]))
     return draw_world(drawings, view=view, is_small=True)
 
 
 def find_heaviest_square(points: Points, weights: NDArray[np.float64], side: float) -> View:
-    """Returns the square whose points weigh the most together.
+    """Returns the square whose points have the largest sum of weights.
 
     Args:
         points: (N, 2) [m].
@@ -86,7 +86,7 @@ def measure_distances(points: Points, others: Points, most: float) -> NDArray[np
 
 
 def _bend(sweeps: Sweeps, spot: Spot) -> Crop:
-    """Returns a window's points (M, 2), sweep by sweep, as they are and corrected."""
+    """Returns the points (M, 2) of a window, sweep by sweep, without and with its correction."""
     begin, end = spot.stretches[0][0], spot.stretches[0][-1] + 1
     points, into = centre_window(sweeps, begin, end)
     mended = twist_points(points, into, spot.correction / (end - begin)).points
@@ -95,6 +95,6 @@ def _bend(sweeps: Sweeps, spot: Spot) -> Crop:
 
 
 def _move(sweeps: Sweeps, spot: Spot) -> Crop:
-    """Returns the points (M, 2) of two stretches in the frame of the later one, as they are and with the later one moved."""
+    """Returns the points (M, 2) of two stretches in the later one's frame, without and with the later one corrected."""
     earlier, later = (sweeps.local(part, spot.pose).points for part in spot.stretches)
     return [earlier, later], [earlier, se2.transform(spot.correction, later)]

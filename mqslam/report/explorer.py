@@ -1,4 +1,4 @@
-"""The map to move in: maps and trajectories, curves over time, and close views of places, as JSON that takes few bits."""
+"""Encodes the interactive map of a page as compact JSON: maps, trajectories, curves over time, close views of places."""
 
 from __future__ import annotations
 
@@ -34,26 +34,26 @@ from mqslam.report.canvas import (
 from mqslam.report.page import Explorer
 from mqslam.report.words import format_length
 
-EXPECTED: Final = float(chi2.median(3))  # median inflation where the trajectory is right: three parameters are corrected
+EXPECTED: Final = float(chi2.median(3))  # median inflation where the trajectory is right: a correction has three parameters
 LEAST_INFLATION, LEAST_M = 1e-2, 1e-3  # smaller values are drawn as these on a logarithmic axis
 LEVELS: Final = (
     (f"threshold {TORN_INFLATION:.1f}", TORN_INFLATION, RED),
     (f"expected median {EXPECTED:.2f}", EXPECTED, INK),
 )
-"""Name, value and colour of what inflation is to be held against."""
+"""Name, value and colour of the levels that inflation is compared with."""
 
-# limits of a page's size: what a browser moves with ease and a page holds in a few megabytes
+# limits of a page's size: a few megabytes, which a browser can still move smoothly
 MOST_POINTS: Final = 90_000  # points of all layers together
 _MOST_CROPPED: Final = 150_000  # points of all places together
-_STEPS: Final = 65_535  # of 16 bits
-_CROP_STEP_M = 0.01  # resolution of the points of a place, which take 16 bits each way
+_STEPS: Final = 65_535  # largest number that 16 bits hold
+_CROP_STEP_M = 0.01  # resolution of the points of a close view, whose x and y take 16 bits each
 _TITLES: Final = {"time": "time [s]", "psi": "ψ of the point", "intensity": "intensity"}
-_SHAPES: Final = {"o": "circle", "^": "triangle-up", "s": "square-open"}  # told from each other without red and green
+_SHAPES: Final = {"o": "circle", "^": "triangle-up", "s": "square-open"}  # for readers who cannot tell red from green
 _USE: Final = (
     "Drag to move and scroll to zoom; with the keyboard, arrows move the map and + and - zoom. A name in the legend shows "
     "or hides what it names."
 )
-_ENOUGH: Final = 300_000  # values that a colour scale is fitted to
+_ENOUGH: Final = 300_000  # most values that a colour scale is fitted to
 _UPPERMOST = 0.99  # share of the values within the colour scale
 
 
@@ -67,7 +67,7 @@ class Layer:
         times: (K,) times of the path [s], increasing.
         path: (K, 2) [m].
         points: (N, 2) [m].
-        values: (N,) each, by their names: time, psi, intensity, as far as they are known.
+        values: (N,) values of the points by name: time, psi and intensity, if they are known.
         shown: whether it is visible at first.
         ink: colour of its points; None is the page's ink.
     """
@@ -84,12 +84,12 @@ class Layer:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """What is shown of a place when it is clicked.
+    """A place that can be clicked, and what a click shows of it.
 
     Args:
-        t0, t1: when the sensor was there [s].
-        title, text: what the place is.
-        views: close views side by side, on one extent: name of the trajectory, groups of points (M, 2) [m], their colours.
+        t0, t1: times from which and to which the sensor was there [s].
+        title, text: title of the place, and a text about it.
+        views: close views side by side with one extent: name of the trajectory, groups of points (M, 2) [m], their colours.
         torn: whether it is marked as torn.
         unknown: whether it could not be judged.
     """
@@ -119,18 +119,18 @@ def explore(
     first: int = 0,
     is_calm: bool | None = None,
 ) -> Explorer | None:
-    """Returns a map to move in; None where no layer has points.
+    """Returns an interactive map; None where no layer has points.
 
     Args:
         layers: maps; a click marks the place on all of them, dots mark the places on the first that is shown.
         charts: charts over time, one below the other.
         places: places that can be clicked, in the order of time.
-        notes: what the reader should know about it: a line, and what else there is to know.
+        notes: lines for the reader; the first one stands below the heading, a click unfolds the others.
         lines: further lines on the map.
-        groups: names of the groups of a view's points, as far as they need one.
+        groups: names of the groups of a view's points; none where they need no names.
         first: number of the place shown first.
-        is_calm: whether the verdict is pass, so that no place counts against the map and the one shown first is named by its
-            correction; None where there is no verdict.
+        is_calm: whether the verdict is pass: then no place counts against the map, and the place shown first is titled as
+            the largest correction. None where there is no verdict.
     """
     if not any(len(layer.points) for layer in layers):
         return None
@@ -178,11 +178,11 @@ def explore(
 
 
 def chart_inflation(windows: Sequence[WindowAudit], name: str = "inflation") -> Chart:
-    """Returns the inflation of windows over time: torn ones are red triangles, undecided ones grey squares.
+    """Returns a chart of the inflation of windows over time: torn ones are red triangles, undecided ones grey squares.
 
     Args:
         windows: the windows.
-        name: name of those that are neither.
+        name: name of the windows that are neither torn nor undecided.
     """
     kinds = (
         ([w for w in windows if not w.torn and w.undecided is None], BLUE, name, "o"),
@@ -194,13 +194,13 @@ def chart_inflation(windows: Sequence[WindowAudit], name: str = "inflation") -> 
 
 
 def trace_inflation(windows: Sequence[WindowAudit]) -> Points:
-    """Returns the middles [s] of windows and their inflation (W, 2), as far as a logarithmic axis shows it."""
+    """Returns the middle [s] of each window and its inflation (W, 2), raised to the least that a logarithmic axis shows."""
     times = [0.5 * (window.t0 + window.t1) for window in windows]
     return over(times, np.maximum([window.bend.inflation for window in windows], LEAST_INFLATION))
 
 
 def explain_torn(settings: AuditConfig) -> str:
-    """Explains when a window is torn, for those who see dots beyond the threshold."""
+    """Explains in words when a window is torn, for readers who see dots beyond the threshold that are not torn."""
     return (
         f"A window is torn where its inflation is above {TORN_INFLATION:.1f} and its correction moves its "
         f"points by more than {format_length(settings.bend_m)}. Torn places are red triangles, "
@@ -241,7 +241,7 @@ def _encode_curve(curve: Curve) -> dict[str, Any]:
 
 
 def _encode_places(places: Sequence[Place]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Returns the places, and the points of all views as x, y, x, y, ...; a group says where in them it begins and ends."""
+    """Returns the places, and the points of all views in one array x, y, x, y, ...; a group is a begin and an end in it."""
     step = max(1.0, sum(len(group) for place in places for _, groups, _ in place.views for group in groups) / _MOST_CROPPED)
     parts: list[Points] = [np.empty((0, 2))]
     begin = 0
@@ -263,7 +263,7 @@ def _encode_places(places: Sequence[Place]) -> tuple[list[dict[str, Any]], dict[
 
 
 def _find_span(values: Sequence[NDArray[np.float64]]) -> tuple[float, float]:
-    """Returns the ends of the colour scale of some values."""
+    """Returns the lower and the upper end of the colour scale that arrays of values share."""
     some = [v[pick_evenly(len(v), _ENOUGH)] for v in values]
     release(*values)
     known = np.concatenate([v[np.isfinite(v)] for v in some])
@@ -282,14 +282,14 @@ def _encode_floats(values: ArrayLike) -> dict[str, Any]:
 
 
 def _encode_fine(values: NDArray[np.float64]) -> dict[str, Any]:
-    """Returns values in 16 bits each, in steps of their span: a centimetre where it is 600 m."""
+    """Returns values in 16 bits each, which resolve about a centimetre if the values span 600 m."""
     low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
     step = max(high - low, 1e-9) / _STEPS
     return _encode_array(np.round((values - low) / step).astype("<u2"), "u2", low, step)
 
 
 def _encode_shares(values: NDArray[np.float64], span: tuple[float, float]) -> dict[str, Any]:
-    """Returns values as bytes, each a step of a span; what lies beyond is at its end."""
+    """Returns values in 8 bits each, over a span; values outside the span are moved to its nearer end."""
     step = (span[1] - span[0]) / 255.0
     return _encode_array(np.clip(np.round((values - span[0]) / step), 0, 255).astype(np.uint8), "u1", span[0], step)
 

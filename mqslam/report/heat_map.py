@@ -1,4 +1,4 @@
-"""The heat map: the map in grey, the path in the colours of its windows' inflation, and what is torn in red."""
+"""Draws the heat map: the map in grey, the path in the colours of its windows' inflation, other torn places in red."""
 
 from __future__ import annotations
 
@@ -37,21 +37,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # the looks of the figure; no result depends on them
-_REACH = 100.0  # factor of inflation that the colours show below the threshold, and above it
+_REACH = 100.0  # the colours reach from the threshold divided by this to the threshold times this
 _COLOURS: Final = ((0.0, "#123f86"), (0.5, "#6db3ea"), (0.5, "#f6bd3c"), (0.75, "#b8640a"), (1.0, "#432104"))
-_LABELS = 6  # torn places beside which is written how far they are off
-_LABELS_APART = 0.17  # least distance between two such offsets, per width of the picture
+_LABELS = 6  # most torn places that are labelled with how far they are off
+_LABELS_APART = 0.17  # least distance between two such labels, in widths of the picture
 _STRIP_IN = 0.62  # height of the strip above the map
 
 
 @dataclass(frozen=True, slots=True)
 class _TornPlace:
-    """What is torn between two scans.
+    """A torn place, given by two scans.
 
     Args:
         earlier, later: numbers of the scans.
-        off_m: how far it is off [m].
-        is_stretch: whether all of the path between them is torn, rather than two passes that lie apart.
+        off_m: how far the two are off each other [m].
+        is_stretch: whether the path between the two scans is torn; else they are two passes of one place.
     """
 
     earlier: int
@@ -63,15 +63,15 @@ class _TornPlace:
 def draw_heat_map(
     points: Points, path: Points, times: NDArray[np.float64], audit: Audit | None, *, opaque: bool = True
 ) -> bytes:
-    """Draws a map and what an audit found of it as a PNG file.
+    """Draws the heat map of an audit as a PNG file.
 
     Args:
-        points: (N, 2) [m] of the map.
-        path: (K, 2) [m] of the scans that were judged.
-        times: (K,) of the scans [s].
-        audit: the judgement; None where there is none.
-        opaque: whether it is drawn on white, to be looked at by itself, rather than on a transparent ground and in 256
-            colours, which take a third of the bytes, for a page.
+        points: (N, 2) points of the map [m].
+        path: (K, 2) positions of the scans that were judged [m].
+        times: (K,) times of the scans [s].
+        audit: judgement of the map; None where there is none.
+        opaque: whether the background is white, for a picture outside a page. Otherwise it is transparent, and the picture
+            has 256 colours, which take a third of the bytes.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
@@ -81,7 +81,7 @@ def draw_heat_map(
     lay_ink(view, [(axes, points, GREY)])
     axes.plot(*path.T, color="white", linewidth=4.5, solid_joinstyle="round")
     axes.plot(*path.T, color=GREY, linewidth=1.0)
-    # blue up to the threshold, orange to brown beyond it, lighter towards it
+    # blue below the threshold, orange to brown above it; the nearer to the threshold, the lighter
     shades = LinearSegmentedColormap.from_list("inflation", list(_COLOURS), 512)
     colours = ScalarMappable(LogNorm(TORN_INFLATION / _REACH, TORN_INFLATION * _REACH), shades)
     torn = [] if audit is None else _list_torn(audit, times)
@@ -107,7 +107,7 @@ def _reduce_colours(picture: bytes) -> bytes:
 
 
 def explain_heat_map(windows: Sequence[WindowAudit]) -> str:
-    """Returns the caption of the map of a judgement, in which the path has the colours of these windows."""
+    """Returns the caption of a heat map whose path has the colours of these windows."""
     undecided = any(window.undecided is not None for window in windows)
     return (
         "every return in grey, the path in the colour of its windows' inflation: blue up to the threshold "
@@ -117,7 +117,7 @@ def explain_heat_map(windows: Sequence[WindowAudit]) -> str:
 
 
 def _list_torn(audit: Audit, times: NDArray[np.float64]) -> list[_TornPlace]:
-    """Returns the jumps, the torn spans, the sums of spans that are bent, and the torn revisits."""
+    """Returns the jumps, the torn spans, the torn sums of spans and the torn revisits."""
     places = [
         _TornPlace(jump.registration.earlier, jump.registration.later, jump.registration.size_m) for jump in audit.jumps
     ]
@@ -130,7 +130,7 @@ def _list_torn(audit: Audit, times: NDArray[np.float64]) -> list[_TornPlace]:
 
 
 def _draw_torn(axes: Axes, path: Points, torn: Sequence[_TornPlace], view: View) -> None:
-    """Draws torn stretches beside the path and lines between torn passes, and at the worst of them how far they are off."""
+    """Draws torn stretches along the path and lines between torn passes; labels the worst with how far they are off."""
     for place in torn:
         if place.is_stretch:
             part = path[place.earlier : place.later + 1]
@@ -151,7 +151,7 @@ def _draw_torn(axes: Axes, path: Points, torn: Sequence[_TornPlace], view: View)
 
 
 def _draw_colour_strip(figure: Figure, axes: Axes, colours: ScalarMappable, torn: int) -> None:
-    """Draws the key of the colours and the links above the map."""
+    """Draws a strip above the map, which explains the colours and states the number of other torn places."""
     box, height = axes.get_position(), figure.get_figheight()
     strip = figure.add_axes((box.x0, box.y1 + 0.22 / height, 0.56 * box.width, 0.14 / height))
     bar = figure.colorbar(colours, cax=strip, orientation="horizontal", extend="both")

@@ -1,4 +1,4 @@
-"""The page of a localisation."""
+"""Makes the page of a localisation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mqslam.report.words import format_matched, format_value
 
 _STATUSES: Final = {  # colour and mark on the map, and meaning
     PlaceStatus.CONVERGED: (BLUE, "o", "the scan lies on the map"),
-    PlaceStatus.DEGENERATE: (ORANGE, "s", "the map does not show one direction; along it the motion counts"),
+    PlaceStatus.DEGENERATE: (ORANGE, "s", "the map does not show one direction; along it the pose is a prediction"),
     PlaceStatus.LOST: (RED, "^", "too little of the scan lies on the map; the pose is a prediction"),
     PlaceStatus.OUTSIDE: (VIOLET, "x", "the map has nothing there; the pose is a prediction"),
 }
@@ -29,17 +29,17 @@ _STATUSES: Final = {  # colour and mark on the map, and meaning
 def write_localise_page(
     folder: Path, localised: Localised, made: KeyframeMap, config: Config, summary: Mapping[str, Any]
 ) -> list[str]:
-    """Writes the page of a localisation, which opens without a network, into an existing folder.
+    """Writes the page of a localisation into an existing folder; the page needs no network.
 
     Args:
         folder: the folder.
-        localised: where the scans lie.
+        localised: poses of the scans in the map, with their statuses.
         made: the map.
         config: all settings.
         summary: content of summary.json.
 
     Returns:
-        what could not be made, and why; the page says it too.
+        a message for each part that could not be made, with the reason; the page shows them, too.
 
     Raises:
         OutputError: the file cannot be written.
@@ -75,7 +75,7 @@ def _list_numbers(summary: Mapping[str, Any]) -> Section:
 
 
 def _show_map(made: KeyframeMap, localised: Localised) -> Section:
-    """Returns the map, and the scans that were found in it by their status."""
+    """Returns a picture of the map with the scans in it, marked by their status."""
     curves = []
     for status, (colour, mark, _) in _STATUSES.items():
         chosen = [one is status for one in localised.statuses]
@@ -88,7 +88,7 @@ def _show_map(made: KeyframeMap, localised: Localised) -> Section:
 
 
 def _show_path(localised: Localised) -> Section:
-    """Returns how sure each pose is, and what share of each scan's returns lies on the map, over time."""
+    """Returns charts over time: standard deviations of each pose, and the share of each scan's returns on the map."""
     seconds = 1e-6 * (localised.stamps_us - localised.stamps_us[0])
     sigmas = np.sqrt(np.einsum("nii->ni", localised.covariances))
     curves = []

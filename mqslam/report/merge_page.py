@@ -1,4 +1,4 @@
-"""The page of a merge."""
+"""Makes the page of a merge."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ from mqslam.report.words import format_matched, format_value
 
 # the looks of the page; no result depends on them
 _COLOURS: Final = (("blue", BLUE), ("orange", ORANGE), ("green", GREEN), ("violet", VIOLET))
-_SIDE_M: Final = 40.0  # side of the picture of a change
-_SHOWN: Final = 12  # changes that have a picture of their own
-_LISTED: Final = 25  # changes that are in the table of the page; changes.csv has all
+_SIDE_M: Final = 40.0  # least side of the picture of a change
+_SHOWN: Final = 12  # most changes that have a picture of their own
+_LISTED: Final = 25  # most changes in the table of the page; changes.csv has all
 
 
 def write_merge_page(folder: Path, merged: Merged, summary: Mapping[str, Any]) -> list[str]:
-    """Writes the page of a merge, which opens without a network, into an existing folder.
+    """Writes the page of a merge into an existing folder; the page needs no network.
 
     Args:
         folder: the folder.
-        merged: the merge.
+        merged: result of the merge.
         summary: content of summary.json.
 
     Returns:
-        what could not be made, and why; the page says it too.
+        a message for each part that could not be made, with the reason; the page shows them, too.
 
     Raises:
         OutputError: the file cannot be written.
@@ -86,7 +86,7 @@ def _split_points(merged: Merged) -> list[tuple[Points, str]]:
 
 
 def _show_map(merged: Merged) -> Section:
-    """Returns the maps of all recordings over each other, and their trajectories with the links between them."""
+    """Returns pictures of the maps of all recordings over each other, and of their trajectories with the links."""
     maps, poses = _split_points(merged), merged.kept.keyframes.poses[:, :2]
     colours = ", ".join(f"{_COLOURS[n % len(_COLOURS)][0]} is recording {n + 1}" for n in range(len(maps)))
     places = np.array([change.place for change in merged.changes]).reshape(-1, 2)
@@ -116,8 +116,8 @@ def _tabulate_changes(summary: Mapping[str, Any]) -> Section:
     changes = summary["changes"]
     notes = [
         "An object that several keyframes of one recording show, where the other one shows nothing and looks past the "
-        "place, from the same side and from no farther away, at something behind it. It is looked for only where "
-        "it is known well enough how the recordings lie to each other, which far from all links it is not."
+        "place, from the same side and from no farther away, at something behind it. Such objects are looked for only near "
+        "links, where the pose of the recordings relative to each other is known well enough."
     ]
     if not changes:
         notes.append("None was found.")
@@ -151,7 +151,7 @@ def _show_changes(merged: Merged) -> Section | None:
 
 
 def draw_change(maps: Sequence[tuple[Points, str]], change: Change) -> list[bytes]:
-    """Draws the surroundings of a change in recordings.
+    """Draws the surroundings of a change, one picture per recording.
 
     Args:
         maps: points (N, 2) [m] and colour of each recording.

@@ -1,4 +1,4 @@
-"""The page of every command: one HTML file that fetches nothing from anywhere, made of sections by one template."""
+"""Makes the HTML page of a command: one file that loads nothing from elsewhere, made of sections by one template."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ _TEST_HEAD: Final = ("test", "verdict", "p-value", "what it found", "what it can
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A picture, as a PNG file or as an SVG element, with its heading and, where needed, a line about it.
+    """A picture with a heading and an optional caption.
 
     Args:
-        picture: the picture.
-        heading: its heading.
-        caption: the line.
-        description: text that is read to those who do not see it; the heading where it is empty.
-        link: address that a click on it leads to; None without one.
+        picture: content of a PNG file, or an SVG element.
+        heading: heading of the picture.
+        caption: line about the picture; empty for none.
+        description: text for readers who do not see the picture; if it is empty, they get the heading.
+        link: address that a click on the picture opens; None for none.
     """
 
     picture: bytes
@@ -57,7 +57,7 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A cell of a table with a link, or one that is the best of its column."""
+    """A cell of a table that has a link or is marked as the best of its column."""
 
     text: str
     link: str | None = None
@@ -69,10 +69,10 @@ class Table:
     """A table.
 
     Args:
-        head: what its columns hold.
-        rows: cells, of which the first one names the row; the last cell of a short row goes across the columns that are
-            left, and a verdict is shown in its colour.
-        holds_words: whether its cells are sentences, which begin at the left and wrap.
+        head: headings of the columns.
+        rows: cells of each row, the first of which names the row. The last cell of a short row spans the remaining columns.
+            A verdict is shown in its colour.
+        holds_words: whether the cells hold sentences, which are left-aligned and wrap.
     """
 
     head: Sequence[str]
@@ -82,7 +82,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """Small pictures under a heading, with a line about them where needed."""
+    """Small pictures under a heading, with an optional line about them."""
 
     heading: str
     text: str = ""
@@ -94,14 +94,14 @@ class Section:
     """A part of a page.
 
     Args:
-        heading: the heading; empty without one.
-        notes: what the reader should know; the first line stands below the heading, the others unfold.
+        heading: heading of the section; empty for none.
+        notes: lines for the reader; the first one stands below the heading, a click unfolds the others.
         figures: pictures side by side.
-        stacked: pictures one below the other, beside the others.
-        table: a table, beside a picture that stands alone; None without one.
-        numbers: groups of names with their values, each under its heading, as one dense table.
+        stacked: pictures one below the other, to the right of `figures`.
+        table: a table, which stands next to the figure if there is exactly one; None for no table.
+        numbers: heading of each group of values, and their names and texts; all groups form one dense table.
         cards: cards side by side.
-        folded: what there is besides, and need not be seen at once; None without it.
+        folded: a section that a click unfolds; None for none.
     """
 
     heading: str
@@ -116,14 +116,14 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Explorer:
-    """A map to move in, with curves over time and the place that was clicked.
+    """An interactive map, with curves over time and close views of the place that was clicked.
 
     Args:
-        notes: what the reader should know about it.
+        notes: lines for the reader; the first one stands below the heading, a click unfolds the others.
         has_charts: whether there are curves over time.
-        colours: what the points can be coloured by: title of each by its name.
-        data: what the page's script reads, as JSON that may stand in HTML.
-        still: what stands for it where it cannot run.
+        colours: values that the points can be coloured by: title of each by its name.
+        data: data for the page's script, as JSON that is safe inside HTML.
+        still: parts with pictures, which the page shows where the script cannot run.
     """
 
     notes: Sequence[str]
@@ -133,19 +133,19 @@ class Explorer:
     still: Sequence[Part] = ()
 
 
-Part: TypeAlias = Section | Explorer | str  # text says why a part is missing
+Part: TypeAlias = Section | Explorer | str  # a text says why a part is missing
 _Content = TypeVar("_Content", Section, Explorer)
 
 
 class Page:
-    """A page that grows part by part.
+    """A page of a report, which is made part by part and then written.
 
     Args:
-        title: its heading.
+        title: heading of the page.
         summary: content of the JSON file of the result, which holds the verdict, the warnings and the version.
         settings: every setting used, or the plan of a batch, as text.
-        facts: names and values of what was judged, which stand below the heading.
-        notes: what the reader should know about how the recording was understood.
+        facts: names and values of facts about what was judged; they stand below the heading.
+        notes: lines for the reader on how the recording was interpreted.
         conclusion: sentences that say what the page shows.
     """
 
@@ -181,26 +181,26 @@ class Page:
         return _PARTLY if self.verdict == VerdictStatus.PASS and self.unjudged else _MEANINGS.get(self.verdict, "")
 
     def add(self, name: str, make: Callable[[], Section | None]) -> None:
-        """Adds a part; where it cannot be made, the page says so in its place and among the warnings.
+        """Adds a part. If making it fails, the page says so in place of the part and among the warnings.
 
         Args:
-            name: what the part is called.
-            make: makes it; None where there is nothing to show.
+            name: name of the part, for that message.
+            make: returns the part; None where there is nothing to show.
         """
         self.parts += self._make(name, make)
 
     def add_lead(self, name: str, make: Callable[[], Section | None]) -> None:
-        """Adds what stands beside the verdict; the arguments are those of `add`."""
+        """Adds a part next to the verdict; the arguments are the same as for `add`."""
         self.lead += self._make(name, make)
 
     def add_explorer(
         self, make: Callable[[], Explorer | None], still: Sequence[tuple[str, Callable[[], Section | None]]]
     ) -> None:
-        """Adds a map to move in, and the parts that stand for it where it cannot run: alone where there is no such map.
+        """Adds an interactive map, and parts that the page shows where the map cannot run or could not be made.
 
         Args:
-            make: makes the map.
-            still: name of each of these parts, and what makes it.
+            make: returns the map; None where there is nothing to show.
+            still: name of each of these parts, and the function that returns it.
         """
         pictures = [part for one in still for part in self._make(*one)]
         live = self._make("the map to move in", make)
@@ -218,10 +218,10 @@ class Page:
         return [*made, *failures]
 
     def write(self, folder: Path) -> list[str]:
-        """Writes the page as report.html into an existing folder, whose run.log says when and by which command it was made.
+        """Writes the page as report.html into an existing folder, with the date and the command from the folder's run.log.
 
         Returns:
-            what could not be made, and why; the page says it too.
+            a message for each part that could not be made, with the reason; the page shows them, too.
 
         Raises:
             OutputError: the file cannot be written.
@@ -235,7 +235,7 @@ class Page:
 
 
 def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
-    """Returns what each test of a map found, and what it cannot see; None where none was made.
+    """Returns a table of the tests of a map: what each one found and what it cannot see. None if no test was made.
 
     Args:
         summary: content of audit.json or of a run's summary.json.
@@ -269,7 +269,7 @@ def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
 
 @cache
 def _environment() -> Environment:
-    """Returns the templates, with what they need to put files and data into a page."""
+    """Returns the environment of the templates, with the filters, tests and functions that they use."""
     loader = PackageLoader("mqslam.report")
     made = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     made.filters["data_uri"] = lambda png: Markup(f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}")
@@ -284,5 +284,5 @@ def _environment() -> Environment:
 
 @cache
 def _source_of(name: str) -> Markup:
-    """Returns a style sheet or script as it is."""
+    """Returns the text of a style sheet or script, which a template inserts without escaping."""
     return Markup(resources.files("mqslam.report").joinpath("templates", name).read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""The page of a run."""
+"""Makes the page of a run."""
 
 from __future__ import annotations
 
@@ -60,13 +60,13 @@ from mqslam.report.words import (
 from mqslam.solution import Run
 
 # the looks of the page; no result depends on them
-_HALF_SIDE_M = 30.0  # half the side of what is shown of a place
-_REACH_M = 43.0  # a circle of this radius holds all of it, whatever its heading
-_SAME_PASS_S = 15.0  # points that were seen earlier or later than this are drawn as those of another pass
-_LARGEST = 0.015  # largest ellipse per side of the map
+_HALF_SIDE_M = 30.0  # half the side of the close view of a place
+_REACH_M = 43.0  # a circle of this radius holds the close view at any heading
+_SAME_PASS_S = 15.0  # points seen longer than this before or after a window's middle belong to another pass
+_LARGEST = 0.015  # largest radius of an ellipse, as a share of the map's side
 _ELLIPSES = 150  # most ellipses that are shown, so that a long path is not covered by them
 _CORNERS = 24  # corners of an ellipse
-_SAME_PATH_M: Final = 1e-3  # positions nearer than this are the same in print
+_SAME_PATH_M: Final = 1e-3  # positions that differ by less look the same in a picture
 _ALIKE: Final = 10.0  # curves whose medians differ by a larger factor are drawn on a logarithmic axis
 _DISTANCE: Final = "distance [m]"
 _GROUPS: Final = {
@@ -82,16 +82,16 @@ _GROUPS: Final = {
 
 
 def write_run_page(folder: Path, run: Run, recording: Recording, summary: Mapping[str, Any]) -> list[str]:
-    """Writes a run's page, which opens without a network, into an existing folder.
+    """Writes a run's page into an existing folder; the page needs no network.
 
     Args:
         folder: the folder.
         run: the finished run.
         recording: the recording it was made from.
-        summary: content of summary.json; what is absent or None is shown as not available.
+        summary: content of summary.json; values that are absent or None are shown as not available.
 
     Returns:
-        what could not be made, and why; the page says it too.
+        a message for each part that could not be made, with the reason; the page shows them, too.
 
     Raises:
         OutputError: the file cannot be written.
@@ -102,7 +102,7 @@ def write_run_page(folder: Path, run: Run, recording: Recording, summary: Mappin
         last_pose=describe_last_pose(summary.get("last_pose")),
         ground_truth=_describe_errors(part_of(summary, "evaluation")),
     )
-    notes = (*recording.notes, *list_sensor_notes({**summary, "psi": None}))  # psi of a whole map may prefer the wrong one
+    notes = (*recording.notes, *list_sensor_notes({**summary, "psi": None}))  # the whole map's psi may prefer a worse map
     settings = dump_yaml(set_doppler_beta(run.config, run.doppler_beta))
     page = Page(recording.path.resolve().name, summary, settings, facts=facts, notes=notes)
     truth = _align_truth(run.optimised, recording.ground_truth)
@@ -121,19 +121,19 @@ def write_run_page(folder: Path, run: Run, recording: Recording, summary: Mappin
 
 
 def _stood_still(run: Run) -> bool:
-    """Returns whether the radar never moved on, so that the maps hold one scan only."""
+    """Returns whether the radar never moved, so that the maps hold one scan only."""
     moved = select_moving(run.optimised.poses)
     return len(moved) > 1 and moved.sum() == 1
 
 
 def _describe_errors(errors: Mapping[str, Any]) -> str:
-    """Returns the errors against ground truth in words; nothing without it."""
+    """Returns the errors against ground truth in words; an empty text without ground truth."""
     drift = f", drift {format_value(errors['drift_percent'])} %" if errors.get("drift_percent") is not None else ""
     return f"{format_value(errors.get('ate_rmse_m'), ' m')} off (ATE, RMSE){drift}; no part of the verdict" if errors else ""
 
 
 def _show_verdict(run: Run) -> Section:
-    """Returns the optimised map with what its judgement found."""
+    """Returns the heat map of the optimised map."""
     track = run.optimised
     times, path = track.seconds(int(track.stamps_us[0])), track.poses[:, :2]
     picture = draw_heat_map(run.map_optimised.points, path, times, run.checked, opaque=False)
@@ -170,7 +170,7 @@ def _show_maps(run: Run) -> Section:
 
 
 def draw_maps(maps: Sequence[tuple[PointMap, Trajectory, str]]) -> list[bytes]:
-    """Draws maps by the density of their points, with their trajectories in a colour each, on one extent and scale."""
+    """Draws the point density of maps, each with its trajectory in the given colour, all at one extent and scale."""
     drawings = []
     for pointmap, track, colour in maps:
         path = track.poses[:, :2]
@@ -209,12 +209,12 @@ def _show_trajectories(run: Run, truth: Trajectory | None) -> Section:
 
 
 def _middles(run: Run) -> se2.Array:
-    """Returns the middle of every measurement (W,) [s]."""
+    """Returns the time in the middle of every measurement (W,) [s]."""
     return np.array([0.5 * (m.t0 + m.t1) for m in run.measurements])
 
 
 def _trace_psi(run: Run) -> list[Curve]:
-    """Returns psi per point of every scan over time, under odometry and at its minimum, as far as it is known."""
+    """Returns curves of psi per point of every scan over time: under odometry and at its minimum, where they are known."""
     points = np.maximum([m.points for m in run.measurements], 1)
     known = (
         ("under odometry", ORANGE, np.array([m.psi_odometry for m in run.measurements])),
@@ -233,7 +233,7 @@ def _align_truth(optimised: Trajectory, truth: Trajectory | None) -> Trajectory 
 
 
 def explore_run(run: Run, summary: Mapping[str, Any], truth: Trajectory | None) -> Explorer | None:
-    """Returns the maps before and after optimisation, psi and inflation over time, and crops of both maps.
+    """Returns the interactive map of a run: maps before and after optimisation, psi and inflation over time, and crops.
 
     Args:
         run: the run.
@@ -268,7 +268,7 @@ def explore_run(run: Run, summary: Mapping[str, Any], truth: Trajectory | None) 
 
 
 def _rank_window(window: WindowAudit) -> tuple[bool, float]:
-    """Ranks the torn windows by how far they are off, and the others by inflation."""
+    """Returns the rank of a window, larger if worse: torn ones rank by how far they are off, others by inflation."""
     return window.torn, window.bend.size_m if window.torn else window.bend.inflation
 
 
@@ -279,9 +279,9 @@ def _make_layer(name: str, colour: str, track: Trajectory, pointmap: PointMap, *
 
 
 def _draw_ellipses(run: Run, summary: Mapping[str, Any]) -> tuple[Curve, list[str]]:
-    """Returns 3-sigma ellipses of the positions, enlarged where they would not be seen, and what to tell the reader.
+    """Returns 3-sigma ellipses of the positions, enlarged if they are too small to be seen, and lines for the reader.
 
-    They would cover the path, so that nothing shows them but their name in the legend.
+    The ellipses would cover the path, so they are hidden until their name in the legend is clicked.
     """
     sure = run.covariances
     picked = pick_evenly(len(sure.indices), _ELLIPSES)
@@ -313,13 +313,13 @@ def _draw_ellipses(run: Run, summary: Mapping[str, Any]) -> tuple[Curve, list[st
 
 
 def _round_down(factor: float) -> float:
-    """Returns the largest of 1, 2, 5, 10, 20, ... that is no more than a factor; 1 at least."""
+    """Returns the largest of 1, 2, 5, 10, 20, ... that is no more than a factor; at least 1."""
     steps = (n * 10.0**k for k in range(6) for n in (1, 2, 5))
     return max((step for step in steps if step <= factor), default=1.0)
 
 
 def _show_windows(run: Run) -> list[Place]:
-    """Returns what is shown of every window when it is clicked."""
+    """Returns the texts and the crops that a click on each window shows."""
     shown = ((run.before, run.map_odometry, run.odometry), ("optimised", run.map_optimised, run.optimised))
     views = [(name, _crop_windows(pointmap, track, run.checks)) for name, pointmap, track in shown]
     places = []
@@ -343,7 +343,7 @@ def _show_windows(run: Run) -> list[Place]:
 
 
 def _crop_windows(pointmap: PointMap, track: Trajectory, windows: Sequence[WindowAudit]) -> list[list[Points]]:
-    """Returns the map around windows, each seen from the sensor at its middle: points of this pass and of the others."""
+    """Returns the map around each window, in the sensor's frame at its middle: points of this pass and of other passes."""
     poses = [track.poses[min((window.begin + window.end) // 2, len(track) - 1)] for window in windows]
     crops: list[list[list[Points]]] = [[[np.empty((0, 2))], [np.empty((0, 2))]] for _ in windows]
     for block in pointmap.blocks() if windows else ():
@@ -372,7 +372,7 @@ def chart_path(run: Run, truth: Trajectory | None) -> Section | None:
 
 
 def _chart_truth(run: Run, truth: Trajectory | None) -> list[Figure]:
-    """Returns error over distance and drift by length of segment, of both trajectories; none without truth."""
+    """Returns charts of both trajectories' error over distance and drift by segment length; none without ground truth."""
     if truth is None:
         return []
     tracks = ((run.before, ORANGE, run.odometry), ("optimised", BLUE, run.optimised))
@@ -409,18 +409,18 @@ def _chart_truth(run: Run, truth: Trajectory | None) -> list[Figure]:
 
 
 def _are_alike(curves: Sequence[Curve]) -> bool:
-    """Returns whether values are of one size, so that a linear axis shows all of them."""
+    """Returns whether the values of curves are of similar size, so that a linear axis shows all of them."""
     medians = [float(np.median(curve.points[:, 1])) for curve in curves]
     return max(medians) <= _ALIKE * min(medians)
 
 
 def _chart_both(heading: str, caption: str, title: str, left: Sequence[Curve], beside: str, right: Curve) -> Figure:
-    """Returns a chart over distance of curves on an axis on the left, and of one on an axis on the right."""
+    """Returns a chart over distance, with curves on the left y axis and one curve on the right y axis."""
     return Figure(draw_chart(Chart(title, (*left, right), x_title=_DISTANCE, beside=beside)), heading, caption)
 
 
 def _chart_correction(run: Run) -> list[Figure]:
-    """Returns by how much optimisation moves each pose; nothing where the trajectories differ in time."""
+    """Returns a chart of how far optimisation moves each pose; none where odometry does not cover all poses in time."""
     stamps, after = run.optimised.stamps_us, run.optimised.poses
     if not run.odometry.covers(int(stamps[0]), int(stamps[-1]), 0):
         return []
@@ -436,7 +436,7 @@ def _chart_correction(run: Run) -> list[Figure]:
 
 
 def _chart_speed(track: Trajectory) -> Figure:
-    """Returns speed and yaw rate of a trajectory over the path."""
+    """Returns a chart of the speed and the yaw rate of a trajectory over the path."""
     twists = track.mean_twists(track.stamps_us[:-1], track.stamps_us[1:])
     path = se2.path_lengths(track.poses)[1:]
     speed = Curve("speed forward", BLUE, over(path, twists[:, 0]))
@@ -446,7 +446,7 @@ def _chart_speed(track: Trajectory) -> Figure:
 
 
 def _chart_sigmas(run: Run) -> list[Figure]:
-    """Returns how sure every pose is; nothing where that is not known."""
+    """Returns a chart of the standard deviations of every pose; none where they are not known."""
     sure = run.covariances
     if not len(sure.indices):
         return []
@@ -459,12 +459,12 @@ def _chart_sigmas(run: Run) -> list[Figure]:
 
 
 def _list_numbers(run: Run, summary: Mapping[str, Any]) -> Section:
-    """Returns the table at the end of a run's page; angles are in degrees."""
+    """Returns the numbers at the end of a run's page; angles are in degrees."""
     parts = {**summary, **part_of(summary, "sensors")}
     groups = [(f"Map quality: {run.before} → optimised", _list_quality(run, part_of(summary, "psi")))]
     for group, heading in _GROUPS.items():
         values = list_values(group, part_of(parts, group))
-        if group in ("mount", "gyroscope", "gnss", "chirps"):  # what is not known of a sensor is left out
+        if group in ("mount", "gyroscope", "gnss", "chirps"):  # unknown values are left out
             values = [(label, text) for label, text in values if text != ABSENT]
         if group == "runtime_s" and summary.get("peak_rss_mb") is not None:
             values.append(("peak memory", label_value("peak_rss_mb", summary["peak_rss_mb"])[1]))
@@ -474,7 +474,7 @@ def _list_numbers(run: Run, summary: Mapping[str, Any]) -> Section:
 
 
 def _list_quality(run: Run, psi: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Returns what the map was before optimisation and is after it."""
+    """Returns the names of the map's quality measures, with their values before and after optimisation."""
     across, matched = ((psi.get(f"{key}_odometry"), psi.get(f"{key}_optimised")) for key in ("across_passes", "matched"))
     rows = [
         ("points matched", _show_change(map(format_matched, matched), format_change(*matched) if all(matched) else "")),

@@ -1,4 +1,4 @@
-"""The places of an audited map that are torn or could not be judged, in words and as files, and what would correct them."""
+"""Lists the places of an audited map that are torn or could not be judged, with their corrections, in words and in files."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from mqslam.report.words import ABSENT, describe_motion, describe_place, format_
 from mqslam.results.files import format_csv, format_numbers
 
 BAD_PLACES: Final = ("bad_places.csv", "bad_places.geojson")
-_WORST: Final = 10  # places that a page shows
-_SPREAD_M: Final = 50.0  # path between two places of one kind on a page, so that one bad stretch does not fill it
-_MOST: Final = 8  # stretches of one kind that a page names; the files hold all
+_WORST: Final = 10  # most places that a page shows
+_SPREAD_M: Final = 50.0  # least path between two places of one kind, so that one bad stretch does not fill a page
+_MOST: Final = 8  # most unjudged stretches of one kind that a page names; the files hold all
 _COLUMNS: Final = (
     *("kind", "torn", "t0", "t1", "x", "y", "yaw", "off_m", "dx", "dy", "dyaw"),
     *("inflation", "verdict", "description"),
@@ -34,20 +34,20 @@ _FRAME: Final = "x and y [m] in the frame of the trajectory that was audited, no
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """A window, or a torn jump, span or revisit, as a page shows it.
+    """A place of a map as a page shows it: a window, a jump, a torn span or a torn revisit.
 
     Args:
-        kind: what it is.
-        time: when it was, in words.
-        t0, t1: begin and end of a window, or what was seen earlier and later [s] since the recording's start.
-        pose: (3,) of the sensor at the window's middle, or at what was seen later, world frame.
+        kind: `window`, `jump`, `span` or `revisit`.
+        time: time of the place, in words.
+        t0, t1: begin and end of a window, or times of the earlier and the later stretch [s] since the recording's start.
+        pose: (3,) pose of the sensor at the window's middle, or at the later stretch, world frame.
         sweep: number of the sweep at that pose.
-        stretches: numbers of the sweeps of a window, or of those that were earlier and of those that were later.
-        off_m: how far the correction moves a window's points or those after a jump (root mean square), or the later pose,
-            in metres.
-        correction: (3,) in the frame of the pose [m, m, rad].
+        stretches: numbers of the sweeps of a window, or of the earlier and of the later stretch.
+        off_m: how far the correction moves the points of a window or after a jump (root mean square), or the end of a span
+            or the later pass of a revisit [m].
+        correction: (3,) correction in the frame of the pose [m, m, rad].
         inflation: the correction in units of its covariance, squared; None for a jump, which is judged against other steps.
-        torn: whether it counts as torn.
+        torn: whether the place counts as torn.
         text: size and direction of the correction, in words.
         undecided: why nothing could be decided about it, or None.
     """
@@ -68,12 +68,12 @@ class Spot:
 
     @property
     def title(self) -> str:
-        """What, when and where it is."""
+        """Kind, time and position of the place, in words."""
         return f"{self.kind} {self.time} at {describe_place(self.pose)}"
 
     @property
     def verdict(self) -> str:
-        """Whether it is torn, or why that is not known."""
+        """Whether the place is torn, or why that is not known, in words."""
         if self.undecided is not None:
             return f"undecided: {self.undecided}"
         return "torn" if self.torn else "not torn"
@@ -87,13 +87,13 @@ class Spot:
 
 
 def find_worst_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig, count: int = _WORST) -> list[Spot]:
-    """Returns the torn places that are off the most, then the windows of the largest inflation, well apart.
+    """Returns the worst places, well apart within a kind: torn ones by how far they are off, then windows by inflation.
 
     Args:
-        sweeps: what was judged.
-        audit: its judgement.
-        settings: of the audit.
-        count: how many places at most.
+        sweeps: the points that were judged.
+        audit: judgement of the map.
+        settings: settings of the audit.
+        count: largest number of places.
     """
     spots = [*spots_of_torn_pairs(sweeps, audit, settings), *map(spot_of_window, audit.windows)]
     chosen: list[Spot] = []
@@ -104,7 +104,10 @@ def find_worst_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig, count:
 
 
 def rank_spot(spot: Spot) -> tuple[bool, float]:
-    """Ranks torn places by how far they are off, and the others by inflation, because directions may be unobserved."""
+    """Returns the rank of a place, larger if worse: torn places rank by how far they are off, others by inflation.
+
+    The correction of a place that is not torn may be large only because it is not observed in some direction.
+    """
     return spot.torn, spot.off_m if spot.torn or spot.inflation is None else spot.inflation
 
 
@@ -135,9 +138,9 @@ def spots_of_torn_pairs(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> 
     """Returns the jumps, the torn spans and the torn revisits as spots.
 
     Args:
-        sweeps: what was judged.
-        audit: its judgement.
-        settings: of the audit.
+        sweeps: the points that were judged.
+        audit: judgement of the map.
+        settings: settings of the audit.
     """
     spots: list[Spot] = []
     off: tuple[float, se2.Array, float | None]
@@ -161,7 +164,7 @@ def spots_of_torn_pairs(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> 
 
 
 def _describe_fit(what: str, off_m: float, correction: se2.Array) -> str:
-    """Returns in words where the later of two stretches fits."""
+    """Returns in words how far and in which direction the later of two stretches, named by `what`, must move to fit."""
     return f"{what} fits {format_length(off_m)} from where the trajectory has it, moved {describe_motion(correction)}"
 
 
@@ -177,13 +180,13 @@ def _spot_of_pair(
     """Returns a torn pair of stretches as a spot.
 
     Args:
-        sweeps: what was judged.
-        kind: what the pair is.
-        pair: the sweeps in whose frames the stretches lie.
-        stretches: numbers of their sweeps.
-        off: how far the later one is off [m], its correction (3,), and the inflation of that, if it has one.
-        text: where the later one fits.
-        matched: share of its points that then lie on the earlier one.
+        sweeps: the points that were judged.
+        kind: `jump`, `span` or `revisit`.
+        pair: the earlier and the later sweep, in whose frames the stretches are given.
+        stretches: numbers of the sweeps of the earlier and of the later stretch.
+        off: how far the later stretch is off [m], its correction (3,), and the correction's inflation; None for a jump.
+        text: where the later stretch fits, in words.
+        matched: share of the later stretch's points that lie on the earlier one after the correction.
     """
     t0, t1 = sweeps.times[list(pair)].tolist()
     time = {"jump": f"at {t1:.1f} s", "span": f"{t0:.1f} s to {t1:.1f} s", "revisit": f"{t0:.1f} s and {t1:.1f} s"}[kind]
@@ -193,7 +196,7 @@ def _spot_of_pair(
 
 
 def _are_apart(sweeps: Sweeps, a: Spot, b: Spot) -> bool:
-    """Returns whether a page may show both places."""
+    """Returns whether two places differ in kind or are far enough from each other for a page to list both."""
     if a.kind != b.kind:
         return True
     if a.kind == "window" and a.stretches[0][0] <= b.stretches[0][-1] + 1 and b.stretches[0][0] <= a.stretches[0][-1] + 1:
@@ -202,14 +205,14 @@ def _are_apart(sweeps: Sweeps, a: Spot, b: Spot) -> bool:
 
 
 def list_unmatched(sweeps: Sweeps, audit: Audit) -> list[tuple[str, ...]]:
-    """Returns the stretches of windows, steps and revisits of which nothing could be decided.
+    """Returns a row for each stretch of successive windows, steps or revisits about which nothing could be decided.
 
     Args:
-        sweeps: what was judged.
-        audit: its judgement.
+        sweeps: the points that were judged.
+        audit: judgement of the map.
 
     Returns:
-        what could not be judged with how many of them, when and where it is, why it was not, and where to look for it.
+        the cells of each row: number and kind, time, position, reason, and which rows of which file to look at.
     """
     unfit, unsure = (
         "the scans before and after it fit no single place",
@@ -217,7 +220,7 @@ def list_unmatched(sweeps: Sweeps, audit: Audit) -> list[tuple[str, ...]]:
     )
     judged: dict[
         tuple[str, str], list[tuple[str | None, float, float, se2.Array]]
-    ] = {  # of each: why nothing was decided, if so, begin and end [s], and pose
+    ] = {  # of each item: why nothing was decided (None if decided), begin and end [s], pose
         ("window", "audit.csv"): [(w.undecided, w.t0, w.t1, w.pose) for w in audit.windows],
         ("step", "steps.csv"): [
             (None if step.judged else unfit, step.t, step.t, sweeps.poses[step.registration.later]) for step in audit.steps
@@ -244,19 +247,19 @@ def list_unmatched(sweeps: Sweeps, audit: Audit) -> list[tuple[str, ...]]:
 
 
 def list_bad_places(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[Spot]:
-    """Returns all that is torn and all windows of which nothing could be decided, in the order of time.
+    """Returns all torn places and all undecided windows, in the order of time.
 
     Args:
-        sweeps: what was judged.
-        audit: its judgement.
-        settings: of the audit.
+        sweeps: the points that were judged.
+        audit: judgement of the map.
+        settings: settings of the audit.
     """
     windows = [spot_of_window(window) for window in audit.windows if window.torn or window.undecided is not None]
     return sorted([*windows, *spots_of_torn_pairs(sweeps, audit, settings)], key=lambda spot: (spot.t1, spot.kind))
 
 
 def write_bad_places(folder: Path, spots: Sequence[Spot]) -> None:
-    """Writes bad places as CSV and as GeoJSON into an existing folder; without any, the files hold none.
+    """Writes bad places as CSV and as GeoJSON into an existing folder; both files are written even if there are none.
 
     Args:
         folder: the folder.

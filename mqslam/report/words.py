@@ -1,4 +1,4 @@
-"""Numbers, lengths and motions as the pages write them, and the labels and units of the values of a summary."""
+"""Formats numbers, lengths and motions for the pages, and gives the values of a summary their labels and units."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _UNITS: Final = {
     "s": " s",
     "mb": " MB",
     "percent": " %",
-}  # by the endings of keys, longest first
-_LABELS: Final = {  # of the values whose keys do not say it well: by group and key, or by key; angles are shown in degrees
+}  # unit by the ending of a key, the longest ending first
+_LABELS: Final = {  # label and unit of values whose keys make no good label, by group and key or by key; pages show degrees
     "yaw_per_m": ("yaw", " rad/m"),
     "yaw_per_m_sigma": ("yaw, sigma", " rad/m"),
     "chirps.factors": ("velocities in the graph", ""),
@@ -72,18 +72,18 @@ def list_values(group: str, values: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Returns the values of a part of a summary with their labels; nested parts are left out.
 
     Args:
-        group: name of the part; its ending gives the unit of keys that say none.
+        group: name of the part; its ending gives the unit of values whose keys name none.
         values: the part.
     """
     return [label_value(key, value, group) for key, value in values.items() if not isinstance(value, Mapping | list | tuple)]
 
 
 def list_facts(summary: Mapping[str, Any], **others: str | None) -> list[tuple[str, str]]:
-    """Returns what was judged, by name: the recording, how long the drive is, and what else is given.
+    """Returns facts about what was judged, as names and texts: the recording, the length of the drive, and further facts.
 
     Args:
-        summary: content of summary.json or audit.json; what is absent is left out.
-        others: what else was judged, by its name.
+        summary: content of summary.json or audit.json; facts that it lacks are left out.
+        others: further facts by their names; None and empty texts are left out.
     """
     dataset = part_of(summary, "dataset")
     scans = next((dataset[key] for key in ("revolutions", "sweeps") if key in dataset), None)
@@ -100,7 +100,7 @@ def label_value(key: str, value: Any, group: str = "") -> tuple[str, str]:
     """Returns the label of a value of a summary, and the value as text with its unit.
 
     Args:
-        key: of the value.
+        key: key of the value.
         value: the value.
         group: name of the part of the summary that holds it.
     """
@@ -134,7 +134,7 @@ def format_value(value: Any, unit: str = "") -> str:
 
 
 def format_matched(share: Any) -> str:
-    """Returns the matched share, 0..1, of a map's points in percent; a map without any match is not judged by psi.
+    """Returns the matched share (0..1) of a map's points as text in percent, or `not judged` for a map without any match.
 
     The map of a radar that stood still holds one scan only, and no other scan can match it.
     """
@@ -154,7 +154,7 @@ def format_length(metres: float) -> str:
 
 
 def format_p_value(p_value: float | None) -> str:
-    """Returns a p-value as text, as exact as one is; a dash where there is none."""
+    """Returns a p-value as text with two significant digits, or `< 0.0001`; a dash where there is none."""
     if p_value is None:
         return ABSENT
     return "< 0.0001" if p_value < 1e-4 else f"{p_value:.2g}"
@@ -166,12 +166,12 @@ def format_three_digits(value: float) -> str:
 
 
 def describe_place(position: NDArray[np.float64]) -> str:
-    """Returns a position or pose, of which x and y [m] count, in whole metres."""
+    """Returns x and y of a position or pose [m] as text, in whole metres."""
     return f"({round(position[0])}, {round(position[1])}) m".replace("-", "−")
 
 
 def describe_motion(motion: Iterable[float]) -> str:
-    """Returns a planar motion in the words of a driver.
+    """Returns a planar motion in words, as a driver would say it: ahead or back, left or right, and turned.
 
     Args:
         motion: (3,) x [m] ahead, y [m] to the left, yaw [rad] to the left.

@@ -1,1 +1,1 @@
-"""What a run, an audit, a comparison and a batch leave on disk: one module each."""
+"""Writes the result files of commands: a module each for run, audit, compare, batch, merge and localise."""

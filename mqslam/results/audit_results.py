@@ -1,4 +1,4 @@
-"""What an audit leaves: its numbers as JSON, and as CSV what it found of every window, revisit, step and span."""
+"""Writes the results of an audit: its numbers as JSON, and the judgement of every window, revisit, step and span as CSV."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from mqslam.execution.files import write_json, write_text
 from mqslam.results.files import format_csv, format_log, format_numbers, list_notes, list_verdict
 from mqslam.version import __version__
 
-# what audit.json says once, of the given and of the mended trajectory
+# entries that audit.json has only once, since they hold for the given and for the mended trajectory
 _OF_BOTH: Final = ("mqslam_version", "dataset", "trajectory", "threshold", "bend_m", "extrinsics", "warnings")
 _POSE, _OFFSET = ("x", "y", "yaw"), ("dx", "dy", "dyaw")  # metres, metres, radians
 _SIGMAS, _STATED = ("sigma_x", "sigma_y", "sigma_yaw"), ("claimed_sigma_x", "claimed_sigma_y", "claimed_sigma_yaw")
 
 Columns: TypeAlias = dict[str | tuple[str, ...], Callable[[Any, Sweeps], Any]]
-"""Names of columns, in order, and what gives a cell, or the cells (3,) of several columns, of an item and of the sweeps.
+"""Columns of a CSV file in order: one or more names, and the function that makes their cells from an item and the sweeps.
 
 Lengths are in metres, angles in radians, times in seconds since the recording began.
 """
@@ -76,7 +76,7 @@ _REVISIT: Final[Columns] = {
     "psi_per_point": lambda r, _: r.revisit.psi,
     "psi_per_point_best": lambda r, _: r.revisit.psi_best,
 }
-_SPAN: Final[Columns] = {  # the offsets are without what all of the map asks for
+_SPAN: Final[Columns] = {  # the offsets are without the corrections of the whole map
     "t_earlier": lambda s, _: s.t0,
     "t_later": lambda s, _: s.t1,
     _POSE: lambda s, sweeps: sweeps.poses[s.registration.later],
@@ -89,7 +89,7 @@ _SPAN: Final[Columns] = {  # the offsets are without what all of the map asks fo
 
 
 def _make_step_columns(jumps: Collection[int] = ()) -> Columns:
-    """Returns the columns of steps, of which those to some sweeps are jumps."""
+    """Returns the columns of steps; a step is a jump if its later sweep is in `jumps`."""
     return {
         "t": lambda s, _: s.t,
         _POSE: lambda s, sweeps: sweeps.poses[s.registration.later],
@@ -147,14 +147,14 @@ def summarise(
     """Returns the content of audit.json.
 
     Args:
-        audit: the windows and revisits, judged.
-        sweeps: what was judged.
+        audit: judgement of the map.
+        sweeps: the points that were judged.
         settings: settings of the audit.
         bounds: settings of the verdict.
         dataset: format and path of what was audited.
-        trajectory: where the trajectory came from; None for a cloud without one.
-        warnings: what a reader has to know before the numbers.
-        extrinsics: x, y [m], yaw [degrees] of the sensor in the frame of which the trajectory was given, if it was stated.
+        trajectory: source of the trajectory; None for a cloud without one.
+        warnings: warnings that a reader must know before the numbers.
+        extrinsics: x, y [m], yaw [degrees] of the sensor in the frame whose trajectory was given; None if not stated.
     """
     torn, off = share_torn(audit.windows), share_torn_revisits(audit.revisits)
     sure = [r for r in audit.revisits if r.revisit.sure]
@@ -201,17 +201,17 @@ def summarise(
 
 
 def share_to_numbers(torn: Share) -> dict[str, Any]:
-    """Returns how many are torn, and the bounds of the true share."""
+    """Returns the number of torn items, and the confidence bounds of their true share."""
     bounds = {"torn_share_at_least": torn.lower_bound(CONFIDENCE), "torn_share_at_most": torn.upper_bound(CONFIDENCE)}
     return {"torn": torn.count, **bounds}
 
 
 def summarise_mended(mended: Mended, given: Mapping[str, Any], config: Config) -> dict[str, Any]:
-    """Returns what audit.json says of the mended trajectory: how it was mended, and its own audit.
+    """Returns the entry of audit.json on the mended trajectory: how it was mended, and its own audit.
 
     Args:
         mended: the trajectory and its audit.
-        given: content of audit.json on the trajectory as it was given.
+        given: content of audit.json on the given trajectory.
         config: all settings.
     """
     judged = mended.result
@@ -229,11 +229,11 @@ def summarise_mended(mended: Mended, given: Mapping[str, Any], config: Config) -
 
 
 def describe_mended(mended: Mended, given: Mapping[str, Any]) -> str:
-    """Returns what mending has led to, as a sentence.
+    """Returns the result of mending as a sentence.
 
     Args:
         mended: the trajectory and its audit.
-        given: content of audit.json on the trajectory as it was given.
+        given: content of audit.json on the given trajectory.
     """
     before = given["verdict"]["status"]
     if not mended.rounds and before == VerdictStatus.NOT_JUDGED:
@@ -253,10 +253,10 @@ def describe_mended(mended: Mended, given: Mapping[str, Any]) -> str:
 
 
 def list_unjudged(audit: Audit) -> list[str]:
-    """Returns what an audit, or that of a run's own map, could not judge, and why, in words.
+    """Returns lines on what an audit, of a given map or of a run's own map, could not judge, and why.
 
     Args:
-        audit: the map, judged.
+        audit: judgement of the map.
     """
     blind = [finding.reason for finding in chain.from_iterable(audit.tests.values()) if not finding.judged]
     undecided = Counter(window.undecided for window in audit.windows if window.undecided is not None)
@@ -268,7 +268,7 @@ def list_unjudged(audit: Audit) -> list[str]:
 
 
 def _list_uncovered(sweeps: Sweeps) -> list[str]:
-    """Returns where there are scans without poses, or poses without scans, for longer than a window, in words."""
+    """Returns lines on where scans lack poses, or poses lack scans, for longer than a window."""
     track, span_s = sweeps.track, WINDOW * sweeps.revolution_s
     if track is None:
         return []
@@ -285,7 +285,7 @@ def _list_uncovered(sweeps: Sweeps) -> list[str]:
 
 
 def _summarise_speeds(audit: Audit) -> dict[str, Any]:
-    """Returns what the speeds show, and how far windows and speeds can tell a trajectory to be wrong."""
+    """Returns the results of the speed checks, and the largest errors that windows and speed checks can find."""
     sure = [w.speed for w in audit.windows if w.speed is not None and w.speed.sure]
     capture = audit.capture
     return {
@@ -307,7 +307,7 @@ def _median(values: Sequence[float]) -> float | None:
 
 
 def summarise_audit(audit: Audit) -> dict[str, Any]:
-    """Returns the numbers of the tests besides windows and revisits, by name, and how much crisper the map could be."""
+    """Returns the numbers of steps, spans, sums and pooled corrections, and psi over the lowest psi of the same returns."""
     return {
         "final_psi": {
             "over_best_of_windows": audit.compute_psi_over_best(),
@@ -330,10 +330,10 @@ def summarise_audit(audit: Audit) -> dict[str, Any]:
 
 
 def summarise_tests(tests: Mapping[str, Sequence[Finding]], bounds: VerdictConfig) -> dict[str, Any]:
-    """Returns what each test of a map found, by its name, and below which p-value it takes notice.
+    """Returns the findings of each test of a map by its name, and the p-value below which a test may call a map bad.
 
     Args:
-        tests: what they found.
+        tests: findings of each test by its name.
         bounds: settings of the verdict.
     """
     return {
@@ -343,7 +343,7 @@ def summarise_tests(tests: Mapping[str, Sequence[Finding]], bounds: VerdictConfi
 
 
 def _summarise_pooled(pooled: Pooled | None) -> dict[str, Any]:
-    """Returns what a map asks for as a whole, by name; without anything but the number of spans where it is unknown."""
+    """Returns the corrections that all spans of a map ask for together, by name; where unknown, only the number of spans."""
     if pooled is None:
         return {"spans": 0}
     values: dict[str, Any] = {"spans": pooled.spans}
@@ -373,7 +373,7 @@ def _summarise_findings(findings: Sequence[Finding]) -> dict[str, Any]:
 
 
 def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> None:
-    """Writes every result file of an audit but its pictures and its page into an existing folder.
+    """Writes every result file of an audit except its pictures and its page into an existing folder.
 
     Args:
         folder: the folder.

@@ -1,4 +1,4 @@
-"""What a batch leaves besides its runs: their numbers as JSON and CSV."""
+"""Writes the results of a batch besides those of its runs: the numbers of all runs as JSON and CSV."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class Order:
         frontend: name of the front end.
         settings: all settings.
         odometry: `auto`, `none` or the absolute path of a file.
-        imu: likewise of the gyroscope.
-        gnss: likewise of the GNSS fixes.
+        imu: the same for the gyroscope.
+        gnss: the same for the GNSS fixes.
         extrinsics: `auto`, `none` or X,Y,YAW of the radar on the vehicle [m, m, degrees].
         frame: `radar` or `vehicle`: whose poses are written.
     """
@@ -59,7 +59,7 @@ class RunOutcome:
 
 
 def check_batch(out: Path, *, force: bool) -> None:
-    """Makes the folder of a batch, or checks that it is one, before hours are spent on it.
+    """Makes the folder of a batch, or checks that an existing one may be used, before hours are spent on the batch.
 
     Args:
         out: the folder.
@@ -95,7 +95,7 @@ def summarise(orders: Sequence[Order], outcomes: Sequence[RunOutcome]) -> dict[s
 
 
 def _list_run(order: Order, outcome: RunOutcome) -> dict[str, Any]:
-    """Returns a run's numbers; None for all that a failed run lacks."""
+    """Returns a run's numbers; those that a failed run lacks are None."""
     summary = outcome.summary or {}
     dataset, psi, factors = summary.get("dataset", {}), summary.get("psi", {}), summary.get("factors", {})
     verdict, evaluation = summary.get("verdict", {}), summary.get("evaluation") or {}

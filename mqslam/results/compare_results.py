@@ -1,4 +1,4 @@
-"""What a comparison leaves: a folder per row, and their numbers as JSON, CSV and a table for people."""
+"""Writes the results of a comparison: a folder per row, and the rows' numbers as JSON, CSV and a table to read."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class _Column(NamedTuple):
     """A column of the table.
 
     Args:
-        key: in a row of compare.json.
-        head: what it is.
-        form: how a value is written.
-        arrow: says what is better: ↓ less, ↑ more, → 1 what is nearer to 1; empty where nothing is.
+        key: key of the value in a row of compare.json.
+        head: heading of the column.
+        form: format of a value.
+        arrow: which values are better: ↓ smaller, ↑ larger, → 1 nearer to 1; empty where none is better.
     """
 
     key: str
@@ -137,7 +137,7 @@ def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: i
 
 
 def _find_median_inflation(audit: Audit) -> float | None:
-    """Returns the median inflation; None where it means nothing in most windows, as their speed is far off or unknown."""
+    """Returns the median inflation; None if half of the windows or more are undecided or contradicted by their speed."""
     unknown = [w.undecided is not None or contradicts(w.speed, audit.capture) for w in audit.windows]
     values = [np.inf if no else w.bend.inflation for w, no in zip(audit.windows, unknown, strict=True)]
     median = float(np.median(values)) if values else np.inf
@@ -145,16 +145,16 @@ def _find_median_inflation(audit: Audit) -> float | None:
 
 
 def tabulate(summary: Mapping[str, Any]) -> tuple[list[list[str]], frozenset[tuple[int, int]]]:
-    """Writes the table as a person reads it.
+    """Returns the table of a comparison as text for people.
 
-    Columns that no row has are left out, and so is psi per point: neighbours in time make it, and a worse map may have less.
+    Columns without values are left out. So is psi per point: it compares neighbours in time, and a worse map may have less.
 
     Args:
         summary: content of compare.json.
 
     Returns:
-        the lines of the table, its head first, which says with an arrow whether less or more is better; and line and
-        column of the best value of every column in which two rows or more have one. Values that read the same are equal.
+        the lines of the table, first its head, where an arrow shows whether less or more is better; and line and column of
+        the best values, in columns in which two rows or more have a value. Values with the same text are equally good.
     """
     rows: list[dict[str, Any]] = summary["rows"]
     shown = [column for column in _COLUMNS if any(row.get(column.key) is not None for row in rows)]
@@ -168,7 +168,7 @@ def tabulate(summary: Mapping[str, Any]) -> tuple[list[list[str]], frozenset[tup
 
 
 def _find_best_lines(column: _Column, rows: Sequence[Mapping[str, Any]]) -> list[int]:
-    """Returns the lines of a column's best values, the head being line 0."""
+    """Returns the lines of a column's best values; the head is line 0."""
     values = {line: row[column.key] for line, row in enumerate(rows, 1) if row.get(column.key) is not None}
     if not column.arrow or len(values) < 2:
         return []
@@ -184,7 +184,7 @@ def _format_cell(value: Any, form: str) -> str:
 
 
 def write_compare(folder: Path, comparison: Comparison, summary: Mapping[str, Any]) -> None:
-    """Writes every result file of a comparison but its pictures and its page into an existing folder.
+    """Writes every result file of a comparison except its pictures and its page into an existing folder.
 
     Args:
         folder: the folder.
@@ -203,7 +203,7 @@ def write_compare(folder: Path, comparison: Comparison, summary: Mapping[str, An
 
 
 def _write_row(folder: Path, row: Row) -> None:
-    """Writes what a row leaves into a folder of its own."""
+    """Writes the results of a row into a new folder."""
     assert row.trajectory is not None and row.odometry is not None
     folder.mkdir()
     write_tum(folder / "trajectory.tum", row.trajectory)

@@ -1,4 +1,4 @@
-"""What the result files of all commands share: CSV, run.log, late warnings, and ground truth for evo."""
+"""Writes the parts that result files of all commands share: CSV, run.log, late warnings, and ground truth for evo."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ _EVO: Final = "evo_ape"
 
 
 def format_csv(rows: Iterable[Mapping[str, Any]], columns: Sequence[str] = ()) -> str:
-    """Returns rows under the names of their columns; what a row lacks or does not know is an empty cell.
+    """Returns rows as CSV below the names of their columns; a value that is absent or None is an empty cell.
 
     Args:
-        rows: to write.
-        columns: their names in order; by default those of the row that has the most, so that without rows there is nothing.
+        rows: values of each row by the names of their columns.
+        columns: names in order; by default those of the row that has the most. Without columns, the text is empty.
     """
     rows = list(rows)
     names = columns or max((list(row) for row in rows), key=len, default=[])
@@ -47,13 +47,13 @@ def format_csv(rows: Iterable[Mapping[str, Any]], columns: Sequence[str] = ()) -
 
 
 def format_numbers(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns a row whose numbers have nine significant digits; where `torn` was not decided, it is `unknown`."""
+    """Returns a row with its floats as text of nine significant digits, and a `torn` that was not decided as `unknown`."""
     cells = {key: f"{value:.9g}" if isinstance(value, float) else value for key, value in row.items()}
     return cells | ({"torn": "unknown"} if cells.get("torn", "") is None else {})
 
 
 def add_warnings(path: Path, summary: dict[str, Any], warnings: Sequence[str]) -> None:
-    """Adds to a summary that is written already what could not be written after it.
+    """Adds warnings to a summary that is written already, about files that could not be written after it.
 
     Args:
         path: the summary's JSON file.
@@ -69,11 +69,11 @@ def add_warnings(path: Path, summary: dict[str, Any], warnings: Sequence[str]) -
 
 
 def format_log(title: str, lines: Sequence[str]) -> str:
-    """Returns the text of run.log: what made a result, when, by which command, and what was said about it.
+    """Returns the text of run.log: a title, when and by which command and versions the result was made, and notes on it.
 
     Args:
-        title: what was done to what.
-        lines: what there is to say about it.
+        title: first line, which names the work and its data.
+        lines: notes, warnings and numbers, one a line.
     """
     origin = (
         f"finished: {datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC",
@@ -84,7 +84,7 @@ def format_log(title: str, lines: Sequence[str]) -> str:
 
 
 def read_origin(folder: Path) -> list[tuple[str, str]]:
-    """Returns when and by which command a folder's results were made, as its run.log says; nothing without such a file."""
+    """Returns when and by which command a folder's results were made, from its run.log; none without such a file."""
     log = folder / "run.log"
     lines = log.read_text(encoding="utf-8").splitlines()[1:3] if log.is_file() else []
     return [(name, value) for name, _, value in (line.partition(": ") for line in lines)]
@@ -102,23 +102,23 @@ def list_verdict(summary: Mapping[str, Any]) -> list[str]:
 
 
 def list_notes(summary: Mapping[str, Any], notes: Sequence[str] = ()) -> list[str]:
-    """Returns the lines of a log about notes and about the warnings of a summary."""
+    """Returns a line of a log for each note and for each warning of a summary."""
     return [*(f"note: {note}" for note in notes), *(f"warning: {warning}" for warning in summary["warnings"])]
 
 
 def list_stages(summary: Mapping[str, Any]) -> list[str]:
-    """Returns a line of a log per stage: how long it took."""
+    """Returns a line of a log for each stage, with the time that it took."""
     return [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
 
 
 def write_truth(folder: Path, estimate: Trajectory, truth: Trajectory | None) -> None:
-    """Writes the poses of the ground truth that a run is evaluated at, in the frame of its trajectory.
+    """Writes the poses of the ground truth with which a run is compared, in the frame of its trajectory.
 
-    evo pairs poses by their stamps. Where the truth has other stamps than the scans, the trajectory is written again,
-    interpolated at the stamps of the truth as the evaluation does it.
+    evo pairs poses by their stamps. If the truth has other stamps than the scans, a second file holds the trajectory
+    interpolated at the stamps of the truth, as in the evaluation.
 
     Args:
-        folder: of the results.
+        folder: folder of the results.
         estimate: the optimised trajectory.
         truth: ground truth, or None; nothing is written where the two share fewer than 3 stamps.
 
@@ -135,9 +135,9 @@ def write_truth(folder: Path, estimate: Trajectory, truth: Trajectory | None) ->
 
 
 def name_evo_command(folder: Path) -> str:
-    """Returns the command by which evo computes the ATE of the report; empty where a run had no ground truth.
+    """Returns the command with which evo computes the ATE of the report; an empty text without ground truth.
 
-    Where a shell would not find evo, but it is installed beside the Python that runs this, its whole path is named.
+    If evo is not on the PATH but is installed next to the running Python, the command has its full path.
     """
     if not (folder / TRUTH).is_file():
         return ""

@@ -1,4 +1,4 @@
-"""What a localisation leaves: poses in the map with covariance and status, its numbers as JSON, and its log."""
+"""Writes the results of a localisation: poses in the map with covariance and status, numbers as JSON, and a log."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ def summarise(
     """Returns the content of summary.json.
 
     Args:
-        localised: where the scans lie.
-        recording: what they are from.
-        map: where the map was read from.
+        localised: poses of the scans in the map, with their statuses.
+        recording: the recording that was localised.
+        map: path that the map was read from.
         made: the map.
         frontend: name of the front end.
         runtime_s: seconds by stage.
-        warnings: what a reader has to know before the numbers.
+        warnings: warnings that a reader must know before the numbers.
     """
     counts = {status.value: localised.statuses.count(status) for status in PlaceStatus}
     on_map = localised.on_map
@@ -87,7 +87,7 @@ def summarise(
 
 
 def _list_warnings(localised: Localised) -> list[str]:
-    """Returns what a user should know about where the scans lie."""
+    """Returns warnings about poses that are doubtful or whose covariances are not measured."""
     warnings = []
     statuses = localised.statuses
     for status, why in (
@@ -121,11 +121,11 @@ def write_localised(
 
     Args:
         folder: the folder.
-        localised: where the scans lie.
+        localised: poses of the scans in the map, with their statuses.
         settings: all settings that were used.
         place: where the map lies on the Earth, or None.
         summary: content of summary.json.
-        recording: what was localised.
+        recording: the recording that was localised.
 
     Raises:
         OutputError: a file cannot be written.
@@ -150,7 +150,7 @@ def write_localised(
 
 
 def _list_poses(localised: Localised) -> list[dict[str, Any]]:
-    """Returns the rows of poses.csv: where each scan lies in the map, how sure that is, and how well it fits."""
+    """Returns the rows of poses.csv: pose of each scan in the map, standard deviations, status, and how well it fits."""
     rows = []
     for k, (x, y, yaw) in enumerate(localised.poses.tolist()):
         row: dict[str, Any] = {"stamp_us": int(localised.stamps_us[k])}

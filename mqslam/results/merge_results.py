@@ -1,4 +1,4 @@
-"""What a merge leaves: its numbers as JSON and CSV, trajectories, map, graph, keyframes and log."""
+"""Writes the results of a merge: numbers as JSON and CSV, trajectories, map, graph, keyframes and log."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from mqslam.merging.sessions import Recognition
 from mqslam.results.files import format_csv, format_log, list_notes, list_stages
 from mqslam.version import __version__
 
-_ALIKE: Final = 0.005  # share of psi by which it may differ and is called the same: a matter of words only
+_ALIKE: Final = 0.005  # a relative change of psi below this is called none, which affects the wording only
 
 
 def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, Any]:
@@ -67,7 +67,7 @@ def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, An
 
 
 def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
-    """Returns the sentence that says what the merge has made."""
+    """Returns the result of a merge as a sentence."""
     length = sum(trajectory.length_m for trajectory in merged.trajectories)
     before, after = merged.psi.mean(axis=0).tolist()
     is_alike = abs(after - before) < _ALIKE * before
@@ -81,9 +81,9 @@ def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
 
 
 def _summarise_alignment(merged: Merged) -> dict[str, float | None]:
-    """Returns how well it is known how the recordings lie to each other, and at which share of keyframes well enough.
+    """Returns the uncertainty of the recordings' alignment, and the share of keyframes at which it is small enough.
 
-    Changes are looked for at these keyframes alone.
+    Changes are looked for only at these keyframes.
     """
     between = merged.sigmas[merged.kept.keyframes.origins != np.arange(len(merged.sigmas))[:, None]]
     sigmas = between[np.isfinite(between)]
@@ -94,13 +94,13 @@ def _summarise_alignment(merged: Merged) -> dict[str, float | None]:
 
 
 def write_merge(folder: Path, merged: Merged, summary: dict[str, Any]) -> None:
-    """Writes every result file of a merge but its page into an existing folder, the most valuable ones first.
+    """Writes every result file of a merge except its page into an existing folder, the most valuable ones first.
 
-    Map and grid may fail, for want of memory; that is a warning, which is added to those of the summary.
+    If the map or the grid cannot be made, for lack of memory for example, a warning is added to the summary.
 
     Args:
         folder: the folder.
-        merged: the merge.
+        merged: result of the merge.
         summary: content of summary.json.
 
     Raises:
@@ -136,7 +136,7 @@ def write_merge(folder: Path, merged: Merged, summary: dict[str, Any]) -> None:
 
 
 def format_links(merged: Merged) -> str:
-    """Returns a row per link: which keyframes it joins, and how the later lies in the frame of the earlier."""
+    """Returns a row per link: the two keyframes, the later one's pose in the frame of the earlier one, and scores."""
     keyframes = merged.kept.keyframes
 
     def describe(link: Loop, psi: tuple[float, float], residual: float) -> dict[str, Any]:
@@ -156,7 +156,7 @@ def format_links(merged: Merged) -> str:
 
 
 def _describe_recognition(recognition: Recognition) -> dict[str, Any]:
-    """Returns what recognition says about two results, which are numbered from 1."""
+    """Returns the numbers of the search for one result's places in another one; results are numbered from 1."""
     return {
         "earlier": recognition.earlier + 1,
         "later": recognition.later + 1,

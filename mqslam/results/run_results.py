@@ -1,4 +1,4 @@
-"""What a run leaves: its numbers as JSON and CSV, its trajectories, its map, its graph and its log."""
+"""Writes the results of a run: numbers as JSON and CSV, trajectories, map, graph and log."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ _STAGES: Final = ("read", "detect", "windows", "along", "loops", "refine", "opti
 
 
 def summarise(run: Run, recording: Recording) -> dict[str, Any]:
-    """Returns the content of summary.json, but for the run's key and its warnings."""
+    """Returns the content of summary.json without the run's key and its warnings, which the caller adds."""
     before, after = run.map_odometry, run.map_optimised
     torn = share_torn(run.checks)
     truth = recording.ground_truth
@@ -111,16 +111,16 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
 
 
 def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[str], truth: Trajectory | None) -> None:
-    """Writes every result file of a run but its page into an existing folder, the most valuable ones first.
+    """Writes every result file of a run except its page into an existing folder, the most valuable ones first.
 
-    Covariances, map and graph may fail, by a fault of theirs or of a library or for want of memory. That is a warning,
-    which is added to those of the summary, and all other files are written.
+    If a file such as covariances, map or graph cannot be made, because of a fault in the code or a library or for lack of
+    memory, a warning is added to the summary, and all other files are still written.
 
     Args:
         folder: the folder.
         run: the finished run.
         summary: content of summary.json, with its warnings.
-        notes: what a user should know about how the recording was understood, for run.log.
+        notes: notes for run.log on how the recording was interpreted.
         truth: ground truth in the frame of the run, or None.
 
     Raises:
@@ -158,12 +158,12 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
 
 
 def add_warnings(folder: Path, summary: dict[str, Any], notes: Sequence[str], warnings: Sequence[str]) -> None:
-    """Adds to a summary and a log that are written already what could not be written after them.
+    """Adds warnings to a summary and a log that are written already, about files that could not be written after them.
 
     Args:
         folder: the folder of the results.
         summary: content of summary.json, to which the warnings are added.
-        notes: what a user should know about how the recording was understood.
+        notes: notes on how the recording was interpreted.
         warnings: what could not be written, and why.
 
     Raises:
@@ -175,7 +175,7 @@ def add_warnings(folder: Path, summary: dict[str, Any], notes: Sequence[str], wa
 
 
 def write_marginals(path: Path, trajectory: Trajectory, marginals: PoseCovariances) -> None:
-    """Writes the covariances of all poses in the frame of the first one; nothing where they are not known.
+    """Writes the covariances of all poses in the frame of the first one; writes no file if they are not known.
 
     Args:
         path: the file.
@@ -204,7 +204,7 @@ def format_measurements(measurements: Sequence[Measurement]) -> str:
 
 
 def format_graph_table(run: Run) -> str:
-    """Returns as CSV what g2o has no words for: what each edge of graph.g2o is, its robust loss, and its scans' stamps.
+    """Returns as CSV what g2o cannot express about each edge of graph.g2o: its kind, its robust loss, and its scans' stamps.
 
     Args:
         run: the finished run.
@@ -222,7 +222,7 @@ def format_graph_table(run: Run) -> str:
 
 
 def _name_kind(ends: Sequence[int], size: int, loss: str) -> str:
-    """Returns what an edge between two vertices is."""
+    """Returns the kind of an edge between two vertices, such as `motion` or `loop`."""
     a, b = ends
     if a >= size:
         return "measurement" if b < size else "map"
@@ -232,7 +232,7 @@ def _name_kind(ends: Sequence[int], size: int, loss: str) -> str:
 
 
 def _describe_loss(noise: gtsam.noiseModel.Base) -> tuple[str, float | str]:
-    """Returns the loss of an edge and its parameter, in standard deviations."""
+    """Returns the name of an edge's robust loss, and the parameter of the loss in standard deviations."""
     if not isinstance(noise, gtsam.noiseModel.Robust):
         return "none", ""
     if isinstance(noise.robust(), gtsam.noiseModel.mEstimator.Cauchy):
@@ -241,7 +241,7 @@ def _describe_loss(noise: gtsam.noiseModel.Base) -> tuple[str, float | str]:
 
 
 def _write_numbers(folder: Path, summary: dict[str, Any], notes: Sequence[str]) -> None:
-    """Writes the files that hold the warnings."""
+    """Writes run.log and summary.json, the files that hold the warnings."""
     dataset, beta, sigma = summary["dataset"], summary["doppler_beta"], summary["doppler_sigma"]
     lines = list_notes(summary, [*notes, *list_sensor_notes(summary)])
     lines.append(f"Doppler shift: {beta:.4f} ± {sigma:.4f} m of range per m/s of closing speed")
@@ -251,22 +251,22 @@ def _write_numbers(folder: Path, summary: dict[str, Any], notes: Sequence[str]) 
 
 
 def _describe_last_pose(run: Run) -> dict[str, Any] | None:
-    """Returns how sure the run is of its last pose in the frame of the first; None where the covariances are not known.
+    """Returns the standard deviations of the last pose in the frame of the first; None where they are not known.
 
-    What the pieces of the map drift in common is a prior, unless a loop or GNSS measures it.
+    The drift that all submaps have in common comes from a prior, unless a loop or GNSS measures it.
     """
     sure = run.covariances
     if sure.failure is not None or not len(sure.indices) or sure.indices[-1] != len(run.optimised) - 1:
         return None
     along, across, yaw = np.sqrt(np.diag(sure.covariances[-1])).tolist()
-    pieces = count_submaps(run.values)  # two are tied by how far the running map may drift
+    pieces = count_submaps(run.values)  # two submaps are tied by a prior on the drift of the running map
     is_placed = run.sensors.fixes is not None and run.sensors.fixes.edges is not None
     drift_is_prior = pieces > 1 and not run.loops and not is_placed
     return {"sigma_along_m": along, "sigma_across_m": across, "sigma_yaw_rad": yaw, "drift_is_prior": drift_is_prior}
 
 
 def summarise_sensors(run: Solution) -> dict[str, Any]:
-    """Returns what became of each sensor, and how far it moves the trajectory; None for one that there is not."""
+    """Returns for each sensor whether and how it is used, and how far it moves the trajectory; None for a missing sensor."""
     used = run.sensors
     found: dict[str, dict[str, Any] | None] = {
         "gyroscope": None if used.gyroscope is None else _summarise_gyroscope(used.gyroscope),
@@ -284,32 +284,32 @@ def summarise_sensors(run: Solution) -> dict[str, Any]:
 
 
 def _summarise_use(use: GyroscopeUse | FixUse | VelocityUse) -> dict[str, Any]:
-    """Returns what is said of every sensor."""
+    """Returns the entries of the summary that every sensor has."""
     return {"source": use.source, "used": use.edges is not None, "statements": list(use.statements)}
 
 
 def summarise_mount(mount: MountUse) -> dict[str, Any]:
-    """Returns where the radar sits on the vehicle; NaN, which JSON has as null, where it is not known."""
+    """Returns the pose of the radar on the vehicle; NaN, which becomes null in JSON, where it is not known."""
     numbers = dict(zip(("x_m", "y_m", "yaw_rad"), mount.pose.tolist(), strict=True))
     numbers |= zip(("sigma_x_m", "sigma_y_m", "sigma_yaw_rad"), mount.sigmas.tolist(), strict=True)
     return {**numbers, "source": mount.source, "statements": list(mount.statements)}
 
 
 def summarise_check(check: GyroscopeCheck) -> dict[str, Any]:
-    """Returns what an audit found of a gyroscope and a trajectory."""
+    """Returns the result of an audit's comparison of a trajectory with a gyroscope."""
     numbers: dict[str, Any] = {"source": check.source, "agrees": check.agrees, "statement": check.statement}
     numbers["differ_rad"] = check.differ_rad
     return numbers | ({} if check.rotation is None else _list_rotation(check.rotation))
 
 
 def _summarise_gyroscope(use: GyroscopeUse) -> dict[str, Any]:
-    """Returns what was found of a gyroscope."""
+    """Returns how a gyroscope is used, and its parameters."""
     numbers = _summarise_use(use) | {"factors": 0 if use.edges is None else use.edges.count}
     return numbers | ({} if use.rotation is None else _list_rotation(use.rotation))
 
 
 def _list_rotation(rotation: Rotation) -> dict[str, Any]:
-    """Returns how a gyroscope's readings become turns."""
+    """Returns the parameters that turn a gyroscope's readings into turns of the radar."""
     return {
         "axis": rotation.axis,
         "upside_down": rotation.sign < 0.0,
@@ -324,7 +324,7 @@ def _list_rotation(rotation: Rotation) -> dict[str, Any]:
 
 
 def _summarise_fixes(use: FixUse, run: Solution) -> dict[str, Any]:
-    """Returns what was found of GNSS fixes."""
+    """Returns how GNSS fixes are used, and the parameters of their errors."""
     numbers, edges = _summarise_use(use), use.edges
     if edges is None:
         return numbers | {"factors": 0}
@@ -340,7 +340,7 @@ def _summarise_fixes(use: FixUse, run: Solution) -> dict[str, Any]:
 
 
 def _summarise_velocities(use: VelocityUse) -> dict[str, Any]:
-    """Returns what was found of the velocities that chirps measure."""
+    """Returns how the velocities that chirps measure are used, and their scale and bias."""
     return _summarise_use(use) | {
         "factors": 0 if use.edges is None else len(use.edges),
         "scale": use.scale,

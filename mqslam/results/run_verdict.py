@@ -1,4 +1,4 @@
-"""The verdict on a run, and what its reader should know first."""
+"""Judges the map of a run from the run alone, and lists the warnings that its reader should know first."""
 
 from __future__ import annotations
 
@@ -24,23 +24,24 @@ from mqslam.solution import CHECK, Run
 
 # Shortest stop that a warning names [s]; shorter ones are usual in traffic.
 _STOP_S = 10.0
-# With a larger share of lost scans than this the trajectory is mostly prediction. Any lost scan is worth a look.
+# With a larger share of lost scans than this, the map fails, because much of the trajectory is a prediction. With a smaller
+# share, a warning is given.
 _LOST_FAIL = 0.2
-# A larger share than this of scans that do not observe every direction is worth a look.
+# If a larger share of the scans than this do not observe every direction, a warning is given.
 _DEGENERATE_WARN = 0.1
 
-# Ratio of psi per point after optimisation to that before, above which optimisation made the map worse. Passes that loops
-# lay on each other cost a little more than each pass alone.
+# Ratio of psi per point after optimisation to psi per point before it, above which optimisation made the map worse. It may
+# be a little above 1, since two passes that loops bring together have a higher psi than each pass alone.
 _WORSE = 1.1
-_LISTED: Final = 5  # gaps that are named one by one, so that the warnings stay readable
+_LISTED: Final = 5  # most gaps that are named one by one, so that the warnings stay readable
 _SEEN_BY_CHIRPS: Final = "; the velocities by chirps carry the trajectory there"
 _NEAR_S: Final = 5.0  # stretches that are less than this apart [s] are named in one line
 
 
 def judge_run(run: Run) -> dict[str, list[Finding]]:
-    """Returns what each test of a run's map found, by its name, from the run alone.
+    """Returns the findings of each test of a run's map by the test's name. They need nothing but the run.
 
-    Only windows show the map. Without any, the map is not judged, and all other findings are reasons.
+    Only windows show how good the map is. Without them, it is not judged, and warnings become `not judged`, too.
     """
     if run.checked is None and CHECK in run.crashes:
         crash = f"{CHECK} crashed ({run.crashes[CHECK]}), so that nothing has judged the map; run.log has the traceback"
@@ -60,12 +61,12 @@ def judge_run(run: Run) -> dict[str, list[Finding]]:
 
 
 def _judge_nothing(finding: Finding) -> Finding:
-    """Returns a finding on a map that no window shows: what would be worth a look is not judged then."""
+    """Returns the finding as it counts for a map without windows: a warning becomes `not judged`."""
     return replace(finding, status=VerdictStatus.NOT_JUDGED) if finding.status is VerdictStatus.WARN else finding
 
 
 def _judge_direction(run: Run) -> list[Finding]:
-    """Returns that the radar is mirrored, where sensors that know nothing of each other turn the other way."""
+    """Returns a finding that the map is mirrored, if independent sensors turn the other way than the radar; else none."""
     opposite = run.sensors.opposite
     if not opposite:
         return []
@@ -76,7 +77,7 @@ def _judge_direction(run: Run) -> list[Finding]:
 
 
 def list_warnings(run: Run, recording: Recording) -> list[str]:
-    """Returns what happened during a run that its reader should know first."""
+    """Returns the warnings about a run that its reader should know first."""
     warnings = [*recording.faults, *warn_of_unread(run.unread), *run.warnings]
     warnings += _warn_of_gaps(recording.gaps(), LONGEST_COAST_S)
     for status, what in ((Status.LOST, "lost track"), (Status.DEGENERATE, "did not observe every direction")):
@@ -93,14 +94,14 @@ def list_warnings(run: Run, recording: Recording) -> list[str]:
 
 
 def find_stops(run: Run, recording: Recording) -> list[tuple[float, float]]:
-    """Returns long spans [s] in which no scan moved on, so that the map holds only the first of them."""
+    """Returns the begin and the end [s] of each long stop; the map holds only the first scan of a stop."""
     moved = recording.start_times[select_moving(run.optimised.poses)]
     ends = np.append(moved[1:], recording.duration_s)
     return [(float(a), float(b)) for a, b in zip(moved, ends, strict=True) if b - a >= _STOP_S]
 
 
 def find_stretches(measurements: Sequence[Measurement], status: Status) -> list[tuple[float, float]]:
-    """Returns spans [s] of successive measurements that share a status."""
+    """Returns the begin and the end [s] of each stretch of successive measurements that have the given status."""
     spans: list[tuple[float, float]] = []
     for measurement in measurements:
         if measurement.status is not status:
@@ -113,7 +114,7 @@ def find_stretches(measurements: Sequence[Measurement], status: Status) -> list[
 
 
 def _has_velocities(run: Run, status: Status) -> bool:
-    """Returns whether velocities by chirps join the graph at every measurement that has a status."""
+    """Returns whether velocities by chirps join the graph at every measurement that has the given status."""
     velocities = run.sensors.velocities
     if velocities is None or velocities.edges is None:
         return False
@@ -124,8 +125,8 @@ def _warn_of_stretches(what: str, spans: Sequence[tuple[float, float]]) -> list[
     """Returns a warning for each stretch, or one for several that are near each other.
 
     Args:
-        what: happened in each of them.
-        spans: their first and last times [s], in order.
+        what: what happened in each stretch, in words.
+        spans: begin and end of each stretch [s], in order.
     """
     groups: list[list[tuple[float, float]]] = []
     for span in spans:
@@ -143,7 +144,7 @@ def _warn_of_stretches(what: str, spans: Sequence[tuple[float, float]]) -> list[
 
 
 def _judge_track(run: Run) -> list[Finding]:
-    """Returns what the scans that were read and tracked say about the map."""
+    """Returns the findings on scans that lost track, could not be read, or do not observe every direction of motion."""
     statuses = [m.status for m in run.measurements]
     lost, degenerate = (Share(statuses.count(status), len(statuses)) for status in (Status.LOST, Status.DEGENERATE))
     findings = [Finding(VerdictStatus.PASS, "no scan lost track")]
@@ -163,21 +164,21 @@ def _judge_track(run: Run) -> list[Finding]:
 
 
 def _judge_passes(run: Run) -> list[Finding]:
-    """Returns what optimisation made of psi across passes; nothing where psi cannot tell."""
+    """Returns the finding on how optimisation changed psi across passes; none where psi cannot show it."""
     compared = _compare_psi(run, run.refined.psi_before, run.refined.psi_across)
     return [_blame_optimisation(status, f"psi per point across passes {ratio}") for status, ratio in compared]
 
 
 def _blame_optimisation(status: VerdictStatus, reason: str) -> Finding:
-    """Returns the finding of a map that optimisation made worse, if it did."""
+    """Returns a finding on optimisation, with the explanation that optimisation made the map worse."""
     explanation = "loops or other sensors bend the map: it was crisper before they joined; try the run without them"
     return Finding(status, reason, cause=Cause.OPTIMISATION, explanation=explanation)
 
 
 def _judge_whole_map(run: Run) -> list[Finding]:
-    """Returns what the whole map shows, and what optimisation made of it; nothing where psi cannot tell.
+    """Returns the findings on the whole map, and on how optimisation changed its psi; none where psi cannot show it.
 
-    A radar that stood still leaves a map of one scan: none of its points is matched.
+    A radar that stood still leaves a map of one scan, none of whose points is matched.
     """
     if run.unoptimised is not None:
         reason = f"the pose graph could not be optimised: the trajectory is {run.frontend}'s motions, chained"
@@ -199,9 +200,10 @@ def _judge_whole_map(run: Run) -> list[Finding]:
 
 
 def _compare_psi(run: Run, before: float | None, after: float | None) -> list[tuple[VerdictStatus, str]]:
-    """Returns whether psi per point became larger by optimisation, and by how much.
+    """Returns whether optimisation raised psi per point too much, as a status, and the ratio in words.
 
-    Nothing is returned where psi is not known or was zero, where optimisation had nothing to do, and where psi cannot tell.
+    The list is empty if psi is not known or was not positive, if the graph had nothing to optimise, if no window was judged,
+    or if no point of the map is matched.
     """
     is_optimised = run.unoptimised is None and bool(run.odometry_factors or run.loops)
     if not (is_optimised and run.checks and run.map_optimised.matched_share) or after is None or not before or before < 0.0:
@@ -212,10 +214,10 @@ def _compare_psi(run: Run, before: float | None, after: float | None) -> list[tu
 
 
 def _warn_of_gaps(gaps: list[tuple[int, float]], longest_coast_s: float) -> list[str]:
-    """Returns warnings of the first gaps, and what is missing in all where there are many.
+    """Returns warnings of the first gaps and, if there are more, of the time that is missing in all.
 
     Args:
-        gaps: number of the scan before each gap, and what is missing [s].
+        gaps: number of the scan before each gap, and the missing time [s].
         longest_coast_s: longest gap that the tracker bridges [s].
     """
     warnings = []
@@ -233,7 +235,7 @@ def _warn_of_gaps(gaps: list[tuple[int, float]], longest_coast_s: float) -> list
 
 
 def _judge_scale(run: Run) -> list[Finding]:
-    """Returns that odometry or fixes contradict the trajectory's scale; nothing where they do not, or there are too few."""
+    """Returns findings that odometry or GNSS fixes contradict the trajectory's scale; none if they agree or are too few."""
     reasons, ratio, fixes = [], measure_ratio(run), run.sensors.fixes
     stretch = None if fixes is None else fixes.stretch
     if ratio is not None and is_wrong_scale(ratio):
@@ -252,12 +254,12 @@ def _judge_scale(run: Run) -> list[Finding]:
 
 
 def _shows_scale(fixes: FixUse | None) -> bool:
-    """Returns whether fixes show the scale: they are used, or contradict it."""
+    """Returns whether GNSS fixes show the scale: they do if they are used or if they contradict it."""
     return fixes is not None and (fixes.edges is not None or fixes.stretch is not None)
 
 
 def list_unknown_scale(run: Run, recording: Recording) -> list[str]:
-    """Returns on what the scale of the map rests, where nothing is held against it: psi is the same for a scaled copy."""
+    """Returns a line on what the map's scale rests on, if neither odometry nor GNSS checks it; psi does not depend on it."""
     if measure_ratio(run) is not None or _shows_scale(run.sensors.fixes):
         return []
     known = "assumed" if recording.is_resolution_assumed else "stated"
@@ -266,5 +268,5 @@ def list_unknown_scale(run: Run, recording: Recording) -> list[str]:
 
 
 def measure_ratio(run: Run) -> float | None:
-    """Returns how many times as fast as odometry the trajectory is; None where the run has no odometry, or hardly moves."""
+    """Returns the trajectory's speed divided by odometry's; None where the run has no odometry or hardly moves."""
     return measure_speed_ratio(run.optimised, run.odometry) if run.odometry_factors else None

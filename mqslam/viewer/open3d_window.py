@@ -1,4 +1,4 @@
-"""A window of Open3D with the map from above; the keys P, I and T choose its colours."""
+"""Shows a map from above in a window of Open3D; the keys P, I and T choose its colours."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mqslam.viewer.scene import GROUND, LOOPS, TRAJECTORY, RunScene, colour_over
 
 KEYS = {"psi": "P", "intensity": "I", "time": "T"}
 _FRAME_S = 0.02  # time between two frames
-_ABOVE_M = 0.05  # height of lines above the points, which would hide them otherwise
+_ABOVE_M = 0.05  # height of lines above the points, so that no point hides a line
 
 
 def show(scene: RunScene, colour: str) -> None:
@@ -22,7 +22,7 @@ def show(scene: RunScene, colour: str) -> None:
 
     Args:
         scene: the scene.
-        colour: what the points are coloured by at first, one of KEYS.
+        colour: name of the values that colour the points at first, one of KEYS.
 
     Raises:
         ViewerError: there is no display, or Open3D is not installed.
@@ -39,7 +39,7 @@ def open_window(scene: RunScene, colour: str) -> Any:
 
     Args:
         scene: the scene.
-        colour: what the points are coloured by at first, one of KEYS.
+        colour: name of the values that colour the points at first, one of KEYS.
 
     Raises:
         ViewerError: there is no display, or Open3D cannot use it or is not installed.
@@ -51,14 +51,14 @@ def open_window(scene: RunScene, colour: str) -> Any:
     except ModuleNotFoundError as error:
         missing, remedy = describe_missing("open3d")
         raise ViewerError(f"the window is Open3D's, and {missing}", remedy, Remedy.OPEN_MAP_ELSEWHERE) from error
-    except (ImportError, OSError) as error:  # it is there, but a system library that it loads is not
+    except (ImportError, OSError) as error:  # Open3D is installed, but a system library that it loads is not
         raise ViewerError(f"Open3D cannot be imported ({error})", Remedy.OPEN_MAP_ELSEWHERE) from error
 
     shown = o3d.visualization.VisualizerWithKeyCallback()
     if not shown.create_window(f"mqslam {scene.name}", 1280, 900):
         raise ViewerError("Open3D cannot open a window on this display", Remedy.OPEN_MAP_ELSEWHERE)
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(lift(scene.points)))
-    for geometry in (*_make_lines(scene), cloud):  # the view is fitted to the last one
+    for geometry in (*_make_lines(scene), cloud):  # Open3D fits the view to the last one
         shown.add_geometry(geometry)
 
     def colour_by(name: str, _: Any = None) -> bool:
@@ -73,7 +73,7 @@ def open_window(scene: RunScene, colour: str) -> Any:
     options.background_color, options.point_size = np.array(GROUND) / 255.0, 2.0
     view.set_front([0.0, 0.0, 1.0])
     view.set_up([0.0, 1.0, 0.0])
-    view.change_field_of_view(-90.0)  # as far as it goes: without perspective
+    view.change_field_of_view(-90.0)  # the smallest field of view has no perspective
     view.set_zoom(0.4)
     return shown
 
@@ -83,7 +83,7 @@ def _make_lines(scene: RunScene) -> list[Any]:
     import open3d as o3d
 
     poses = o3d.utility.Vector3dVector(lift(scene.trajectory.poses[:, :2], _ABOVE_M))
-    steps = np.setdiff1d(np.arange(len(scene.trajectory) - 1), scene.starts - 1)  # no line leads to another recording
+    steps = np.setdiff1d(np.arange(len(scene.trajectory) - 1), scene.starts - 1)  # no line joins two recordings
     shown = []
     for ends, colour in ((np.column_stack([steps, steps + 1]), TRAJECTORY), (scene.loops, LOOPS)):
         if len(ends):

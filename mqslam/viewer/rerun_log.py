@@ -1,4 +1,4 @@
-"""A map for Rerun's viewer, scan by scan: in a file, or in a viewer while it is measured."""
+"""Logs a map for Rerun's viewer scan by scan: to a file, or to an open viewer while the map is measured."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class RerunLog:
         recording.log("radar/heading", rr.Arrows3D(vectors=[[_HEADING_M, 0.0, 0.0]], colors=[TRAJECTORY]), static=True)
 
     def add_scan(self, t: float, pose: se2.Array, points: NDArray[np.float64], colours: NDArray[np.uint8]) -> None:
-        """Adds a scan: its points, the sensor's pose at its start, and a line to it from the pose before.
+        """Adds a scan: its points, the sensor's pose at its start, and a line to that pose from the previous one.
 
         Args:
             t: start of the scan [s] since the recording's start.
@@ -73,7 +73,7 @@ class RerunLog:
         begin, starts = 0, set(scene.starts.tolist())
         for k, (t, pose, end) in enumerate(zip(times.tolist(), scene.trajectory.poses, ends.tolist(), strict=True)):
             if k in starts:
-                self._last = None  # no line leads to another recording
+                self._last = None  # no line joins two recordings
             self.add_scan(t, pose, scene.points[begin:end], colours[begin:end])
             begin = end
         if len(scene.loops):
@@ -115,7 +115,7 @@ def record(path: Path) -> Iterator[RerunLog]:
 
 @contextmanager
 def stream() -> Iterator[RerunLog]:
-    """Opens a log that a viewer shows as it grows; the viewer stays open after the block.
+    """Opens a log and a viewer that shows the log as it grows; the viewer stays open after the block.
 
     Yields:
         the log.
@@ -153,7 +153,7 @@ def _open_recording() -> Any:
 
 
 def _make_blueprint() -> Any:
-    """Returns one view, which shows everything from the beginning up to the time line's cursor."""
+    """Returns a layout of one view, which shows everything from the beginning up to the time line's cursor."""
     import rerun.blueprint as rrb
 
     so_far = rrb.VisibleTimeRange(
@@ -163,7 +163,7 @@ def _make_blueprint() -> Any:
 
 
 def _make_lines(segments: NDArray[np.float64], colour: tuple[int, int, int]) -> Any:
-    """Returns lines of segments (L, 2, 2) [m]."""
+    """Returns segments (L, 2, 2) [m] as lines of Rerun."""
     import rerun as rr
 
     return rr.LineStrips3D([lift(segment) for segment in segments], colors=[colour], radii=_LINE_M)

@@ -1,4 +1,4 @@
-"""What the viewers share: a finished run or the keyframes of a map, colours, and whether there is a screen."""
+"""Reads a finished run or the keyframes of a map for the viewers, colours the points, and checks for a screen."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from mqslam.formats.ply import read_clock, read_ply
 from mqslam.formats.tum import read_tum
 from mqslam.mapping.keyframing import render_keyframes
 
-# people with any colour vision can tell these from each other
+# colours that people with any colour vision can distinguish
 GROUND = (0x10, 0x14, 0x1A)
 TRAJECTORY = (0xFF, 0xFF, 0xFF)
 LOOPS = (0xF2, 0x4B, 0xC4)
-_DIM = 0.35  # share of the colour map that is left out, since it would not stand out from the ground
+_DIM = 0.35  # share of the colour map at its dark end that is not used: it would not stand out from the ground
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,10 +34,10 @@ class RunScene:
     Args:
         name: name of the run.
         points: (N, 2) [m], world frame, ordered by time.
-        values: (N,) each, by name: psi, intensity 0..255, time [s] since the recording's start; keyframes have no psi.
+        values: (N,) values by name: psi, intensity 0..255, time [s] since the recording's start; keyframes have no psi.
         trajectory: pose of the sensor at the start of every scan, world frame.
         loops: (L, 2) numbers of the two scans of every loop closure.
-        starts: (S,) numbers of the scans, besides the first one, with which another recording begins.
+        starts: (S,) numbers of the scans with which a further recording begins; none for a single recording.
     """
 
     name: str
@@ -62,7 +62,7 @@ def read_scene(run: Path) -> RunScene:
         run: folder of the run's results, or one that holds keyframes.
 
     Raises:
-        DataError: the folder holds neither, or a file in it is damaged.
+        DataError: the folder holds neither a map.ply nor keyframes, or a file in it is damaged.
     """
     name = run.resolve().name
     if not (run / "map.ply").is_file():
@@ -79,7 +79,7 @@ def read_scene(run: Path) -> RunScene:
 
 
 def _show_keyframes(name: str, keyframes: Keyframes) -> RunScene:
-    """Returns keyframes as a scene; the time of each recording goes on where that of the one before has ended."""
+    """Returns keyframes as a scene; the times of each recording begin where those of the previous recording end."""
     points = render_keyframes(keyframes)
     return RunScene(
         name=name,
@@ -91,7 +91,7 @@ def _show_keyframes(name: str, keyframes: Keyframes) -> RunScene:
 
 
 def _read_loops(path: Path, scans: int) -> NDArray[np.int64]:
-    """Reads the edges (L, 2) of a pose graph that join scans which do not follow each other."""
+    """Reads the loop closures (L, 2) of a pose graph, which are its edges between scans that do not follow each other."""
     edges, poses = read_edges(path)
     if poses < scans or any(not 0 <= k < poses for edge in edges for k in edge):
         raise DataError(path, f"does not fit the {scans} poses of trajectory.tum", "run the recording anew")
@@ -100,7 +100,7 @@ def _read_loops(path: Path, scans: int) -> NDArray[np.int64]:
 
 
 def lift(points: NDArray[np.float64], z: float = 0.0) -> NDArray[np.float64]:
-    """Returns points (N, 3) at a height z [m] of points (N, 2) [m]."""
+    """Returns points (N, 2) [m] as points (N, 3) at height z [m]."""
     return np.column_stack([points, np.full(len(points), z)])
 
 
@@ -113,13 +113,13 @@ def colour_between(values: NDArray[np.float64], low: float, high: float) -> NDAr
 
 
 def colour_over_span(values: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Returns colours (N, 3) of values (N,) over their own span without its outermost hundredths."""
+    """Returns colours (N, 3) of values (N,): dim up to their 1 % quantile, bright from their 99 % quantile on."""
     low, high = np.quantile(values, [0.01, 0.99]) if len(values) else (0.0, 1.0)
     return colour_between(values, float(low), float(high))
 
 
 def has_display() -> bool:
-    """Returns whether there is a screen; libraries that find none would draw into a window that nobody sees."""
+    """Returns whether there is a screen; without one, libraries would draw into a window that nobody sees."""
     if sys.platform != "linux" or "WAYLAND_DISPLAY" in os.environ:
         return True
     try:
