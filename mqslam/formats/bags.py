@@ -1,4 +1,4 @@
-"""ROS bags: opening and writing them, naming the message at fault, stamps and planar poses."""
+"""Opens and writes ROS bags, reads the stamps and planar poses in them, and names a message that is at fault."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ IMAGE_TYPE = "sensor_msgs/msg/Image"
 COMPRESSED_TYPE = "sensor_msgs/msg/CompressedImage"
 B_SCAN_TYPE = "navtech_msgs/msg/RadarBScanMsg"
 B_SCAN_DEFINITION = "sensor_msgs/Image b_scan_img\nuint16[] encoder_values\nuint64[] timestamps\n"
-"""Message of Navtech's driver, and its definition, which ROS itself does not know."""
+"""Type of the messages of Navtech's driver, and its definition, which ROS itself does not include."""
 FFT_NAMES = ("/RadarFftDataMessage", "/RadarFftDataMsg", "/FftDataMessage")
-"""Names of the messages of one azimuth that drivers of several ages publish; their packages differ, too."""
+"""Names of the message types that hold one azimuth; they and their packages differ between versions of the driver."""
 _FFT_TYPES = ("messages/msg/RadarFftDataMessage", "nav_messages/msg/RadarFftDataMsg")
 _FFT_DEFINITION = "std_msgs/Header header\n" + "".join(
     f"uint8[] {name}\n"
@@ -46,7 +46,7 @@ POSE_TYPE = "geometry_msgs/msg/PoseStamped"
 POSE_WITH_COVARIANCE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 PATH_TYPE = "nav_msgs/msg/Path"
 TRUTH_NAME = re.compile(r"truth|(?<![a-z])gt(?![a-z])")
-_MOST_METADATA_BYTES = 800_000  # of a folder's metadata.yaml; that of a day in files of a minute has about 500,000
+_MOST_METADATA_BYTES = 800_000  # limit on metadata.yaml; a day recorded in files of one minute has about 500,000
 PoseRow = tuple[int, float, float, float]
 _OTHER_SCHEMAS = {
     "ros1msg": "of ROS 1 in an mcap",
@@ -78,7 +78,7 @@ _LATEST_US = 2**31 * 1_000_000  # ROS 2 counts seconds in 31 bits [us]
 
 
 def explain_packed(path: Path) -> DataError | None:
-    """Returns the error of a file that is packed as a whole, such as one of a ROS 2 bag; None of any other."""
+    """Returns the error for a file that is compressed as a whole, such as a .zst of a ROS 2 bag, or None for any other."""
     packed = _PACKED.fullmatch(path.name.lower())
     if packed is None or not path.is_file():
         return None
@@ -123,7 +123,7 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
             yield reader
     except MqslamError:
         raise
-    except Exception as error:  # on damaged files rosbags lets through whatever struct, zlib, apsw, yaml... raise
+    except Exception as error:  # on damaged files rosbags does not catch the errors of struct, zlib, apsw, yaml...
         if isinstance(error, KeyError) and error.args and (kind := _OTHER_SCHEMAS.get(error.args[0])):
             raise DataError(path, f"holds messages {kind}, not of ROS 2", _GIVE_ROS) from error
         reason = (str(error) or type(error).__name__).splitlines()[0]
@@ -145,11 +145,11 @@ def deserialise(reader: AnyReader, connection: Connection, raw: bytes) -> Any:
     """Deserialises a message.
 
     Raises:
-        ValueError: its bytes are not those of its type.
+        ValueError: its bytes do not fit its type.
     """
     try:
         return reader.deserialize(raw, connection.msgtype)
-    except Exception as error:  # what rosbags generates for a type may raise whatever struct and NumPy do
+    except Exception as error:  # the code that rosbags generates for a type raises the errors of struct and NumPy
         raise ValueError(f"is damaged ({str(error) or type(error).__name__})") from error
 
 
@@ -162,14 +162,14 @@ def require_topic(path: Path, topic: str, there: Iterable[Connection], what: str
     """Returns the connection of a topic that the user names.
 
     Args:
-        path: of the bag.
-        topic: its name.
-        there: the connections that could be meant.
-        what: is read from it, for the error.
-        kind: of messages that have it, for the error.
+        path: path of the bag.
+        topic: name of the topic.
+        there: the connections to choose from.
+        what: name of what is read from the topic, for the error.
+        kind: name of the kind of messages that hold it, for the error.
 
     Raises:
-        DataError: none of the connections has that topic; the error lists theirs, twelve at most.
+        DataError: none of the connections has that topic; the error lists their topics, twelve at most.
     """
     by_topic = {connection.topic: connection for connection in reversed(list(there))}
     if topic not in by_topic:
@@ -179,7 +179,7 @@ def require_topic(path: Path, topic: str, there: Iterable[Connection], what: str
 
 
 def name_frame(name: str) -> str:
-    """Returns a frame's name as ROS 2 writes it: ROS 1 allowed a slash before."""
+    """Returns a frame's name as ROS 2 writes it: without the leading slash that ROS 1 allowed."""
     return name.lstrip("/")
 
 
@@ -191,18 +191,18 @@ def stamp_of(message: Any) -> int:
 
 @dataclass(slots=True)
 class Clock:
-    """The stamps of a bag's messages: those of their headers or, where a header has none, when they were recorded.
+    """Reads the stamps of a bag's messages: the stamp in the header or, if the header has none, the time of recording.
 
     Args:
-        read: number of messages on each topic.
-        unstamped: number of those among them whose headers have no stamp.
+        read: number of messages read on each topic.
+        unstamped: number of these messages whose headers have no stamp.
     """
 
     read: dict[str, int] = field(default_factory=dict)
     unstamped: dict[str, int] = field(default_factory=dict)
 
     def stamp(self, topic: str, message: Any, logged_ns: int) -> int:
-        """Returns the stamp [us] of a message with a header that was recorded at a time [ns], and counts it."""
+        """Returns the stamp [us] of a message and counts it; logged_ns [ns] is the time at which it was recorded."""
         stamp = stamp_of(message)
         self.read[topic] = self.read.get(topic, 0) + 1
         if not stamp:
@@ -211,7 +211,7 @@ class Clock:
 
     @property
     def notes(self) -> list[str]:
-        """What a user should know of messages without stamps: one line for each of their topics."""
+        """Notes for the user about messages without stamps: one line per topic."""
         return [
             f"{'the' if count == self.read[topic] else f'{count} of {self.read[topic]}'} messages on {topic} "
             "have no stamps in their headers: they are taken at the times at which they were recorded"
@@ -221,12 +221,12 @@ class Clock:
 
 @dataclass(slots=True)
 class PoseLog:
-    """The planar poses on topics of a bag; `add` takes in one message after the other.
+    """Collects the planar poses on the topics of a bag; `add` takes in one message after the other.
 
     Args:
         clock: reads the stamps of messages.
         rows: stamp [us], x, y [m] and yaw [rad] by topic.
-        frames: whose poses they are, "" where messages do not name it.
+        frames: by topic, the frame whose poses they are; "" where the messages do not name it.
     """
 
     clock: Clock = field(default_factory=Clock)
@@ -234,7 +234,7 @@ class PoseLog:
     frames: dict[str, str] = field(default_factory=dict)
 
     def add(self, reader: AnyReader, connection: Connection, logged_ns: int, raw: bytes) -> None:
-        """Takes in an odometry or pose message, or a path, which takes the place of all poses before it."""
+        """Adds the pose of an odometry or pose message; the poses of a path replace all earlier ones on its topic."""
         topic = connection.topic
         message: Any = reader.deserialize(raw, connection.msgtype)
         if connection.msgtype == PATH_TYPE:
@@ -245,7 +245,7 @@ class PoseLog:
         self.frames.setdefault(topic, getattr(message, "child_frame_id", ""))
 
     def trajectory(self, topic: str | None) -> Trajectory | None:
-        """Returns the finite poses on a topic in the order of their stamps, or None where there are not two."""
+        """Returns the finite poses on a topic in the order of their stamps, or None if there are fewer than two."""
         rows = {row[0]: row for row in self.rows.get(topic or "", ()) if mark_places(np.array(row[1:]))}
         if len(rows) < 2:
             return None
@@ -253,7 +253,7 @@ class PoseLog:
         return Trajectory(np.array([row[0] for row in kept], dtype=np.int64), np.array([row[1:] for row in kept]))
 
     def note_left_out(self, topic: str | None) -> list[str]:
-        """Says which poses on a topic `trajectory` leaves out: one line, or none."""
+        """Returns a note on the poses of a topic that `trajectory` leaves out: one line, or none."""
         rows = self.rows.get(topic or "", [])
         if rows and self.trajectory(topic) is None:
             return [f"{topic} is left out: it holds no two poses at different times"]
@@ -268,7 +268,7 @@ def _pose_of(pose: Any, stamp_us: int) -> PoseRow:
 
 
 def describe_left_out(count: int, which: str) -> list[str]:
-    """Words that poses or transforms that are no motion are left out, by their number and in words: one line, or none."""
+    """Returns a note that `count` invalid poses or transforms, named by `which`, are left out: one line, or none."""
     return [f"{which} {is_or_are(count)} left out: a quaternion of zeros, or no finite number"] if count else []
 
 
@@ -277,9 +277,9 @@ class Bag:
     """A bag being written.
 
     Args:
-        writer: of rosbags, for ROS 1 or 2.
-        store: the message types it knows.
-        is_ros1: which of the two it is.
+        writer: the writer of rosbags, for ROS 1 or ROS 2.
+        store: the message types that the writer knows.
+        is_ros1: whether the writer is for ROS 1.
     """
 
     writer: Any
@@ -287,7 +287,7 @@ class Bag:
     is_ros1: bool
 
     def topic(self, name: str, message_type: str, *, latched: bool = False) -> Connection:
-        """Adds a topic; a latched one is played such that late subscribers still get its last message."""
+        """Adds a topic; if it is latched, subscribers that come late still get its last message."""
         kept: dict[str, Any] = {"latching": 1} if self.is_ros1 else {"offered_qos_profiles": [_make_latched_qos()]}
         connection: Connection = self.writer.add_connection(
             name, message_type, typestore=self.store, **(kept if latched else {})
@@ -295,7 +295,7 @@ class Bag:
         return connection
 
     def write(self, connection: Connection, stamp_us: int, message: Any) -> None:
-        """Writes a message as recorded at a stamp [us]."""
+        """Writes a message, with a stamp [us] as its time of recording."""
         serialise = self.store.serialize_ros1 if self.is_ros1 else self.store.serialize_cdr
         self.writer.write(connection, stamp_us * 1000, serialise(message, connection.msgtype))
 
@@ -323,7 +323,7 @@ class Bag:
         return self.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2)))
 
     def transform(self, stamp_us: int, frames: tuple[str, str], pose: se2.Array) -> Any:
-        """Makes a `tf2_msgs/TFMessage` of the pose x, y [m], yaw [rad] of the second of two frames in the first."""
+        """Makes a `tf2_msgs/TFMessage` of a child frame's pose x, y [m], yaw [rad] in its parent; frames: parent, child."""
         x, y, yaw = pose.tolist()
         move = self.make("geometry_msgs/msg/Transform", self.vector(x, y, 0.0), self.quaternion(yaw))
         parent, child = frames
@@ -339,7 +339,7 @@ class Bag:
 
 @contextlib.contextmanager
 def write_bag(out: Path, kind: str) -> Iterator[Bag]:
-    """Writes a bag of one of `KINDS` that takes the place of `out` when the block ends without an error.
+    """Yields a new bag of one of `KINDS` to write to; it replaces `out` when the block ends without an error.
 
     Raises:
         OutputError: the bag cannot be written.
@@ -367,7 +367,7 @@ def write_bag(out: Path, kind: str) -> Iterator[Bag]:
 
 @contextlib.contextmanager
 def _start_bag(path: Path, kind: str) -> Iterator[Bag]:
-    """Starts a bag at a path where nothing is yet."""
+    """Yields a new bag at a path where nothing exists yet."""
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin
     from rosbags.rosbag2 import Writer as Writer2
@@ -385,7 +385,7 @@ def _start_bag(path: Path, kind: str) -> Iterator[Bag]:
 
 
 def _make_latched_qos() -> Any:
-    """Makes the quality of service of a topic that keeps its last message for late subscribers."""
+    """Makes the quality of service (QoS) of a topic that keeps its last message for late subscribers."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     forever = QosTime(9_223_372_036, 854_775_807)

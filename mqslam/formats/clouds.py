@@ -1,4 +1,4 @@
-"""Finished clouds with a time per point: PLY, PCD, LAS or LAZ, and NPZ."""
+"""Reads finished point clouds (maps) with a time per point, from PLY, PCD, LAS, LAZ and NPZ files."""
 
 from __future__ import annotations
 
@@ -26,22 +26,23 @@ from mqslam.formats.tables import find_stamps
 
 _WANTED = "a cloud needs x, y and one of time, t, timestamp, stamp or gps_time for every point"
 _COARSEST_S = 0.05  # coarser times cannot tell one sweep of a sensor from the next: such files are refused
-_NOTED_S = 1e-3  # finer steps of time than this move no map and are not worth a note
+_NOTED_S = 1e-3  # finer time steps than this do not matter for a map and get no note
 _YEAR_US = 365.25 * 86400e6
-_LONGEST_US = 10 * _YEAR_US  # the times of a longer cloud are no times: as many windows as there can be would be judged
-_MOST_NUMBERS = 10_000  # a point may have this many numbers, for the same reason
+_LONGEST_US = 10 * _YEAR_US  # longer times are damaged, and would make an audit judge a huge number of windows
+_MOST_NUMBERS = 10_000  # limit on the numbers per point that a header may claim
 Columns = Mapping[str, Any]
-_RECORD_BYTES, _COMPRESSED = 54, 0x80  # header of a variable-length record, flag of compressed points
+_RECORD_BYTES, _COMPRESSED = 54, 0x80  # of LAS: size of a variable-length record's header, flag of compressed points
 _ALWAYS_BYTES: Final = 1 << 30  # memory for an interpreter with its libraries; almost all of it is never used
-_COPIES: Final = 4  # of the points, that unpacking and writing hold at a time
+_COPIES: Final = 4  # copies of the points that are in memory at a time while they are unpacked and written
 
 
 @untrusted.reads_file
 def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedCloud:
     """Reads a cloud, such as the `map.ply` of a run, as points in the plane in the order of their times.
 
-    Times are seconds, above 1e14 microseconds and above 1e17 nanoseconds, unless the field's name ends in a unit (t_us).
-    The `map.ply` of a run states in a comment how long a scan takes, and older ones from when on their times are counted.
+    Times are taken as seconds, above 1e11 as milliseconds, above 1e14 as microseconds and above 1e17 as nanoseconds, unless
+    the field's name ends in a unit (t_us). The `map.ply` of a run states in a comment how long a scan takes. In older files
+    the comment also states the stamp from which times are counted.
 
     Args:
         path: a `.ply`, `.pcd`, `.las`, `.laz` or `.npz` with fields x, y and a time. An `.npz` holds arrays x, y and t, or
@@ -72,7 +73,7 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
 
 
 def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | None) -> TimedCloud:
-    """Makes a cloud of the columns of a file."""
+    """Makes a cloud from the columns of a file."""
     fields = [*columns]
     stamps_at = [(fields[column], unit) for column, unit in find_stamps(fields)]
     name, unit = stamps_at[0] if stamps_at else (None, "")
@@ -89,7 +90,7 @@ def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | Non
     if len({len(x), len(y), len(times)}) > 1 or (z is not None and len(z) != len(x)):
         raise DataError(path, f"has {len(x)} x, {len(y)} y and {len(times)} times", "write it anew")
     notes = [_note_precision(path, name, times)] if times.dtype == np.float32 and len(times) else []
-    with np.errstate(invalid="ignore"):  # damaged numbers need not even be proper NaNs
+    with np.errstate(invalid="ignore"):  # damaged numbers may be NaNs of a kind that NumPy warns about
         whole = mark_places(np.column_stack([x, y]).astype(np.float64)) & np.isfinite(times)
     if dropped := len(x) - int(np.count_nonzero(whole)):
         notes.append(f"{count_of(dropped, 'point')} without finite coordinates and time: left out")
@@ -112,10 +113,10 @@ def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | Non
 
 
 def _join(seconds: NDArray[Any], parts: NDArray[Any]) -> NDArray[Any]:
-    """Joins times (N,) in whole seconds with their nanoseconds to times in nanoseconds."""
+    """Joins whole seconds (N,) and their nanoseconds (N,) to times in nanoseconds."""
     if seconds.shape != parts.shape or not all(np.issubdtype(values.dtype, np.integer) for values in (seconds, parts)):
         return np.round(seconds.astype(np.float64) * 1e9)
-    if np.abs(parts).max(initial=0) >= 10**9:  # times of their own
+    if np.abs(parts).max(initial=0) >= 10**9:  # they are complete times already
         return parts
     return np.asarray(seconds.astype(np.int64) * 10**9 + parts.astype(np.int64))
 
@@ -129,7 +130,7 @@ def _read_column(path: Path, columns: Columns, name: str) -> NDArray[Any]:
 
 
 def _note_precision(path: Path, name: str, times: NDArray[np.float32]) -> str:
-    """Words a note on the step between single-precision times; "" where it does not matter."""
+    """Returns a note on the step between single-precision times, or "" if it is small; a step too large is an error."""
     step = float(np.spacing(np.abs(times[np.isfinite(times)]).max(initial=np.float32(0.0))))
     if step > _COARSEST_S:
         problem = f"{name} is single-precision, which cannot tell times less than {step:.3g} s apart"
@@ -190,13 +191,13 @@ def _load_las(path: Path) -> Columns:
 
 
 def _name_missing(path: Path, library: str) -> DataError:
-    """Returns the error of a cloud whose library is not installed."""
+    """Returns the error for a cloud whose library is not installed."""
     missing, remedy = describe_missing(library)
     return DataError(path, f"cannot be read here, since {missing}", remedy)
 
 
 def _load_npz(path: Path) -> Columns:
-    """Loads the arrays of an `.npz`; those that a cloud does not need are named and left empty."""
+    """Loads the arrays of an `.npz` that a cloud needs; all others are listed by name, without their content."""
     with npz.open_npz(path, _WANTED) as archive:
         names = npz.list_arrays(archive)
         wanted = [name for name in names if name in ("x", "y", "z") or time_unit(name) is not None]
@@ -221,7 +222,7 @@ _LOADERS: dict[str, Callable[[Path], Columns]] = {
 
 @contextmanager
 def unpack(path: Path) -> Iterator[Path]:
-    """Yields the path of a LAS file with the content of a LAS or LAZ one; a copy is gone after the block.
+    """Yields the path of an uncompressed LAS file: the given one, or an unpacked copy of a LAZ that lasts as long as the block.
 
     Raises:
         DataError: the file cannot be unpacked.
@@ -245,7 +246,7 @@ def unpack(path: Path) -> Iterator[Path]:
 
 
 def write_unpacked(words: list[str]) -> bytes:
-    """Writes the LAZ file of the first path as a LAS file at the second, for `call_apart`."""
+    """Unpacks the LAZ file at the first path into a LAS file at the second; `call_apart` calls it in another process."""
     import laspy
 
     backend = laspy.LazBackend.Lazrs  # the parallel one aborts on damaged chunks
@@ -258,7 +259,7 @@ def write_unpacked(words: list[str]) -> bytes:
 
 
 def _read_covariances(path: Path) -> tuple[bool, int]:
-    """Returns whether the points are compressed, and how many bytes of them the header claims."""
+    """Returns whether the points of a LAS or LAZ file are compressed, and how many bytes of points its header claims."""
     with path.open("rb") as file:
         head = file.read(255).ljust(255, b"\0")
     (point_bytes, old_count), (count,) = struct.unpack_from("<HI", head, 105), struct.unpack_from("<Q", head, 247)
@@ -267,7 +268,7 @@ def _read_covariances(path: Path) -> tuple[bool, int]:
 
 
 def _is_plausible(path: Path) -> bool:
-    """Returns whether the file can hold the records and chunks it claims: laspy and lazrs allocate what they read."""
+    """Returns whether a file can hold the records and chunks that it claims: laspy and lazrs allocate memory for them all."""
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(107).ljust(107, b"\0")
@@ -281,7 +282,7 @@ def _is_plausible(path: Path) -> bool:
             return False
         file.seek(points_at)
         (table_at,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
-        if table_at == -1:  # written as a stream: the table's place follows it
+        if table_at == -1:  # the file was written as a stream: the table's position stands at the end
             file.seek(max(0, size - 8))
             (table_at,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
         if not points_at < table_at < size:
@@ -292,7 +293,7 @@ def _is_plausible(path: Path) -> bool:
 
 
 def _are_plausible_items(block: bytes, records: int, point_bytes: int) -> bool:
-    """Returns whether records of a LAZ file say how points are packed, in items that add up to a point, or lazrs panics."""
+    """Returns whether a LAZ file's records list the items of a packed point, with sizes that add up: else lazrs panics."""
     at = 0
     for _ in range(records):
         user, number, length = struct.unpack_from("<2x16sHH", block.ljust(at + _RECORD_BYTES, b"\0"), at)

@@ -1,4 +1,4 @@
-"""Conversion of a recording into any of the layouts that can be written."""
+"""Converts a recording into any of the layouts that can be written."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mqslam.formats.recordings import list_targets
 from mqslam.formats.recordings.derived import watch
 from mqslam.formats.recordings.layout import Message, Target
 
-_FOLDER = "oxford"  # layout of a folder, where none is named
+_FOLDER = "oxford"  # layout of a folder if the user names none
 _LEFT = "is left behind: mqslam does not write it in this layout"
 
 
@@ -26,11 +26,11 @@ def find_target(out: Path, name: str | None = None, message: Message = "image") 
 
     Args:
         out: the file or folder.
-        name: of the layout; None takes the one of the path's suffix, and Oxford's for a folder.
-        message: how a bag holds polar scans.
+        name: name of the layout; None takes the layout of the path's suffix, and Oxford's for a folder.
+        message: type of the messages in which a bag holds polar scans.
 
     Raises:
-        ConfigError: the layout is unknown, or the path's suffix is another one's.
+        ConfigError: the layout is unknown, or the path's suffix belongs to another layout.
     """
     targets = list_targets()
     if name is None:
@@ -50,16 +50,16 @@ def find_target(out: Path, name: str | None = None, message: Message = "image") 
 
 @contextmanager
 def claim_target(out: Path, target: Target, *, force: bool, recording: Path) -> Iterator[None]:
-    """Checks that a result may be written before time is spent on it, and keeps others from it until the block ends.
+    """Checks that a result can be written, before time is spent on it, and locks its path until the block ends.
 
     Args:
-        out: where it goes.
-        target: its layout.
-        force: whether what is there may be replaced.
-        recording: what it is made from, which must not be replaced by it.
+        out: file or folder of the result.
+        target: layout of the result.
+        force: whether an existing file or folder may be replaced.
+        recording: path of the recording that the result is made from, which it must not replace.
 
     Raises:
-        OutputError: something is there and may not be replaced, the result cannot be written, or another command writes it.
+        OutputError: the path exists and may not be replaced, the result cannot be written, or another command writes it.
     """
     if not target.suffix:
         with claim_folder(out, force=force, sources=[recording]):
@@ -77,16 +77,16 @@ def claim_target(out: Path, target: Target, *, force: bool, recording: Path) -> 
 
 
 def write_recording(recording: Recording, out: Path, target: Target, progress: Callable[[int, int], object]) -> list[str]:
-    """Writes a recording in a layout, whole or not at all, one polar scan in memory at a time.
+    """Writes a recording in a layout, completely or not at all, with one polar scan in memory at a time.
 
     Args:
         recording: the recording.
-        out: the file or folder; what is there is replaced.
-        target: its layout.
+        out: the file or folder, which is replaced if it exists.
+        target: the layout.
         progress: called with (polar scans written, polar scans in all).
 
     Returns:
-        Notes for the user: what is not written in the layout, and how to read the result.
+        Notes for the user: which parts the layout does not hold, and how to read the result.
 
     Raises:
         DataError: a polar scan cannot be read, or the layout cannot hold the recording.
@@ -105,17 +105,17 @@ def write_recording(recording: Recording, out: Path, target: Target, progress: C
 
 
 def _drop_single(track: Trajectory | None) -> Trajectory | None:
-    """Returns a trajectory, unless it has a single pose, which no reader takes for one."""
+    """Returns a trajectory, or None if it has a single pose, which no reader accepts as a trajectory."""
     return track if track is None or len(track) > 1 else None
 
 
 def _list_losses(recording: Recording, target: Target, unmarked: int) -> list[str]:
-    """Lists what of a recording is not written in a layout, and how to read the rest.
+    """Returns notes on the parts of a recording that a layout does not hold, and on how to read the rest.
 
     Args:
         recording: the recording.
         target: the layout.
-        unmarked: number of azimuths that are marked as not measured, which the layout cannot say.
+        unmarked: number of azimuths that lose their mark as not measured, because the layout cannot hold it.
     """
     notes = []
     if recording.odometry is not None and not target.odometry:

@@ -1,4 +1,4 @@
-"""The covariances of a trajectory's poses as CSV: a stamp and six terms per row."""
+"""Writes and reads the covariances of a trajectory's poses as CSV: a stamp and six terms per row."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mqslam.formats.stamps import LATEST_US
 from mqslam.formats.text import read_lines
 
 _COLUMNS: Final = ("stamp_us", "cov_xx", "cov_xy", "cov_xyaw", "cov_yy", "cov_yyaw", "cov_yawyaw")
-_ROUNDING: Final = 1e-9  # rounded terms may be those of no covariance by this much, as correlations
+_ROUNDING: Final = 1e-9  # as correlations, rounded terms may exceed the limits of a covariance by this much
 _REMEDY: Final = "give covariances.csv as a run writes it"
 
 
@@ -46,8 +46,8 @@ def read_covariances(path: Path) -> StampedCovariances:
     """Reads the covariances of a trajectory's poses.
 
     Raises:
-        DataError: the file cannot be read, has other columns or a row of anything else, its stamps do not increase, or the
-            terms of a row are not those of a covariance.
+        DataError: the file cannot be read, has other columns or a row that is not made of numbers, its stamps do not
+            increase, or the terms of a row do not form a covariance.
     """
     lines = read_lines(path, _REMEDY, missing=_REMEDY)
     if not lines or tuple(name.strip() for name in lines[0].split(",")) != _COLUMNS:
@@ -82,7 +82,7 @@ def _parse_row(path: Path, number: int, line: str) -> tuple[int, NDArray[np.floa
 
 
 def _is_covariance(matrix: NDArray[np.float64]) -> bool:
-    """Returns whether a symmetric matrix with positive diagonal is a covariance, but for rounding."""
+    """Returns whether a symmetric matrix with positive diagonal is a covariance, up to rounding."""
     sigmas = np.sqrt(matrix.diagonal())
     with np.errstate(over="ignore"):
         correlations = matrix / sigmas[:, None] / sigmas

@@ -1,4 +1,4 @@
-"""Power images on disk: 8-bit grey PNGs, and JPEGs in messages."""
+"""Reads and writes power images: 8-bit grey PNG files, and PNGs or JPEGs in messages."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mqslam.core.wording import is_or_are
 from mqslam.errors import DataError, untrusted
 
 _MOST_PIXELS, _LONGEST_SIDE = 16_000_000, 65_535  # largest polar scan: larger ones are damaged, or made to fill the memory
-_MOST_EXPANSION = 1032  # the most that deflate can do: an image with more pixels per byte of its file is cut short
+_MOST_EXPANSION = 1032  # deflate packs at most this many pixels into a byte: a file with more is cut short
 CONVERT_IMAGES = "convert the images to 8-bit grey (mono8)"
 _Read = TypeVar("_Read")
 _DAMAGE = (OSError, SyntaxError, ValueError, EOFError, zlib.error, struct.error)
@@ -27,7 +27,7 @@ class NotGreyError(ValueError):
 
 
 class TooLargeError(ValueError):
-    """An image of more pixels than a polar scan has."""
+    """An image with more pixels than any polar scan has."""
 
 
 def read_grey(path: Path) -> NDArray[np.uint8]:
@@ -82,17 +82,16 @@ def check_size(height: int, width: int) -> None:
 
 
 def list_stamps(folder: Path) -> NDArray[np.int64]:
-    """Lists the names t of the images `<t>.png` of a folder, (N,) in order; images of other names do not count."""
+    """Lists the stamps t (N,) of the images `<t>.png` in a folder, in increasing order; other files do not count."""
     names = (name for name in list_numbers(folder) if len(name) <= 19 and str(int(name)) == name)
     return np.array(sorted(stamp for stamp in map(int, names) if stamp < 2**63), dtype=np.int64)
 
 
 def list_numbers(folder: Path) -> Iterator[str]:
-    """Lists the images of a folder whose names are decimal digits, without `.png`, in any order.
+    """Yields, in any order, the names without `.png` of the images in a folder whose names are decimal digits.
 
     Raises:
-        DataError: an image is a link to somewhere else than beside the folder or below it. Images come from the recording
-            alone.
+        DataError: an image is a link to a file outside the folder's parent. All images must lie in the recording itself.
     """
     inside = folder.resolve().parent
     with os.scandir(folder) as entries:
@@ -109,15 +108,15 @@ def read_first(names: Sequence[int], read: Callable[[int], _Read], place: str) -
     """Reads the first image that can be read.
 
     Args:
-        names: of images, in the order in which they are tried.
+        names: names of the images, in the order in which they are tried.
         read: reads the image of a name, or raises a DataError.
-        place: what the first of the names is in the recording: first or last.
+        place: place of the first name in the recording, for the fault: "first" or "last".
 
     Returns:
-        What was read, the number of images before it that cannot be read, and a fault for the user where there are any.
+        The image, the number of images before it that could not be read, and a fault for the user if there are any.
 
     Raises:
-        DataError: half of the images cannot be read.
+        DataError: half of the images could not be read.
     """
     errors: list[DataError] = []
     for name in names:
@@ -138,14 +137,14 @@ def read_first(names: Sequence[int], read: Callable[[int], _Read], place: str) -
 
 
 def write_png(path: Path, image: NDArray[np.uint8]) -> None:
-    """Writes an 8-bit grey PNG; the least compression makes radar images hardly larger and is many times as fast."""
+    """Writes an 8-bit grey PNG, with the least compression: it is many times as fast, and files are hardly larger."""
     from PIL import Image
 
     Image.fromarray(image).save(path, compress_level=1)
 
 
 def _count_bytes(source: Path | BinaryIO) -> int:
-    """Counts the bytes of a file; one that is open is left at its beginning."""
+    """Returns the size of a file [bytes]; an open file is left at its beginning."""
     if isinstance(source, Path):
         return source.stat().st_size
     size = source.seek(0, os.SEEK_END)

@@ -1,4 +1,4 @@
-"""Arrays of an `.npz` of unknown origin: nothing in it is executed, nothing claims or unpacks to more than it can hold."""
+"""Reads arrays from an `.npz` of unknown origin: nothing in it is executed, and the size that it unpacks to is limited."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.r
 
 @contextmanager
 def open_npz(path: Path, remedy: str) -> Iterator[zipfile.ZipFile]:
-    """Opens an archive; members are read when they are asked for.
+    """Opens an archive; its arrays are not read yet.
 
     Args:
         path: the file.
@@ -32,7 +32,7 @@ def open_npz(path: Path, remedy: str) -> Iterator[zipfile.ZipFile]:
         archive = zipfile.ZipFile(untrusted.check_file(path))
     except MqslamError:
         raise
-    except Exception as error:  # zipfile lets through whatever struct, the codecs and the system raise
+    except Exception as error:  # zipfile does not catch the errors of struct, the codecs and the system
         raise DataError(path, "is not a readable .npz", remedy) from error
     with archive:
         unpacked = sum(member.file_size for member in archive.infolist())
@@ -50,7 +50,7 @@ def read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
     """Reads an array of an archive.
 
     Raises:
-        ValueError: the array is missing, damaged, made of Python objects, or larger than what is stored of it.
+        ValueError: the array is missing, damaged, made of Python objects, or claims more bytes than are stored of it.
     """
     try:
         member = archive.getinfo(f"{name}.npy")
@@ -61,5 +61,5 @@ def read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
         with archive.open(member) as file:
             array: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
         return np.asarray(array, dtype=array.dtype.newbyteorder("="))
-    except Exception as error:  # the header is parsed as a Python literal, the rest unpacked by zlib
+    except Exception as error:  # parsing the header as a Python literal and unpacking by zlib may raise anything
         raise ValueError(f"{name} is missing or damaged") from error

@@ -1,4 +1,4 @@
-"""A run's point map as PLY."""
+"""Writes the point map of a run as PLY, and reads it back."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mqslam.execution.files import write_aside
 
 _VERTEX = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("time", "<f8"), ("psi", "<f4")]
 _CLOCK: Final = re.compile(r"mqslam clock: times are seconds since (\d{1,19}) us, a scan takes (\d{1,19}) us")
-_HEADER_BYTES: Final = 1 << 16  # size limit: the comments that are looked through stand before this
+_HEADER_BYTES: Final = 1 << 16  # size limit: comments are looked for in this many bytes at the beginning
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class MapClock:
     """How the times of a run's point map relate to the stamps of its trajectory.
 
     Args:
-        start_us: stamp from which times are counted [us]: of the recording's start, or 0 where they are stamps themselves.
+        start_us: stamp from which times are counted [us]: the recording's start, or 0 if the times are the stamps themselves.
         scan_us: usual duration of a scan [us].
     """
 
@@ -41,8 +41,8 @@ def write_ply(path: Path, pointmap: PointMap, clock: MapClock | None = None) -> 
     Args:
         path: the file.
         pointmap: the points, with times since the recording's start.
-        clock: of the times, which are written in the clock of the run's trajectory, as a comment says, so that the two fit
-            together; None writes the times as they are, and states nothing.
+        clock: relation of the times to the stamps of the run's trajectory. The times are then written in the clock of these
+            stamps, and a comment in the file says so. None writes the times as they are, without a comment.
 
     Raises:
         OutputError: the file cannot be written.
@@ -60,7 +60,7 @@ def write_ply(path: Path, pointmap: PointMap, clock: MapClock | None = None) -> 
 
 
 def _format_header(count: int, clock: MapClock | None) -> str:
-    """Returns the header of a file with so many points."""
+    """Returns the header of a PLY with `count` points."""
     lines = ["ply", "format binary_little_endian 1.0"]
     if clock is not None:
         lines.append(f"comment mqslam clock: times are seconds since 0 us, a scan takes {clock.scan_us} us")
@@ -70,7 +70,7 @@ def _format_header(count: int, clock: MapClock | None) -> str:
 
 
 def read_clock(path: Path) -> MapClock | None:
-    """Reads the clock that a PLY states in a comment; returns None where it states none.
+    """Returns the clock that a PLY states in a comment, or None if it states none.
 
     Raises:
         OSError: the file cannot be read.
@@ -89,7 +89,7 @@ def read_ply(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.float64]]
     """Reads vertex properties (N,) of a run's PLY by name.
 
     Raises:
-        DataError: the file cannot be read, or lacks one of them.
+        DataError: the file cannot be read, or lacks one of the properties.
     """
     from plyfile import PlyData, PlyParseError
 

@@ -1,4 +1,4 @@
-"""Planar poses as files state them: what can be one, and what can be a trajectory."""
+"""Checks the planar poses that files state, and makes trajectories of them."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ _FARTHEST = 1e9  # no coordinate of any frame on the Earth is larger [m]
 
 
 def yaw_of_quaternion(qx: float, qy: float, qz: float, qw: float) -> float:
-    """Returns the yaw [rad] of a rotation given as a quaternion of any length; that of zeros is no rotation, and has NaN."""
+    """Returns the yaw [rad] of a quaternion of any length, or NaN for a quaternion of zeros, which is no rotation."""
     if not any((qx, qy, qz, qw)):
         return float("nan")
     return float(np.arctan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz))
 
 
 def read_yaw(path: Path, place: str, quaternion: Sequence[float]) -> float:
-    """Returns the yaw [rad] of the quaternion x, y, z, w of any length that stands at a place in a file.
+    """Returns the yaw [rad] of a file's quaternion x, y, z, w of any length; `place` names its place in errors.
 
     Raises:
-        DataError: it is one of zeros.
+        DataError: the quaternion is zero.
     """
     yaw = yaw_of_quaternion(*quaternion)
     if np.isnan(yaw):
@@ -36,20 +36,20 @@ def read_yaw(path: Path, place: str, quaternion: Sequence[float]) -> float:
 
 
 def round_yaw(yaw: float) -> float:
-    """Returns the yaw [rad] to nine digits inside (-pi, pi), which a file's rotation of twelve digits gives back."""
+    """Rounds a yaw [rad] to nine decimals in (-pi, pi), so that a file's rotation of twelve digits gives it back exactly."""
     return float(np.clip(round(float(se2.wrap(yaw)), 9), -3.141592653, 3.141592653))
 
 
 def mark_places(numbers: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
-    """Marks the rows (N,) of numbers (N, D) [m or rad] that can be places or poses: others would overflow in computing."""
-    return np.asarray((np.abs(numbers) <= _FARTHEST).all(axis=-1))  # false of NaN
+    """Marks the rows (N,) of numbers (N, D) [m or rad] that can be positions or poses: larger numbers would overflow."""
+    return np.asarray((np.abs(numbers) <= _FARTHEST).all(axis=-1))  # NaN compares as false
 
 
 def make_trajectory(path: Path, stamps_us: NDArray[np.int64], poses: se2.Array) -> Trajectory:
     """Makes a trajectory of a file's stamps (N,) [us] and poses (N, 3), x [m], y [m], yaw [rad].
 
     Raises:
-        DataError: there are fewer than two poses, one is not finite, or stamps do not increase.
+        DataError: there are fewer than two poses, one is not finite or too far away, or stamps do not increase.
     """
     if len(stamps_us) < 2:
         raise DataError(path, f"holds {len(stamps_us)} poses", "a trajectory needs two at least")

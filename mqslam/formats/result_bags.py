@@ -1,4 +1,4 @@
-"""The results of a run as a ROS bag: /tf and /path of the radar or the vehicle, /map and /points of the world."""
+"""Writes the results of a run as a ROS bag: /tf and /path of the radar or the vehicle, and the map as /map and /points."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def is_run(path: Path) -> bool:
 
 
 def write_results(out: Path, run: Path, kind: str) -> None:
-    """Writes the results of a run as a bag, whole or not at all.
+    """Writes the results of a run as a bag, completely or not at all.
 
-    Map, points and path are latched and lie at the first stamp, the transforms from the map's frame to the radar's, or the
-    vehicle's, at the stamps of their scans.
+    Map, points and path are latched messages at the first stamp. The transforms lead from the map's frame to the radar's or
+    the vehicle's, and have the stamps of their scans.
 
     Args:
         out: the file or folder.
@@ -58,17 +58,17 @@ def write_results(out: Path, run: Path, kind: str) -> None:
 
 
 def _find_moved(summary: Path) -> str:
-    """Returns the frame whose poses a run has, as its summary says."""
+    """Returns the frame whose poses a run has written, the radar's or the vehicle's, as its summary says."""
     try:
         stated = json.loads(untrusted.read_document(summary))
-        of_vehicle = stated.get("frame") == VEHICLE  # a run of an earlier version has the radar's
+        of_vehicle = stated.get("frame") == VEHICLE  # runs of earlier versions have the radar's poses
     except (OSError, ValueError, AttributeError) as error:
         raise DataError(summary, "is no summary of a run", "run the recording anew") from error
     return VEHICLE_FRAME if of_vehicle else RADAR_FRAME
 
 
 def _make_path(bag: Bag, trajectory: Trajectory) -> Any:
-    """Makes one path of all poses."""
+    """Makes a path message of all poses."""
     poses = [
         bag.make(POSE_TYPE, bag.header(stamp, WORLD_FRAME), bag.pose(pose))
         for stamp, pose in zip(trajectory.stamps_us.tolist(), trajectory.poses, strict=True)
@@ -77,7 +77,7 @@ def _make_path(bag: Bag, trajectory: Trajectory) -> Any:
 
 
 def _make_grid(bag: Bag, run: Path, stamp_us: int) -> Any:
-    """Makes the message that map_server would publish of the run's map."""
+    """Makes the message that map_server would publish for the run's map."""
     grid = read_nav2_map(run / "map.yaml")
     header = bag.header(stamp_us, WORLD_FRAME)
     height, width = grid.cells.shape
@@ -86,7 +86,7 @@ def _make_grid(bag: Bag, run: Path, stamp_us: int) -> Any:
 
 
 def _make_cloud(bag: Bag, file: Path, stamp_us: int) -> Any:
-    """Makes a cloud of the points of the map with their intensities."""
+    """Makes a point cloud message of the map's points with their intensities."""
     points = np.column_stack([column.astype("<f4") for column in read_ply(file, _COLUMNS).values()])
     fields = [bag.make("sensor_msgs/msg/PointField", name, 4 * i, _FLOAT32, 1) for i, name in enumerate(_COLUMNS)]
     step = 4 * len(_COLUMNS)

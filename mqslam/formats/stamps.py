@@ -1,4 +1,4 @@
-"""Stamps as files write them, brought to whole microseconds."""
+"""Converts stamps, as files write them, to whole microseconds."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 _TOO_LARGE = "holds stamps too large for any clock"
-_MOST_DIGITS = 40  # before the point; a larger number would overflow
+_MOST_DIGITS = 40  # digits before the decimal point; a larger number would overflow
 UNITS = {"s": Decimal(10**6), "ms": Decimal(1000), "us": Decimal(1), "ns": Decimal("0.001")}
 LATEST_US = 2**62
-"""Stamps beyond this [us] are beyond any clock: they are damaged, and would overflow."""
+"""Largest stamp [us] that counts as valid: no clock shows a later one, and larger numbers would overflow."""
 _SECONDS = r"(s|secs?|seconds|ms|msecs?|milliseconds|us|usecs?|microseconds|ns|nsecs?|nanosecs?|nanoseconds)"
 _TIME_NAME = re.compile(
     r"(?:header[._/])?(?:t|times?|time_?stamps?|stamps?|gps_?time)"
@@ -24,9 +24,9 @@ _TIME_NAME = re.compile(
 
 
 def time_unit(name: str) -> str | None:
-    """Returns the unit that the name of a field or column of times states.
+    """Returns the unit of time that the name of a field or column states.
 
-    It is "" where a name such as t, timestamp or GpsTime states none, and None for names of anything but times.
+    It is "" for a name of times without a unit, such as t, timestamp or GpsTime, and None for the name of anything else.
     """
     match = _TIME_NAME.fullmatch(name.strip().lower())
     if match is None:
@@ -47,8 +47,8 @@ def guess_stated_unit(first: int, last: int, start_us: int, end_us: int) -> str:
     """Guesses the unit of stamps that were taken for microseconds, but lie outside a recording.
 
     Args:
-        first: the first stamp, as the file states it, to a whole unit.
-        last: the last stamp.
+        first: the first stamp as the file states it, as a whole number of its unit.
+        last: the last stamp, likewise.
         start_us: start of the recording [us].
         end_us: end of the recording [us].
 
@@ -64,7 +64,7 @@ def guess_stated_unit(first: int, last: int, start_us: int, end_us: int) -> str:
 
 
 def parse_stamps(words: Sequence[str], unit: str = "") -> NDArray[np.int64]:
-    """Parses decimal numbers (N,) as stamps (N,) [us], exactly; the unit is guessed from their size where it is "".
+    """Parses decimal numbers (N,) as stamps (N,) [us] in exact arithmetic; a unit of "" is guessed from their size.
 
     Raises:
         ValueError: a word is no finite number, or a stamp lies beyond any clock.
@@ -84,7 +84,7 @@ def parse_stamps(words: Sequence[str], unit: str = "") -> NDArray[np.int64]:
 
 
 def convert_stamps(values: NDArray[Any], unit: str = "") -> tuple[NDArray[np.int64], str]:
-    """Converts finite numbers (N,) of any type to stamps (N,) [us], and returns their unit, guessed where none is given.
+    """Returns finite numbers (N,) of any type as stamps (N,) [us], and their unit, which is guessed if none is given.
 
     Raises:
         ValueError: a stamp lies beyond any clock.
@@ -99,7 +99,7 @@ def convert_stamps(values: NDArray[Any], unit: str = "") -> tuple[NDArray[np.int
 
 
 def mark_increasing(values: Sequence[float], *, strictly: bool = True) -> NDArray[np.bool_]:
-    """Marks (N,) the longest subsequence that increases, or does not decrease: one stray value costs one entry."""
+    """Marks (N,) the longest subsequence that increases, or, if not strictly, never falls; a stray value is left out."""
     find = bisect_left if strictly else bisect_right
     tails: list[float] = []
     tail_rows: list[int] = []

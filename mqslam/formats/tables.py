@@ -1,4 +1,4 @@
-"""Tables of numbers as CSV: columns by their names, which may state a unit, and rows of which single ones may be damaged."""
+"""Reads tables of numbers from CSV: finds columns by names that may state a unit, and tolerates single damaged rows."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ RATES: Final = {f"{unit}/s": scale for unit, scale in RADIANS.items()} | {
     "degs": float(np.radians(1.0)),
     "rpm": 2.0 * np.pi / 60.0,
 }
-"""Units of lengths, angles, speeds and rates of turn, in small letters, and what they are in m, deg, rad, m/s and rad/s."""
+"""Units of lengths, angles, speeds and turn rates in lower case, with their factors to m, deg, rad, m/s and rad/s."""
 _BRACKETED: Final = re.compile(r"[\s_]*(?:\s\w+)*\s*[\[({](.*)[\])}]\s*")
-_LONGEST_LINE = 10_000  # characters of a table's first line: in a longer one the file is no table
-_LISTED = 20  # columns that an error names
+_LONGEST_LINE = 10_000  # characters; a file whose first line is longer is no table
+_LISTED = 20  # most columns that an error lists
 _REPAIR = "repair or remove its line"
 _GIVE_STAMPS = "give stamps in s, us or ns"
 Parse = Callable[[str], float]
@@ -50,7 +50,7 @@ class Header:
 
     Args:
         path: the file.
-        names: words of the line, in small letters.
+        names: words of the line, in lower case.
         line: number of lines up to and including it.
     """
 
@@ -60,17 +60,17 @@ class Header:
 
     @property
     def holds_numbers(self) -> bool:
-        """Whether the line is a row of numbers already, and the table has no header."""
+        """Whether the line is already a row of numbers, so that the table has no header."""
         try:
             return bool(np.isfinite(float(self.names[0])))
         except ValueError:
             return False
 
     def find(self, names: Sequence[str], remedy: str) -> list[int]:
-        """Finds columns by their full names.
+        """Returns the numbers of columns, found by their full names.
 
         Raises:
-            DataError: one is missing.
+            DataError: a column is missing.
         """
         missing = [name for name in names if name not in self.names]
         if missing:
@@ -78,14 +78,14 @@ class Header:
         return [self.names.index(name) for name in names]
 
     def find_unit(self, name: str, units: dict[str, float]) -> tuple[int, float] | None:
-        """Finds a column by its name; returns its number and the factor that brings it to the first of the units.
+        """Finds a column by its name.
 
         Args:
-            name: of the column, behind which a unit may follow: `yaw [deg]`, `yaw(deg)`, `yaw_deg`.
-            units: that such a column may have, and their factors.
+            name: name of the column, after which a unit may follow: `yaw [deg]`, `yaw(deg)`, `yaw_deg`.
+            units: units that the column may have, with their factors.
 
         Returns:
-            None where no column has the name.
+            The column's number, and the factor that converts it to the first of the units; None if no column has the name.
 
         Raises:
             DataError: the column states a unit that is none of these.
@@ -104,15 +104,15 @@ class Header:
             if bracketed:
                 problem = f"column {full} states a unit that {name} cannot be converted from"
                 raise DataError(self.path, problem, f"give it in {next(iter(units))}, or one of {', '.join(units)}")
-            if rest[0] == " ":  # more words, and no unit
+            if rest[0] == " ":  # more words follow, but no unit
                 return column, 1.0
         return None
 
     def find_all(self, wanted: Wanted, remedy: str) -> tuple[list[tuple[int, str]], list[int], NDArray[np.float64]]:
-        """Finds the columns of stamps, as `find_stamps` does, and others with the factors of their units.
+        """Finds the columns of stamps, as `find_stamps` does, and the wanted columns with the factors of their units.
 
         Raises:
-            DataError: one is missing, or states a unit that cannot be converted.
+            DataError: a column is missing, or states a unit that cannot be converted.
         """
         stamps = find_stamps(self.names)
         found = [self.find_unit(name, units) for name, units in wanted]
@@ -124,19 +124,19 @@ class Header:
         return stamps, list(columns), np.array(factors)
 
     def refuse(self, missing: Sequence[str], remedy: str) -> DataError:
-        """Returns the error that columns are missing, which lists those that are there."""
+        """Returns the error that columns are missing; it lists the columns that exist."""
         return DataError(
             self.path, f"has no column {', '.join(missing)} (columns: {', '.join(self.names[:_LISTED])})", remedy
         )
 
 
 def split_header(line: str) -> tuple[str, ...]:
-    """Splits the line that names the columns of a table, which may be a comment or quoted, into names in small letters."""
+    """Splits the header line of a table, which may be a comment or have quoted words, into column names in lower case."""
     return tuple(word.strip(" \"'\ufeff\r\n").lower() for word in line.lstrip("# ").split(","))
 
 
 def find_stamps(names: Sequence[str]) -> list[tuple[int, str]]:
-    """Finds the columns of stamps and their units: one, or two where one holds seconds and another their nanoseconds."""
+    """Returns the number and unit of the column of stamps, or of two: one of seconds, and one of their nanoseconds."""
     units = [(column, unit) for column, name in enumerate(names) if (unit := time_unit(name)) is not None]
     seconds, nanoseconds = ([pair for pair in units if pair[1] == unit] for unit in ("s", "ns"))
     return [seconds[0], nanoseconds[0]] if seconds and nanoseconds else units[:1]
@@ -155,10 +155,10 @@ def read_rows(path: Path, remedy: str) -> list[list[str]]:
 def parse_numbers(
     path: Path, rows: Sequence[Sequence[str]], columns: Sequence[int], what: str = "row"
 ) -> NDArray[np.float64]:
-    """Parses columns (N, len(columns)) of rows of words, which an error calls what they are.
+    """Parses some columns (N, len(columns)) of rows of words; `what` is the word for a row in errors.
 
     Raises:
-        DataError: one of them is not a finite number.
+        DataError: a word is not a finite number.
     """
     table = np.empty((len(rows), len(columns)))
     for row, words in enumerate(rows):
@@ -176,7 +176,7 @@ def parse_times(path: Path, words: Sequence[str], unit: str = "") -> NDArray[np.
     """Parses words as stamps (N,) [us] in a unit; "" guesses it from their size.
 
     Raises:
-        DataError: one of them is no stamp.
+        DataError: a word is no stamp.
     """
     try:
         return parse_stamps(words, unit)
@@ -187,8 +187,8 @@ def parse_times(path: Path, words: Sequence[str], unit: str = "") -> NDArray[np.
 def read_stamped(path: Path, columns: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Reads stamps (N,) [us] and columns (N, len(columns)) of a CSV with or without a header.
 
-    The first column holds whole stamps in us or ns, too long for a float. Rows are returned in the order of their stamps,
-    and only one of those that share a stamp.
+    The first column holds whole stamps in us or ns, which are too long for a float. Rows are returned in the order of their
+    stamps; of rows with the same stamp, only the first is kept.
 
     Raises:
         DataError: a row is too short or holds something other than finite numbers.
@@ -202,15 +202,15 @@ def read_stamped(path: Path, columns: Sequence[int]) -> tuple[NDArray[np.int64],
 def read_converted(
     header: Header, rows: Sequence[Sequence[str]], wanted: Wanted, remedy: str, unit: str = "", what: str = "row"
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Reads the stamps (N,) [us] of rows of words and the columns (N, len(wanted)), converted to the first of their units.
+    """Parses the stamps (N,) [us] of rows of words, and the wanted columns (N, len(wanted)), each in its first unit.
 
     Args:
         header: the names of the columns.
         rows: (N,) the rows.
-        wanted: the columns beside that of the stamps.
-        remedy: what to give in place of the file.
-        unit: of stamps whose column states none; "" guesses it from their size.
-        what: a row is, for errors.
+        wanted: the columns besides the stamps.
+        remedy: what to give in place of the file, for errors.
+        unit: unit of stamps whose column states none; "" guesses it from their size.
+        what: the word for a row, for errors.
 
     Raises:
         DataError: a column is missing or states a unit that cannot be converted, or a cell is no finite number or stamp.
@@ -226,13 +226,13 @@ def read_converted(
 
 
 def _join_stamps(words: Sequence[Sequence[str]], units: Sequence[str]) -> NDArray[np.int64]:
-    """Joins words (N,) of one column, or of seconds and of nanoseconds, to stamps (N,) [us]."""
+    """Makes stamps (N,) [us] of the words (N,) of one column, or of a column of seconds and one of nanoseconds."""
     if len(words) == 1:
         return parse_stamps(words[0], units[0])
     whole, parts = words
     if not all(word.isascii() and word.isdigit() for word in parts):
         raise ValueError("holds nanoseconds that are no whole numbers")
-    if any(len(word) > 9 and int(word) >= 10**9 for word in parts):  # stamps of their own
+    if any(len(word) > 9 and int(word) >= 10**9 for word in parts):  # they are complete stamps already
         return parse_stamps(parts, "ns")
     if not all(word.lstrip("-").isascii() and word.lstrip("-").isdigit() for word in whole):
         return parse_stamps(whole, "s")
@@ -241,12 +241,12 @@ def _join_stamps(words: Sequence[Sequence[str]], units: Sequence[str]) -> NDArra
 
 @dataclass(frozen=True, slots=True)
 class SensorTable:
-    """Rows of a sensor's readings.
+    """A table of a sensor's readings.
 
     Args:
         stamps_us: (N,) int64 [us], in the order of the file.
         columns: (N, C); NaN where a row holds no number.
-        unread: number of rows beside these, whose stamps are no numbers.
+        unread: number of further rows that were left out because their stamps are not valid.
     """
 
     stamps_us: NDArray[np.int64]
@@ -254,7 +254,7 @@ class SensorTable:
     unread: int = 0
 
     def with_columns(self, *columns: NDArray[np.float64]) -> SensorTable:
-        """Returns the same rows with other columns, side by side."""
+        """Returns a table with the same stamps and other columns, which are put side by side."""
         return replace(self, columns=np.column_stack(columns))
 
 
@@ -276,15 +276,15 @@ def read_header(path: Path, remedy: str) -> Header:
 def read_sensor_table(
     header: Header, columns: Sequence[int], unit: str = "", parse: Mapping[int, Parse] | None = None
 ) -> SensorTable:
-    """Reads columns of a table; a cell that is no number costs its row and no other.
+    """Reads columns of a table. A cell that is no number becomes NaN; a row without a valid stamp is left out.
 
-    Stamps go through a float, which holds those since 1970 to a quarter of a microsecond.
+    Stamps are parsed as floats, which resolve stamps since 1970 to a quarter of a microsecond.
 
     Args:
-        header: its first line.
-        columns: of the stamp, and of the readings.
-        unit: of the stamps, one of `UNITS`; "" guesses it from their size.
-        parse: turns the words of some of the columns into numbers.
+        header: the first line of the table.
+        columns: numbers of the columns: the stamps first, then the readings.
+        unit: unit of the stamps, one of `UNITS`; "" guesses it from their size.
+        parse: by column, a function that turns a word into a number; all other columns are parsed as floats.
 
     Raises:
         DataError: the file cannot be read.
@@ -310,7 +310,7 @@ def read_sensor_table(
 
 
 def _parse_word(words: Sequence[str], column: int, parse: Parse) -> float:
-    """Parses a word of a row as a number; NaN where there is none."""
+    """Parses a word of a row as a number; returns NaN if it is none."""
     try:
         return parse(words[column])
     except (ValueError, IndexError):
@@ -318,12 +318,12 @@ def _parse_word(words: Sequence[str], column: int, parse: Parse) -> float:
 
 
 def read_converted_sensor(header: Header, wanted: Wanted, remedy: str) -> SensorTable:
-    """Reads columns whose names may state their units; stamps that state none are in microseconds.
+    """Reads the stamps and readings of a sensor, whose columns may state units; stamps without a unit are in microseconds.
 
     Args:
         header: the first line of the table.
-        wanted: the columns beside that of the stamps.
-        remedy: what to give in place of the file.
+        wanted: the columns besides the stamps.
+        remedy: what to give in place of the file, for errors.
 
     Raises:
         DataError: the file cannot be read, or a column is missing or states a unit that cannot be converted.
@@ -333,6 +333,6 @@ def read_converted_sensor(header: Header, wanted: Wanted, remedy: str) -> Sensor
     readings, stamps_us = table.columns[:, len(stamps) - 1 :] * factors, table.stamps_us
     if len(stamps) > 1:
         parts_us = np.round(np.nan_to_num(table.columns[:, 0]) / 1000.0).astype(np.int64)
-        own = np.abs(parts_us).max(initial=0) > 10**6  # stamps of their own, in nanoseconds
+        own = np.abs(parts_us).max(initial=0) > 10**6  # they are complete stamps already, in nanoseconds
         stamps_us = parts_us if own else stamps_us + parts_us
     return SensorTable(stamps_us, readings, table.unread)

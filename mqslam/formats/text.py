@@ -1,4 +1,4 @@
-"""Text files: their lines, with every error about them made in one place."""
+"""Reads text files, and turns every failure to read one into an error about the file."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from mqslam.errors import DataError, find_near, untrusted
 def open_lines(
     path: Path, remedy: str, encoding: str = "utf-8-sig", errors: str | None = None, missing: str = ""
 ) -> Iterator[TextIO]:
-    """Opens a text file; whatever fails before the block ends is an error about the file.
+    """Opens a text file; any failure to read it before the block ends becomes an error about the file.
 
     Args:
         path: the file.
-        remedy: what to give in place of a file that is no text.
-        encoding: of a file without a byte order mark.
+        remedy: what to give in place of a file that is no text, for the error.
+        encoding: encoding of a file without a byte order mark.
         errors: how bytes that are not in the encoding are decoded; None refuses them.
-        missing: what to do where there is no such file; "" names one of a similar name.
+        missing: what to do if the file does not exist, for the error; "" suggests a file with a similar name.
 
     Raises:
         DataError: the file does not exist, cannot be read, or is no text.

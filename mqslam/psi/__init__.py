@@ -1,1 +1,1 @@
-"""The map-quality score psi: as published, the estimator's form of it, its minimiser and its covariance."""
+"""The map-quality score psi: its published form, the estimator's form, the minimiser and the covariance."""

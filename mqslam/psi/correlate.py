@@ -1,9 +1,10 @@
 """A global search for the pose of one point set in another: their images, one of them blurred, correlated at several yaws.
 
-It is the widest and cheapest form of the score. Its peaks are starts for psi, which has the last word.
+It is the widest and cheapest form of the score. Minimisations of psi start from its peaks and decide between them.
 
-The images of scans are empty but for a few thousand pixels, and only shifts within the reach count. Where the reach is
-short, adding up the other image around each of these pixels takes less work than Fourier transforms do.
+The image of a scan is empty except for a few thousand pixels, and only shifts within the reach are needed. Where the
+reach is short, it therefore takes less work to add up the other image around each of these pixels than to compute Fourier
+transforms.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from scipy.fft import fft, ifft, irfft, next_fast_len, rfft, rfft2
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 
-# Side of a pixel of the images, as a share of the annealing's first reach s_start. The minimiser surely bridges that
+# Side of a pixel of the images, as a share of the annealing's first reach s_start. The minimiser surely bridges this
 # distance.
 _PIXEL = 0.3
 # Poses that are nearer to each other than this many pixels count as one.
@@ -34,7 +35,7 @@ _SEARCH_EXTENT = 110.0
 
 _NEIGHBOURS: Final = 2  # a peak is the largest of the pixels within this many rows and columns: it defines a local maximum
 _BLUR_REACH: Final = 4.0  # standard deviations beyond which a blur is cut off: numerical
-_SUMS_PER_PIXEL: Final = 90  # pixels that are added up in the time in which Fourier transforms take one, as measured
+_SUMS_PER_PIXEL: Final = 90  # number of pixels added up in the time that Fourier transforms need for one, as measured
 
 
 def compute_pixel_m(config: EstimatorConfig) -> float:
@@ -43,7 +44,7 @@ def compute_pixel_m(config: EstimatorConfig) -> float:
 
 
 def compute_same_m(config: EstimatorConfig) -> float:
-    """Returns the distance below which two poses of the global search are one [m]."""
+    """Returns the distance [m] below which two poses of the global search count as one."""
     return _SAME * compute_pixel_m(config)
 
 
@@ -60,7 +61,7 @@ def find_correlation_peaks(
     Args:
         reference: (M, 2) m.
         query: (N, 2) m, in its own frame.
-        guess: (3,) pose of the query's frame in the reference's.
+        guess: (3,) pose of the query's frame in the reference's frame.
         reach_m: how far the guess may be off [m].
         reach_rad: how far its yaw may be off [rad].
         config: settings of the search.
@@ -74,7 +75,7 @@ def find_correlation_peaks(
     if len(reference) == 0 or len(query) == 0:
         return []
     extent = float(np.abs(query).max()) + 1.5 * pixel_m
-    step = pixel_m / (0.5 * extent)  # it moves points halfway out by a pixel
+    step = pixel_m / (0.5 * extent)  # such a step of yaw moves points halfway out by a pixel
     count = int(np.ceil(reach_rad / step))
     lowest = guess[:2] - extent - reach_m
     side = next_fast_len(int(np.ceil(2.0 * (extent + reach_m) / pixel_m)) + 1, real=True)
@@ -97,11 +98,11 @@ def find_correlation_peaks(
 
 
 class Image:
-    """An image that others are correlated with. What is shifted beyond one edge of it enters at the opposite one.
+    """An image that other images are correlated with; parts shifted beyond an edge enter at the opposite edge.
 
     Args:
-        image: (K, K).
-        cells: C, how far it is shifted each way at the most [pixels].
+        image: (K, K) values of the pixels.
+        cells: C, largest shift in each direction [pixels].
     """
 
     def __init__(self, image: NDArray[np.float32], cells: int) -> None:
@@ -112,13 +113,13 @@ class Image:
         """Returns the correlation (2 C + 1, 2 C + 1) with an image of which some pixels are one and all others zero.
 
         Args:
-            rows: (P,) of these pixels, column by column.
-            begins: (K + 1,) where each column begins among them, as `find_pixels` returns both.
+            rows: (P,) rows of these pixels, column by column.
+            begins: (K + 1,) position in `rows` at which each column begins, as `find_pixels` returns both.
         """
         if len(rows) * len(self._shifts) ** 2 < _SUMS_PER_PIXEL * self._image.size:
             return np.asarray(add_up_around(self._padded, rows, begins, self._cells))
         taken, shape = np.flatnonzero(np.diff(begins)), self._image.shape
-        other = np.zeros((taken[-1] - taken[0] + 1, shape[1]), np.float32)  # no more of it than there is something in
+        other = np.zeros((taken[-1] - taken[0] + 1, shape[1]), np.float32)  # columns from the first pixel to the last
         other[np.repeat(np.arange(len(begins) - 1), np.diff(begins)) - taken[0], rows] = 1.0
         product = fft(rfft(other, axis=1), n=shape[0], axis=0, overwrite_x=True)
         np.multiply(self._spectrum, np.conj(product, out=product), out=product)
@@ -143,13 +144,13 @@ def compute_blur(sigma: float) -> NDArray[np.float32]:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def draw_blurred(rows: NDArray[np.int64], begins: NDArray[np.int64], blur: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Draws a square image (K, K), blurred along both axes, of which some pixels are one and all others zero.
+    """Draws a square image (K, K) of which some pixels are one and all others zero, and blurs it along both axes.
 
-    What is blurred across an edge is mirrored at it.
+    The blur is mirrored at the edges.
 
     Args:
-        rows: (P,) of these pixels, column by column.
-        begins: (K + 1,) where each column begins among them, as `find_pixels` returns both.
+        rows: (P,) rows of these pixels, column by column.
+        begins: (K + 1,) position in `rows` at which each column begins, as `find_pixels` returns both.
         blur: (2 R + 1,) weights of the blur along one axis.
     """
     side, reach = len(begins) - 1, len(blur) // 2
@@ -171,7 +172,7 @@ def draw_blurred(rows: NDArray[np.int64], begins: NDArray[np.int64], blur: NDArr
 
 @nb.njit(cache=True, inline="always")
 def _mirror(place: int, side: int) -> int:
-    """Returns the pixel of a line that a pixel beyond the line's ends is mirrored to."""
+    """Returns the pixel of a line, `side` long, to which a pixel beyond its ends is mirrored."""
     place %= 2 * side
     return min(place, 2 * side - 1 - place)
 
@@ -189,7 +190,7 @@ def find_pixels(
         pixel_m: side of a pixel [m].
 
     Returns:
-        The rows (P,) of the pixels, and where those of each column begin among them (K + 1,).
+        The rows (P,) of the pixels, and the position among them at which each column begins (K + 1,).
     """
     taken = np.zeros((side, side), np.bool_)
     columns, rows = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
@@ -218,14 +219,14 @@ def add_up_around(
 ) -> NDArray[np.float32]:
     """Adds up the parts (2 C + 1, 2 C + 1) of an image around pixels: its correlation with the image of these pixels.
 
-    All that one column of the image is part of is added while that column is at hand. Four parts are added at a time,
-    which a compiler makes vector instructions of.
+    Everything that needs one column of the image is added while that column is in the cache. Four parts are added at a
+    time, which compilers turn into vector instructions.
 
     Args:
         padded: (K + 2 C, K + 2 C) the image with C pixels around it.
-        rows: (P,) of the pixels in the image itself, column by column.
-        begins: (K + 1,) where each column begins among them, as `find_pixels` returns both.
-        cells: C.
+        rows: (P,) rows of the pixels in the image itself, column by column.
+        begins: (K + 1,) position in `rows` at which each column begins, as `find_pixels` returns both.
+        cells: C, largest shift in each direction [pixels].
     """
     width = 2 * cells + 1
     total = np.zeros((width, width), np.float32)
@@ -251,7 +252,7 @@ def find_tops(correlation: NDArray[np.float32], most: int) -> list[tuple[float, 
     """Returns the highest local maxima of a correlation (2 C + 1, 2 C + 1) within a circle: value and indices, best first.
 
     Args:
-        correlation: of all shifts by at most C pixels each way.
+        correlation: correlations at all shifts by at most C pixels in each direction.
         most: largest number of maxima.
     """
     width = len(correlation)
@@ -277,9 +278,10 @@ def find_tops(correlation: NDArray[np.float32], most: int) -> list[tuple[float, 
 
 @nb.njit(cache=True, nogil=True)
 def _is_top(correlation: NDArray[np.float32], i: int, k: int) -> bool:
-    """Returns whether no shift beside one, within the circle, has a larger correlation.
+    """Returns whether no neighbouring shift, within the circle, has a larger correlation.
 
-    It begins with the last of them, which is the larger one wherever the correlation rises in the order of the search.
+    It begins with the last neighbour: where the correlation rises in the order of the search, that one is larger and ends
+    the loop at once.
     """
     width = len(correlation)
     cells = width // 2
@@ -292,5 +294,5 @@ def _is_top(correlation: NDArray[np.float32], i: int, k: int) -> bool:
 
 @nb.njit(cache=True, inline="always")
 def _is_within(along: int, across: int, cells: int) -> bool:
-    """Returns whether a shift lies in the circle with a radius of some cells."""
+    """Returns whether a shift lies within a circle around zero with a radius of `cells` pixels."""
     return along * along + across * across <= (cells + 0.5) ** 2

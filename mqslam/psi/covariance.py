@@ -1,19 +1,21 @@
-"""How sure a minimum of psi is: its covariance, the directions that psi does not observe, and Gaussians combined.
+"""The uncertainty of a minimum of psi: its covariance, the directions that psi does not observe, and combined Gaussians.
 
-psi is a sum over points, so its minimiser is an M-estimator and its curvature alone has no scale. With H the curvature
-that knows of re-selection, and g_c the summed score of the returns of one object (a square cell of the map),
+psi is a sum over points, so its minimum is an M-estimate, and the curvature alone does not give the scale of a
+covariance. With H the curvature that includes re-selection, and g_c the summed score of the returns of one object (a
+square cell of the map), the covariance is
 
     Sigma = n / (n - q) H^-1 (sum_c g_c g_c^T) H^-1        for n objects and q variables.
 
-In a direction that is hardly observed H is hardly positive, and Sigma comes out large along it. The first factor is the
-usual one for few samples: q variables can make the scores of q objects vanish, whatever their errors are.
+In a direction that is hardly observed, H is hardly positive, and Sigma comes out large along it. The first factor is the
+usual correction for few samples: q variables can bring the scores of q objects to zero, whatever their errors are.
 
-Along a bare wall the returns of two views are scattered alike at any shift. At a wide scale H vanishes there, while single
-returns still pair up by chance and pretend to a minimum. The share of Gauss-Newton's curvature that remains at the widest
-scale tells the two apart: 0.22 and more where there are windows, poles and corners, 0.12 and less along a bare corridor.
+Along a bare wall the returns of two views are scattered alike at any shift. At a wide scale H therefore vanishes along
+the wall, whereas at a narrow one single returns pair up by chance and look like a minimum. The share of Gauss-Newton's
+curvature that remains at the widest scale shows whether a direction is observed: 0.22 and more where there are windows,
+poles and corners, 0.12 and less along a bare corridor.
 
-Metres, radians and their rates differ by orders of magnitude, so every matrix is brought to comparable units before it
-is factorised, and an eigenvalue below rounding counts as rounding.
+Metres, radians and their rates differ by orders of magnitude, so every matrix is brought to comparable units before it is
+factorised. An eigenvalue below the rounding error is raised to it.
 """
 
 from __future__ import annotations
@@ -25,26 +27,26 @@ from numpy.typing import NDArray
 
 from mqslam.psi.score import PsiEvaluation
 
-# Neither number tunes anything: the first stands for "unknown", the second keeps the inverse of the curvature finite.
-_UNKNOWN = 1e6  # variance, over that of the curvature alone, where there are no more objects than variables
+# These two numbers tune nothing: the first stands for "unknown", the second keeps the inverse of the curvature finite.
+_UNKNOWN = 1e6  # variance, in units of the inverse information, where there are no more objects than variables
 _LEAST = 1e-3  # share of Gauss-Newton's curvature below which a direction counts as not observed at all
 
 # A direction in which less than this share of Gauss-Newton's curvature remains at the widest scale counts as not observed.
 _OBSERVED_SHARE = 0.16
-_SHOWN = 1e-9  # correlated eigenvalues below this share of the largest one are rounding
+_SHOWN = 1e-9  # eigenvalues of the normalised information below this share of the largest one are rounding
 _ROUNDING = 1e-12  # eigenvalues below this share of the largest one are rounding
 
 
 def estimate_covariance(
     evaluation: PsiEvaluation, points: NDArray[np.float64], cluster_m: float, known: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    """Returns the covariance (Q, Q) of the state at a minimum: a sandwich over clusters of returns.
+    """Returns the covariance (Q, Q) of the state at a minimum: a sandwich estimator over clusters of returns.
 
     Args:
         evaluation: the score at the minimum.
-        points: (N, 2) m, where the returns lie, which tells those that belong to one object.
+        points: (N, 2) m, positions of the returns, by which returns are grouped into objects.
         cluster_m: side of the cells [m] within which returns belong to one object.
-        known: (Q, Q) information about the state besides psi, in the curvature's scale.
+        known: (Q, Q) information about the state from other sources than psi, in the scale of the curvature.
     """
     if known is None:
         known = np.zeros_like(evaluation.curvature)
@@ -79,9 +81,9 @@ def curvature_by_differences(
     Where all points move with the state, the evaluation's own curvature is up to four times too large.
 
     Args:
-        gradient: returns the sum (Q,) of the scores at a state, neighbours selected anew.
-        state: (Q,) where the curvature is wanted.
-        steps: (Q,) how far the differences reach to either side.
+        gradient: returns the sum (Q,) of the scores at a state, with neighbours selected anew.
+        state: (Q,) state at which the curvature is computed.
+        steps: (Q,) step of the differences to either side.
     """
     rows = [gradient(state + side) - gradient(state - side) for side in np.diag(steps)]
     return symmetric(np.array(rows) / (2.0 * steps[:, None]))
@@ -90,12 +92,12 @@ def curvature_by_differences(
 def find_weak_directions(wide: PsiEvaluation, size: int) -> NDArray[np.float64]:
     """Finds the directions (K, size) that psi does not observe, scaled to unit information.
 
-    Where the points do not even show all directions under Gauss-Newton, as returns of a single bearing do, nothing is
-    taken as observed.
+    If even Gauss-Newton's information is singular, as it is for returns of a single bearing, all directions count as not
+    observed.
 
     Args:
         wide: an evaluation at the widest scale, near the minimum.
-        size: number of state variables that are looked at, the first ones.
+        size: number of state variables to look at, counted from the first.
     """
     information = wide.information[:size, :size]
     units = np.sqrt(np.diag(information))
@@ -110,10 +112,10 @@ def find_weak_directions(wide: PsiEvaluation, size: int) -> NDArray[np.float64]:
 
 
 def spread_along(directions: NDArray[np.float64], spans: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the covariance (Q, Q) of being anywhere along weak directions.
+    """Returns a covariance (Q, Q) that is large along weak directions and zero across them.
 
     Args:
-        directions: (K, Q) the weak ones; without any the covariance is zero.
+        directions: (K, Q) the weak directions; if there are none, the covariance is zero.
         spans: (Q,) standard deviation of each variable when nothing is known of it.
     """
     spread = np.zeros((len(spans), len(spans)))
@@ -127,9 +129,9 @@ def invert(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[n
     """Inverts a symmetric matrix (Q, Q) to one that is symmetric and positive definite.
 
     Args:
-        matrix: symmetric; eigenvalues that are not positive beyond rounding count as barely positive.
-        units: (Q,) typical size of each variable; measured in these, a covariance has comparable entries. An information
-            matrix takes their inverses.
+        matrix: symmetric matrix; an eigenvalue below the rounding error is raised to it.
+        units: (Q,) typical size of each variable, which makes the entries of a covariance comparable. An information
+            matrix needs the inverses of these sizes.
     """
     scale = np.outer(units, units)
     values, vectors = _find_positive(matrix, scale)
@@ -140,7 +142,7 @@ def fuse(first: NDArray[np.float64], second: NDArray[np.float64], units: NDArray
     """Returns the covariance (Q, Q) of two independent estimates taken together.
 
     It is (first^-1 + second^-1)^-1, written as first (first + second)^-1 second, which stays right where one of the two
-    is singular. The result is never surer than rounding allows.
+    is singular. Eigenvalues of the result are at least as large as the rounding error.
 
     Args:
         first: (Q, Q) covariance of one estimate.
@@ -155,15 +157,15 @@ def fuse(first: NDArray[np.float64], second: NDArray[np.float64], units: NDArray
 def _find_positive(
     matrix: NDArray[np.float64], scale: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns eigenvalues (Q,), none below rounding, and eigenvectors (Q, Q) of a matrix over a scale (Q, Q)."""
+    """Returns eigenvalues (Q,), raised to rounding at least, and eigenvectors (Q, Q) of a matrix divided by a scale."""
     values, vectors = np.linalg.eigh(symmetric(matrix) / scale)
     return np.maximum(values, max(_ROUNDING * float(values[-1]), np.finfo(np.float64).tiny)), vectors
 
 
 def floor_variances(covariance: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Raises a covariance (Q, Q) to be nowhere below the square of the steps (Q,) at which a search ends.
+    """Raises the variances of a covariance (Q, Q) to at least the squares of the steps (Q,) that end a search.
 
-    Scans that repeat to the last digit leave no residual, and would make the result seem known exactly.
+    Scans that repeat to the last digit leave no residual. Without the floor, the result would seem to be known exactly.
     """
     scale = np.outer(steps, steps)
     values, vectors = np.linalg.eigh(symmetric(covariance) / scale)

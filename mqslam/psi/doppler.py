@@ -1,9 +1,10 @@
 """The radar's Doppler shift, measured by psi.
 
-A frequency-modulated radar sees a target it closes in on at another range: beta times the closing speed nearer or farther.
-A target that passes from ahead to behind therefore moves by twice that, and a map rendered with the wrong beta is blurred.
-The beta that makes short stretches of the recording crispest is the radar's own. Wrong range bins and a range offset bend a
-map in much the same way, and short stretches err, so that what is known of such radars holds it.
+A frequency-modulated radar measures a wrong range to a target that it approaches: the error is beta times the closing
+speed. A target that passes from ahead to behind is therefore displaced by twice this error, and a map rendered with the
+wrong beta is blurred. The radar's beta is the one that makes short stretches of the recording crispest. A wrong length of
+the range bins and a range offset bend a map in much the same way, and short stretches give inexact values. The measured
+beta is therefore combined with the usual one of such radars.
 """
 
 from __future__ import annotations
@@ -27,16 +28,16 @@ from mqslam.psi.tracking.tracker import Tracker
 _STRETCHES, _STRETCH_SCANS = 4, 12
 # Step between the Doppler shifts that are tried [s], and their number to either side of zero. They include Navtech's.
 _STEP_S, _STEPS = 0.05, 2
-# Share of psi that a Doppler shift must save to be believed.
+# Share by which a Doppler shift must lower psi to be believed.
 _DOPPLER_GAIN = 0.003
 # A smaller Doppler shift counts as none [s]: it moves returns by a tenth of their own error.
 _DOPPLER_LEAST = 0.01
 
-_USUAL_S: Final = 0.045  # of Navtech's radars: carrier over the slope of the chirp is 0.03 to 0.06 s
-_USUAL_SIGMA_S: Final = 0.0075  # of these, so that the range is two of it to either side
-_FEWEST: Final = 3  # fewer stretches than this may well show such a shift by chance
-_OF_MEDIAN: Final = 1.2533  # by definition: how much less sure a median is than a mean
-_FINEST: Final = 0.02  # a parabola between shifts that are tried shows them no finer than this share of their step
+_USUAL_S: Final = 0.045  # shift of Navtech's radars: carrier over slope of the chirp is 0.03 to 0.06 s
+_USUAL_SIGMA_S: Final = 0.0075  # its standard deviation: that range reaches two of them to either side
+_FEWEST: Final = 3  # number of stretches; fewer may well show a usual shift by chance
+_OF_MEDIAN: Final = 1.2533  # by definition: standard deviation of a median, as a multiple of the mean's
+_FINEST: Final = 0.02  # a parabola through the tried shifts is no more exact than this share of their step
 _CONTRADICTION: Final = 2.0  # a shift this many standard deviations from the usual one shows another kind of radar
 
 
@@ -45,8 +46,8 @@ class Doppler(NamedTuple):
 
     Args:
         beta: range shift per closing speed [s].
-        sigma: its standard deviation [s], of which errors of range bins and range offset are no part; zero where the
-            settings name the shift, and where there is none.
+        sigma: its standard deviation [s], without the errors that come from range bins and range offset; zero if the
+            settings state the shift or if there is none.
     """
 
     beta: float
@@ -56,13 +57,14 @@ class Doppler(NamedTuple):
 def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorConfig, engine: Engine) -> Doppler:
     """Measures the Doppler shift that makes the recording's map crispest.
 
-    There is none where it gains nothing, unless most stretches show one that such radars have, each for itself.
+    The result is zero if no shift makes the map crisper, unless most stretches each show a shift that is usual for such
+    radars.
 
     Args:
-        scans: of the recording.
+        scans: scans of the recording.
         tracker: settings of the tracker.
         estimator: settings of the score.
-        engine: where stretches of the recording are tracked; the result does not depend on it.
+        engine: tracks the stretches of the recording; the result does not depend on it.
     """
     stretches = _choose_stretches(scans)
     if not stretches:
@@ -72,7 +74,7 @@ def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorCo
     twists = engine.map(_find_first_twist, shared, stretches)
 
     def measure_all(betas: Sequence[float]) -> NDArray[np.float64]:
-        """Returns psi (B, S) of the stretches with each shift."""
+        """Returns psi (B, S) with each shift on each stretch."""
         cases = [(stretch, twist, beta) for beta in betas for stretch, twist in zip(stretches, twists, strict=True)]
         return np.array(engine.map(_measure_psi, shared, cases)).reshape(len(betas), len(stretches))
 
@@ -80,7 +82,7 @@ def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorCo
     without = psi[_STEPS]
 
     def compare(psi: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns psi over that without a shift, in the median stretch: on some a track may go wrong, so most must agree."""
+        """Returns psi over psi without a shift, for the median stretch: the track may go wrong on a few stretches."""
         return np.asarray(np.quantile(psi / without, 0.5, axis=-1, method="higher"))
 
     beta = _find_vertex(grid, compare(psi))
@@ -92,20 +94,20 @@ def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorCo
 
 
 def _is_usual(each: Sequence[float], beta: float) -> bool:
-    """Returns whether most of three stretches or more show a shift [s] as Navtech's radars have it, with beta's sign."""
+    """Returns whether most of three or more stretches show a shift [s] usual for Navtech's radars, with beta's sign."""
     usual = np.abs(np.array(each) - np.copysign(_USUAL_S, beta)) < _CONTRADICTION * _USUAL_SIGMA_S
     return len(each) >= _FEWEST and bool(np.count_nonzero(usual) > len(each) / 2)
 
 
 def _estimate_sigma(each: Sequence[float]) -> float:
-    """Returns the standard deviation [s] of the shift of the median stretch, given the shifts of each stretch."""
+    """Returns the standard deviation [s] of the median shift, given the shift [s] that each stretch shows."""
     if len(each) < 2:
-        return _STEP_S  # nothing else is known of one stretch
+        return _STEP_S  # a single stretch shows no spread
     return float(max(_OF_MEDIAN * np.std(each, ddof=1) / np.sqrt(len(each)), _FINEST * _STEP_S))
 
 
 def _hold(beta: float, sigma: float) -> Doppler:
-    """Returns a measured shift [s] joined with what is known of such radars, unless it contradicts that."""
+    """Combines a measured shift [s] with the usual shift of such radars, unless the two contradict each other."""
     usual = float(np.copysign(_USUAL_S, beta))
     if abs(beta - usual) > _CONTRADICTION * np.hypot(sigma, _USUAL_SIGMA_S):
         return Doppler(beta, sigma)
@@ -114,12 +116,12 @@ def _hold(beta: float, sigma: float) -> Doppler:
 
 
 def choose_doppler(scans: Scans, config: Config, engine: Engine) -> Doppler:
-    """Returns the Doppler shift that the settings name, or else the one that is measured.
+    """Returns the Doppler shift that the settings state, or else measures it.
 
     Args:
-        scans: of the recording.
-        config: all settings, of which `sensor.doppler_beta` may name the shift.
-        engine: where it is measured.
+        scans: scans of the recording.
+        config: all settings; `sensor.doppler_beta` may state the shift.
+        engine: tracks the stretches on which the shift is measured.
     """
     if config.sensor.doppler_beta is not None:
         return Doppler(config.sensor.doppler_beta)
@@ -137,7 +139,7 @@ def _choose_stretches(scans: Scans) -> list[Scans]:
 
 
 def _find_vertex(grid: NDArray[np.float64], scores: NDArray[np.float64]) -> float:
-    """Returns where the parabola through the lowest score and its neighbours on the grid [s] is lowest."""
+    """Returns the lowest point [s] of the parabola through the lowest score and its two neighbours on the grid [s]."""
     k = int(np.clip(np.argmin(scores), 1, len(scores) - 2))
     below, here, above = scores[k - 1 : k + 2]
     bend = below - 2.0 * here + above
@@ -155,7 +157,7 @@ def _find_first_twist(shared: tuple[TrackerConfig, EstimatorConfig], scans: Scan
 
 
 def _measure_psi(shared: tuple[TrackerConfig, EstimatorConfig], case: tuple[Scans, NDArray[np.float64], float]) -> float:
-    """Returns psi per point of a stretch that is followed from a first twist (3,) with a Doppler shift [s]."""
+    """Returns psi per point of a stretch that is tracked from a first twist (3,) with a Doppler shift [s]."""
     (settings, estimator), (scans, twist, beta) = shared, case
     tracker = Tracker(settings, estimator, beam_of(estimator, beta), scans.revolution_s)
     tracker.start(scans[:START_SCANS], twist)

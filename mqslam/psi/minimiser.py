@@ -24,12 +24,13 @@ from mqslam.psi.score import Kernel, PsiEvaluation, References, Scale, evaluate,
 C, _C_START = 1.5, 5.0
 # Width of the fade of pairs that are less than one turn apart [s].
 BETA_T = 0.06
-# Least kappa of a selected neighbour. Beyond it a neighbour hardly counts.
+# Least kappa of a selected neighbour. A neighbour with less would hardly count.
 _XI = 0.02
 # Factor on the weight (kappa) of a neighbour that was seen from a quite different direction, and on its blur. With 1, all
 # views count the same.
 APART_SHARE, APART_BLUR = 0.3, 2.0
-# Number of returns that tell the same. psi's information is divided by this number where it is weighed against a prior.
+# Number of returns that count as one independent measurement. psi's information is divided by this number where it is
+# weighed against a prior.
 CORRELATION = 5.0
 # Largest number of Newton steps.
 STEPS = 12
@@ -40,18 +41,18 @@ _SHRINK = 0.6
 # they differ by more than 12 degrees.
 _ASPECT_RAD = 0.05
 
-# Share of Gauss-Newton's curvature that is added to the curvature that knows of re-selected neighbours, so that steps are
-# safe.
+# Share of Gauss-Newton's curvature that is added to the curvature with re-selection, so that steps are safe.
 STABILISER = 0.15
 
-# By how much lists of neighbours reach farther than the score, among references and among moving points [m]: for speed only.
+# Distance by which lists of neighbours reach farther than the score, among references and among moving points [m]: a
+# matter of speed only.
 SKIN_M, _MOVING_SKIN_M = 0.2, 0.3
-_LARGEST_PART = 0.9  # of a step that the next one is taken to be [1]: it keeps the extrapolation finite
+_LARGEST_PART = 0.9  # largest ratio of a step to the one before [1]: it keeps the extrapolation finite
 _FLATTEST = 1e-9  # least curvature that a step is divided by [1/tolerance^2], which keeps the step finite
 
 
 def annealed_scale(config: EstimatorConfig, step: int, share: float = 1.0) -> Scale:
-    """Returns the widths of the score at one step of an annealing that begins with a share of the widths of the settings."""
+    """Returns the score's widths at a step of the annealing, which begins with a share of the widths in the settings."""
     f = _SHRINK**step
     return Scale(
         max(config.s, share * config.s_start * f),
@@ -67,10 +68,10 @@ def final_scale(config: EstimatorConfig) -> Scale:
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """A Gaussian over the state.
+    """A Gaussian prior over the state.
 
     Args:
-        mean: (Q,).
+        mean: (Q,) the most likely state.
         information: (Q, Q) inverse covariance.
     """
 
@@ -79,16 +80,17 @@ class Prior:
 
 
 class Search(NamedTuple):
-    """How a minimum is searched for.
+    """The settings of the search for a minimum.
 
     Args:
         steps: largest number of Newton steps.
         first: step of the annealing that it begins with; a good start needs no wide widths.
-        settled: length [standard deviations] of a step that ends it; with zero, only the tolerances do.
-        foresees: whether each step at the final widths leads to where it and those after it would end together. A prior
-            holds such a search where psi is flat; without one it wanders farther.
+        settled: a step shorter than this [standard deviations] ends the search; with zero, only the tolerances end it.
+        foresees: whether each step at the final widths is extended to where it and the following steps would end
+            together. Where psi is flat, such a search needs a prior that holds it; without one it wanders farther.
         share: share of the annealing's first widths that it begins with.
-        correlation: number of returns that tell the same; psi is divided by it before the prior is added.
+        correlation: number of returns that count as one independent measurement; psi is divided by it before the prior is
+            added.
     """
 
     steps: int = STEPS
@@ -101,11 +103,11 @@ class Search(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Minimum:
-    """Where the minimiser ended.
+    """The result of the minimiser.
 
     Args:
-        state: (Q,).
-        evaluation: the score there, at the final widths.
+        state: (Q,) the state at which it ended.
+        evaluation: the score at this state, at the final widths.
         converged: whether the last step was below the tolerances, or short against the uncertainty.
     """
 
@@ -115,17 +117,17 @@ class Minimum:
 
 
 def kernel_of(config: EstimatorConfig, revolution_s: float) -> Kernel:
-    """Returns what the score is besides its scale, as the settings make it.
+    """Returns the parameters of the score besides its widths, as the settings state them.
 
     Args:
         config: settings of the score.
-        revolution_s: duration of a turn [s]; with zero, points are compared whatever their times are.
+        revolution_s: duration of a turn [s]; with zero, times play no part.
     """
     return Kernel(revolution_s, BETA_T, _XI, config.blur_m, _ASPECT_RAD, APART_SHARE, APART_BLUR * config.blur_m)
 
 
 class Expansion(NamedTuple):
-    """The score around a state, up to second order.
+    """The expansion of the score around a state, up to second order.
 
     Args:
         gradient: (Q,) half the gradient of psi.
@@ -156,9 +158,9 @@ def minimise(
         references: points to compare with; None compares the rendered points with each other.
         prior: Gaussian over the state.
         config: widths of the score.
-        kernel: the score besides its widths.
+        kernel: parameters of the score besides its widths.
         tolerances: (Q,) steps that end the search, once the widths are final and a step is smaller.
-        search: how it is searched for; None searches with all steps from the widest widths.
+        search: settings of the search; None takes all steps, from the widest widths on.
     """
     search = search or Search()
     state, rendered = np.array(start, dtype=np.float64), Rendered(render, references, kernel)
@@ -178,19 +180,19 @@ def minimise(
                     move = _extrapolate(move, move - earlier[1], state - earlier[0], tolerances)
         state = state + shorten_step(move, rendered.measure_move(move), scale.s)
         if settled:
-            return Minimum(state, here, True)  # against the uncertainty, so short a step leaves the score as it is
+            return Minimum(state, here, True)  # against the uncertainty, so short a step hardly changes the score
         if converged:
             break
     return Minimum(state, rendered.evaluate(state, last), converged)
 
 
 class Rendered:
-    """Points that are rendered anew for each state, and lists of their neighbours that serve nearby states.
+    """Renders and scores points at one state after another, and keeps the lists of their neighbours while they serve.
 
     Args:
         render: as for `minimise`.
         references: as for `minimise`.
-        kernel: the score besides its widths.
+        kernel: parameters of the score besides its widths.
     """
 
     def __init__(
@@ -201,7 +203,7 @@ class Rendered:
         self._jacobians = np.empty((0, 2, 0))
 
     def measure_move(self, move: NDArray[np.float64]) -> float:
-        """Returns how far a step (Q,) from the last state moves the points [m], root mean square; without any, inf."""
+        """Returns the root mean square distance [m] by which a step (Q,) moves the last points; inf without points."""
         return _measure_move(self._jacobians, move) if len(self._jacobians) else np.inf
 
     def evaluate(self, state: NDArray[np.float64], scale: Scale) -> PsiEvaluation:
@@ -215,13 +217,13 @@ class Rendered:
 def renew_lists(
     lists: NearbyLists | None, points: NDArray[np.float64], references: References | None, reach: float
 ) -> NearbyLists:
-    """Returns lists of the neighbours of points within a reach [m], and of some beyond: the same ones as long as they serve.
+    """Returns lists of all neighbours of points within a reach: the given lists while they serve, and new ones after that.
 
     Args:
-        lists: made before, or None.
+        lists: lists made before, or None.
         points: (N, 2) m.
-        references: the neighbours; None lists the points themselves, which move.
-        reach: how near the neighbours are [m].
+        references: points to list as neighbours; None lists the points themselves, which move.
+        reach: distance within which neighbours are needed [m].
     """
     skin, moves = (_MOVING_SKIN_M, 2.0) if references is None else (SKIN_M, 1.0)
     if lists is not None and len(points) == len(lists.queries) and do_serve(lists, points, reach, skin, moves):
@@ -235,13 +237,13 @@ def renew_lists(
 
 @register_jitable
 def shorten_step(move: NDArray[np.float64], moved_m: float, reach_m: float) -> NDArray[np.float64]:
-    """Shortens a step (Q,) that would move the points farther [m] than the score has looked [m]; without points, to zero."""
+    """Shortens a step (Q,) that would move the points [m] farther than the score reaches [m]; without points, to zero."""
     return move if moved_m <= reach_m else move * (reach_m / moved_m)
 
 
 @nb.njit(cache=True, nogil=True)
 def _measure_move(jacobians: NDArray[np.float64], move: NDArray[np.float64]) -> float:
-    """Returns by how much a step (Q,) moves points with jacobians (N, 2, Q), in the root mean square [m]."""
+    """Returns the root mean square distance [m] by which a step (Q,) moves points with jacobians (N, 2, Q)."""
     total = 0.0
     for i in range(len(jacobians)):
         dx, dy = 0.0, 0.0
@@ -268,11 +270,11 @@ def choose_move(
 
     Args:
         here: the score around the state.
-        beside: (Q,) the state without the prior's mean.
-        information: (Q, Q) of the prior.
+        beside: (Q,) the state minus the prior's mean.
+        information: (Q, Q) information of the prior.
         stabiliser: share of Gauss-Newton's curvature that is added to the score's.
-        correlation: by what the score is divided before the prior is added.
-        tolerances: (Q,) units.
+        correlation: number by which the score is divided before the prior is added.
+        tolerances: (Q,) units of the variables.
     """
     size = len(beside)
     gradient = np.empty(size)
@@ -303,16 +305,16 @@ def choose_move(
 def _extrapolate(
     move: NDArray[np.float64], changed: NDArray[np.float64], went: NDArray[np.float64], tolerances: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Returns a step that leads to where this one and those after it would end if each were the same part of the last.
+    """Extends a step to where it and the following ones would end, if each were the same share of the one before.
 
-    What keeps Newton's steps safe makes them too short by a share that hardly changes from one to the next. This is
-    Anderson's mixing of two steps (J. ACM 12, 1965), which asks for no further score.
+    The terms that keep Newton's steps safe make them too short, by a share that hardly changes from step to step. This is
+    Anderson's mixing of two steps (J. ACM 12, 1965), which needs no further evaluation of the score.
 
     Args:
         move: (Q,) Newton's step.
-        changed: (Q,) by how much it differs from the one before.
-        went: (Q,) how far the state has gone in between.
-        tolerances: (Q,) units.
+        changed: (Q,) this step minus the step before.
+        went: (Q,) change of the state between the two steps.
+        tolerances: (Q,) units of the variables.
     """
     above, below = 0.0, 0.0
     for p in range(len(move)):
@@ -320,6 +322,6 @@ def _extrapolate(
         below += changed[p] ** 2 / tolerances[p] ** 2
     if below == 0.0:
         return move
-    least, most = _LARGEST_PART / (_LARGEST_PART - 1.0), 0.5  # for parts from the largest one down to -1
+    least, most = _LARGEST_PART / (_LARGEST_PART - 1.0), 0.5  # for ratios of successive steps from the largest to -1
     share = min(max(above / below, least), most)
     return move - share * (went + changed)

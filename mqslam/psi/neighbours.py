@@ -1,7 +1,7 @@
-"""Neighbours: points sorted into a grid of cells, and lists of those near other points, which serve while points move.
+"""Neighbour search: points sorted into a grid of cells, and lists of near points that stay valid over small motions.
 
 Between nearby motions the neighbours hardly change. A list reaches farther out than the score asks for (the skin of a
-Verlet list), and it serves until points have moved so far that a neighbour could be missing from it.
+Verlet list), and it stays valid until points have moved so far that a neighbour could be missing from it.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-_ROOM = 8  # neighbours per query that room is made for at first: a matter of speed only
-_DENSE = 2**17  # cells of a grid up to which the first points of all cells are listed: a matter of speed only
-_LAST = 2**22  # column and row of all points that lie farther out: a matter of memory only
+_ROOM = 8  # number of neighbours per query that memory is reserved for at first: a matter of speed only
+_DENSE = 2**17  # largest number of cells for which `CellGrid.firsts` is filled: a matter of speed only
+_LAST = 2**22  # largest column and row; points farther out are put there: a matter of memory only
 _WASTE = 2.0  # a list that reaches this many times farther than a new one is renewed: a matter of speed only
 
 
@@ -26,9 +26,9 @@ class CellGrid(NamedTuple):
         points: (M, 2) m, in the order of their cells.
         order: (M,) index of each sorted point among the points as they were given.
         rows: (M,) row of each sorted point.
-        begins: (columns + 1,) where each column begins among the sorted points; the last one is where they end.
-        firsts: (columns, rows + 1) the first point of each column that is not below each row. It has no columns where the
-            grid has too many cells for that to pay.
+        begins: (columns + 1,) index of the first sorted point of each column; the last entry is M.
+        firsts: (columns, rows + 1) index of the first point in a column whose row is the given one or a higher one. The
+            table is empty if the grid has too many cells for it to pay.
         corner: (2,) m, lower left corner of the first cell.
         cell: side of a cell [m].
     """
@@ -43,13 +43,14 @@ class CellGrid(NamedTuple):
 
 
 class NearbyLists(NamedTuple):
-    """For every query the points of a grid that are near it.
+    """Lists of the points of a grid that are near each query.
 
     Args:
-        offsets: (N + 1,) where the list of each query begins among the indices; the last one is where they end.
-        indices: (K,) of points, in the order of the grid (`list_near`) or as they were given to it (`find_candidates`).
-        queries: (N, 2) m, where the queries were when the lists were made.
-        radius: how near the listed points are [m].
+        offsets: (N + 1,) position in `indices` at which the list of each query begins; the last entry is K.
+        indices: (K,) indices of points, among the sorted points of the grid (`list_near`) or among the points as they
+            were given to it (`find_candidates`).
+        queries: (N, 2) m, positions of the queries when the lists were made.
+        radius: distance from the query within which points are listed [m].
     """
 
     offsets: NDArray[np.int64]
@@ -60,7 +61,7 @@ class NearbyLists(NamedTuple):
 
 @nb.njit(cache=True, nogil=True)
 def find_corner(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the smallest x and y (2,) of points (M, 2), of which there is one at least."""
+    """Returns the smallest x and the smallest y (2,) of one or more points (M, 2)."""
     left, low = points[0, 0], points[0, 1]
     for i in range(1, len(points)):
         left, low = min(left, points[i, 0]), min(low, points[i, 1])
@@ -69,7 +70,7 @@ def find_corner(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def sort_into_cells(points: NDArray[np.float64], cell: float, corner: NDArray[np.float64] | None = None) -> CellGrid:
-    """Sorts points into square cells; those of one cell keep their order.
+    """Sorts points into square cells; points of one cell keep their order.
 
     Args:
         points: (M, 2) m.
@@ -91,16 +92,16 @@ def sort_into_cells(points: NDArray[np.float64], cell: float, corner: NDArray[np
 
 @nb.njit(cache=True, inline="always")
 def find_cell(distance: float, cell: float) -> int:
-    """Returns the column or row that lies a distance [m] from the grid's corner, or the nearest one that there is."""
+    """Returns the column or row at a distance [m] from the grid's corner, but at least 0 and at most `_LAST`."""
     return max(0, min(int(np.floor(distance / cell)), _LAST))
 
 
 @nb.njit(cache=True, nogil=True)
 def _order_by(keys: NDArray[np.int64], order: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Sorts an order of items by their keys, of which none is negative; equal ones keep theirs.
+    """Sorts items, given in an order (N,), by their keys (N,) from 0 up; items of equal keys keep their order.
 
     Returns:
-        The new order (N,), and where the items of each key begin in it (K + 1,).
+        The new order (N,), and the position in it at which the items of each key begin (K + 1,).
     """
     begins = np.zeros(keys.max() + 2 if len(keys) else 1, np.int64)
     for key in keys:
@@ -117,7 +118,7 @@ def _order_by(keys: NDArray[np.int64], order: NDArray[np.int64]) -> tuple[NDArra
 
 @nb.njit(cache=True, nogil=True)
 def _list_firsts(rows: NDArray[np.int64], begins: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Returns the first points of the cells, as `CellGrid` has them."""
+    """Returns the table `firsts` of a `CellGrid`; it is empty if there are too many cells."""
     height = rows.max() + 1 if len(rows) else 0
     if (len(begins) - 1) * height > _DENSE:
         return np.empty((0, 0), np.int32)
@@ -134,7 +135,7 @@ def _list_firsts(rows: NDArray[np.int64], begins: NDArray[np.int64]) -> NDArray[
 
 @nb.njit(cache=True, inline="always")
 def find_first(rows: NDArray[np.int64], begin: int, end: int, row: int) -> int:
-    """Returns the first index from begin to end whose row, in increasing order, is not below `row`; else the end."""
+    """Returns the first index from begin on whose row is at least `row`, or the end; rows increase between them."""
     while begin < end:
         middle = (begin + end) // 2
         if rows[middle] < row:
@@ -146,9 +147,10 @@ def find_first(rows: NDArray[np.int64], begin: int, end: int, row: int) -> int:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def list_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> NearbyLists:
-    """Lists the points of a grid near each query (N, 2) m; one that is itself such a point is listed too.
+    """Lists the points of a grid within a radius [m] of each query (N, 2) m, including a point at the query itself.
 
-    Every candidate is written down, and the next one overwrites one that is too far away.
+    Every candidate is written to the list, and the next one overwrites a candidate that is too far away. This spares a
+    branch that the processor cannot predict.
     """
     points, rows, begins, firsts, cell = grid.points, grid.rows, grid.begins, grid.firsts, grid.cell
     left_m, low_m = grid.corner[0], grid.corner[1]
@@ -179,14 +181,14 @@ def list_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> Ne
 
 @nb.njit(cache=True, nogil=True)
 def find_candidates(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> NearbyLists:
-    """Lists the points near each query (N, 2) m as `list_near` does, by their numbers as they were given to the grid."""
+    """Lists the points near each query (N, 2) m as `list_near` does, but by their indices as given to the grid."""
     near = list_near(grid, queries, radius)
     return NearbyLists(near.offsets, grid.order[near.indices], queries, radius)
 
 
 @register_jitable
 def find_longest(offsets: NDArray[np.int64]) -> int:
-    """Returns the length of the longest list that offsets (N + 1,) limit."""
+    """Returns the length of the longest list, given the offsets (N + 1,) at which lists begin and end."""
     longest = 0
     for i in range(len(offsets) - 1):
         longest = max(longest, offsets[i + 1] - offsets[i])
@@ -195,14 +197,14 @@ def find_longest(offsets: NDArray[np.int64]) -> int:
 
 @register_jitable
 def do_serve(lists: NearbyLists, queries: NDArray[np.float64], reach: float, skin: float, moves: float = 1.0) -> bool:
-    """Returns whether lists hold all neighbours of queries (N, 2) m within a reach [m], and not far too many.
+    """Returns whether lists still hold all neighbours of queries (N, 2) m within a reach, and not far too many others.
 
     Args:
-        lists: lists that were made for as many queries.
-        queries: where they are now.
-        reach: how near the neighbours are [m].
-        skin: how much farther out new lists would reach [m].
-        moves: 2 where the listed points have moved as far as the queries, 1 where they stayed.
+        lists: lists that were made for the same number of queries.
+        queries: present positions of the queries.
+        reach: distance within which neighbours are needed [m].
+        skin: distance by which new lists would reach farther than needed [m].
+        moves: 2 if the listed points have moved as far as the queries, 1 if they are fixed.
     """
     need = reach + moves * measure_largest_move(queries, lists.queries)
     return need <= lists.radius and lists.radius <= _WASTE * (reach + skin)
@@ -210,7 +212,7 @@ def do_serve(lists: NearbyLists, queries: NDArray[np.float64], reach: float, ski
 
 @nb.njit(cache=True, nogil=True)
 def measure_largest_move(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Returns the largest distance between points (N, 2) m of the same index [m]."""
+    """Returns the largest distance [m] between points of the same index in two arrays (N, 2) m."""
     largest = 0.0
     for i in range(len(a)):
         dx, dy = a[i, 0] - b[i, 0], a[i, 1] - b[i, 1]
@@ -220,7 +222,7 @@ def measure_largest_move(a: NDArray[np.float64], b: NDArray[np.float64]) -> floa
 
 @nb.njit(cache=True, nogil=True)
 def mark_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> NDArray[np.bool_]:
-    """Marks the queries (N,) of positions (N, 2) m that have a point of a grid nearer than a radius [m]."""
+    """Returns for each query (N, 2) m whether a point of a grid is nearer to it than a radius [m]."""
     points, begins, corner, cell = grid.points, grid.begins, grid.corner, grid.cell
     marked = np.zeros(len(queries), np.bool_)
     for i in range(len(queries)):

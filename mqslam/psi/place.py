@@ -1,4 +1,4 @@
-"""Renders returns as points: where each lies in the world under a motion, how that depends on the motion, how sure it is."""
+"""Renders returns as points: positions in the world under a motion, derivatives by the motion, and covariances."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mqslam.core.scans import Returns
 
 
 class Beam(NamedTuple):
-    """The sensor's own errors.
+    """The measurement errors of the sensor.
 
     Args:
         sigma_range: standard deviation of a return along the ray [m].
@@ -31,7 +31,7 @@ class Beam(NamedTuple):
 
 
 class PointArrays(NamedTuple):
-    """The arrays of a `PointSet`, as kernels take them."""
+    """The arrays of a `PointSet`, as the compiled functions take them."""
 
     points: NDArray[np.float64]
     jacobians: NDArray[np.float64]
@@ -64,12 +64,12 @@ class PointSet:
 
     @property
     def arrays(self) -> PointArrays:
-        """All arrays."""
+        """The arrays of the set, as the compiled functions take them."""
         return PointArrays(self.points, self.jacobians, self.covariances, self.times, self.rays)
 
 
 def rotate_covariances(covariances: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
-    """Rotates covariances (N, 3) xx, xy, yy by yaw [rad], from a frame that is turned by yaw into the one that is not."""
+    """Rotates covariances (N, 3) xx, xy, yy by yaw [rad], from a frame that is turned by yaw into the unturned one."""
     c, s = np.cos(yaw), np.sin(yaw)
     xx, xy, yy = covariances.T
     return np.column_stack(
@@ -85,7 +85,7 @@ def place(returns: Returns, t0: float, start: se2.Array, theta: se2.Array, model
     """Renders returns as points.
 
     Args:
-        returns: to render.
+        returns: returns to render.
         t0: time of the start pose [s].
         start: (3,) pose of the sensor at t0, world frame.
         theta: (P,) motion parameters.
@@ -110,7 +110,7 @@ def compute_beam_covariance(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Returns the terms xx, xy, yy [m^2] of the covariance of returns whose ray points along the unit vector (ux, uy).
 
-    The arguments are arrays (N,), or single numbers within a kernel.
+    The arguments are arrays (N,), or single numbers in a compiled function.
 
     Args:
         ranges: distances from the sensor [m].
@@ -158,7 +158,7 @@ def place_arrays(
     c0, s0 = np.cos(start[2]), np.sin(start[2])
     ca, sa, c, s = 1.0, 0.0, 1.0, 0.0
     for i in range(n):
-        if i == 0 or azimuths[i] != azimuths[i - 1] or times[i] != times[i - 1]:  # the returns of one azimuth share both
+        if i == 0 or azimuths[i] != azimuths[i - 1] or times[i] != times[i - 1]:  # returns of one azimuth share its time
             ca, sa = np.cos(azimuths[i]), np.sin(azimuths[i])
             c, s = np.cos(poses[i, 2]), np.sin(poses[i, 2])
         r = ranges[i] + beta * (twists[i, 0] * ca + twists[i, 1] * sa)

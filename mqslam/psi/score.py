@@ -1,17 +1,18 @@
-"""The score of points as the estimator minimises it: one compiled sum over neighbours, and what a minimiser needs of it.
+"""The score psi as the estimator minimises it: a compiled sum over neighbours, with the derivatives for the minimiser.
 
-The kappa-weighted centroid of a query point's selected neighbours gives one offset e_i with covariance Sigma_i. With
-d^2 = e^T Sigma^-1 e the published chain becomes L = 1 / (1 + d^2/c^2), S^2 = L d^2, psi = sum S^2. A point without a
-selected neighbour is charged c^2, the most that a matched one can cost, so that maps without overlap are never the best.
-(With S = L d as in (10), far offsets would cost less than near ones; L d^2 grows with d and its slope is L^2 times d's.)
+Each query point is compared with the kappa-weighted centroid of its selected neighbours, which gives one offset e_i with
+covariance Sigma_i. With d^2 = e^T Sigma^-1 e the published equations become L = 1 / (1 + d^2/c^2), S^2 = L d^2, psi = sum
+S^2. A point without a selected neighbour is charged c^2, the most that a matched point can cost, so that maps without
+overlap are never the best. (With S = L d as in (10), far offsets would cost less than near ones; L d^2 grows with d, and
+its slope is L^2 times the slope of d^2.)
 
-The minimiser takes Newton steps on the equations sum L^2 J^T Sigma^-1 e = 0. Their derivative must know that neighbours
-are re-selected as a point moves: the centroid follows the point by 2 S_kappa / beta_s^2 (S_kappa: scatter of the
-neighbours), which makes the true curvature several times smaller than Gauss-Newton's.
+The minimiser takes Newton steps on the equations sum L^2 J^T Sigma^-1 e = 0. Their derivative must take into account that
+neighbours are re-selected as a point moves. The centroid follows the point by the share 2 S_kappa / beta_s^2, where
+S_kappa is the scatter of the neighbours. This makes the true curvature several times smaller than Gauss-Newton's.
 
-What a radar sees of an object shifts and fades as it looks at it from another side. Where both point sets know the
-directions that they were seen from, a neighbour's kappa and the blur of its offset therefore depend on how far the two
-directions are apart: likeness = exp(-(difference / aspect)^2).
+The returns of an object shift and fade when the radar looks at it from another side. Where the viewing directions of both
+point sets are known, a neighbour's kappa and the blur of its offset therefore depend on the difference of the two
+directions: likeness = exp(-(difference / aspect)^2).
 
 The readable twin is `mqslam.psi.published.reference.evaluate_reference`.
 """
@@ -32,23 +33,23 @@ from mqslam.psi.place import PointArrays, PointSet
 
 Fields: TypeAlias = tuple[
     NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
-]  # of a `PsiEvaluation`
+]  # the fields of a `PsiEvaluation`
 
-LANES: Final = 8  # numbers whose exponential function is computed at once: a matter of speed only
-_BEYOND: Final = 1.0 + 1e-9  # numerical: rounding must not lose a neighbour at the limit
-_BLOCK: Final = 1024  # neighbours that are summed at a time, so that they stay at hand: a matter of speed only
+LANES: Final = 8  # number of exponentials that are computed at once: a matter of speed only
+_BEYOND: Final = 1.0 + 1e-9  # numerical: keeps rounding from losing a neighbour at the limit
+_BLOCK: Final = 1024  # number of neighbours summed at a time, so that they stay in the cache: a matter of speed only
 _CELL_M: Final = 1.0  # side of the cells in which references are looked up [m]: a matter of speed only
 
 _LOG2_E: Final = 1.4426950408889634
-_LOG_2: Final = 0.693147180369123816490, 1.90821492927058770002e-10  # in two parts, so that k times it is exact to rounding
-_LARGEST: Final = 700.0  # beyond this the result is below the smallest number, and this one's is as good as zero
-_BIAS: Final = 1023  # of the exponent of a 64-bit number
+_LOG_2: Final = 0.693147180369123816490, 1.90821492927058770002e-10  # log 2 in two parts: k log 2 is exact to rounding
+_LARGEST: Final = 700.0  # larger exponents are cut to this one, whose result is as good as zero
+_BIAS: Final = 1023  # bias of the exponent of a 64-bit floating-point number
 _MANTISSA_BITS: Final = 52
 _C2, _C3, _C4, _C5, _C6, _C7, _C8, _C9, _C10, _C11, _C12 = (1.0 / math.factorial(n) for n in range(2, 13))
 
 
 class Scale(NamedTuple):
-    """How wide the score looks; the minimiser narrows it step by step.
+    """The widths of the score, which the minimiser narrows step by step.
 
     Args:
         s: distance beyond which neighbours take no part [m].
@@ -62,11 +63,11 @@ class Scale(NamedTuple):
 
 
 class Kernel(NamedTuple):
-    """What the score is besides its scale.
+    """The parameters of the score besides its widths.
 
     Args:
-        revolution_s: duration of a turn [s]; neighbours that are closer in time fade with beta_t.
-        beta_t: width of the fade below one turn [s].
+        revolution_s: duration of a turn [s]. A neighbour measured less than a turn before or after the query weighs less.
+        beta_t: width of this fade [s], a Gaussian of the time that is missing to a whole turn.
         xi: least kappa of a selected neighbour.
         blur: standard deviation [m] added to every offset: how far one object's returns scatter between views.
         aspect: difference of viewing directions [rad] at which the likeness of two views has fallen to 1/e.
@@ -84,13 +85,13 @@ class Kernel(NamedTuple):
 
 
 class References(NamedTuple):
-    """Points that stay where they are while others are scored against them: a running map, a submap, all of a map.
+    """Fixed points that other points are scored against, such as a running map, a submap or a whole map.
 
     Args:
         points: (M, 2) m, as they were given.
         grid: the same points, sorted into cells.
-        known: (M, 8) of each point in the order of the grid, as `Neighbours` has it.
-        knows_rays: whether the directions are known that the points were seen from.
+        known: (M, 8) data of each point, in the order of the grid; `Neighbours` lists the columns.
+        knows_rays: whether the viewing directions of the points are known.
     """
 
     points: NDArray[np.float64]
@@ -100,13 +101,14 @@ class References(NamedTuple):
 
 
 class Neighbours(NamedTuple):
-    """The references that the sums over the neighbours of queries run through.
+    """The references near each query, over which the score sums.
 
     Args:
         known: (M, 8) x, y [m], time [s], ray x, y, and covariance xx, xy, yy [m^2] of each reference.
-        jacobians: (M, 2, Q) of the references, or without rows where they do not move.
-        offsets: (N + 1,) where the references near each query begin among the indices; the last one is where they end.
-        indices: (K,) of references near the queries, and of some beyond.
+        jacobians: (M, 2, Q) jacobians of the references; no rows where the references do not move.
+        offsets: (N + 1,) position in `indices` at which the list of each query begins; the last entry is the end of all
+            lists.
+        indices: (K,) indices of the references near the queries, and of some beyond the reach.
     """
 
     known: NDArray[np.float64]
@@ -117,14 +119,14 @@ class Neighbours(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PsiEvaluation:
-    """The score and what its minimiser needs.
+    """The score of points, with the gradient and the curvature for its minimiser.
 
     Args:
         shares: (N,) each point's share of psi, charges included.
-        matched: (N,) bool, whether a neighbour was selected.
+        matched: (N,) bool, whether each point has a selected neighbour.
         scores: (N, Q) g_i = L^2 J^T Sigma^-1 e: half the gradient of each point's share by the Q state variables.
         information: (Q, Q) Gauss-Newton curvature, sum L^2 J^T Sigma^-1 J.
-        curvature: (Q, Q) curvature with re-selection, made symmetric.
+        curvature: (Q, Q) curvature that includes the re-selection of neighbours, made symmetric.
     """
 
     shares: NDArray[np.float64]
@@ -150,12 +152,13 @@ class PsiEvaluation:
 
 
 def make_references(points: PointSet, cell_m: float = _CELL_M, corner: NDArray[np.float64] | None = None) -> References:
-    """Returns points as references.
+    """Makes references of points: sorts the points into cells and arranges their data for the score.
 
     Args:
         points: the points.
         cell_m: side of the cells that they are sorted into [m], on which only speed depends.
-        corner: (2,) m, lower left corner of the first cell; with the same one, some points are scored as among all of them.
+        corner: (2,) m, lower left corner of the first cell; None finds it. With a common corner, a part of the points is
+            sorted, and so scored, in the same order as all of them.
     """
     grid = sort_into_cells(points.points, cell_m, corner)
     return References(points.points, grid, arrange(grid.order, points.arrays), len(points.rays) == len(points))
@@ -164,15 +167,15 @@ def make_references(points: PointSet, cell_m: float = _CELL_M, corner: NDArray[n
 def evaluate(
     queries: PointSet, references: References | None, scale: Scale, kernel: Kernel, lists: NearbyLists | None = None
 ) -> PsiEvaluation:
-    """Scores points against references, or against each other, all of them moving with the same state.
+    """Scores points against references, or against each other where all of them move with the same state.
 
     Args:
         queries: points whose offsets are scored.
         references: points that they are compared with; None compares the queries with each other.
         scale: widths of selection and weights.
-        kernel: the score besides its widths.
-        lists: neighbours of the queries that serve this score, of `list_near` among references and of `find_candidates`
-            among the queries themselves; None looks them up.
+        kernel: parameters of the score besides its widths.
+        lists: neighbours of the queries, found by `list_near` among references or by `find_candidates` among the queries
+            themselves; None looks them up.
     """
     reach = find_reach(scale, kernel)
     if references is None:
@@ -188,7 +191,7 @@ def evaluate(
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def evaluate_each_other(points: PointArrays, lists: NearbyLists, scale: Scale, kernel: Kernel) -> Fields:
-    """Returns the fields of a `PsiEvaluation` of points among themselves; see `evaluate`."""
+    """Scores points against each other, and returns the fields of a `PsiEvaluation`; see `evaluate`."""
     n = len(points.points)
     near = Neighbours(arrange(np.arange(n), points), points.jacobians, lists.offsets, lists.indices)
     fields: Fields = _evaluate_near(points, near, scale, kernel, len(points.rays) == n)
@@ -197,7 +200,7 @@ def evaluate_each_other(points: PointArrays, lists: NearbyLists, scale: Scale, k
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _evaluate_near(queries: PointArrays, near: Neighbours, scale: Scale, kernel: Kernel, knows_aspects: bool) -> Fields:
-    """Returns the fields of a `PsiEvaluation`, given whether both sides know the directions that they were seen from."""
+    """Scores queries against references near them; `knows_aspects` says whether all viewing directions are known."""
     n, size = len(queries.points), queries.jacobians.shape[2]
     sums, pulls = np.empty((n, 10)), np.zeros((n if len(near.jacobians) else 0, 2, size))
     rays = queries.rays[: n if knows_aspects else 0]
@@ -214,17 +217,19 @@ def weigh_offsets(
     pulls: NDArray[np.float64],
     scale: Scale,
 ) -> Fields:
-    """Returns the fields of a `PsiEvaluation` from sums over the neighbours of each query.
+    """Computes the fields of a `PsiEvaluation` from sums over the neighbours of each query.
 
-    Of each query m is the neighbours' centroid, s their scatter S_kappa, c the covariance Sigma of the offset e = -m and
-    i its inverse, f = Sigma^-1 e, j the offset's jacobian J, and h = Sigma^-1 (I - 2 S_kappa / beta_s^2), made symmetric.
+    The letters of the code, for each query: m is the centroid of its neighbours, s their scatter S_kappa, c the
+    covariance Sigma of the offset e = -m and i its inverse, f = Sigma^-1 e, j the offset's jacobian J, and h = Sigma^-1
+    (I - 2 S_kappa / beta_s^2), made symmetric.
 
     Args:
         covariances: (N, 3) xx, xy, yy of the queries [m^2].
         jacobians: (N, 2, Q) of the queries.
-        sums: (N, 10) over the neighbours, weighted by kappa: of 1, of the offset's x, y and its products xx, xy, yy, of the
-            covariance's xx, xy, yy, and of the squared blur.
-        pulls: (N, 2, Q) negative sums of the neighbours' jacobians, or without rows where the references do not move.
+        sums: (N, 10) sums over the neighbours, weighted by kappa: of 1, of the offset's x, y and its products xx, xy, yy,
+            of the covariance's xx, xy, yy, and of the squared blur.
+        pulls: (N, 2, Q) negative kappa-weighted sums of the neighbours' jacobians; no rows where the references do not
+            move.
         scale: widths of selection and weights.
     """
     moving = len(pulls) > 0
@@ -240,7 +245,7 @@ def weigh_offsets(
     for i in range(n):
         sum_k = sums[i, 0]
         if sum_k == 0.0:
-            shares[i] = c * c  # the limit of L d^2
+            shares[i] = c * c  # the limit of L d^2 for large d
             continue
         matched[i] = True
         mx = sums[i, 1] / sum_k
@@ -287,13 +292,13 @@ def weigh_offsets(
 
 @register_jitable
 def find_reach(scale: Scale, kernel: Kernel) -> float:
-    """Returns how far out neighbours are selected [m]: beyond that, kappa is below the least one if s allows them at all."""
+    """Returns the distance [m] within which neighbours are selected: s, or where kappa falls to xi if that is nearer."""
     return float(min(scale.s, _BEYOND * scale.beta_s * np.sqrt(-np.log(kernel.xi))))
 
 
 @nb.njit(cache=True, nogil=True)
 def arrange(order: NDArray[np.int64], points: PointArrays) -> NDArray[np.float64]:
-    """Returns what the score reads of references, in an order, as `Neighbours` has it."""
+    """Returns the data (M, 8) of references in a given order, as the score reads them; `Neighbours` lists the columns."""
     known = np.zeros((len(order), 8))
     sees = len(points.rays) == len(points.points)
     for k in range(len(order)):
@@ -317,20 +322,21 @@ def add_up_neighbours(
     sums: NDArray[np.float64],
     pulls: NDArray[np.float64],
 ) -> None:
-    """Sums over the selected neighbours of each query, weighted by their kappa.
+    """Computes the sums over the selected neighbours of each query, weighted by their kappa.
 
-    Queries are taken in blocks, whose candidates are all written down, the next one over one that is too far away: what a
-    processor cannot foresee costs it more than a few needless numbers. Then come loops without a choice in them.
+    Queries are taken in blocks. Every candidate of a block is written to arrays, and the next one overwrites a candidate
+    that is too far away: a branch that the processor cannot predict would cost more than a few needless numbers. The
+    loops after that have no branches.
 
     Args:
         x: (N, 2) m, the queries.
-        t: (N,) s, their times; without any, neighbours are selected whatever their times are.
-        rays: (N, 2) directions that they were seen from; without any, whatever their views are.
-        near: references near them.
+        t: (N,) s, times of the queries; if empty, times play no part.
+        rays: (N, 2) viewing directions of the queries; if empty, viewing directions play no part.
+        near: references near the queries.
         scale: widths of selection and weights.
-        kernel: the score besides its widths.
-        sums: (N, 10) takes the sums that `weigh_offsets` reads.
-        pulls: (N, 2, Q) of zeros takes the pulls that `weigh_offsets` reads, if the references move.
+        kernel: parameters of the score besides its widths.
+        sums: (N, 10) output: the sums that `weigh_offsets` reads.
+        pulls: (N, 2, Q) zeros, then output: the pulls that `weigh_offsets` reads, if the references move.
     """
     known, jacobians, offsets, indices = near
     turn, beta_t = kernel.revolution_s, kernel.beta_t
@@ -403,19 +409,20 @@ def add_up_neighbours(
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def fall_off(exponents: NDArray[np.float64], count: int, powers: NDArray[np.int64], values: NDArray[np.float64]) -> None:
-    """Computes exp(-x) of the first numbers of an array by plain arithmetic, which compilers make vector instructions of.
+    """Computes exp(-x) of the first numbers of an array by plain arithmetic that compilers turn into vector instructions.
 
-    With exp(-x) = 2^k exp(r), where |r| is at most half of log 2, the polynomial of exp(r) ends where its terms are below
-    rounding. All arithmetic is elementwise, so that it gives the same digits however many numbers are taken at once.
+    It writes exp(-x) as 2^k exp(r), where |r| is at most half of log 2. The polynomial for exp(r) ends where its terms
+    are below rounding. All arithmetic is elementwise, so that the digits do not depend on how many numbers are taken at
+    once.
 
-    The result of number i is values[i] times the 64-bit number whose bits powers[i] are, a power of 2.
+    The result for number i is values[i] times a power of 2, whose bits as a 64-bit floating-point number are powers[i].
 
     Args:
         exponents: (N,) numbers x, not negative.
-        count: how many of them are taken, which leave room for `LANES` more: those up to the next multiple of that are
-            overwritten, here and in the results.
-        powers: (N,) takes the bits of the powers of 2.
-        values: (N,) takes the factors.
+        count: how many of them are taken. All arrays have room for `LANES` more: entries up to the next multiple of
+            `LANES` are overwritten, here and in the results.
+        powers: (N,) output: bits of the powers of 2.
+        values: (N,) output: the factors of these powers.
     """
     full = (count + LANES - 1) // LANES * LANES
     for i in range(count, full):

@@ -1,6 +1,6 @@
 """Motion of one window from psi alone: the window is rendered and compared with itself, and psi is minimised.
 
-Source: the exhaustive search and the minimum as the measurement are the paper's; the annealed minimiser and the
+Source: the exhaustive search, and the minimum as the measurement, are the paper's; the annealed minimiser and the
 covariance are ours.
 """
 
@@ -39,7 +39,7 @@ _DIFFERENCE_STEP = 4.0
 _UNKNOWN_SPEED, _UNKNOWN_YAW_RATE = 20.0, 1.0
 # Step that ends the search, by twist component [m/s, m/s, rad/s]: a numerical tolerance, far below psi's own noise.
 _TOLERANCES = {0: 5e-3, 1: 5e-3, 2: 1e-4}
-_LINE = 3  # every how many steps a search over a grid of twists has a line at first; with 4 it missed the best one at times
+_LINE = 3  # a search over twists first scores every third line of its grid; with every fourth it missed the best at times
 
 # A motion counts as ambiguous where another one has a psi below this factor times the best one's.
 RIVAL = 1.25
@@ -49,11 +49,11 @@ _DIFFERENT = 25.0
 
 @dataclass(frozen=True, slots=True)
 class WindowMotion:
-    """The motion of a window.
+    """The estimated motion of a window.
 
     Args:
         theta: (P,) parameters of the motion model.
-        covariance: (P, P) of the parameters.
+        covariance: (P, P) covariance of the parameters.
         minimum: where the minimiser ended.
         status: degenerate where a direction is not observed and the covariance is large along it, ambiguous where
             another motion explains the window about as well, and converged otherwise.
@@ -70,9 +70,9 @@ class Window:
     """Returns of several scans that are rendered under one motion and compared with each other.
 
     Args:
-        returns: of two scans at least.
+        returns: returns of two or more scans.
         t0: start of the window [s].
-        kernel: the score besides its widths.
+        kernel: parameters of the score besides its widths.
         config: widths of the score and of its annealing.
         beam: the sensor's errors.
     """
@@ -92,7 +92,7 @@ class Window:
         return PointSet(points.points, np.ascontiguousarray(points.jacobians[:, :, 3:]), points.covariances, points.times)
 
     def score(self, theta: se2.Array, model: MotionModel, scale: Scale) -> PsiEvaluation:
-        """Returns psi under parameters (P,) of a motion model, at some widths."""
+        """Returns psi under parameters (P,) of a motion model, at the given widths."""
         return evaluate(self.render(theta, model), None, scale, self.kernel)
 
     def score_twists(self, twists: se2.Array) -> NDArray[np.float64]:
@@ -110,10 +110,10 @@ class Window:
         return np.array(rows)
 
     def search(self, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64]) -> se2.Array:
-        """Finds the best twist (3,) of a grid by the widest score, as `score_grid` does, but scores few of them.
+        """Finds the twist (3,) of a grid with the lowest psi at the widest scale, and scores only a part of the grid.
 
-        The score is so wide that its lowest place shows on every third line of the grid. What lies between these lines is
-        scored around the best few of their crossings only.
+        The score is so wide that its lowest place shows on every third line of the grid. Between these lines, twists are
+        scored only around the few crossings with the lowest psi.
 
         Args:
             speeds: (V,) m/s to try.
@@ -160,7 +160,7 @@ class Window:
     def find(
         self, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64], model: MotionModel = CONSTANT_TWIST
     ) -> WindowMotion:
-        """Finds the motion without any start: searches exhaustively over two turns, then refines the best basins.
+        """Finds the motion without an initial guess: searches exhaustively over two turns, then refines the best basins.
 
         Args:
             speeds: (V,) m/s that the search tries, in steps within the annealing's reach.
@@ -209,7 +209,7 @@ def _list_tolerances(model: MotionModel) -> NDArray[np.float64]:
 
 
 def _find_basins(scores: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """Finds the cells of a grid of scores that no neighbour beats, the best first."""
+    """Finds the cells of a grid of scores that are no higher than their neighbours, the lowest first."""
     lowest = minimum_filter(scores, size=3, mode="nearest") == scores
     cells = np.argwhere(lowest)
     order = np.argsort(scores[lowest], kind="stable")

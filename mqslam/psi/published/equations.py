@@ -6,14 +6,13 @@
     S_ij     = L(s_ij) s_ij                                                             (10)
     psi      = sum_i sum_j S_ij^2                                                       (4)
 
-Source: "Motion Estimation from Map Quality with Millimeter Wave Radar". As printed, a point without a selected
-neighbour costs nothing, so maps that do not overlap are the best of all. `unmatched` charges each such point, as a
+Source: "Motion Estimation from Map Quality with Millimeter Wave Radar". As printed, a point without a selected neighbour
+costs nothing, so maps that do not overlap score best of all. The setting `unmatched` charges each such point, as a
 separate term, in units of the most that a single pair can cost, (2 s / (pi tau))^2; zero gives the score as printed.
 
-No exponential has to be computed: kappa > xi is the same as q < -ln xi with
-q = ((s - alpha_s)/beta_s)^2 + ((t - alpha_t)/beta_t)^2, and the largest kappa belongs to the least q. Of pairs with the
-same q the one with the smaller distance is taken, then the first of the points.
-The readable twin is `mqslam.psi.published.reference`.
+Pairs are selected without an exponential: kappa > xi is the same as q < -ln xi with q = ((s - alpha_s)/beta_s)^2 + ((t -
+alpha_t)/beta_t)^2, and the largest kappa belongs to the least q. Among pairs with the same q, the one with the smaller
+distance is taken, and then the one with the smaller index. The readable twin is `mqslam.psi.published.reference`.
 """
 
 from __future__ import annotations
@@ -28,9 +27,9 @@ from numpy.typing import NDArray
 from mqslam.config import PsiConfig
 from mqslam.psi.neighbours import NearbyLists, find_candidates, find_longest, sort_into_cells
 
-# Distance at which the spatial kernel peaks [m]. The paper gives no value; what is nearest belongs together.
+# Distance at which the spatial kernel peaks [m]. The paper gives no value; with zero, the nearest pairs weigh most.
 ALPHA_S = 0.0
-# Pairs with a smaller kappa take no part. The paper gives no value; beyond it a pair hardly adds to the score.
+# Pairs with a smaller kappa take no part. The paper gives no value; below this one a pair hardly adds to the score.
 XI = 0.02
 
 
@@ -56,7 +55,7 @@ class PsiScore:
 
     @property
     def psi(self) -> float:
-        """The whole score: pairs and charges."""
+        """The whole score: pairs plus charges."""
         return self.pairs_psi + self.charge
 
 
@@ -74,9 +73,10 @@ def score(
         points: (N, 2) m, any frame: the score is invariant under rigid motion.
         times: (N,) s: only differences matter.
         revolution_s: duration of one turn [s], the default of alpha_t.
-        config: parameters.
+        config: parameters of the score.
         jacobians: (N, 2, P) derivatives of the points by motion parameters, for the gradient.
-        lists: neighbour candidates that hold all points within `config.s`, kept from a nearby motion.
+        lists: candidate neighbours that include all points within `config.s`, for example kept from a nearby motion; None
+            looks them up.
 
     Raises:
         ValueError: points or times are not finite, or their shapes do not fit.
@@ -121,13 +121,13 @@ def check_points(points: NDArray[np.float64], times: NDArray[np.float64]) -> Non
 
 
 class _Parameters(NamedTuple):
-    """The parameters of the score as kernels take them.
+    """The parameters of the score as the compiled functions take them.
 
     Args:
         s, alpha_s, beta_s, alpha_t, beta_t, xi: as in the equations [m, m, m, s, s, 1].
-        latest: largest ((t - alpha_t)/beta_t) that counts: 0 where the temporal kernel is a plateau.
+        latest: upper limit of (t - alpha_t)/beta_t: 0 if the temporal kernel is a plateau, else infinite.
         half: tau/2.
-        top: numerator of L, over pi.
+        top: numerator of L, divided by pi.
         by_kappa: whether S is L times kappa rather than L times the distance.
     """
 
@@ -151,7 +151,7 @@ def _score(
     lists: NearbyLists,
     parameters: _Parameters,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-    """Returns the shares (N,) of the pair sum, the number (N,) of selected neighbours and the gradient (P,)."""
+    """Returns each point's share (N,) of the pair sum, its number (N,) of selected neighbours, and the gradient (P,)."""
     s, alpha_s, beta_s, alpha_t, beta_t, xi, latest, half, top, by_kappa = parameters
     offsets, indices = lists.offsets, lists.indices
     n, with_gradient = len(points), jacobians.shape[2] > 0
@@ -194,7 +194,7 @@ def _score(
             cost = lorentz * weight
             share += cost * cost
             if with_gradient:
-                # derivative of the share by the distance, over the distance; coincident points have no direction
+                # slope: derivative of the share by the distance, divided by the distance; zero for coincident points
                 bend = -4.0 * cost * cost * apart * narrow
                 d_centre -= bend
                 d_weight = -2.0 * (distance[k] - alpha_s) / (beta_s * beta_s) * weight if by_kappa else 1.0

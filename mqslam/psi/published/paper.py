@@ -1,9 +1,9 @@
-"""The paper's table I and its figures 2 and 3, made again on simulated drives.
+"""The paper's table I and its figures 2 and 3, reproduced on simulated drives.
 
-Table I is the motion of three constant drives by the published score with exhaustive search, and by our estimator. The
-figures show how psi falls as the motion becomes right, and what compensation does to the map of each case. The paper's
-sensor is simulated on a slow robot outdoors between buildings. The numbers of the drives and of the sensor are the paper's,
-or define our simulation of its experiment; the others belong to the figures' appearance.
+Table I holds the motions of three constant drives, estimated by an exhaustive search with the published score and by our
+estimator. The figures show how psi falls as the motion approaches the true one, and how compensation changes the map of
+each case. The paper's sensor is simulated on a slow robot outdoors between buildings. The numbers that describe the
+drives and the sensor are the paper's, or define our simulation of its experiment; the others set the look of the figures.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 CASES = ((0.0, -0.3840), (0.1, 0.2967), (1.0, -0.1920))
 """v [m/s] and omega [rad/s] in the cases of Table I."""
 PAPER_LARGEST = (0.1, 0.0227)
-"""Largest errors of v [m/s] and omega [rad/s] in the paper's Table I; nothing else of its results is at hand."""
+"""Largest errors of v [m/s] and omega [rad/s] in the paper's Table I; its other results are not at hand."""
 SENSOR = SensorModel(turn_rate_hz=2.0, azimuths=720, range_resolution=0.25, max_range=400.0)
 REVOLUTION_S = 1.0 / SENSOR.turn_rate_hz
 SPEEDS = np.arange(-0.5, 1.6, 0.4)  # speeds that the estimator's search tries [m/s]
@@ -54,27 +54,27 @@ _MOTION_2 = CASES[2]  # motion of figure 2, which both drives and turns
 _DPI = 160
 _INK, _SOFT = "#1c2430", "#5b6675"
 _COLOURS = ("#9ecae1", "#4292c6", "#08519c", "#d9620d")  # colours of the scans; the last one stands out
-_HALF_WIDTH_M = 45.0  # half the width of the world that is shown, about the sensor
+_HALF_WIDTH_M = 45.0  # half the width of the area that is shown around the sensor
 _PANEL_IN = 4.3
 
 VARIANTS = {
     "published, as printed": PsiConfig(temporal="gaussian", unmatched=0.0),
     "published, charged": PsiConfig(),
 }
-"""Scores that the exhaustive search minimises: equations (8) to (10) and (4) as printed; our defaults (plateau, charge)."""
+"""Scores for the exhaustive search: equations (8) to (10) and (4) as printed, and our defaults (plateau, charge)."""
 OURS = "our estimator"
 METHODS = (*VARIANTS, OURS)
 
 
 @dataclass(frozen=True, slots=True)
 class ExhaustiveSearch:
-    """An exhaustive search in two rounds.
+    """The motions that an exhaustive search tries in two rounds.
 
     Args:
         speeds: (V,) m/s that the first round tries.
         yaw_rates: (W,) rad/s that the first round tries.
-        fine_speeds: (X,) m/s that the second round adds to the best of the first.
-        fine_yaw_rates: (Y,) rad/s that the second round adds to the best of the first.
+        fine_speeds: (X,) m/s that the second round adds to the first round's best speed.
+        fine_yaw_rates: (Y,) rad/s that the second round adds to the first round's best yaw rate.
     """
 
     speeds: NDArray[np.float64]
@@ -91,12 +91,12 @@ SEARCH = ExhaustiveSearch(
 
 @dataclass(frozen=True, slots=True)
 class Table1Row:
-    """What a method obtained in one case.
+    """The motions that one method obtained in one case: a row of Table I.
 
     Args:
         case: true v [m/s], omega [rad/s].
         method: one of `METHODS`.
-        obtained: (S, 2) v [m/s], omega [rad/s] by seed.
+        obtained: (S, 2) v [m/s], omega [rad/s] for each seed.
     """
 
     case: tuple[float, float]
@@ -114,7 +114,7 @@ class Table1Row:
         return np.asarray(np.sqrt(((self.obtained - self.case) ** 2).mean(axis=0)))
 
     def tree(self) -> dict[str, object]:
-        """Returns the row as JSON holds it."""
+        """Returns the row as a tree of JSON values."""
         return {
             "actual": dict(zip(("v", "omega"), self.case, strict=True)),
             "method": self.method,
@@ -133,13 +133,13 @@ def compute_table1(
     search: ExhaustiveSearch = SEARCH,
     progress: Progress = ignore_progress,
 ) -> list[Table1Row]:
-    """Computes what every method obtains in every case.
+    """Computes Table I: the motions that every method obtains in every case.
 
     Args:
-        seeds: number of yards and noises to try, whose seeds are 0 to seeds - 1.
-        scans: length of the window.
+        seeds: number of simulations, each with its own yard and noise; their seeds are 0 to seeds - 1.
+        scans: number of scans in a window.
         jobs: number of processes; the result does not depend on it.
-        cases: v [m/s], omega [rad/s] to drive.
+        cases: v [m/s], omega [rad/s] of each drive.
         search: motions that the exhaustive search tries.
         progress: called after each trial with (stage, trials done, trials in all).
     """
@@ -155,7 +155,7 @@ def compute_table1(
 
 
 def simulate_window(case: tuple[float, float], seed: int, scans: int) -> Window:
-    """Simulates a number of scans of a case in the yard of a seed, as the detector with its default settings sees them."""
+    """Simulates the drive of a case in the yard of a seed, and returns its scans as the default detector sees them."""
     drive, estimator = ConstantDrive(*case), EstimatorConfig()
     recording = simulate_recording(make_yard_scene(seed), drive, duration_s=scans * REVOLUTION_S, sensor=SENSOR, seed=seed)
     returns = Returns.concatenate(detect_stretch(recording, DetectorConfig(), 0, scans).returns)
@@ -163,12 +163,12 @@ def simulate_window(case: tuple[float, float], seed: int, scans: int) -> Window:
 
 
 def estimate_motion(window: Window) -> WindowMotion:
-    """Estimates v [m/s], omega [rad/s] of a window without any start."""
+    """Estimates v [m/s], omega [rad/s] of a window without an initial guess."""
     return window.find(SPEEDS, YAW_RATES, CONSTANT_VELOCITY)
 
 
 def _run_trial(search: ExhaustiveSearch, trial: tuple[tuple[float, float], int, int]) -> NDArray[np.float64]:
-    """Returns the motions (methods, 2) that are obtained in a trial: a case, a seed and a number of scans."""
+    """Returns the motions (methods, 2) that the methods obtain in a trial: a case, a seed and a number of scans."""
     window = simulate_window(*trial)
     grid = (search.speeds, search.yaw_rates)
     scores = _score_grid(window, *grid, list(VARIANTS.values()))
@@ -181,7 +181,7 @@ def _run_trial(search: ExhaustiveSearch, trial: tuple[tuple[float, float], int, 
 
 
 def _find_lowest(scores: NDArray[np.float64], speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64]) -> se2.Array:
-    """Returns the v [m/s], omega [rad/s] (2,) of the lowest score on a grid (V, W)."""
+    """Returns the v [m/s], omega [rad/s] (2,) at the lowest score of a grid (V, W)."""
     i, k = np.unravel_index(int(np.argmin(scores)), scores.shape)
     return np.array([speeds[i], yaw_rates[k]])
 
@@ -202,7 +202,7 @@ def _score_grid(
 
 
 def format_table(rows: Sequence[Table1Row]) -> str:
-    """Returns the table as a person reads it."""
+    """Returns the table as text with aligned columns."""
     lines = [
         f"{'v':>5}  {'omega':>7}  {'method':<22} {'mean v':>8} {'omega':>8}   {'RMS error v':>11} {'omega':>8}",
         f"{'m/s':>5}  {'rad/s':>7}  {'':<22} {'m/s':>8} {'rad/s':>8}   {'m/s':>11} {'rad/s':>8}",
@@ -223,7 +223,7 @@ class Rendering:
     """A window rendered under a motion.
 
     Args:
-        name: what the motion is.
+        name: description of the motion.
         motion: (2,) v [m/s], omega [rad/s].
         points: (N, 2) m, sensor frame at the window's start.
         scan: (N,) index of the scan that each point was seen in.
@@ -246,7 +246,7 @@ def render_motion(window: Window, name: str, motion: se2.Array) -> Rendering:
 
 
 def render_figure2(seed: int = 1) -> list[Rendering]:
-    """Renders one window under no motion at all, half of the estimated one, and the estimated one."""
+    """Renders one window without motion, with half the estimated motion, and with the estimated motion."""
     window = simulate_window(_MOTION_2, seed, SCANS)
     best = estimate_motion(window).theta
     return [
@@ -257,7 +257,7 @@ def render_figure2(seed: int = 1) -> list[Rendering]:
 
 
 def render_figure3(seed: int = 1) -> list[tuple[Rendering, Rendering]]:
-    """Renders the three cases before compensation and after it."""
+    """Renders the windows of the three cases, each before and after motion compensation."""
     windows = [simulate_window(case, seed, SCANS) for case in CASES]
     return [
         (
@@ -269,7 +269,7 @@ def render_figure3(seed: int = 1) -> list[tuple[Rendering, Rendering]]:
 
 
 def write_figures(out: Path, seed: int = 1) -> Iterator[tuple[Path, str]]:
-    """Writes figure2.png and figure3.png into a folder, which is made if need be.
+    """Writes figure2.png and figure3.png into a folder, which is created if necessary.
 
     Yields:
         Each path, with the scores that the figure shows.
@@ -316,7 +316,7 @@ def _write_figure(path: Path, rows: list[list[Rendering]], labels: list[str]) ->
 
 
 def _draw_map(axes: Axes, shown: Rendering) -> None:
-    """Draws one map, its returns coloured by scan, below its motion and its score."""
+    """Draws one map with its returns coloured by scan, and writes its motion and its score above it."""
     for k, colour in enumerate(_COLOURS):
         x, y = shown.points[shown.scan == k].T
         axes.plot(x, y, ".", color=colour, markersize=3.2, markeredgewidth=0.0, zorder=2 + k)
@@ -333,7 +333,7 @@ def _draw_map(axes: Axes, shown: Rendering) -> None:
 
 
 def _label_figure(figure: Figure, axes: NDArray[np.object_], labels: list[str]) -> None:
-    """Writes what was driven above the maps, and what the colours mean below them."""
+    """Writes the driven motion above the maps, and a legend of the scans' colours below them."""
     from matplotlib.lines import Line2D
 
     if len(labels) == 1:

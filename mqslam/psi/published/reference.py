@@ -1,6 +1,6 @@
-"""Readable twins of `mqslam.psi.published.equations` and `mqslam.psi.score`, which the tests hold these to.
+"""Readable twins of `mqslam.psi.published.equations` and `mqslam.psi.score`, against which the tests check them.
 
-They compute the equations as they stand, and are slow.
+They compute the equations literally, and are slow.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def score_reference(
     config: PsiConfig,
     jacobians: NDArray[np.float64] | None = None,
 ) -> PsiScore:
-    """Scores a rendered window; arguments and result as `mqslam.psi.published.equations.score`."""
+    """Scores a rendered window; arguments and result are as in `mqslam.psi.published.equations.score`."""
     check_points(points, times)
     n = len(points)
     size = 0 if jacobians is None else jacobians.shape[2]
@@ -77,7 +77,7 @@ def evaluate_reference(
     kernel: Kernel,
     moving_references: bool,
 ) -> PsiEvaluation:
-    """Scores the query points against the reference points; arguments and result as of `scoring.estimator.evaluate`."""
+    """Scores query points against reference points; arguments and result are as in `mqslam.psi.score.evaluate`."""
     revolution_s, beta_t, xi = kernel.revolution_s, kernel.beta_t, kernel.xi
     knows_aspects = len(queries.rays) == len(queries) and len(references.rays) == len(references)
     n, size = len(queries), queries.jacobians.shape[2]

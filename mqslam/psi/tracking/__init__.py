@@ -1,1 +1,1 @@
-"""Odometry by psi: scan after scan over a running map."""
+"""Odometry by psi: each scan is matched to a running map."""

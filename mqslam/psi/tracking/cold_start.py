@@ -1,4 +1,4 @@
-"""The motion of the first scans of a recording, or of those after a gap, from themselves alone."""
+"""Finds the motion of the first scans of a recording, or of the scans after a gap, from these scans alone."""
 
 from __future__ import annotations
 
@@ -29,24 +29,24 @@ from mqslam.psi.window import Window
 
 # Number of scans from which a track finds its first motion: three show an acceleration, too.
 START_SCANS = 3
-# Speeds are tried in steps of the annealing's widest reach per turn, divided by this, so that the minimiser surely finds the
-# minimum from the nearest of them.
+# The step between the speeds tried is the annealing's widest reach per turn, divided by this number, so that the minimiser
+# surely finds the minimum from the nearest of them.
 _START_SPEEDS = 13.0
-# Turn per scan between the yaw rates that are tried, and up to which the motion model is integrated exactly [rad].
+# Step between the yaw rates tried, and largest turn that the motion model integrates exactly, both per scan [rad].
 _START_YAW_STEP, _MOST_TURN = 0.025, 1.0
-# Spread of twist and accelerations around rest, in directions that psi does not observe at a start.
+# Standard deviations of twist and accelerations around rest, in directions that psi does not observe at a start.
 _AT_REST = np.array([5.0, 0.5, 0.1, SIGMA_AX, START_ALPHA])
 
 
 @dataclass(frozen=True, slots=True)
 class FirstMotion:
-    """The motion of a few scans.
+    """The motion of a few scans, found from these scans alone.
 
     Args:
-        motion: (5,) twist and accelerations at the first of them; zero in directions that psi does not observe.
-        covariance: (5, 5) of them; large in those directions. Where accelerations were not estimated,
-            the motion may have changed by the process noise of a scan.
-        matched: share of the returns that another scan saw too.
+        motion: (5,) twist and accelerations at the first scan; zero in directions that psi does not observe.
+        covariance: (5, 5) covariance of the motion, large in those directions. Where accelerations were not estimated, it
+            includes the process noise of a scan.
+        matched: share of the returns that have a neighbour in another scan.
         observed: whether psi observes every direction.
     """
 
@@ -63,7 +63,7 @@ def find_first_motion(
 
     Args:
         scans: two or three scans with returns.
-        matcher: bounds of the exhaustive search, process noise, settings of the score, and the sensor.
+        matcher: holds the bounds of the exhaustive search, the process noise, the settings of the score, and the sensor.
         begin: (3,) twist near the truth, or None for an exhaustive search.
         odometry: (3,) odometry's twist, for directions that psi alone does not observe.
     """
@@ -75,7 +75,7 @@ def find_first_motion(
     found = window.estimate(begin, model)
     if odometry is not None and found.status is not Status.CONVERGED:
         found = window.estimate(odometry, model)
-    if not overlaps(found.minimum):  # scans that have nothing in common show no more than that a vehicle moves
+    if not overlaps(found.minimum):  # scans without overlap show no motion: it can be any that a vehicle is capable of
         fastest = max(matcher.settings.speed_max, -SPEED_MIN)
         spread = np.array([fastest, fastest, OMEGA_MAX, SIGMA_AX, START_ALPHA])
         return FirstMotion(np.zeros(MODEL.size), np.diag(spread**2), 0.0, observed=False)

@@ -1,4 +1,4 @@
-"""The running map: the returns of the last keyframes, where they were rendered, and how a track is matched to it."""
+"""The running map: the rendered returns of the last keyframes, and the settings of matching a track to it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _GROWN_KEYFRAMES = 8
 
 
 class Tuning(NamedTuple):
-    """How a track is matched to its map. A figure that is to stay comparable fixes its own values.
+    """The settings of matching a track to its map. A quality figure that must stay comparable fixes its own values.
 
     Args:
         keyframe_m: a scan joins the map after this much travel [m]. A map of few keyframes takes scans sooner.
@@ -32,7 +32,7 @@ class Tuning(NamedTuple):
         prediction_margin: least beta_s at which a match begins, in units of the error that is expected of its prediction.
         doubtful_psi: a match whose psi per return is this many times the usual one or more may be at a wrong minimum. Better
             ones are looked for ahead of it, behind it, and turned to either side.
-        correlation: number of returns that tell the same (`mqslam.psi.minimiser.CORRELATION`).
+        correlation: number of returns that count as one independent measurement (`mqslam.psi.minimiser.CORRELATION`).
         apart_share: factor on the weight of a neighbour that was seen from a quite different direction.
         apart_blur: factor on the blur of such a neighbour.
     """
@@ -53,7 +53,7 @@ USUAL = Tuning()
 
 @dataclass(frozen=True, slots=True)
 class _Keyframe:
-    """A scan that the map keeps: when it began [s], its start pose (3,) and its points."""
+    """A scan that the map keeps: its start [s], its start pose (3,) and its points."""
 
     t0: float
     pose: se2.Array
@@ -64,8 +64,8 @@ class LocalMap:
     """A sliding window of keyframes in the order of time, held fixed while scans are matched to it.
 
     Args:
-        tuning: how many keyframes it holds, and how far they are apart.
-        chosen: starts [s] of the scans that it keeps of those that are offered; None keeps those that are far apart.
+        tuning: says how many keyframes the map holds, and how far they are apart.
+        chosen: starts [s] of the offered scans that the map keeps; None keeps scans that are far apart.
     """
 
     def __init__(self, tuning: Tuning, chosen: Collection[float] | None = None) -> None:
@@ -75,12 +75,12 @@ class LocalMap:
         self.references = make_references(_join([]))
 
     def __len__(self) -> int:
-        """Number of keyframes that it holds."""
+        """Number of keyframes that the map holds."""
         return len(self._keyframes)
 
     @property
     def times(self) -> list[float]:
-        """Starts of its keyframes [s], in order."""
+        """Starts [s] of the keyframes, in order."""
         return [keyframe.t0 for keyframe in self._keyframes]
 
     def offer(self, t0: float, pose: se2.Array, placed: PointSet) -> None:
@@ -95,7 +95,7 @@ class LocalMap:
             self.add(t0, pose, placed)
 
     def add(self, t0: float, pose: se2.Array, placed: PointSet) -> None:
-        """Keeps a rendered scan wherever it lies; the oldest one leaves when the map is full.
+        """Keeps a rendered scan wherever it lies; the oldest keyframe leaves when the map is full.
 
         Args:
             t0: start of the scan [s].

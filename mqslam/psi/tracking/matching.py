@@ -1,4 +1,4 @@
-"""A scan matched to a map by psi, from a prediction or by a search around one that may be far off, and how sure it is."""
+"""Matches a scan to a map by psi, from a prediction or by a search around an unsure one, and finds its covariance."""
 
 from __future__ import annotations
 
@@ -40,15 +40,15 @@ from mqslam.psi.window import RIVAL
 _START_OMEGA = 0.08
 # Largest number of Newton steps when a scan is matched; with a good prediction a few are enough.
 _MATCHING_STEPS = 24
-# The search ends with a step shorter than this many standard deviations, which psi's curvature states.
+# The search ends with a step shorter than this many standard deviations, as psi's curvature states them.
 _SETTLED = 0.05
 # A direction that seems not observed counts as observed if every shift of the scan along it raises psi by more than this
-# many standard deviations of the rise. Along a bare corridor there is always a shift that raises it by less than 1.5, in
-# streets full of traffic there is none below 2.2.
+# many standard deviations of the rise. Along a bare corridor some shift always raises it by less than 1.5, in streets full
+# of traffic every shift by 2.2 or more.
 _DISTINCT_SIGMAS = 2.0
 
 # Largest angle by which a scan is turned to find a better match beside a doubtful one [rad]. A vehicle that begins to turn
-# at 0.5 rad/s turns by about so much more within a scan than it did in the one before.
+# at 0.5 rad/s turns by about this much more within a scan than within the scan before.
 _BESIDE_TURN = 0.08
 # Number of angles that are tried to either side of a doubtful match.
 _BESIDE_TURNS = 4
@@ -63,7 +63,7 @@ class Matcher:
     """Matches the scans of a track to a map.
 
     Args:
-        settings: of the tracker.
+        settings: settings of the tracker.
         estimator: settings of the score and of its minimiser.
         beam: the sensor's errors.
         revolution_s: usual duration of a turn [s].
@@ -72,8 +72,8 @@ class Matcher:
 
     Attributes:
         matching: settings of the score where a scan is matched to the running map: the final widths are wider.
-        young: settings of the tracker for the first scans of a track, whose turning is less sure to go on.
-        kernel: the score besides its widths.
+        young: settings of the tracker for the first scans of a track, whose yaw rate is less sure to stay as it is.
+        kernel: parameters of the score besides its widths.
     """
 
     settings: TrackerConfig
@@ -106,17 +106,18 @@ class Matcher:
         return place(scan.returns, scan.t0, state.pose, state.motion, MODEL, self.beam)
 
     def evaluate(self, scan: Scan, state: State, into: LocalMap) -> PsiEvaluation:
-        """Scores a scan under a state against a map, at the widths that the minimiser ends with."""
+        """Scores a scan under a state against a map, at the final widths of the minimiser."""
         return self._score(self.place(scan, state), final_scale(self.matching), into)
 
     def find_weak_directions(self, scan: Scan, state: State, into: LocalMap) -> NDArray[np.float64]:
-        """Returns the directions (K, 3) of the start pose that a map does not show around a match.
+        """Returns the directions (K, 3) of the start pose that psi does not observe at a match.
 
-        In dense traffic, clutter hides at the widest scale what the scan shows at the final one. A direction that seems
-        weak is therefore looked along: where the match stands out from all shifts of the scan, it is no chance.
+        In dense traffic, clutter at the widest scale hides directions that the scan shows at the final one. Shifts of the
+        scan along a direction that seems weak are therefore scored: where the match stands out from all of them, the
+        direction counts as observed.
 
-        All views count the same here. Where neighbours that were seen from the same direction counted more, even a bare
-        wall would seem to hold the scan: at the place that the map was seen from.
+        All views count the same here. If neighbours that were seen from the same direction counted more, even a bare wall
+        would seem to hold the scan at the place from which the map was seen.
         """
         wide = self._score(self._place_blindly(scan, state), annealed_scale(self.matching, 0), into)
         weak = find_weak_directions(wide, 3)
@@ -141,9 +142,9 @@ class Matcher:
 
         Args:
             scan: the scan.
-            predicted: its state as predicted, with the uncertainty that bounds the search.
+            predicted: predicted state of the scan; its covariance bounds the search.
             into: the map.
-            known: a match that was there before; it takes part.
+            known: a match that was found before, which competes with the new ones.
 
         Returns:
             The best match, and whether another place in the map fits about as well.
@@ -154,23 +155,23 @@ class Matcher:
         return best, any(m.evaluation.psi < RIVAL * best.evaluation.psi for m in elsewhere)
 
     def look_beside(self, scan: Scan, minimum: Minimum, information: NDArray[np.float64], into: LocalMap) -> Minimum | None:
-        """Finds a better match beside one, or returns None where there is none: ahead, behind, or turned to either side.
+        """Returns a better match ahead of a match, behind it, or turned to either side; None if there is none.
 
-        Vehicles that keep pace with the sensor have a minimum of their own. Where all set off together, a match that begins
-        at the prediction may stay with them, although psi is much lower a few decimetres ahead. Where the sensor turns more
-        suddenly than predicted, returns far away match others than their own.
+        Vehicles that keep pace with the sensor make a minimum of their own. Where all vehicles set off together, a match
+        that begins at the prediction may end there, although psi is much lower a few decimetres ahead. Where the sensor
+        turns more suddenly than predicted, distant returns are matched to wrong neighbours.
 
         Args:
             scan: the scan.
-            minimum: a match of it.
-            information: (8, 8) of the prediction.
+            minimum: a match of the scan.
+            information: (8, 8) information of the prediction.
             into: the map.
         """
         config, turn_s, here = self.matching, self.revolution_s, State(minimum.state)
         ahead = np.arange(config.beta_s, config.beta_s_start, config.beta_s)
         turns = _BESIDE_TURN / _BESIDE_TURNS * np.arange(1, _BESIDE_TURNS + 1)
         beside = [here.moved_ahead(distance, turn_s) for distance in (*-ahead, *ahead)]
-        # how far a scan's own start has turned depends on when the turn began: before the scan or within it
+        # how far the scan's start pose has turned depends on whether the turn began before the scan or within it
         beside += [here.turned(share * angle, angle / turn_s) for angle in (*-turns, *turns) for share in (0.5, 1.0)]
         best = min(beside, key=lambda state: self.evaluate(scan, state, into).psi)
         other = self.minimise(scan, best, Prior(best.vector, information), into, _MATCHING_STEPS)
@@ -180,11 +181,11 @@ class Matcher:
     def measure_covariance(
         self, evaluation: PsiEvaluation, placed: PointSet, predicted: Belief, into: LocalMap
     ) -> NDArray[np.float64]:
-        """Returns the covariance (3, 3) of a match's pose; what psi does not observe is as sure as the prediction.
+        """Returns the covariance (3, 3) of a match's pose; where psi does not observe it, it is the prediction's.
 
         Args:
             evaluation: psi at the match.
-            placed: the scan's points there.
+            placed: the scan's points at the match.
             predicted: the prediction that the match began with.
             into: the map.
         """
@@ -200,13 +201,13 @@ class Matcher:
     def update_belief(
         self, minimum: Minimum, prior_information: NDArray[np.float64], weak: NDArray[np.float64] | None = None
     ) -> Belief:
-        """Returns what is known of a state after a match, as the next prediction starts from it.
+        """Returns the belief about a state after a match, from which the next prediction starts.
 
         Args:
             minimum: the match.
-            prior_information: (8, 8) of the prediction.
+            prior_information: (8, 8) information of the prediction.
             weak: (K, 3) directions of the start pose that psi does not observe, along which only the prediction counts;
-                None where it observes all.
+                None if it observes all directions.
         """
         evaluation = minimum.evaluation
         information = (evaluation.curvature + STABILISER * evaluation.information) / self.tuning.correlation
@@ -218,7 +219,7 @@ class Matcher:
         return Belief(State(minimum.state), invert(safe + prior_information, 1.0 / TOLERANCES))
 
     def _is_distinct(self, rise: NDArray[np.float64], placed: PointSet) -> bool:
-        """Returns whether shares (N,) of psi rise by more than chance: by some standard deviations of sums over objects."""
+        """Returns whether shares (N,) of psi rise by more than chance explains, given the spread of their sums over objects."""
         by_object = sum_by_object(rise[:, None], placed.points, self.matching.cluster_m)
         return bool(by_object.sum() > _DISTINCT_SIGMAS * np.sqrt(np.sum(by_object**2)))
 
@@ -242,7 +243,7 @@ class Matcher:
         return True
 
     def _place_blindly(self, scan: Scan, state: State) -> PointSet:
-        """Renders a scan without the directions that it sees its points from."""
+        """Renders a scan without the viewing directions of its points."""
         placed = self.place(scan, state)
         return PointSet(placed.points, placed.jacobians, placed.covariances, placed.times)
 
@@ -250,7 +251,7 @@ class Matcher:
         return evaluate(placed, into.references, scale, self.kernel)
 
     def _refine_peaks(self, scan: Scan, predicted: Belief, into: LocalMap) -> Sequence[Minimum]:
-        """Returns the minima that start from the peaks of a correlation around the prediction."""
+        """Returns the minima of psi that are found from the peaks of a correlation around the prediction."""
         x, y, yaw = np.sqrt(np.diag(predicted.covariance))[:3]
         reach_m = float(np.clip(_SEARCH_SIGMAS * np.hypot(x, y), *_SEARCH_M))
         reach_rad = float(np.clip(_SEARCH_SIGMAS * yaw, *_SEARCH_RAD))

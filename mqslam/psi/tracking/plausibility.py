@@ -1,4 +1,4 @@
-"""What can be believed: whether a scan can be matched, whether a match is one, and how well predictions foresee it."""
+"""Plausibility of scans and matches: which scans can be matched, which matches are right, how well predictions fit."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ FEWEST_RETURNS = 40
 _LEAST_SECTOR = 0.2
 # The track may be lost where a scan's matched share is below this part of the usual one.
 _LOST_SHARE = 0.5
-# Fewest matched returns of a match. Fewer coordinates than these fit the eight numbers by chance.
+# Fewest matched returns of a match. The eight numbers of the state could fit fewer of them by chance.
 _LEAST_MATCHED = 16
 # Least share of matched returns of a match. Below it scan and map do not overlap.
 _LEAST_SHARE = 0.15
-# Share of the usual matched share and psi that is kept from scan to scan when it is updated.
+# Weight of the old value when a scan updates the usual matched share and the usual psi.
 _USUAL_MEMORY = 0.95
 # Number of scans of a new track that are measured again together, once they make a map.
 YOUNG_SCANS = 16
 # Number of past scans that show how well predictions foresee where returns lie.
 _PREDICTION_SCANS = 40
-# Share of those scans whose predictions erred by less than what is expected of the next.
+# Share of those scans whose predictions erred by less than the error that is expected of the next prediction.
 _PREDICTION_SHARE = 0.9
 
 
 @dataclass(frozen=True, slots=True)
 class Usual:
-    """How well scans usually match: a mean that forgets slowly.
+    """How well scans usually match, as means that forget slowly.
 
     Args:
         share: matched share.
@@ -46,7 +46,7 @@ class Usual:
     psi: float = float("inf")
 
     def after(self, minimum: Minimum) -> Usual:
-        """Returns what is usual after one more match."""
+        """Returns the means, updated by one more match."""
         share, psi = minimum.evaluation.overlap, _measure_psi(minimum)
         if not np.isfinite(self.psi):
             return Usual(share, psi)
@@ -58,18 +58,18 @@ class Usual:
         return share < _LOST_SHARE * self.share
 
     def is_doubtful(self, minimum: Minimum, doubtful_psi: float) -> bool:
-        """Returns whether psi of a match is this many times the usual one, so that there may be a better one beside it."""
+        """Returns whether psi of a match is over `doubtful_psi` times the usual one: a better match may lie beside it."""
         return _measure_psi(minimum) > doubtful_psi * self.psi
 
 
 class PredictionErrors:
-    """Errors of the predictions of the last scans: the match of a scan begins only as wide as they err.
+    """The errors of the last scans' predictions, which decide how wide the match of the next scan begins.
 
-    Among vehicles that keep pace with the sensor, a second motion explains many returns. A search that begins wide may end
-    there, one that begins at a good prediction does not.
+    Among vehicles that keep pace with the sensor, a second motion explains many returns. A search that begins wide may
+    end at that motion; a narrow search from a good prediction does not.
 
     Args:
-        tuning: how much wider than the errors of predictions a match begins.
+        tuning: says how much wider than the errors of predictions a match begins.
         matching: settings of the score where a scan is matched to the running map.
     """
 
@@ -79,14 +79,14 @@ class PredictionErrors:
         self._errors: list[float] = []
 
     def add(self, predicted: PointSet, matched: PointSet) -> None:
-        """Takes the returns of a scan where its prediction put them, and where its match did."""
+        """Adds the error of a prediction, given a scan's points at the predicted state and at the match."""
         moved = matched.points - predicted.points
         error = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
         self._errors = [*self._errors, error][-_PREDICTION_SCANS:]
 
     @property
     def is_young(self) -> bool:
-        """Whether the track has only begun, or gone on after a loss, so that too few predictions are known."""
+        """Whether too few predictions are known, because the track has just begun, or has gone on after a loss."""
         return len(self._errors) < min(YOUNG_SCANS, _PREDICTION_SCANS)
 
     def forget(self) -> None:
@@ -110,12 +110,12 @@ def is_usable(scan: Scan) -> bool:
     if len(scan.returns) < FEWEST_RETURNS:
         return False
     x, y = np.cos(scan.returns.azimuths), np.sin(scan.returns.azimuths)
-    around = np.arctan2(y * x.mean() - x * y.mean(), x * x.mean() + y * y.mean())  # about their mean direction
+    around = np.arctan2(y * x.mean() - x * y.mean(), x * x.mean() + y * y.mean())  # azimuths from the mean direction
     return bool(np.ptp(around) > _LEAST_SECTOR)
 
 
 def overlaps(minimum: Minimum) -> bool:
-    """Returns whether a scan lies on the map at all."""
+    """Returns whether enough returns of a scan are matched for it to overlap the map at all."""
     matched = int(np.count_nonzero(minimum.evaluation.matched))
     return matched >= _LEAST_MATCHED and minimum.evaluation.overlap >= _LEAST_SHARE
 

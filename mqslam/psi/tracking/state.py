@@ -1,6 +1,6 @@
-"""The tracker's state: eight numbers that say where a scan begins and how the sensor moves while it lasts.
+"""The tracker's state: eight numbers for the start pose of a scan and the motion of the sensor during it.
 
-Here is how the state moves on from one scan to the next, and what is known of it then.
+This module also predicts the state and its covariance from one scan to the next.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from mqslam.psi.minimiser import Prior
 
 MODEL = ACCELERATED_TWIST
 X, Y, YAW, VX, VY, OMEGA, AX, ALPHA = range(8)
-"""Where each of the numbers is in a vector, in the rows and in the columns of a covariance."""
+"""Index of each number in a state vector, and in the rows and columns of a covariance."""
 SIZE = 8
 POSE, TWIST, ACCELERATION = slice(X, VX), slice(VX, AX), slice(AX, SIZE)
 MOTION = slice(VX, SIZE)  # twist and accelerations: the motion model's parameters
 TOLERANCES = np.array([1e-3, 1e-3, 2e-5, 5e-3, 5e-3, 1e-4, 2e-2, 1e-3])
-"""Steps of the state that end a search, and its units where matrices are inverted: numerical, far below any error."""
+"""Steps of the state that end a search, and units of the state where matrices are inverted: numerical, far below any error."""
 _FRAME = np.diag([1e-8, 1e-8, 1e-12])  # covariance of a pose that defines the frame: zero but for rounding
 
 # Slowest speed that the cold start tries [m/s]; negative is backwards. Vehicles hardly reverse faster.
 SPEED_MIN = -5.0
 # Fastest yaw rate that the cold start tries, to either side [rad/s].
 OMEGA_MAX = 1.0
-# A longer gap is a pause or a jump of the clock [s]. No motion is extrapolated across it: that could mean kilometres.
+# A longer gap is a pause or a jump of the clock [s]. No motion is extrapolated across it: it could amount to kilometres.
 LONGEST_COAST_S = 60.0
 # Longest time between two scans over which an acceleration is taken to last: in seconds, and in turns for slow radars.
 _STEADY_S, _STEADY_TURNS = 0.75, 1.5
@@ -45,20 +45,22 @@ SIGMA_AX = 4.0
 START_ALPHA = 0.6
 # Process noise of the start pose's position [m], and of its yaw [rad].
 _SIGMA_POSITION_M, _SIGMA_YAW = 0.01, 0.0003
-# Share of an acceleration that is left.
+# Share of an acceleration that is left after one noise period.
 _PERSISTENCE = 0.9
 
 _DEPENDENT = 1e-6  # singular values of unit vectors below this are rounding
-_HALF = 0.5**0.5  # half of a variance: a motion between two scans has the variances of both of their poses
-_WALKS = np.logspace(-3.0, 3.0, 13)  # variances of a walk's step over that of noise: from all noise to none
+_HALF = 0.5**0.5  # root of one half: the motion between two scans adds the variances of both poses, half of its own each
+_WALKS = np.logspace(
+    -3.0, 3.0, 13
+)  # ratios of a walk's step variance to the noise variance: from nearly all noise to nearly none
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """The motion of a scan.
+    """The state of a scan: its start pose, and the twist and accelerations of the sensor.
 
     Args:
-        vector: (8,) all parts, one after the other: pose, twist, acceleration.
+        vector: (8,) all parts in this order: pose, twist, acceleration.
     """
 
     vector: NDArray[np.float64]
@@ -94,22 +96,22 @@ class State:
         return self.vector[MOTION]
 
     def moved_ahead(self, distance: float, duration_s: float) -> State:
-        """Returns the state of a sensor that came farther ahead [m] in a time [s], and is faster by as much."""
+        """Returns the state of a sensor a distance [m] farther ahead, and faster by this distance per duration [s]."""
         pose = se2.compose(self.pose, np.array([distance, 0.0, 0.0]))
         return State.of(pose, self.motion + np.eye(SIZE)[VX, MOTION] * distance / duration_s)
 
     def turned(self, angle: float, rate: float) -> State:
-        """Returns the state of a sensor that has turned by an angle [rad] more, and turns faster [rad/s]."""
+        """Returns the state of a sensor that has turned by an angle [rad] more, and turns faster by a rate [rad/s]."""
         return State(self.vector + angle * np.eye(SIZE)[YAW] + rate * np.eye(SIZE)[OMEGA])
 
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """What is known of a state.
+    """A Gaussian belief about a state.
 
     Args:
-        mean: the state that is most likely.
-        covariance: (8, 8) of its vector.
+        mean: the most likely state.
+        covariance: (8, 8) covariance of the state's vector.
     """
 
     mean: State
@@ -131,7 +133,7 @@ class Belief:
         return Prior(self.mean.vector, self.information)
 
     def in_its_own_frame(self) -> Belief:
-        """Returns the belief with a pose that defines the frame, so that it is known and independent of the motion."""
+        """Returns the belief in a frame that its pose defines: the pose is known, and independent of the motion."""
         covariance = self.covariance.copy()
         covariance[POSE, :] = covariance[:, POSE] = 0.0
         covariance[POSE, POSE] = _FRAME
@@ -139,20 +141,21 @@ class Belief:
 
 
 ORIGIN = Belief(State(np.zeros(SIZE)), np.eye(SIZE))
-"""At rest where the tracker's frame begins."""
+"""The belief at rest at the origin of the tracker's frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class Blindness:
-    """What is unknown of the motion along a direction that psi does not observe, for travel and for turning.
+    """The uncertainty of the motion along a direction that psi does not observe, for travel and for turning.
 
-    The motion is held there, and its error grows as the process noise allows, up to all that the settings think possible.
-    Such an error is common to all scans of the stretch, so that those of their poses add up as they are, not in square.
+    Along such a direction the predicted motion is kept. Its error grows with the process noise, up to the whole range
+    that the settings allow. The error is common to all scans of the stretch, so that the errors of their poses add up
+    linearly, not in square.
 
     Args:
         speeds: (2,) standard deviations of the speed [m/s] and of the yaw rate [rad/s].
-        travelled: (2,) standard deviations of what the stretch has led through so far [m, rad].
-        step: (2,) standard deviations of the last scan's part of that, given that such parts add up in square [m, rad].
+        travelled: (2,) standard deviations of the travel and of the turn over the stretch so far [m, rad].
+        step: (2,) standard deviations of the last scan's part of them, if these parts are to add up in square [m, rad].
     """
 
     speeds: NDArray[np.float64]
@@ -161,21 +164,21 @@ class Blindness:
 
     @classmethod
     def none(cls) -> Blindness:
-        """Returns what is unknown of a motion that psi has just observed: nothing."""
+        """Makes the uncertainty of a motion that psi has just observed: zero."""
         return cls(np.zeros(2), np.zeros(2), np.zeros(2))
 
     @classmethod
     def full(cls, settings: TrackerConfig) -> Blindness:
-        """Returns what is unknown of a motion that was never observed."""
+        """Makes the uncertainty of a motion that was never observed: the whole range of speeds."""
         return cls(_bound_speeds(settings), np.zeros(2), np.zeros(2))
 
     def forget(self, known: NDArray[np.bool_], settings: TrackerConfig) -> Blindness:
-        """Returns what psi knows of a motion whose travel, turn, or both (2,) are known from others: nothing of these."""
+        """Resets travel, turn, or both (2,) where other sensors gave the motion: psi then knows nothing of these speeds."""
         speeds = np.where(known, _bound_speeds(settings), self.speeds)
         return Blindness(speeds, np.where(known, 0.0, self.travelled), np.where(known, 0.0, self.step))
 
     def after(self, dt: float, settings: TrackerConfig) -> Blindness:
-        """Returns what is unknown a time dt [s] later."""
+        """Returns the uncertainty a time dt [s] later."""
         walk = np.square([_SIGMA_VX, settings.sigma_omega]) * (dt / _NOISE_PERIOD_S)
         speeds = np.minimum(np.sqrt(self.speeds**2 + walk), _bound_speeds(settings))
         travelled = self.travelled + speeds * dt
@@ -183,7 +186,7 @@ class Blindness:
 
     @property
     def pose(self) -> NDArray[np.float64]:
-        """(3,) standard deviations of a scan's start pose [m, m, rad]: its own step, half of which counts at either end."""
+        """(3,) standard deviations of a scan's start pose [m, m, rad]: half the variance of its step, as each end counts."""
         return np.asarray(self.step[[0, 0, 1]] * _HALF)
 
 
@@ -192,11 +195,11 @@ class LastMatch:
     """The last scan that was matched, from which the next ones are predicted.
 
     Args:
-        t0: its start [s].
+        t0: start of the scan [s].
         turn_s: its duration [s]; the radar may turn at another rate later.
-        belief: what is known of its state.
-        blind: what is unknown of the motion where psi does not observe it.
-        twists: (3,) each, of the last scans whose motion psi observed.
+        belief: belief about its state.
+        blind: uncertainty of the motion along directions that psi does not observe.
+        twists: twists (3,) of the last scans whose motion psi observed.
     """
 
     t0: float
@@ -211,7 +214,7 @@ class LastMatch:
         return self.belief.pose
 
     def is_before(self, scan: Scan) -> bool:
-        """Returns whether a scan follows so soon that the acceleration lasts."""
+        """Returns whether a scan follows so soon that the acceleration is taken to last."""
         return scan.t0 - self.t0 <= limit_step(self.turn_s)
 
     def predict(self, scan: Scan, settings: TrackerConfig) -> Belief:
@@ -224,10 +227,10 @@ class LastMatch:
         return coast(belief, min(dt, LONGEST_COAST_S), self.turn_s, settings)
 
     def predict_steadily(self, scan: Scan, settings: TrackerConfig) -> State | None:
-        """Predicts the state of a later scan at the smoothed twist of the last ones, or returns None where there were none.
+        """Predicts the state of a later scan from the smoothed twist of the last scans; None if psi observed none.
 
         The twist of a single match errs by a few tenths of a metre per second. That is little for the next scan, which is
-        matched in turn, and too much where scans are not matched along a direction for some time.
+        matched again, but too much where scans are not matched along a direction for some time.
         """
         if not self.twists:
             return None
@@ -240,7 +243,7 @@ def predict(belief: Belief, dt: float, settings: TrackerConfig) -> Belief:
     """Predicts the state at constant acceleration.
 
     Args:
-        belief: what is known at the start.
+        belief: belief about the state at the start.
         dt: how much later [s], or earlier where it is negative.
         settings: process noise.
     """
@@ -258,18 +261,18 @@ def predict(belief: Belief, dt: float, settings: TrackerConfig) -> Belief:
     pose_noise = [_SIGMA_POSITION_M, _SIGMA_POSITION_M, _SIGMA_YAW]
     noise = np.square(np.r_[pose_noise, list_motion_noise(settings)]) * (abs(dt) / _NOISE_PERIOD_S)
     joint = transition @ belief.covariance @ transition.T + np.diag(noise)
-    velocity = np.array([*(_rotation(pose[2])[:2, :2] @ [vx, vy]), omega])  # over which a wrong stamp carries the pose
+    velocity = np.array([*(_rotation(pose[2])[:2, :2] @ [vx, vy]), omega])  # with which a wrong stamp moves the pose
     joint[POSE, POSE] += 2.0 * (settings.stamp_sigma_s or 0.0) ** 2 * np.outer(velocity, velocity)
     return Belief(State.of(pose, motion), symmetric(joint))
 
 
 def coast(belief: Belief, dt: float, turn_s: float, settings: TrackerConfig) -> Belief:
-    """Predicts the state a long time later: the twist is followed, and its changes add up turn by turn.
+    """Predicts the state a long time later: the twist is kept, and its possible changes add up turn by turn.
 
     Nobody brakes for long, so the acceleration is forgotten: it is as unknown at the end as at the start of a recording.
 
     Args:
-        belief: what is known at the start.
+        belief: belief about the state at the start.
         dt: how much later [s], more than a turn.
         turn_s: duration of a turn [s], the step in which changes of the twist are added.
         settings: process noise.
@@ -290,18 +293,18 @@ def _forget_acceleration(belief: Belief, variances: NDArray[np.float64]) -> Beli
 
 
 def smooth_last(values: NDArray[np.float64], change: float) -> float:
-    """Returns where a value is at the last of successive measurements of it.
+    """Estimates a changing value at the last of successive noisy measurements of it.
 
-    The value is taken to walk at random, and to be measured with noise. How the variances of the two compare is not known:
-    Kalman filters for several ratios are averaged, each by how likely the measurements are under it, and by how likely the
-    walk is that it says they show. Where all is noise, the mean remains, and without noise the last measurement.
+    The value is modelled as a random walk that is measured with noise. The ratio of the two variances is not known, so
+    Kalman filters for several ratios are averaged. Each is weighted by the likelihood of the measurements under it, and
+    by the likelihood of the steps that the walk then has. If there is nothing but noise, the result is the mean; without
+    noise it is the last measurement.
 
     Source: the local level model of Harvey, "Forecasting, Structural Time Series Models and the Kalman Filter" (1989).
 
     Args:
         values: (N,) one or more, in the order of time.
-        change: by how much a step of the walk may be expected to change the value. With it alone, few measurements that are
-            far apart are known to be noise.
+        change: expected size of a step of the walk. It shows that a few measurements that differ by much more are noisy.
     """
     levels, variances = np.full(len(_WALKS), values[0]), np.ones(len(_WALKS))  # in units of the noise's variance
     squares, logs = np.full(len(_WALKS), np.finfo(float).tiny), np.zeros(len(_WALKS))
@@ -325,7 +328,7 @@ def correct_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.flo
 
 
 def replace_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.float64]) -> Belief:
-    """Replaces twist and accelerations by others (5,) of a covariance (5, 5), which do not depend on the pose."""
+    """Replaces twist and accelerations by a motion (5,) with a covariance (5, 5), independent of the pose."""
     joint = np.zeros((SIZE, SIZE))
     joint[POSE, POSE] = belief.covariance[POSE, POSE]
     joint[MOTION, MOTION] = covariance
@@ -333,7 +336,7 @@ def replace_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.flo
 
 
 def limit_step(turn_s: float) -> float:
-    """Returns the longest time [s] between the starts of scans that follow each other: one may be missing, not many."""
+    """Returns the longest time [s] between the starts of scans without a gap between them: one scan may be missing, not many."""
     return max(_STEADY_S, _STEADY_TURNS * turn_s)
 
 
@@ -344,12 +347,12 @@ def hold_directions(prior: Prior, weak: NDArray[np.float64]) -> Prior:
 
 
 def drop_directions(information: NDArray[np.float64], weak: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
-    """Takes from an information matrix (8, 8) what it claims to know along directions (K, 3) that psi does not observe.
+    """Removes from an information matrix (8, 8) the information along directions (K, 3) that psi does not observe.
 
     Args:
-        information: of psi alone.
+        information: information of psi alone.
         weak: the directions, for the start pose.
-        yaw: of the start pose [rad].
+        yaw: yaw of the start pose [rad].
     """
     if not len(weak):
         return information
@@ -361,7 +364,7 @@ def drop_directions(information: NDArray[np.float64], weak: NDArray[np.float64],
 
 
 def _follow_directions(weak: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
-    """Returns unit vectors (L, 8), in units of the tolerances, along directions (K, 3) of pose, twist and acceleration."""
+    """Returns unit vectors (L, 8), in units of tolerances, for pose, twist and acceleration along directions (K, 3)."""
     to_body = _rotation(-yaw)
     vectors = []
     for direction in weak:
@@ -383,7 +386,7 @@ def list_motion_noise(settings: TrackerConfig) -> NDArray[np.float64]:
 def _bound_speeds(settings: TrackerConfig) -> NDArray[np.float64]:
     """Returns the standard deviations (2,) of speed [m/s] and yaw rate [rad/s] when nothing is known of them."""
     ranges = np.array([settings.speed_max - SPEED_MIN, 2.0 * OMEGA_MAX])
-    return np.asarray(ranges / np.sqrt(12.0))  # all in the range are as likely
+    return np.asarray(ranges / np.sqrt(12.0))  # all speeds of the range are equally likely
 
 
 def _rotation(yaw: float) -> NDArray[np.float64]:

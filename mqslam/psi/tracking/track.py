@@ -1,7 +1,7 @@
-"""The track of a recording by psi: every scan is matched, across gaps and losses, and young maps are measured again.
+"""Tracks a recording by psi: matches every scan, bridges gaps and losses, and measures the scans of young maps again.
 
-A track begins with scans whose motion is found from themselves. After a gap or a loss it begins anew in the same way, so
-that what follows never rests on a prediction alone.
+A track begins with scans whose motion is found from these scans alone. After a gap or a loss it begins anew in the same
+way, so that the scans after it never depend on a prediction alone.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ _YOUNG_LEAST = 6
 
 
 class Track:
-    """Goes through the scans of a recording in their order, and holds back those that are to be measured again.
+    """Tracks the scans of a recording in their order, and holds scans back as long as they may be measured again.
 
     Args:
-        scans: all of them.
-        tracker: a new one.
-        find_twist: returns the mean twist (3,) between two times [s] as other sensors measure it, NaN where they do not, or
-            None. It serves where psi alone does not find or observe the motion.
+        scans: all scans of the recording.
+        tracker: a new tracker.
+        find_twist: returns the mean twist (3,) between two times [s] as other sensors measure it, NaN where they do not,
+            or None. It is used where psi alone does not find or observe the motion.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Track:
         self._young: list[int] = []  # scans of a track that has only begun
         self._matched = 0  # the last scan that was matched
         self._pose = np.zeros(3)  # the pose of that scan
-        self._lost: list[int] = []  # scans since that one, which were not matched
+        self._lost: list[int] = []  # scans since the last matched one
         self._patience = _PATIENCE  # number of lost scans at which a new map is tried
 
     def follow(self) -> Iterator[Tracked]:
@@ -78,7 +78,7 @@ class Track:
             self._tracked[n] = self._tracker.look_back(self._scans[n])
 
     def _step(self, k: int) -> int:
-        """Follows the scan k, or begins anew at it, and returns the next scan to follow."""
+        """Tracks scan k, or begins anew after a gap or a loss, and returns the number of the next scan to track."""
         scan = self._scans[k]
         if not self._lost and self._tracker.loses(scan):
             self._measure_again()
@@ -95,7 +95,7 @@ class Track:
         return self._begin_again(k) if len(self._lost) == self._patience else k + 1
 
     def _begin_again(self, k: int) -> int:
-        """Gives the map up where the last lost scans agree on a motion of their own; returns the next scan to follow."""
+        """Gives the map up if the last lost scans show a motion of their own; returns the number of the next scan to track."""
         first = self._lost[-START_SCANS]
         before, self._lost = self._lost, []
         if self._resume(first):
@@ -104,7 +104,7 @@ class Track:
         return k + 1
 
     def _resume(self, k: int) -> bool:
-        """Tracks a scan from both sides of what lies before it, and returns whether the track goes on from it."""
+        """Tracks scan k after a gap or a loss, from the motions before and after it; returns whether the track goes on."""
         scan = self._scans[k]
         psi_odometry = self._score_odometry(scan)
         tracked = self._tracker.resume(_take_head(self._scans, k), _whole(self._twist_to(scan)))
@@ -133,7 +133,7 @@ class Track:
             self._tracked.update(zip(young, again, strict=True))
 
     def _score_odometry(self, scan: Scan) -> float:
-        """Returns psi of a scan where odometry puts it from the last match; NaN without odometry."""
+        """Returns psi of a scan at the pose that odometry predicts from the last match; NaN without odometry."""
         twist, now = _whole(self._twist_to(scan)), _whole(self._find_twist(scan.t0, scan.t1))
         if twist is None or now is None:
             return float("nan")
@@ -146,12 +146,12 @@ class Track:
 
 
 def _whole(twist: se2.Array | None) -> se2.Array | None:
-    """Returns a twist (3,) that is known as a whole, or None."""
+    """Returns a twist (3,) if all its components are known, else None."""
     return None if twist is None or np.isnan(twist).any() else twist
 
 
 def _find_start(scans: Sequence[Scan]) -> int:
-    """Returns the first of two scans in a row that hold enough returns.
+    """Returns the number of the first scan that holds enough returns, as the scan after it does.
 
     Raises:
         EstimationError: there are fewer than two scans.
@@ -170,7 +170,7 @@ def _find_start(scans: Sequence[Scan]) -> int:
 
 
 def _take_head(scans: Sequence[Scan], first: int) -> list[Scan]:
-    """Returns the scan `first` and those after it, a few, that hold enough returns and have no gap between them."""
+    """Returns up to `START_SCANS` scans from `first` on that hold enough returns without a gap; at least scan `first`."""
     head: list[Scan] = []
     for scan in scans[first : first + START_SCANS]:
         gap = bool(head) and scan.t0 - head[-1].t0 > limit_step(head[-1].t1 - head[-1].t0)

@@ -1,11 +1,12 @@
 """Odometry by psi over a running map: each scan is matched to the last keyframes.
 
-The state of a scan (see `mqslam.psi.tracking.state`) is found by minimising psi plus what is predicted from the scan before.
-The start pose must be free: were it fixed where the last scan ended, errors of successive scans would alternate.
+The state of a scan (see `mqslam.psi.tracking.state`) is found by minimising psi plus a prior, the prediction from the
+scan before. The start pose must be free: if it were fixed at the end of the last scan, errors of successive scans would
+alternate.
 
-After a gap or a loss a scan is tracked from both sides. The scans after the gap show how fast the sensor moved at its end,
-those before it at its start; between the two it moved as the process noise allows. Only a match that is sure and without a
-rival in that whole region ties the two sides.
+After a gap or a loss a scan is predicted from both sides. The scans before the gap show the motion at its start, and the
+scans after the gap the motion at its end; between the two, the sensor moved as the process noise allows. Only a match
+that is sure, and has no rival in the whole region that is then possible, ties the two sides together.
 """
 
 from __future__ import annotations
@@ -47,8 +48,8 @@ from mqslam.psi.tracking.state import (
     replace_motion,
 )
 
-# Number of matched scans whose smoothed motion is followed along directions that psi does not observe: their mean where it
-# is steady, the last one where it changes.
+# Number of matched scans whose smoothed motion is followed along directions that psi does not observe: their mean where
+# the motion is steady, the last motion where it changes.
 _HELD_SCANS = 32
 # Standard deviation of a distance travelled across a gap, as a share of that distance. Published lengths of one radar's
 # range bins differ by 1.4 %, and a Doppler shift that is ignored costs as much.
@@ -57,25 +58,25 @@ _SIGMA_SCALE = 0.01
 _ALL_OBSERVED = np.zeros((0, 3))  # no weak direction
 _NOTHING = PsiEvaluation(
     np.zeros(0), np.zeros(0, dtype=bool), np.zeros((0, SIZE)), np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
-)  # psi of a scan that there was no map for
+)  # psi of a scan for which there was no map
 
 
 @dataclass(frozen=True, slots=True)
 class Tracked:
-    """One scan, matched.
+    """One tracked scan.
 
     Args:
-        t0: its start [s].
+        t0: start of the scan [s].
         state: its start pose and motion.
-        covariance: (3, 3) of the start pose, given the map that the scan is in, as psi's curvature shows it; zero without a
+        covariance: (3, 3) covariance of the start pose relative to the map, as psi's curvature shows it; zero without a
             match.
-        unseen: (3, 3) what is unknown besides, of directions that psi does not observe or where there is no match.
+        unseen: (3, 3) covariance to add to it, for directions that psi does not observe or because there is no match.
         evaluation: psi at the minimum.
         status: how far it can be trusted.
         begins_map: whether a new map begins with it.
-        arrival: (3, 3) covariance that the step to it across a gap or a loss adds to its start pose; else None.
+        arrival: (3, 3) covariance that a gap or a loss before the scan adds to its start pose; else None.
         earlier: (3,) start pose as it was first measured, where it was measured again; else None.
-        psi_odometry: psi where odometry puts the scan; NaN without odometry.
+        psi_odometry: psi at the pose that odometry predicts; NaN without odometry.
     """
 
     t0: float
@@ -104,11 +105,12 @@ class Tracker:
     """Follows a recording scan by scan.
 
     Args:
-        settings: of the tracker.
+        settings: settings of the tracker.
         estimator: settings of the score.
         beam: the sensor's errors.
         revolution_s: duration of a turn [s].
-        keyframes: starts [s] of the scans that join the map; None takes those that are far from the one before.
+        keyframes: starts [s] of the scans that join the map; None takes scans that are far from the nearest keyframe in
+            time.
         tuning: how scans are matched to the map.
         is_reversed: whether the recording is played backward, so that speeds have the opposite sign.
     """
@@ -133,14 +135,14 @@ class Tracker:
 
     @property
     def keyframes(self) -> list[float]:
-        """Starts of the scans that its map holds [s], in order."""
+        """Starts [s] of the scans that the tracker's map holds, in order."""
         return self._map.times
 
     def start(self, scans: Sequence[Scan], begin: se2.Array | None = None, odometry: se2.Array | None = None) -> Tracked:
         """Finds the motion of the first scans from psi alone and begins the map with the first of them.
 
         Args:
-            scans: the first two or more, `START_SCANS` if there are as many.
+            scans: the first scans: `START_SCANS` if there are as many, and two at least.
             begin: (3,) twist near the truth, or None for an exhaustive search.
             odometry: (3,) odometry's twist, for directions in which psi alone does not observe the motion.
 
@@ -157,7 +159,7 @@ class Tracker:
         return self._begin_map(scans[0], replace_motion(ORIGIN, first.motion, changed + first.covariance), Status.CONVERGED)
 
     def look_back(self, scan: Scan) -> Tracked:
-        """Places a scan of too few returns from before the start."""
+        """Predicts the pose of a scan before the start that holds too few returns."""
         return self._pass_over(scan, predict(self._last.belief, scan.t0 - self._last.t0, self._settings))
 
     def loses(self, scan: Scan) -> bool:
@@ -172,8 +174,8 @@ class Tracker:
 
         Args:
             scan: the scan.
-            twist: (3,) mean twist since the last matched scan by other sensors, NaN where they do not measure it; it serves
-                where psi alone does not find or does not observe the motion.
+            twist: (3,) mean twist since the last matched scan by other sensors, NaN where they do not measure it. It is
+                used where psi alone does not find or does not observe the motion.
         """
         matcher, last = self._matcher, self._last
         predicted = last.predict(scan, matcher.young if self._prediction_errors.is_young else self._settings)
@@ -190,7 +192,7 @@ class Tracker:
             return self._miss(scan, begin, minimum)
         weak, blind = matcher.find_weak_directions(scan, State(minimum.state), self._map), Blindness.none()
         if len(weak):
-            # a motion that odometry gave is no measurement of psi: odometry itself says how well it is known
+            # psi did not measure a motion that odometry gave: odometry itself says how well it is known
             known = np.isfinite([np.nan, np.nan] if twist is None else twist[[0, 2]])
             blind = last.blind.forget(known, self._settings).after(scan.t0 - last.t0, self._settings)
             held = self._move_by(twist, last.predict_steadily(scan, self._settings) or predicted.mean, scan)
@@ -198,19 +200,19 @@ class Tracker:
         return self._accept(scan, minimum, predicted, weak, blind)
 
     def resume(self, scans: Sequence[Scan], twist: se2.Array | None = None) -> Tracked:
-        """Matches the first of the scans after a gap or a loss, whose motion is found from themselves.
+        """Matches the first scan after a gap or a loss; the motion is found from the scans after it.
 
-        Without a sure match the track goes on from the prediction, with a map of its own.
+        Without a sure match the track goes on from the prediction, with a new map.
 
         Args:
-            scans: one or more, without a gap between them.
+            scans: one or more scans after the gap or loss, without a gap between them.
             twist: (3,) mean twist across the gap according to odometry, or None.
         """
         scan, before, dt = scans[0], self._last.pose, scans[0].t0 - self._last.t0
         bridged = self._last.predict(scan, self._settings)
         after = self._find_motion_after(scans, bridged)
         if after is not None:
-            # what comes before a pause or a jump of the clock does not show where its end is
+            # the motion before a pause or a jump of the clock tells nothing of the motion after it
             join = correct_motion if dt <= LONGEST_COAST_S else replace_motion
             bridged = join(bridged, after.motion, after.covariance)
         if twist is not None:
@@ -230,14 +232,14 @@ class Tracker:
         return replace(self._begin_map(scan, bridged, Status.LOST), arrival=bridged.covariance[POSE, POSE])
 
     def remeasure(self, scans: Sequence[Scan], tracked: Sequence[Tracked]) -> list[Tracked]:
-        """Measures the first scans of a track again; the map goes on with the scans where they are then.
+        """Measures the first scans of a track again, and makes the map anew from the scans at their new poses.
 
-        The first scans were matched to a map of a few scans whose own motion was hardly known. The later half of the scans
-        is taken as it is; the earlier half is matched to it backward in time, the latest first. A scan that is not found so
-        keeps its first measurement, and those before it move along with it.
+        The first scans were matched to a map of a few scans whose own motion was hardly known. The later half of the
+        scans is taken as it is; the earlier half is matched to it backward in time, the latest first. If a scan does not
+        match there, it and all earlier scans keep their first motions, and move along with the scan after them.
 
         Args:
-            scans: those of the track so far.
+            scans: scans of the track so far.
             tracked: what `start`, `follow` or `resume` returned for them.
         """
         matcher, half, results = self._matcher, len(scans) // 2, list(tracked)
@@ -272,11 +274,11 @@ class Tracker:
         return results
 
     def score(self, scan: Scan, pose: se2.Array, twist: se2.Array) -> float:
-        """Returns psi of a scan against the map under another start pose (3,) and constant twist (3,)."""
+        """Returns psi of a scan against the map under a given start pose (3,) and constant twist (3,)."""
         return self._matcher.evaluate(scan, State.at_constant_twist(pose, twist), self._map).psi
 
     def _move_by(self, twist: se2.Array | None, state: State, scan: Scan) -> State:
-        """Returns the state of a scan with as much of its motion since the last match as a twist (3,) holds."""
+        """Returns a scan's state, moved from the last match by the known components of a twist (3,)."""
         if twist is None:
             return state
         dt = scan.t0 - self._last.t0
@@ -294,13 +296,13 @@ class Tracker:
         return None
 
     def _begin_map(self, scan: Scan, belief: Belief, status: Status) -> Tracked:
-        """Begins a new map with a scan, whose place defines where the map is."""
+        """Begins a new map with a scan, whose pose defines where the map lies."""
         known = belief.in_its_own_frame()
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, known, blind=self._last.blind)
         self._prediction_errors.forget()
         self._map = LocalMap(self._tuning, self._chosen)
         self._map.offer(scan.t0, known.pose, self._matcher.place(scan, known.mean))
-        middle_s = 0.5 * (scan.t1 - scan.t0)  # an error of its twist turns the scan about its start, and so the map
+        middle_s = 0.5 * (scan.t1 - scan.t0)  # an error of its twist moves the scan's middle, and so the map
         covariance, skew = known.covariance[POSE, POSE], known.covariance[TWIST, TWIST] * middle_s**2
         return Tracked(scan.t0, known.mean, covariance, skew, _NOTHING, status, begins_map=True)
 
@@ -326,14 +328,14 @@ class Tracker:
         return self._miss(scan, predicted, Minimum(predicted.mean.vector, unmatched, converged=False))
 
     def _miss(self, scan: Scan, predicted: Belief, minimum: Minimum) -> Tracked:
-        """Follows the prediction, at constant twist, for a scan that the map does not show."""
+        """Follows the prediction, at constant twist, for a scan that does not match the map."""
         state = State.at_constant_twist(predicted.pose, predicted.mean.twist)
         return Tracked(scan.t0, state, np.zeros((3, 3)), predicted.covariance[POSE, POSE], minimum.evaluation, Status.LOST)
 
     def _is_out_of_place(self, minimum: Minimum) -> bool:
-        """Returns whether a match is so much poorer than usual that it is probably none."""
+        """Returns whether a match is so much poorer than usual that it is probably wrong."""
         return not overlaps(minimum) or self._usual.is_poor(minimum.evaluation.overlap)
 
     def _observes_all(self, scan: Scan, minimum: Minimum, into: LocalMap) -> bool:
-        """Returns whether a map shows every direction around a match."""
+        """Returns whether psi observes every direction at a match."""
         return not len(self._matcher.find_weak_directions(scan, State(minimum.state), into))
