@@ -25,7 +25,7 @@ class MapClock:
     """How the times of a run's point map relate to the stamps of its trajectory.
 
     Args:
-        start_us: stamp from which times are counted [us]: the recording's start, or 0 if the times are the stamps themselves.
+        start_us: stamp from which times are counted [us]: the recording's start, or 0 if the times are stamps themselves.
         scan_us: usual duration of a scan [us].
     """
 

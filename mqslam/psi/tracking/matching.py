@@ -219,7 +219,7 @@ class Matcher:
         return Belief(State(minimum.state), invert(safe + prior_information, 1.0 / TOLERANCES))
 
     def _is_distinct(self, rise: NDArray[np.float64], placed: PointSet) -> bool:
-        """Returns whether shares (N,) of psi rise by more than chance explains, given the spread of their sums over objects."""
+        """Returns whether shares (N,) of psi rise by more than chance explains, by the spread of their sums over objects."""
         by_object = sum_by_object(rise[:, None], placed.points, self.matching.cluster_m)
         return bool(by_object.sum() > _DISTINCT_SIGMAS * np.sqrt(np.sum(by_object**2)))
 

@@ -24,7 +24,7 @@ SIZE = 8
 POSE, TWIST, ACCELERATION = slice(X, VX), slice(VX, AX), slice(AX, SIZE)
 MOTION = slice(VX, SIZE)  # twist and accelerations: the motion model's parameters
 TOLERANCES = np.array([1e-3, 1e-3, 2e-5, 5e-3, 5e-3, 1e-4, 2e-2, 1e-3])
-"""Steps of the state that end a search, and units of the state where matrices are inverted: numerical, far below any error."""
+"""Steps of the state that end a search, and units of the state where matrices are inverted: numerical, below any error."""
 _FRAME = np.diag([1e-8, 1e-8, 1e-12])  # covariance of a pose that defines the frame: zero but for rounding
 
 # Slowest speed that the cold start tries [m/s]; negative is backwards. Vehicles hardly reverse faster.
@@ -336,7 +336,7 @@ def replace_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.flo
 
 
 def limit_step(turn_s: float) -> float:
-    """Returns the longest time [s] between the starts of scans without a gap between them: one scan may be missing, not many."""
+    """Returns the longest time [s] between the starts of scans that counts as no gap: one scan may be missing, not many."""
     return max(_STEADY_S, _STEADY_TURNS * turn_s)
 
 
