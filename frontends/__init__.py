@@ -1,1 +1,1 @@
-"""Front ends: scans in, relative motions out, one file each; see `mqslam.core.frontend` for the protocol."""
+"""Front ends, which turn scans into relative motions, one file each; `mqslam.core.frontend` holds the protocol."""

@@ -1,9 +1,10 @@
-"""A recording tracked in both directions of time, and what both say of one motion.
+"""Joins the motions of a recording that are measured in both directions of time.
 
-Forward, a scan is matched to what was seen before it; backward, to what was seen after it. The two maps hold other views,
-so that the errors of the two matches are nearly independent: how far the two are apart shows how large their errors are,
-and their mean is better than either. Where one direction loses the track or observes nothing, the other often does not: it
-then counts alone until both agree again. A recording played backward is a recording too: the vehicle drives in reverse.
+Forward, a scan is matched to the scans before it; backward, to the scans after it. The two maps hold different views, so
+that the errors of the two matches are nearly independent. Their difference shows how large these errors are, and their
+mean is better than either. Where one direction loses the track or does not observe the motion, the other often still
+measures it, and counts alone until both agree again. A recording played backward is a valid recording, too, in which the
+vehicle drives in reverse.
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Returns, Scan
 from mqslam.frontends.calibration import Twice, learn_scale
 
-# Share of the variance of a motion that its measurements by psi, forward and backward in time, have in common, so that how
-# far they are apart does not show it. It is unknown; 0 to 0.5 was found in simulated cities.
+# Share of the variance of a motion that its measurements by psi, forward and backward in time, have in common, so that
+# their difference does not show it. The true share is unknown; 0 to 0.5 was found in simulated cities.
 SHARED = 0.2
-_TRUST = (Status.LOST, Status.DEGENERATE, Status.AMBIGUOUS, Status.CONVERGED)  # from the least to the most
-_CHANCE = float(chi2.ppf(0.999, 3))  # measurements that are farther apart, in their own covariance, contradict each other
+_TRUST = (Status.LOST, Status.DEGENERATE, Status.AMBIGUOUS, Status.CONVERGED)  # from the least to the most trusted
+_CHANCE = float(chi2.ppf(0.999, 3))  # squared difference over covariance beyond which two measurements contradict each other
 _PAUSE = 0.5  # time between two scans, in turns, beyond which the end of one is not the start of the next
 
 
@@ -35,8 +36,8 @@ class DirectedMotion(NamedTuple):
 
     Args:
         motion: the motion.
-        unseen: (3, 3) the part of its covariance that is no error of a match: of directions that psi does not observe, of
-            scans that it did not find, of gaps.
+        unseen: (3, 3) the part of its covariance that does not come from errors of matches, but from directions that psi
+            does not observe, from lost scans and from gaps.
     """
 
     motion: Measurement
@@ -44,13 +45,13 @@ class DirectedMotion(NamedTuple):
 
 
 class ReversedScans(Sequence[Scan]):
-    """Scans as if the recording were played backward, the last one first; each is made when it is asked for.
+    """The scans of a recording that is played backward, the last one first; each scan is made when it is asked for.
 
-    A scan that the next one follows at once begins, in the new time, where that one ends, so that both directions measure
-    the motion between the same instants.
+    If the recording's next scan follows a scan at once, the reversed scan begins at the instant at which that next scan
+    starts. Both directions then measure motions between the same instants.
 
     Args:
-        scans: two or more.
+        scans: two or more scans.
     """
 
     def __init__(self, scans: Sequence[Scan]) -> None:
@@ -77,10 +78,9 @@ def follows_at_once(scan: Scan, after: Scan) -> bool:
 
 
 def turn_back(scans: Sequence[Scan], backward: Sequence[DirectedMotion]) -> list[DirectedMotion | None]:
-    """Returns motions that were measured backward as those that were driven, in the order of the recording.
+    """Turns motions that were measured backward into the driven motions, in the order of the recording.
 
-    There is none, and None in its place, where no backward motion leads to the start of a scan from the end of the next:
-    at the first scan and beside a pause.
+    A motion is None where no backward motion connects the starts of the two scans: at the first scan and next to a pause.
 
     Args:
         scans: the N scans.
@@ -101,10 +101,10 @@ def turn_back(scans: Sequence[Scan], backward: Sequence[DirectedMotion]) -> list
 def join(
     forward: Sequence[DirectedMotion | None], backward: Sequence[DirectedMotion | None], shared: float = SHARED
 ) -> list[Measurement]:
-    """Joins motions that were measured in both directions of time, with covariances that show how far the two are apart.
+    """Joins motions that were measured in both directions of time, and scales covariances by how far the two are apart.
 
-    Only what psi's curvature shows is scaled so. How little is known of what psi did not observe is no matter of errors of
-    matches.
+    Only the part of a covariance that psi's curvature shows is scaled. The uncertainty along directions that psi did not
+    observe does not come from errors of matches.
 
     Args:
         forward: the N - 1 motions between successive scans.
@@ -121,7 +121,7 @@ def join(
 
 
 def _compare(forward: DirectedMotion, backward: DirectedMotion, shared: float) -> Twice:
-    """Returns how far two measurements of one motion are apart along the axes of which psi's curvature tells both."""
+    """Returns the difference of two measurements of one motion, with variances on the axes that both observe."""
     f, b = forward.motion, backward.motion
     variances = (1.0 - shared) * np.diag(f.covariance + b.covariance)
     seen = [
@@ -132,18 +132,19 @@ def _compare(forward: DirectedMotion, backward: DirectedMotion, shared: float) -
 
 
 def _scale(match: DirectedMotion, scale: NDArray[np.float64]) -> Measurement:
-    """Returns a motion whose variances (3,) of x, y and yaw are scaled as far as psi's curvature shows them."""
+    """Scales the part of a motion's covariance that psi's curvature shows, by factors (3,) for x, y and yaw."""
     seen = match.motion.covariance - match.unseen
     return replace(match.motion, covariance=se2.scale_covariance(seen, scale) + match.unseen)
 
 
 def _find_regaining(motions: Sequence[tuple[Measurement, Measurement | None]], shared: float) -> list[tuple[bool, bool]]:
-    """Finds the motions over which a direction has not yet found back to the place that it was held away from.
+    """Finds the motions over which one direction of time is still on its way back from a wrong place to the right one.
 
-    A scan that psi does not observe is held where it was predicted, and joins the map there. The scans after it, in the
-    order of the track, are matched to a map that is partly wrong, and come back to their places only step by step. These
-    steps make up for motions that do not count, so that they must not count either, until both directions agree. The result
-    says of each motion whether the forward and the backward direction regain their places over it.
+    A scan whose pose psi does not observe is put where it was predicted, and joins the map there. The scans after it, in
+    the order of the track, are matched to a map that is partly wrong, and come back to their right places only step by
+    step. These steps compensate for motions that do not count, so that they must not count either, until both directions
+    agree. The result states for each motion whether the forward direction and whether the backward direction is still
+    coming back.
     """
     agree = [b is not None and f.on_map and b.on_map and not _contradict(f, b, shared) for f, b in motions]
     there = _spread([not f.on_map for f, _ in motions], agree)
@@ -152,7 +153,7 @@ def _find_regaining(motions: Sequence[tuple[Measurement, Measurement | None]], s
 
 
 def _spread(held: Sequence[bool], agree: Sequence[bool]) -> list[bool]:
-    """Returns which motions come, in the order given, after a held one and before one on which both directions agree."""
+    """Marks the motions that come, in the given order, after a held motion and before one on which both directions agree."""
     spread, after = [], False
     for is_held, both_agree in zip(held, agree, strict=True):
         spread.append(after and not is_held and not both_agree)
@@ -167,9 +168,9 @@ def _contradict(forward: Measurement, backward: Measurement, shared: float) -> b
 
 
 def _join_motions(forward: Measurement, backward: Measurement, regains: tuple[bool, bool], shared: float) -> Measurement:
-    """Returns what two measurements of one motion say together; one whose scans were both matched counts alone.
+    """Joins two measurements of one motion; if only one of them has both scans matched, it counts alone.
 
-    A direction that regains its place over this motion leaves it to the other one, if that does not.
+    A direction that is still coming back to its right place does not count, unless the other one is coming back, too.
     """
     there, back = forward.on_map, backward.on_map
     if there and back and regains[0] != regains[1]:
@@ -187,7 +188,7 @@ def _average(forward: Measurement, backward: Measurement, shared: float) -> Meas
     """Returns the mean of two measurements whose errors have a share of their variance in common.
 
     Each counts as much as the other, whatever its covariance: weights that change from motion to motion would keep errors
-    of successive motions from cancelling. Two measurements that contradict each other are less sure than they say.
+    of successive motions from cancelling. If the two contradict each other, their difference enlarges the covariance.
     """
     apart = se2.subtract(backward.pose, forward.pose)
     covariance = 0.25 * (1.0 + shared) * (forward.covariance + backward.covariance)
@@ -197,10 +198,10 @@ def _average(forward: Measurement, backward: Measurement, shared: float) -> Meas
 
 
 def _intersect(forward: Measurement, backward: Measurement) -> Measurement:
-    """Returns what two measurements say together whose errors may be one: half of the information of each.
+    """Joins two measurements whose errors may be the same: half of the information of each counts.
 
-    This is covariance intersection (Julier and Uhlmann, 1997). Along a direction that psi does not observe, both may rest
-    on the same odometry.
+    This is covariance intersection (Julier and Uhlmann, 1997). The errors are the same, for example, where both
+    measurements rest on the same odometry along a direction that psi does not observe.
     """
     gain = np.linalg.solve(forward.covariance + backward.covariance, forward.covariance).T
     covariance = 2.0 * gain @ backward.covariance

@@ -13,13 +13,13 @@ from mqslam.psi.neighbours import mark_near, sort_into_cells
 
 # Number of map points that show how the surface around the nearest one runs.
 _SURFACE_POINTS = 10
-# Least variance of a surface's points across it, as a share of that along it.
+# Least variance of a surface's points across the surface, as a share of their variance along it.
 _FLATTEST = 0.01
-_LEAST_M = 1e-3  # a length that nobody measures, so that no matrix is singular: least residual and least lever arm [m]
+_LEAST_M = 1e-3  # least residual and least lever arm [m], so that no matrix is singular: below anything that is measured
 
 
 class Surface:
-    """The points of a map, searchable.
+    """The points of a map, with searches for the nearest points and for the surface that runs through them.
 
     Args:
         points: (M, 2) m, map frame.
@@ -32,7 +32,7 @@ class Surface:
 
     @cached_property
     def _tree(self) -> cKDTree:
-        return cKDTree(self._points, balanced_tree=False, compact_nodes=False)  # takes a third of the time to build
+        return cKDTree(self._points, balanced_tree=False, compact_nodes=False)  # builds three times as fast
 
     def count_matched(self, scan: NDArray[np.float64], pose: se2.Array, reach: float) -> int:
         """Returns how many points (N, 2) [m] of a scan at a pose (3,) have a map point within reach [m]."""
@@ -44,14 +44,15 @@ class Surface:
         return distances, indices
 
     def find_directions(self, nearest: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Finds how the surface runs through neighbouring map points.
+        """Finds the flatness and the direction of the surface that runs through neighbouring map points.
 
         Args:
-            nearest: (N, K) their indices.
+            nearest: (N, K) indices of the neighbouring map points at each of N places.
 
         Returns:
-            flatness: (N,) variance of the map's points across the surface over that along it, at least `_FLATTEST`.
-            axes: (N, 2, 2) columns are the unit vectors across and along.
+            flatness: (N,) variance of the map's points across the surface over their variance along it, at least
+                `_FLATTEST`.
+            axes: (N, 2, 2) columns are the unit vectors across and along the surface.
         """
         around = self._points[nearest]
         around = around - around.mean(axis=1, keepdims=True)
@@ -64,14 +65,14 @@ class Surface:
         """Returns the covariance s^2 H^-1 (3, 3) of a scan's pose, matched point to point, in its own frame [m, m, rad].
 
         H is the Gauss-Newton Hessian of the residuals over x, y, yaw under Geman-McClure weights, s^2 their weighted mean
-        square. The points of a wall that is moved along itself find others as near as before. Residuals along a surface
-        therefore count only in proportion to its thickness over its length; otherwise ICP would claim to know its place
-        along a corridor.
+        square. When a wall is moved along itself, its points find neighbours as near as before. Residuals along a surface
+        therefore count only in proportion to its flatness (variance across over variance along); otherwise ICP would
+        claim to know its place along a corridor.
 
         Args:
             scan: (N, 2) m, sensor frame at the pose.
-            pose: (3,) of the sensor in the map frame.
-            reach: farthest correspondence [m]; there must be some.
+            pose: (3,) pose of the sensor in the map frame.
+            reach: longest distance between corresponding points [m]; at least one pair must be within it.
             kernel: squared residual at which a weight is a quarter [m^2].
         """
         distances, nearest = self.find_nearest(se2.transform(pose, scan))

@@ -1,4 +1,4 @@
-"""The KISS-ICP front end: the rival on the same returns, as good as it gets on radar."""
+"""The KISS-ICP front end: a rival method on the same returns, set up as well as possible for radar."""
 
 from __future__ import annotations
 
@@ -26,17 +26,18 @@ _REACH = 3.0  # KISS-ICP looks for correspondences within this many of its adapt
 
 
 class KissIcpFrontEnd:
-    """Feeds each scan to KISS-ICP, as a planar one with a time per point.
+    """Matches each scan with KISS-ICP, as a planar point cloud with a time per point.
 
-    KISS-ICP begins at rest and predicts by its last motion, so that it loses the first scans of a recording that begins on
-    the move. Here it finds its first motion itself, from the first scans (`scan_matching.match_scans`): it runs over them
-    forwards and then backwards in time, from several speeds, and starts with the motion whose scans fitted best. Nothing of
-    psi helps it but the radar's Doppler shift, which is taken out of the ranges by its last motion.
+    KISS-ICP begins at rest and predicts by its last motion, so that it loses the first scans of a recording that begins
+    on the move. Here it finds its first motion itself, from the first scans (`scan_matching.match_scans`): it runs over
+    them forwards and then backwards in time, from several speeds, and starts with the motion whose scans fitted best. It
+    takes nothing from psi except the radar's Doppler shift, which is removed from the ranges with the help of its last
+    motion.
 
-    It deskews a scan to its end, so that its pose is the sensor's where the next scan begins.
+    KISS-ICP deskews a scan to the scan's end, so that its pose is the sensor's pose where the next scan begins.
 
     Raises:
-        ConfigError: the YAML file of KISS-ICP's own settings is missing or is none.
+        ConfigError: the YAML file of KISS-ICP's own settings is missing or invalid.
     """
 
     def __init__(self, context: Context) -> None:
@@ -66,9 +67,9 @@ class _KissIcpMatcher:
     def match(
         self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
     ) -> PlacedScan | None:
-        """Matches a scan, and adds it to the map, as `ScanMatcher` has it."""
+        """Matches a scan, and adds it to the map; see `ScanMatcher`."""
         kiss, settings = self._kiss, self._settings
-        # KISS-ICP takes the first and the last time of a scan for its ends: points too far to be kept mark those
+        # KISS-ICP takes the first and the last time of a scan for its ends: two points too far to be kept mark these
         frame = lift(np.vstack([points, [[_FAR_M, 0.0], [_FAR_M, 0.0]]]))
         deskewed = kiss.preprocessor.preprocess(frame, np.r_[fractions, 0.0, 1.0], to_matrix(motion))
         source, joining = kiss.voxelize(deskewed)
@@ -76,11 +77,11 @@ class _KissIcpMatcher:
         kernel = kiss.adaptive_threshold.get_threshold()
         reach = _REACH * kernel
         surface = None if kiss.local_map.empty() else Surface(kiss.local_map.point_cloud()[:, :2], settings.voxel_size_m)
-        # with no more than a few correspondences its linear system is singular, and it aborts the process
+        # with only a few correspondences its linear system is singular, and KISS-ICP aborts the process
         if surface is None or surface.count_matched(scan, predicted, reach) < FEWEST_MATCHED:
             kiss.local_map.update(joining, to_matrix(predicted))
             return None
-        # from here on these are the steps of its register_frame, which would deskew and thin the scan again
+        # the rest are the steps of KISS-ICP's register_frame, which would deskew and thin the scan again
         guess = to_matrix(predicted)
         placed = kiss.registration.align_points_to_map(source, kiss.local_map, guess, reach, kernel)
         kiss.adaptive_threshold.update_model_deviation(np.linalg.inv(guess) @ placed)
@@ -93,7 +94,7 @@ class _KissIcpMatcher:
 
 
 def _make_config(settings: KissIcpConfig) -> Any:
-    """Returns the KISSConfig of the settings, or of the file of KISS-ICP's own that they name."""
+    """Makes the KISSConfig from the settings, or from the file of KISS-ICP's own settings that they name."""
     from kiss_icp.config import KISSConfig
 
     if settings.config_file is not None:
@@ -116,7 +117,7 @@ def _make_repeatable(config: Any) -> Any:
 
 
 def _load_config(path: Path) -> Any:
-    """Reads a file of KISS-ICP's own by its own loader, which ignores settings that it does not know within a section.
+    """Reads a file of KISS-ICP's settings by its own loader, and refuses unknown settings, which the loader ignores.
 
     Raises:
         ConfigError: the file cannot be read, or it is not one of KISS-ICP's.

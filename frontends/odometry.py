@@ -13,12 +13,12 @@ from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError, Remedy
 
-# Standard deviation of the position over a scan at rest [m]: what a wheel's encoder and its slack leave unknown.
+# Standard deviation of the position over a scan at rest [m]: the uncertainty from a wheel's encoder and its slack.
 SIGMA_REST_M = 0.01
 
 
 class OdometryFrontEnd:
-    """Reads motions off the odometry of the context.
+    """Takes the motions from the odometry of the context.
 
     Raises:
         EstimationError: there is no odometry.

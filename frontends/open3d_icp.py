@@ -32,7 +32,7 @@ _ITERATIONS = 30
 _LOSS = 1.0
 # A scan also joins the map after this much turning [rad].
 _KEYFRAME_RAD = 0.1
-# Reach of the first registration of a scan, in units of _REACH_M, which is that of the second.
+# Reach of the first registration of a scan, in units of _REACH_M, the reach of the second.
 _FIRST_REACH = 3.0
 # Side of a scan's voxels, as a share of the map's.
 _SCAN_VOXEL = 0.5
@@ -62,9 +62,9 @@ class Open3dIcpFrontEnd:
 class _Open3dMatcher:
     """Open3D's registration as a `ScanMatcher`.
 
-    It moves scans in six degrees of freedom. Point to point, scans in a plane stay in it. Generalized ICP would divide by
-    the variance that points in a plane do not have; here it gets covariances that are planar but for a unit variance in z,
-    which holds roll and pitch where they are.
+    Open3D moves scans in six degrees of freedom. With point-to-point ICP, planar scans stay in their plane. Generalized
+    ICP would divide by their variance in z, which is zero. It is therefore given planar covariances with a unit variance
+    in z, which keeps roll and pitch as they are.
     """
 
     reference = 1.0
@@ -79,7 +79,7 @@ class _Open3dMatcher:
     def match(
         self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
     ) -> PlacedScan | None:
-        """Matches a scan, and adds it to the map, as `ScanMatcher` has it."""
+        """Matches a scan, and adds it to the map; see `ScanMatcher`."""
         near = np.hypot(points[:, 0], points[:, 1]) < self._settings.max_range_m
         placed = _deskew(points[near], fractions[near], motion)
         predicted = se2.compose(before, motion)
@@ -106,7 +106,7 @@ class _Open3dMatcher:
         return PlacedScan(pose, partial(surface.compute_covariance, scan, pose, reach, reach**2), matched / len(scan))
 
     def _run_icp(self, source: Any, target: Any, distance: float, begin: se2.Array) -> NDArray[np.float64]:
-        """Returns where Open3D puts a scan that begins at a pose (3,), as a (4, 4) matrix."""
+        """Registers a scan with Open3D from a start pose (3,), and returns the resulting pose as a (4, 4) matrix."""
         registration = self._open3d.pipelines.registration
         criteria = registration.ICPConvergenceCriteria(max_iteration=_ITERATIONS)
         if self._settings.method == "generalized":
@@ -119,7 +119,7 @@ class _Open3dMatcher:
         return np.asarray(result.transformation)
 
     def _join(self, placed: NDArray[np.float64], pose: se2.Array) -> None:
-        """Adds a scan to the map, where the last keyframe is far away."""
+        """Adds a scan to the map if the last keyframe is far away."""
         if self._last_keyframe is not None:
             moved = se2.between(self._last_keyframe, pose)
             near = np.hypot(moved[0], moved[1]) < _KEYFRAME_M
@@ -175,5 +175,5 @@ def _import_open3d() -> Any:
             f"front end open3d_icp: Open3D cannot be imported ({error}); it needs the system library libusb-1.0-0 "
             "(apt-get install libusb-1.0-0)"
         ) from error
-    open3d.utility.set_max_threads(1)  # several threads add up in any order, but the same scans must give the same motions
+    open3d.utility.set_max_threads(1)  # the same scans must give the same motions, but several threads add up in any order
     return open3d

@@ -1,8 +1,8 @@
 """The psi front end: the motion that makes the map crispest is the measurement.
 
-What the model leaves out (potholes, a gear change, a jittering truth) shows in how relative motions jump from scan to scan
-beyond what their covariance explains. Third differences of the poses are used: steady speed, acceleration and turning drop
-out of them. A model that cannot follow a jump errs by as much as the jump.
+Motion that the model cannot follow (potholes, a gear change, a jittering ground truth) shows as jumps of the relative
+motions from scan to scan, larger than their covariances explain. The jumps are third differences of the poses: steady
+speed, acceleration and turning drop out of these. A model that cannot follow a jump errs by as much as the jump.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from mqslam.psi.tracking.state import SIGMA_AX, SIGMA_VY, State
 from mqslam.psi.tracking.track import Track
 from mqslam.psi.tracking.tracker import Tracked, Tracker
 
-# Number of scans around one that show how far its motion is from what the motion model can follow.
+# Number of scans around a scan that show by how much its motion departs from the motion model.
 _UNSTEADY_SCANS = 40
 # With fewer such scans, the process noise stands in for part of what the motion model leaves out.
 _UNSTEADY_LEAST = 8
 
-_GAIN = 10.0  # variance of a third difference of poses over that of a first one, for poses that err independently: 20 / 2
+_GAIN = 10.0  # variance of a third difference of poses over a first difference's, for poses that err independently: 20 / 2
 
 Motions = list[DirectedMotion | None]
 
@@ -41,7 +41,7 @@ Motions = list[DirectedMotion | None]
 class PsiFrontEnd:
     """Odometry by psi over a running map, tracked in segments and in both directions of time.
 
-    Another odometry, and a gyroscope, serve where psi finds nothing, and never as information.
+    Odometry and a gyroscope are used only where psi finds no motion, and never as additional information.
     """
 
     takes_turning = True
@@ -65,7 +65,7 @@ class PsiFrontEnd:
             yield replace(motion, covariance=motion.covariance + np.diag(variances))
 
     def _track_at_once(self, scans: Sequence[Scan], _: Segment, backward: Segment) -> tuple[Motions, Motions]:
-        """Tracks a recording as a whole, forward and backward beside each other, and shows each motion as it is measured."""
+        """Tracks a recording as a whole, forward and backward in parallel, and shows each motion as it is measured."""
         context = self._context
         forward: Motions = []
         back: list[DirectedMotion] = []
@@ -79,7 +79,7 @@ class PsiFrontEnd:
             return forward, wait() if wait else turn_back(scans, back)
 
     def _track_segments(self, scans: Sequence[Scan], segments: Sequence[Segment]) -> tuple[Motions, Motions]:
-        """Tracks the segments of a recording wherever the engine has them tracked, and shows those that are done."""
+        """Tracks the segments of a recording through the engine, and shows the forward motions of finished segments."""
         context, forward, backward = self._context, Motions(), Motions()
 
         def collect(number: int, motions: Motions) -> None:
@@ -95,7 +95,7 @@ class PsiFrontEnd:
 
 
 def _track_segment(shared: tuple[Context, Sequence[Scan]], segment: Segment) -> Motions:
-    """Returns the motions of a segment, of which those that only led up to it are left out."""
+    """Tracks a segment, and returns its motions without the motions of its warm-up."""
     context, scans = shared
     tracked = scans[segment.first : segment.last + 1]
     motions = list(track(tracked, context, is_backward=segment.is_backward))
@@ -104,14 +104,14 @@ def _track_segment(shared: tuple[Context, Sequence[Scan]], segment: Segment) -> 
 
 
 def track(scans: Sequence[Scan], context: Context, *, is_backward: bool = False) -> Iterator[DirectedMotion]:
-    """Yields the motions between successive scans, each scan matched to what was seen before it, or after it if backward.
+    """Yields the motions between successive scans, each scan matched to earlier scans, or to later ones if backward.
 
     Raises:
         EstimationError: there are fewer than two scans.
         FewReturnsError: no two scans in a row hold enough returns.
     """
     estimator, settings, sign = context.config.estimator, context.config.tracker, -1.0 if is_backward else 1.0
-    if settings.stamp_sigma_s is None:  # how sure stamps are, as the reader has found it
+    if settings.stamp_sigma_s is None:  # the uncertainty of stamps that the reader has found
         settings = settings.model_copy(update={"stamp_sigma_s": context.stamp_sigma_s})
     tracker = Tracker(
         settings, estimator, beam_of(estimator, sign * context.doppler_beta), context.revolution_s, is_reversed=is_backward
@@ -139,10 +139,10 @@ def track(scans: Sequence[Scan], context: Context, *, is_backward: bool = False)
 
 
 def _bridge(begin: Tracked, then: list[Tracked]) -> list[DirectedMotion]:
-    """Returns the motions from one scan through those after it.
+    """Returns the motions from a matched scan through the scans after it.
 
-    Where the track was lost on the way to the last of them, the motion to that one is shared over the time, as a constant
-    twist: the prediction it replaces was followed blindly.
+    If the scans before the last one were lost, the motion to the last one is spread over the time between as a constant
+    twist. It replaces the blind predictions of the lost scans.
     """
     steps = [begin, *then]
     if then and then[-1].is_found:
@@ -154,7 +154,7 @@ def _bridge(begin: Tracked, then: list[Tracked]) -> list[DirectedMotion]:
 
 
 def _relate(a: Tracked, b: Tracked) -> DirectedMotion:
-    """Returns the motion between two tracked scans; their errors given the map are taken as independent."""
+    """Returns the motion between two tracked scans; their errors relative to the map are taken as independent."""
     pose = se2.wrapped_between(a.pose, b.pose)
     c, s = np.cos(a.state.yaw), np.sin(a.state.yaw)
     by_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -189,10 +189,10 @@ def _relate(a: Tracked, b: Tracked) -> DirectedMotion:
 def _estimate_unsteadiness(
     motions: Sequence[Measurement], settings: TrackerConfig, revolution_s: float
 ) -> NDArray[np.float64]:
-    """Estimates the variance (N, 3) of x [m^2], y [m^2], yaw [rad^2] that the motion model leaves out of each motion.
+    """Estimates for each motion the variance (N, 3) of x [m^2], y [m^2], yaw [rad^2] that the motion model leaves out.
 
-    It is zero for a motion that was lost, which is more unsure than that already. Where too few of the N successive motions
-    show the variance, the process noise stands in: an acceleration that changes as much as it can within a scan.
+    It is zero for a lost motion, whose covariance is larger anyway. Where too few of the N successive motions show the
+    variance, the process noise is used in its place: an acceleration that changes as much as it can within a scan.
     """
     left_out = np.zeros((len(motions), 3))
     followed = [k for k, motion in enumerate(motions) if motion.status is not Status.LOST]

@@ -1,4 +1,4 @@
-"""What the front ends share that match scan after scan to a map of their own: their start, and their way across gaps."""
+"""The common part of front ends that match each scan to a map of their own: the start, and the way across gaps."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ _START_STEP_M = 2.0
 _START_AS_GOOD = 0.95
 # Number of scans in a row that are followed backwards in time, too, to learn how large errors are.
 _BACKWARD_SCANS = 80
-# Number of scans in which one such stretch is followed; errors are as large everywhere.
+# One such stretch is followed per this number of scans; errors are as large everywhere.
 _BACKWARD_EVERY = 1000
-# Number of scans by which such a stretch begins earlier, while its map is still thin.
+# Number of further scans at the start of such a stretch that do not count, because its map is still thin.
 _BACKWARD_WARM_UP = 20
 # Missing time between two scans from which it counts as a gap, in turns of the radar.
 _GAP_TURNS = 0.5
@@ -49,8 +49,8 @@ class PlacedScan:
 
     Args:
         pose: (3,) in the map's frame.
-        compute_covariance: returns the covariance (3, 3) of it, in its own frame [m, m, rad]; it takes about as long as the
-            match, and not every track needs it.
+        compute_covariance: returns the covariance (3, 3) of the pose, in the pose's own frame [m, m, rad]. It takes about
+            as long as the match, and not every track needs it.
         matched: share of the scan's points with a map point near them.
     """
 
@@ -60,10 +60,10 @@ class PlacedScan:
 
 
 class ScanMatcher(Protocol):
-    """Places scans in a map that it builds of them."""
+    """Matches scans to a map that it builds from them."""
 
     reference: float
-    """The time of a scan that a match is for: 0 its beginning, 1 its end."""
+    """The time within a scan for which a match states the pose: 0 is the scan's beginning, 1 its end."""
 
     def match(
         self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
@@ -72,8 +72,8 @@ class ScanMatcher(Protocol):
 
         Args:
             points: (N, 2) m, each in the sensor's frame at its own time.
-            fractions: (N,) that time, 0 at the scan's beginning and 1 at its end.
-            before: (3,) pose one scan before.
+            fractions: (N,) time of each point: 0 at the scan's beginning, 1 at its end.
+            before: (3,) pose one scan earlier.
             motion: (3,) predicted motion over the scan.
 
         Returns:
@@ -84,12 +84,12 @@ class ScanMatcher(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """The track after a scan.
+    """The state of a track after a scan.
 
     Args:
-        time: of the pose [s].
+        time: time of the pose [s].
         pose: (3,) in the map's frame.
-        covariance: (3, 3) in the pose's own frame; zero where the scan did not match or nobody asked for it.
+        covariance: (3, 3) covariance in the pose's own frame; zero where the scan did not match or nobody asked for it.
         matched: share of the scan's points with a map point near them.
         coasted_s: time since the last scan that matched [s].
     """
@@ -105,9 +105,9 @@ class ScanTrack:
     """Follows scans through a matcher, forwards or backwards in time.
 
     Args:
-        matcher: one that has seen nothing yet.
+        matcher: a matcher that has seen no scan yet.
         time: when the track begins [s].
-        twist: (3,) the motion that it begins with [m/s, m/s, rad/s].
+        twist: (3,) twist with which the track begins [m/s, m/s, rad/s].
         doppler_beta: range shift per closing speed [s], which is taken out of the ranges.
     """
 
@@ -121,7 +121,7 @@ class ScanTrack:
         """Matches a scan; where hardly anything matches, the track goes on at the last twist.
 
         Args:
-            scan: the next one in the track's direction of time.
+            scan: the next scan in the track's direction of time.
             backwards: whether the track runs backwards in time.
             with_covariance: whether the step's covariance is computed.
         """
@@ -144,31 +144,31 @@ class ScanTrack:
         self.twist = se2.log(se2.wrapped_between(self.last.pose, match.pose)) / elapsed
         covariance = np.zeros((3, 3))
         if with_covariance:
-            # deskewed by the predicted motion, the scan's middle lies where it fits, and its end is off by half of what the
-            # motion has changed
+            # a scan that is deskewed by the predicted motion fits in its middle; its end is off by half the error of that
+            # motion
             off = 0.5 * se2.wrapped_between(predicted, match.pose)
             covariance = match.compute_covariance() + np.diag(off**2)
         self.last = Step(time, match.pose, covariance, match.matched, 0.0)
         return self.last
 
 
-NewTrack = Callable[[float, se2.Array], ScanTrack]  # a track from a time [s] on, that begins with a twist (3,)
+NewTrack = Callable[[float, se2.Array], ScanTrack]  # makes a track that begins at a time [s] with a twist (3,)
 
 
 def match_scans(scans: Iterable[Scan], new_matcher: Callable[[], ScanMatcher], context: Context) -> Iterator[Measurement]:
     """Yields the motion from the start of each scan to the start of the next.
 
-    A matcher predicts by its last motion, so that it has to begin with one. It finds its own: over the first scans it runs
-    forwards and then backwards in time, which ends at the start with the speed it had there.
+    A matcher predicts by its last motion, so that it needs a motion to begin with. It finds this motion itself: it runs
+    over the first scans forwards and then backwards in time, and arrives at the start with the speed at the start.
 
-    The residuals of a scan err together, so that they do not show how much a match errs. When all scans are matched, other
-    matchers therefore follow some stretches of them backwards. Their motions are no part of the result: how far they are
-    from the first one's shows how large the errors of both are.
+    The residuals of a scan have common errors, so that they do not show how far a match is off. When all scans are
+    matched, other matchers therefore follow some stretches of them backwards. Their motions are not part of the result:
+    their differences from the forward motions show how large the errors of both are.
 
     Args:
-        scans: in order.
-        new_matcher: makes a matcher that has seen nothing.
-        context: of the front end; its odometry serves the start and nothing else.
+        scans: the scans in order.
+        new_matcher: makes a matcher that has seen no scan.
+        context: context of the front end; its odometry is used for the start only.
 
     Raises:
         EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
@@ -197,7 +197,7 @@ def match_scans(scans: Iterable[Scan], new_matcher: Callable[[], ScanMatcher], c
 
 
 def _follow(scans: Sequence[Scan], track: ScanTrack, start: Step) -> Iterator[tuple[Measurement, NDArray[np.float64]]]:
-    """Yields the motions between scans along a new track, each as sure as its match, and the times [s] without a match."""
+    """Yields the motions between scans along a new track, with their covariances, and the times [s] without a match."""
     before, begin, coasted_s = scans[0], np.zeros(3), 0.0
     step = replace(start, time=track.follow(before).time, pose=track.last.pose)
     for scan in scans[1:]:
@@ -220,10 +220,10 @@ def _follow(scans: Sequence[Scan], track: ScanTrack, start: Step) -> Iterator[tu
 
 
 def _measure_backwards(scans: Sequence[Scan], motions: Sequence[Measurement], new_track: NewTrack) -> list[se2.Array | None]:
-    """Returns the motions (3,) between the scans as new tracks backwards measure some of them; None stands elsewhere."""
+    """Returns the motions (3,) that new tracks backwards in time measure on some stretches; None for all others."""
     backward: list[se2.Array | None] = [None] * len(motions)
     length = _BACKWARD_SCANS + _BACKWARD_WARM_UP
-    stretches = [(0, len(motions))]  # the first and the last scan of each, evenly spread over all scans
+    stretches = [(0, len(motions))]  # numbers of the first and the last scan of each, evenly spread over all scans
     if len(scans) > length:
         ends = np.linspace(0, len(motions), -(-len(scans) // _BACKWARD_EVERY) + 1)[1:].astype(int).tolist()
         stretches = [(end - length, end) for end in ends if end >= length]
@@ -237,9 +237,9 @@ def _measure_backwards(scans: Sequence[Scan], motions: Sequence[Measurement], ne
 
 
 def _follow_backwards(scans: Sequence[Scan], track: ScanTrack) -> list[se2.Array | None]:
-    """Returns the motions (3,) between the starts of scans along a new track that begins at the end of the last one.
+    """Returns the motions (3,) between the starts of scans along a new track that begins at the end of the last scan.
 
-    None stands in the place of those between scans that were not matched, or whose starts the track does not reach.
+    A motion is None if one of its two scans was not matched, or if the track does not reach the start of one of them.
     """
     steps = [track.follow(scan, backwards=True, with_covariance=False) for scan in reversed(scans)][::-1]
     times = np.array([step.time for step in steps])
@@ -250,10 +250,11 @@ def _follow_backwards(scans: Sequence[Scan], track: ScanTrack) -> list[se2.Array
 
 
 def _find_start(scans: Sequence[Scan], new_track: NewTrack, context: Context) -> tuple[ScanTrack, Step]:
-    """Returns a new track with the twist over the first scan, and how that scan fits those after it.
+    """Returns a new track with the twist over the first scan, and the match of that scan to the scans after it.
 
-    Odometry says where to begin, if there is any. Else several speeds are tried: from rest a matcher catches up with three
-    metres per scan, not with more. The best fit wins, or the slowest where all fit about as well.
+    If there is odometry, its twist is the first guess. Otherwise several speeds are tried, because from rest a matcher
+    catches up with three metres per scan, but not with more. The best fit wins, or the slowest speed of those that fit
+    about as well.
 
     Raises:
         EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
@@ -276,7 +277,7 @@ def _find_start(scans: Sequence[Scan], new_track: NewTrack, context: Context) ->
 def _run_back_and_forth(head: Sequence[Scan], new_track: NewTrack, begin: se2.Array) -> tuple[float, se2.Array, Step]:
     """Follows the first scans from a twist (3,), and then backwards in time.
 
-    Returns how well they matched backwards, the twist (3,) at the start, and how the first scan fits there.
+    Returns the sum of the matched shares backwards, the twist (3,) at the start, and the step of the first scan there.
     """
     forwards = new_track(head[0].t0, begin)
     for scan in head:
@@ -287,7 +288,7 @@ def _run_back_and_forth(head: Sequence[Scan], new_track: NewTrack, begin: se2.Ar
 
 
 def to_matrix(pose: se2.Array) -> NDArray[np.float64]:
-    """Returns a pose (3,) as the (4, 4) matrix that registration libraries of three dimensions take."""
+    """Returns a pose (3,) as the (4, 4) matrix that three-dimensional registration libraries take."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     return np.array([[c, -s, 0.0, pose[0]], [s, c, 0.0, pose[1]], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 

@@ -1,10 +1,10 @@
-"""Segments: the stretches of a recording that are tracked on their own, each in one direction of time.
+"""Splits a recording into segments: stretches that are tracked on their own, each in one direction of time.
 
-A recording is tracked scan by scan, which one processor must do alone; segments of it are tracked beside each other. The
-track of a segment warms up on scans that belong to the one before it, so that its own scans meet a map that has grown. Over
-the last of these scans the motions pass from one track to the other by and by: a passage at one scan would add that scan's
-error in both maps, the passage over many adds their mean. One direction passes from segment to segment in the middle between
-two places where the other does: nowhere do both begin anew.
+A track goes scan by scan, which keeps a single processor busy; segments are tracked in parallel. The track of a segment
+warms up on scans of the segment before it, so that its own scans meet a map that has grown. Over the last scans of the
+warm-up the motions pass gradually from one track to the next: a passage at one scan would add that scan's error in both
+maps, whereas a passage over many scans adds only the mean of their errors. The borders of the segments of one direction
+lie midway between the borders of the other, so that the two directions never begin anew at the same place.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mqslam.core.scans import Scan
 from mqslam.frontends.bidirectional import DirectedMotion, follows_at_once
 from mqslam.psi.tracking.plausibility import is_usable
 
-# Number of the last scans of a warm-up over which the motions pass from the track of one segment to that of the next.
+# Number of the last scans of a warm-up over which the motions pass from one segment's track to the next one's.
 _SHARED_SCANS = 16
 
 
@@ -41,18 +41,18 @@ class Segment:
 
 
 def split_into_segments(scans: Sequence[Scan], settings: TrackerConfig) -> list[Segment]:
-    """Splits a recording into the segments of both directions, in the order in which they end.
+    """Splits a recording into the segments of both directions, in order of their ends.
 
     A segment begins where its track can warm up on scans that hold enough returns and follow each other at once. Where
-    there are none, as in a long tunnel without returns, the one before it goes on.
+    there are no such scans, as in a long tunnel without returns, the segment before it goes on.
 
     Args:
-        scans: of the recording.
-        settings: how many scans a segment takes; the result depends on nothing else.
+        scans: scans of the recording.
+        settings: state how many scans a segment takes; the result depends on no other setting.
     """
     count, size = max(len(scans) - 1, 0), settings.segment_scans or len(scans)
     warm_up, shared = WARM_UP_SCANS, _SHARED_SCANS
-    sound, before = list[bool](), None  # scans that can be matched and that follow the one before at once
+    sound, before = list[bool](), None  # whether a scan can be matched and directly follows the scan before
     for scan in scans:
         sound.append(is_usable(scan) and (before is None or follows_at_once(before, scan)))
         before = scan
@@ -61,7 +61,7 @@ def split_into_segments(scans: Sequence[Scan], settings: TrackerConfig) -> list[
     backward = _choose_borders(count, size + size // 2, sound_from, size)
     segments = [
         *(Segment(max(a - shared, 0), b, max(a - warm_up, 0), b, is_backward=False) for a, b in forward),
-        # the scan before the first one shows where the motion begins that leads to it backward
+        # one more scan before the first, because `turn_back` has no motion for the first scan that is tracked
         *(Segment(a, min(b + shared, count), max(a - 1, 0), min(b + warm_up, count), is_backward=True) for a, b in backward),
     ]
     return sorted(segments, key=lambda s: (s.end, s.is_backward))
@@ -72,9 +72,9 @@ def _choose_borders(count: int, first: int, able: Sequence[int], size: int) -> l
 
     Args:
         count: number of motions.
-        first: where the second segment may begin at the earliest.
-        able: in increasing order, where segments can begin.
-        size: fewest motions of a segment but the last, which has half as many at least.
+        first: earliest motion at which the second segment may begin.
+        able: motions at which segments can begin, in increasing order.
+        size: fewest motions of a segment; the last one has at least half as many.
     """
     borders = [0]
     for k in able:
@@ -84,12 +84,12 @@ def _choose_borders(count: int, first: int, able: Sequence[int], size: int) -> l
 
 
 def extend(track: list[DirectedMotion | None], begin: int, more: Sequence[DirectedMotion | None]) -> None:
-    """Extends the motions of a track by those of the next one, and passes from one to the other by and by.
+    """Extends the motions of a track by the motions of the next one, and passes gradually where the two overlap.
 
     Args:
         track: motions from the recording's first scan on; None where there is no measurement.
-        begin: number of the first motion of the next track; it may be measured already.
-        more: motions of that track.
+        begin: number of the first motion of the next track; the first track may have measured it, too.
+        more: motions of the next track.
     """
     shared = len(track) - begin
     both = enumerate(zip(track[begin:], more[:shared], strict=True))
@@ -97,7 +97,7 @@ def extend(track: list[DirectedMotion | None], begin: int, more: Sequence[Direct
 
 
 def _blend(earlier: DirectedMotion | None, later: DirectedMotion | None, share: float) -> DirectedMotion | None:
-    """Returns a motion of two tracks in which the later one has a share; one whose scans were both matched counts alone."""
+    """Averages a motion of two tracks, with a share of the later one; if only one matched both scans, it counts alone."""
     if earlier is None or later is None:
         return earlier or later
     a, b = earlier.motion, later.motion

@@ -1,1 +1,1 @@
-"""Whether a recording contradicts what was assumed to read it."""
+"""Checks whether a recording contradicts the assumptions under which it was read."""

@@ -1,8 +1,8 @@
-"""Checks of a recording against what was assumed to read it.
+"""Checks a recording against the assumptions under which it was read.
 
-The mirror image of a recording moves as the mirror image of its motion and makes the mirror image of its map, which is as
-crisp: psi cannot tell left from right, only odometry can. What psi can tell is whether the azimuths of a polar scan came in
-the order they are stored in, because in the other order they are corrected for motion the wrong way.
+The mirror image of a recording gives the mirror image of its motion and of its map, which is just as crisp. psi therefore
+cannot tell left from right; only odometry can. But psi can tell whether the azimuths of a polar scan were measured in the
+order in which they are stored: in the other order, motion compensation moves returns the wrong way.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ _LATE_SHARE = 0.05
 _HOLE_STEPS = 3.0
 # Largest share of azimuths marked as not measured.
 _UNMEASURED_SHARE = 0.05
-# A polar scan that begins within this share of a turn after another is doubled.
+# A polar scan that begins within this share of a turn after another one counts as doubled.
 _DOUBLED = 0.5
-# Number of turns that it takes to tell whether turns are steady.
+# Least number of turns that shows whether turns are steady.
 _FEWEST_TURNS = 3
 
-# Speed [m/s] above which the length of a range bin shows.
+# Speed [m/s] above which a wrong length of the range bins shows.
 LEAST_SPEED = 1.0
-# Share of the variance of the radar's yaw rate that odometry must explain to tell a shift of stamps.
+# Share of the variance of the radar's yaw rate that odometry must explain for a shift of stamps to be judged.
 _EXPLAINED = 0.9
 
 # psi's preference for one order of the azimuths counts if it would come about by chance with a smaller probability than
@@ -68,7 +68,7 @@ _SHIFTS = 61
 _WRONG_SCALE = 0.05
 
 _LEAST_SLOPE = 1e-9  # numerical [rad/s^2]: keeps the error of a shift finite where the yaw rate does not change
-_LEAST_RATIO = 0.1  # below this ratio of speeds the two have little in common, and no length of a range bin would fit
+_LEAST_RATIO = 0.1  # below this ratio the two speeds have little in common, and no length of the range bins would fit
 
 
 class CheckVerdict(StrEnum):
@@ -98,7 +98,7 @@ class CheckFinding:
 
 @dataclass(frozen=True)
 class Check:
-    """The outcome of a check.
+    """The outcome of all checks of a recording.
 
     Args:
         findings: one per check.
@@ -114,12 +114,12 @@ class Check:
 
     @property
     def suspicious(self) -> bool:
-        """Whether anything contradicts what was assumed."""
+        """Whether any check contradicts an assumption."""
         return any(finding.verdict is CheckVerdict.SUSPICIOUS for finding in self.findings)
 
     @property
     def warning(self) -> str | None:
-        """A sentence for the user where most of the checks cannot be told; None where most can."""
+        """A warning to the user if most checks cannot be decided; else None."""
         untold = sum(finding.verdict is CheckVerdict.UNTOLD for finding in self.findings)
         if 2 * untold <= len(self.findings):
             return None
@@ -138,11 +138,11 @@ def check_recording(
     notes: Sequence[str],
     progress: Callable[[int, int], object],
 ) -> Check:
-    """Checks whether a recording contradicts what was assumed to read it. Ground truth is not looked at.
+    """Checks whether a recording contradicts the assumptions under which it was read. Ground truth is not used.
 
     Args:
         recording: the recording, of which a few short stretches are read.
-        odometry: of the same clock, or None.
+        odometry: odometry on the same clock, or None.
         settings: all settings.
         beam: the sensor's errors.
         notes: what a user should know about how the recording was understood.
@@ -165,7 +165,7 @@ def check_stamps(recording: Recording, stretches: Sequence[Stretch]) -> CheckFin
 
     Args:
         recording: the recording.
-        stretches: those parts of it that were read.
+        stretches: stretches of the recording that were read.
     """
     turn_s = recording.revolution_s
     steps = np.diff(recording.stamps_us)
@@ -204,7 +204,7 @@ def check_azimuths(stretches: Sequence[Stretch]) -> CheckFinding:
     """Checks whether every polar scan is a whole turn of azimuths that were measured.
 
     Args:
-        stretches: those parts of the recording that were read.
+        stretches: stretches of the recording that were read.
     """
     turns = [turn for stretch in stretches for turn in stretch.turns]
     if not turns:
@@ -229,7 +229,7 @@ def check_azimuths(stretches: Sequence[Stretch]) -> CheckFinding:
 
 
 def check_order(followed: FollowedStretches) -> CheckFinding:
-    """Checks whether psi prefers the azimuths of the polar scans in the order they are stored in.
+    """Checks whether psi prefers the azimuths of the polar scans in the order in which they are stored.
 
     Args:
         followed: stretches of the recording as psi follows them.
@@ -240,7 +240,7 @@ def check_order(followed: FollowedStretches) -> CheckFinding:
     if len(gain) < FEWEST_STEPS:
         return CheckFinding(name, CheckVerdict.UNTOLD, followed.shortage)
     middle = float(np.median(gain))
-    chance = float(wilcoxon(gain).pvalue) if gain.any() else 1.0  # a test by ranks, since turns gain many times as much
+    chance = float(wilcoxon(gain).pvalue) if gain.any() else 1.0  # a rank test: scans in bends gain many times as much
     psi, backward = float(followed.psi[usable].mean()), float(followed.psi_backward[usable].mean())
     numbers = {"psi": psi, "psi_backward": backward, "log_ratio": middle, "chance": chance}
     both = f"psi per point is {psi:.3f} as recorded and {backward:.3f} with every turn taken backward"
@@ -277,7 +277,7 @@ def _check_mirror(recording: Recording, steps: Steps, odometry: Trajectory) -> O
 def _check_stamp(recording: Recording, steps: Steps, odometry: Trajectory) -> Outcome:
     """Checks whether odometry's yaw rate fits the radar's best at the stamps as they are."""
     measured, shifts, given = _yaw_rates(recording, steps, odometry)
-    given *= 1.0 if np.sum(given @ measured) >= 0.0 else -1.0  # another check looks for a mirrored recording
+    given *= 1.0 if np.sum(given @ measured) >= 0.0 else -1.0  # whether the recording is mirrored is another check
     rest = given - measured
     rest -= rest.mean(axis=1, keepdims=True)  # the gyro's bias
     rms = np.sqrt(np.mean(rest**2, axis=1))
@@ -300,7 +300,7 @@ def _check_stamp(recording: Recording, steps: Steps, odometry: Trajectory) -> Ou
 
 
 def _check_scale(recording: Recording, steps: Steps, odometry: Trajectory) -> Outcome:
-    """Checks whether the radar's speed is odometry's, which a wrong length of a range bin would change."""
+    """Checks whether the radar's speed equals odometry's; a wrong length of the range bins would change it."""
     measured, given = steps.twists[:, 0], steps.of(odometry)[:, 0]
     fast = np.abs(given) > LEAST_SPEED
     if np.count_nonzero(fast) < FEWEST_STEPS:
@@ -321,13 +321,13 @@ _AGAINST_ODOMETRY: dict[str, tuple[Callable[[Recording, Steps, Trajectory], Outc
     "stamp convention": (_check_stamp, "only a motion measured by another clock shows a shift"),
     "range resolution": (_check_scale, "psi is the same for a map and a scaled copy of it"),
 }
-"""The checks against odometry by name, and why each cannot be made without."""
+"""The checks against odometry by name, each with the reason why it needs odometry."""
 
 
 def _yaw_rates(
     recording: Recording, steps: Steps, odometry: Trajectory
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-    """Returns yaw rates (S,) of the radar, the shifts (K,) [us] that are tried, and odometry's yaw rates (K, S) at them."""
+    """Returns the radar's yaw rates (S,), the shifts (K,) [us] to try, and odometry's yaw rates (K, S) at each shift."""
     turns = np.linspace(-_LARGEST_SHIFT, _LARGEST_SHIFT, _SHIFTS)
     shifts = np.round(turns * recording.revolution_s * 1e6).astype(np.int64)
     return steps.twists[:, 2], shifts, np.array([steps.of(odometry, shift)[:, 2] for shift in shifts.tolist()])

@@ -1,4 +1,4 @@
-"""A few short stretches of a recording, read, detected and followed by psi: all that the checks look at besides stamps."""
+"""Reads, detects and tracks a few short stretches of a recording: all that the checks look at besides stamps."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from mqslam.psi.tracking.cold_start import START_SCANS
 from mqslam.psi.tracking.local_map import Tuning
 from mqslam.psi.tracking.tracker import Tracked, Tracker
 
-# Stretches of a recording that a check reads, and polar scans in each: enough to follow the motion through a bend or two,
-# and read in a few seconds.
+# Number of stretches of a recording that a check reads, and of polar scans in each: enough to follow the motion through a
+# bend or two, and read in a few seconds.
 STRETCHES = 3
 STRETCH_SCANS = 12
 # Least number of motions between scans for a comparison with odometry, or of the two orders of azimuths.
 FEWEST_STEPS = 5
-# Travel [m] between keyframes while the order of azimuths is checked. A wrong order shows against what was seen from
-# elsewhere, so that keyframes lie far apart.
+# Travel [m] between keyframes while the order of azimuths is checked. A wrong order shows against scans from other places,
+# so keyframes lie far apart.
 _KEYFRAME_M = 40.0
 
 
@@ -40,15 +40,15 @@ class Turn:
     """How one turn of the radar was measured, azimuth by azimuth.
 
     Args:
-        azimuths: how many there are.
-        unmeasured: how many of them are marked as not measured.
+        azimuths: number of azimuths.
+        unmeasured: number of azimuths that are marked as not measured.
         turned: angle from the first azimuth to one step after the last [rad].
         step: usual step between neighbouring azimuths [rad].
         widest: widest step [rad].
-        turn_s: duration of its turn [s].
-        span_s: from the first azimuth's time to the last one's [s].
-        late_s: by how much its last azimuth comes after the next polar scan's start [s], 0 where it does not.
-        repeated: whether its power is that of the polar scan before, byte by byte.
+        turn_s: duration of the turn [s].
+        span_s: time from the first azimuth to the last one [s].
+        late_s: time of the last azimuth after the start of the next polar scan [s]; 0 if it comes before.
+        repeated: whether the power equals the power of the polar scan before, byte by byte.
     """
 
     azimuths: int
@@ -67,9 +67,9 @@ class Stretch:
     """Successive polar scans without a gap.
 
     Args:
-        scans: their returns.
-        turns: how each was measured that could be read.
-        unread: why the others could not be read; their scans hold no returns.
+        scans: scans with the returns of the polar scans.
+        turns: how each polar scan was measured, for all that could be read.
+        unread: the reasons why the other polar scans could not be read; their scans hold no returns.
     """
 
     scans: Scans
@@ -83,11 +83,11 @@ def read_stretches(
     detector: DetectorConfig,
     progress: Callable[[int, int], object],
 ) -> list[Stretch]:
-    """Reads the stretches that tell most: where odometry's yaw rate changes most, or else spread over the recording.
+    """Reads the most telling stretches: where odometry's yaw rate changes most, or else spread over the recording.
 
     Args:
         recording: the recording.
-        odometry: of the same clock, or None.
+        odometry: odometry on the same clock, or None.
         detector: settings of the detector.
         progress: called with (polar scans read, polar scans in all).
     """
@@ -118,9 +118,9 @@ def read_stretches(
 
 
 def choose_spans(recording: Recording, odometry: Trajectory | None) -> list[tuple[int, int]]:
-    """Chooses the stretches, each by its first polar scan and the one after its last; they share none and hold no gap.
+    """Chooses stretches without gaps and overlaps, each as its first polar scan and the one after its last.
 
-    Where gaps leave no stretch of the usual size, all are as long as the longest that there is.
+    Where gaps leave no stretch of the usual size, all stretches are as long as the longest one without a gap.
     """
     gap_after = np.zeros(len(recording), dtype=np.int64)
     gap_after[[k for k, _ in recording.gaps()]] = 1
@@ -142,7 +142,7 @@ def choose_spans(recording: Recording, odometry: Trajectory | None) -> list[tupl
 
 
 def _describe_turn(recording: Recording, k: int, polar_scan: PolarScan, before: PolarScan | None) -> Turn:
-    """Returns how polar scan k was measured; the one before is None where it could not be read."""
+    """Describes how polar scan k was measured; `before` is None where the polar scan before was not read."""
     steps = np.abs(np.diff(polar_scan.azimuths))
     usual = float(np.median(steps)) if len(steps) else 0.0
     after = float(recording.start_times[k + 1]) if k + 1 < len(recording) else np.inf
@@ -161,7 +161,7 @@ def _describe_turn(recording: Recording, k: int, polar_scan: PolarScan, before: 
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """Motion from scan to scan as psi finds it.
+    """Motions from scan to scan as psi measures them.
 
     Args:
         begins_us, ends_us: (S,) int64 [us], when the steps begin and end.
@@ -176,19 +176,19 @@ class Steps:
         return len(self.begins_us)
 
     def of(self, track: Trajectory, shift_us: int = 0) -> se2.Array:
-        """Returns the mean twists (S, 3) of a trajectory over the same steps, taken later by a shift [us]."""
+        """Returns the mean twists (S, 3) of a trajectory over the same steps, read later by a shift [us]."""
         return track.mean_twists(self.begins_us + shift_us, self.ends_us + shift_us)
 
 
 @dataclass(frozen=True, slots=True)
 class FollowedStretches:
-    """The stretches of a recording as psi follows them.
+    """The results of tracking the stretches of a recording by psi.
 
     Args:
         steps: motions that psi found.
         psi: (R,) psi per point of the scans.
         psi_backward: (R,) the same with the azimuths of every scan taken in the opposite order.
-        shortage: why there is too little to tell from, for a check that finds too little.
+        shortage: the reason that a check gives if it finds too few values to decide.
     """
 
     steps: Steps
@@ -202,7 +202,7 @@ def follow(recording: Recording, stretches: Sequence[Stretch], settings: Config,
 
     Args:
         recording: the recording.
-        stretches: those parts of it that were read.
+        stretches: stretches of the recording that were read.
         settings: all settings.
         beam: the sensor's errors.
     """
@@ -237,21 +237,21 @@ def follow(recording: Recording, stretches: Sequence[Stretch], settings: Config,
 
 
 def track_scans(scans: Scans, tracker: Tracker) -> list[Tracked]:
-    """Returns successive scans as psi tracks them, in the frame of the first.
+    """Tracks successive scans by psi, in the frame of the first scan.
 
     Args:
-        scans: at least as many as a track starts with.
-        tracker: a new one.
+        scans: `START_SCANS` or more.
+        tracker: a new tracker.
 
     Raises:
-        EstimationError: a start that holds too few returns.
+        EstimationError: the first scans hold too few returns.
     """
     first = tracker.start(scans[:START_SCANS])
     return [first, *(tracker.follow(scan) for scan in scans[1:])]
 
 
 def _explain_shortage(stretches: Sequence[Stretch], needed: int) -> str:
-    """Returns why the stretches, of which one should hold so many polar scans, hold too little to tell from."""
+    """Explains why stretches do not suffice for a check that needs a number of polar scans in one of them."""
     longest = max((len(stretch.scans) for stretch in stretches), default=0)
     if longest < needed:
         return f"it takes {needed} polar scans without a gap to tell, and there are no more than {longest}"
@@ -259,7 +259,7 @@ def _explain_shortage(stretches: Sequence[Stretch], needed: int) -> str:
 
 
 def _reverse(scan: Scan) -> Scan:
-    """Returns the same returns as if they had been measured in the opposite order."""
+    """Makes the scan of the same returns as if they had been measured in the opposite order."""
     r = scan.returns
     times = scan.t0 + scan.t1 - r.times
     order = np.argsort(times, kind="stable")

@@ -1,10 +1,10 @@
 """The score psi as the estimator minimises it: a compiled sum over neighbours, with the derivatives for the minimiser.
 
 Each query point is compared with the kappa-weighted centroid of its selected neighbours, which gives one offset e_i with
-covariance Sigma_i. With d^2 = e^T Sigma^-1 e the published equations become L = 1 / (1 + d^2/c^2), S^2 = L d^2, psi = sum
-S^2. A point without a selected neighbour is charged c^2, the most that a matched point can cost, so that maps without
-overlap are never the best. (With S = L d as in (10), far offsets would cost less than near ones; L d^2 grows with d, and
-its slope is L^2 times the slope of d^2.)
+covariance Sigma_i. With d^2 = e^T Sigma^-1 e the published equations become L = 1 / (1 + d^2/c^2), S^2 = L d^2 and
+psi = sum S^2. A point without a selected neighbour is charged c^2, the most that a matched point can cost, so that maps
+without overlap are never the best. (With S = L d as in (10), far offsets would cost less than near ones; L d^2 grows with
+d, and its slope is L^2 times the slope of d^2.)
 
 The minimiser takes Newton steps on the equations sum L^2 J^T Sigma^-1 e = 0. Their derivative must take into account that
 neighbours are re-selected as a point moves. The centroid follows the point by the share 2 S_kappa / beta_s^2, where
@@ -67,7 +67,7 @@ class Kernel(NamedTuple):
 
     Args:
         revolution_s: duration of a turn [s]. A neighbour measured less than a turn before or after the query weighs less.
-        beta_t: width of this fade [s], a Gaussian of the time that is missing to a whole turn.
+        beta_t: width [s] of this fade, which is a Gaussian of the time that is missing to a whole turn.
         xi: least kappa of a selected neighbour.
         blur: standard deviation [m] added to every offset: how far one object's returns scatter between views.
         aspect: difference of viewing directions [rad] at which the likeness of two views has fallen to 1/e.
@@ -225,7 +225,7 @@ def weigh_offsets(
 
     Args:
         covariances: (N, 3) xx, xy, yy of the queries [m^2].
-        jacobians: (N, 2, Q) of the queries.
+        jacobians: (N, 2, Q) jacobians of the queries.
         sums: (N, 10) sums over the neighbours, weighted by kappa: of 1, of the offset's x, y and its products xx, xy, yy,
             of the covariance's xx, xy, yy, and of the squared blur.
         pulls: (N, 2, Q) negative kappa-weighted sums of the neighbours' jacobians; no rows where the references do not

@@ -54,7 +54,7 @@ class WindowMotion:
     Args:
         theta: (P,) parameters of the motion model.
         covariance: (P, P) covariance of the parameters.
-        minimum: where the minimiser ended.
+        minimum: result of the minimiser.
         status: degenerate where a direction is not observed and the covariance is large along it, ambiguous where
             another motion explains the window about as well, and converged otherwise.
     """

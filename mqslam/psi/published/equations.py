@@ -10,9 +10,10 @@ Source: "Motion Estimation from Map Quality with Millimeter Wave Radar". As prin
 costs nothing, so maps that do not overlap score best of all. The setting `unmatched` charges each such point, as a
 separate term, in units of the most that a single pair can cost, (2 s / (pi tau))^2; zero gives the score as printed.
 
-Pairs are selected without an exponential: kappa > xi is the same as q < -ln xi with q = ((s - alpha_s)/beta_s)^2 + ((t -
-alpha_t)/beta_t)^2, and the largest kappa belongs to the least q. Among pairs with the same q, the one with the smaller
-distance is taken, and then the one with the smaller index. The readable twin is `mqslam.psi.published.reference`.
+Pairs are selected without an exponential: kappa > xi is the same as q < -ln xi with
+q = ((s - alpha_s)/beta_s)^2 + ((t - alpha_t)/beta_t)^2, and the largest kappa belongs to the least q. Among pairs with the
+same q, the one with the smaller distance is taken, and then the one with the smaller index. The
+readable twin is `mqslam.psi.published.reference`.
 """
 
 from __future__ import annotations

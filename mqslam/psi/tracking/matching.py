@@ -181,7 +181,7 @@ class Matcher:
     def measure_covariance(
         self, evaluation: PsiEvaluation, placed: PointSet, predicted: Belief, into: LocalMap
     ) -> NDArray[np.float64]:
-        """Returns the covariance (3, 3) of a match's pose; where psi does not observe it, it is the prediction's.
+        """Returns the covariance (3, 3) of a match's pose; along unobserved directions it is the prediction's covariance.
 
         Args:
             evaluation: psi at the match.
@@ -219,7 +219,7 @@ class Matcher:
         return Belief(State(minimum.state), invert(safe + prior_information, 1.0 / TOLERANCES))
 
     def _is_distinct(self, rise: NDArray[np.float64], placed: PointSet) -> bool:
-        """Returns whether shares (N,) of psi rise by more than chance explains, by the spread of their sums over objects."""
+        """Returns whether shares (N,) of psi rise by more than chance, given the spread of their sums over objects."""
         by_object = sum_by_object(rise[:, None], placed.points, self.matching.cluster_m)
         return bool(by_object.sum() > _DISTINCT_SIGMAS * np.sqrt(np.sum(by_object**2)))
 

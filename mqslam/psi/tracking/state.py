@@ -24,7 +24,7 @@ SIZE = 8
 POSE, TWIST, ACCELERATION = slice(X, VX), slice(VX, AX), slice(AX, SIZE)
 MOTION = slice(VX, SIZE)  # twist and accelerations: the motion model's parameters
 TOLERANCES = np.array([1e-3, 1e-3, 2e-5, 5e-3, 5e-3, 1e-4, 2e-2, 1e-3])
-"""Steps of the state that end a search, and units of the state where matrices are inverted: numerical, below any error."""
+"""Steps of the state that end a search, and its units when matrices are inverted: numerical, far below any error."""
 _FRAME = np.diag([1e-8, 1e-8, 1e-12])  # covariance of a pose that defines the frame: zero but for rounding
 
 # Slowest speed that the cold start tries [m/s]; negative is backwards. Vehicles hardly reverse faster.
@@ -49,10 +49,8 @@ _SIGMA_POSITION_M, _SIGMA_YAW = 0.01, 0.0003
 _PERSISTENCE = 0.9
 
 _DEPENDENT = 1e-6  # singular values of unit vectors below this are rounding
-_HALF = 0.5**0.5  # root of one half: the motion between two scans adds the variances of both poses, half of its own each
-_WALKS = np.logspace(
-    -3.0, 3.0, 13
-)  # ratios of a walk's step variance to the noise variance: from nearly all noise to nearly none
+_HALF = 0.5**0.5  # root of one half: both poses of a motion between scans add to its variance, each with one half
+_WALKS = np.logspace(-3.0, 3.0, 13)  # a walk's step variance over the noise variance: from nearly all noise to nearly none
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +184,7 @@ class Blindness:
 
     @property
     def pose(self) -> NDArray[np.float64]:
-        """(3,) standard deviations of a scan's start pose [m, m, rad]: half the variance of its step, as each end counts."""
+        """(3,) standard deviations of a scan's start pose [m, m, rad]: half the variance of its step, which has two ends."""
         return np.asarray(self.step[[0, 0, 1]] * _HALF)
 
 
@@ -304,7 +302,8 @@ def smooth_last(values: NDArray[np.float64], change: float) -> float:
 
     Args:
         values: (N,) one or more, in the order of time.
-        change: expected size of a step of the walk. It shows that a few measurements that differ by much more are noisy.
+        change: expected size of a step of the walk. Only this can show that a few measurements that are far apart are
+            noise.
     """
     levels, variances = np.full(len(_WALKS), values[0]), np.ones(len(_WALKS))  # in units of the noise's variance
     squares, logs = np.full(len(_WALKS), np.finfo(float).tiny), np.zeros(len(_WALKS))
@@ -336,7 +335,7 @@ def replace_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.flo
 
 
 def limit_step(turn_s: float) -> float:
-    """Returns the longest time [s] between the starts of scans that counts as no gap: one scan may be missing, not many."""
+    """Returns the longest time [s] between the starts of two scans without a gap: one scan may be missing, not many."""
     return max(_STEADY_S, _STEADY_TURNS * turn_s)
 
 

@@ -78,7 +78,7 @@ class Track:
             self._tracked[n] = self._tracker.look_back(self._scans[n])
 
     def _step(self, k: int) -> int:
-        """Tracks scan k, or begins anew after a gap or a loss, and returns the number of the next scan to track."""
+        """Tracks scan k, or begins anew after a gap or a loss, and returns the next scan to track."""
         scan = self._scans[k]
         if not self._lost and self._tracker.loses(scan):
             self._measure_again()
@@ -151,7 +151,7 @@ def _whole(twist: se2.Array | None) -> se2.Array | None:
 
 
 def _find_start(scans: Sequence[Scan]) -> int:
-    """Returns the number of the first scan that holds enough returns, as the scan after it does.
+    """Returns the number of the first scan that, like the scan after it, holds enough returns.
 
     Raises:
         EstimationError: there are fewer than two scans.

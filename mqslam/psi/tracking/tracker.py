@@ -278,7 +278,7 @@ class Tracker:
         return self._matcher.evaluate(scan, State.at_constant_twist(pose, twist), self._map).psi
 
     def _move_by(self, twist: se2.Array | None, state: State, scan: Scan) -> State:
-        """Returns a scan's state, moved from the last match by the known components of a twist (3,)."""
+        """Replaces the motion of a state since the last match by a twist (3,), in the components that are known."""
         if twist is None:
             return state
         dt = scan.t0 - self._last.t0
