@@ -222,7 +222,7 @@ _LOADERS: dict[str, Callable[[Path], Columns]] = {
 
 @contextmanager
 def unpack(path: Path) -> Iterator[Path]:
-    """Yields the path of an uncompressed LAS file: the given one, or an unpacked copy of a LAZ that is removed afterwards.
+    """Yields the path of an uncompressed LAS file: the given one, or an unpacked copy of a LAZ, which is deleted in the end.
 
     Raises:
         DataError: the file cannot be unpacked.
@@ -268,7 +268,7 @@ def _read_covariances(path: Path) -> tuple[bool, int]:
 
 
 def _is_plausible(path: Path) -> bool:
-    """Returns whether a file can hold the records and chunks it claims: laspy and lazrs allocate memory for all of them."""
+    """Returns whether a file can hold the records and chunks that it claims: laspy and lazrs allocate memory for all."""
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(107).ljust(107, b"\0")

@@ -1,4 +1,4 @@
-"""Trajectories and odometry that other software wrote: files of poses or twists, bags, and the folders that SLAMs leave."""
+"""Reads and writes trajectories and odometry: files of poses or twists, ROS bags, and the result folders of SLAM systems."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 _KNOWN = "give TUM, KITTI with a file of times, a CSV whose header names t, x, y and yaw or qx, qy, qz, qw, or a bag"
 _ODOMETRY = "give speeds as CSV with the header t,v,omega or t,v,omega,vy, or poses as TUM or t,x,y,yaw"
 _MATRICES = "give an array of pose matrices (N, 4, 4) or (N, 3, 4)"
-_NUMBERS = 12  # of the upper three rows of a 4x4 matrix
+_NUMBERS = 12  # numbers in the upper three rows of a 4x4 matrix
 _YAWS = ("yaw", "theta", "heading")
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _TWIST = (("v", SPEEDS), ("omega", RATES), ("vy", SPEEDS))
@@ -45,28 +45,28 @@ _LEAST_SLIDE = 1e-9  # sideways speeds below this [m/s] are rounding errors
 _KISS_POSES, _KISS_STAMPS = "_poses_kitti.txt", "_poses_tum.txt"
 _CFEAR_STAMPS = "tum_"
 _POSE_TYPES = (bags.ODOMETRY_TYPE, bags.POSE_TYPE, bags.POSE_WITH_COVARIANCE_TYPE, bags.PATH_TYPE)
-_AT_ONCE_US = 10_000  # nothing drives in so short a time: whoever wrote the bag did so afterwards
+_AT_ONCE_US = 10_000  # messages recorded within so short a time were written after the drive, not during it
 
 
 def read_trajectory(path: Path, times: Path | None = None, topic: str | None = None, frame: str | None = None) -> Trajectory:
-    """Reads a trajectory; its format shows in its content, the unit of its stamps in their name or size.
+    """Reads a trajectory. Its format is recognised by its content, the unit of its stamps by their name or size.
 
     - TUM: `t[s] x y z qx qy qz qw` per line.
-    - KITTI: the 12 numbers of a 3x4 pose matrix per line, stamps in `times`. Where y varies least and the motion runs along
-      the poses' own z, they are poses of a camera (x right, y down, z forward): its z and -x become x and y. Everything
-      else lies in the x-y plane.
+    - KITTI: the 12 numbers of a 3x4 pose matrix per line, stamps in `times`. If y varies less than z and the motion runs
+      along the poses' own z, they are poses of a camera (x right, y down, z forward): its z and -x become x and y. All
+      other poses lie in the x-y plane.
     - The same with the pose's stamp as the last of 13 numbers, as TBV SLAM writes it (`graph.txt`).
     - NPY: an array of pose matrices (N, 4, 4) or (N, 3, 4), stamps in `times`.
     - CSV: a header with t (or time, timestamp, stamp; a unit may follow: t_us, time [ns]), x, y, and yaw, theta or heading
       [rad], counter-clockwise from x, or qx, qy, qz, qw.
-    - A ROS bag: the only topic of odometry, poses or paths, or the named one; of paths the last message. Where there is
-      none, or a topic of transforms or a frame is named, the pose of a frame in the root of its transforms.
-    - The folder of a result of mqslam, KISS-ICP, KISS-SLAM, CFEAR or TBV SLAM; `times` replaces the stamps that lie in it.
+    - A ROS bag: the only topic of odometry, poses or paths, or the named one; of paths the last message is read. If there
+      is no such topic, or a topic of transforms or a frame is named: the pose of a frame in the root of the transforms.
+    - The folder of a result of mqslam, KISS-ICP, KISS-SLAM, CFEAR or TBV SLAM; `times` replaces the stamps in the folder.
 
     Args:
         path: file, or folder of a ROS 2 bag or of a result.
-        times: a stamp per line, for poses without stamps.
-        topic: a topic, for bags alone.
+        times: file with a stamp per line, for poses without stamps.
+        topic: a topic, for bags only.
         frame: a frame whose pose the transforms of a bag give; None takes base_link, or the only one that moves.
 
     Raises:
@@ -79,7 +79,7 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
 def read_with_notes(
     path: Path, times: Path | None = None, topic: str | None = None, frame: str | None = None
 ) -> tuple[Trajectory, list[str]]:
-    """Reads a trajectory as `read_trajectory` does, and what a user should know about how it was understood."""
+    """Reads a trajectory as `read_trajectory` does; also returns notes for the user on how the file was understood."""
     if bags.recognises(path):
         _refuse_times(path, times)
         return _read_bag(path, topic, frame)
@@ -96,7 +96,8 @@ def read_odometry(path: Path) -> Trajectory:
     stamp, so the poses lie on exact constant-twist arcs; the first pose is the origin.
 
     Raises:
-        DataError: the file cannot be read, is in neither layout or holds a non-number, or its stamps do not increase.
+        DataError: the file cannot be read, is in none of these layouts, holds a value that is not a number, or its stamps
+            do not increase.
     """
     rows = [line for line in read_lines(path, _ODOMETRY) if line and not line.startswith("#")]
     if not rows or "," not in rows[0]:
@@ -113,7 +114,7 @@ def read_odometry(path: Path) -> Trajectory:
 
 
 def write_twists(path: Path, stamps_us: Iterable[int], twists: se2.Array) -> None:
-    """Writes odometry as `t,v,omega` [us, m/s, rad/s], with `vy` where it slides; a row's twist holds until the next.
+    """Writes odometry as `t,v,omega` [us, m/s, rad/s], with `vy` if the body slides; a row's twist holds until the next row.
 
     Args:
         path: the file.
@@ -128,7 +129,7 @@ def write_twists(path: Path, stamps_us: Iterable[int], twists: se2.Array) -> Non
 
 
 def write_kitti(path: Path, trajectory: Trajectory) -> None:
-    """Writes the first three rows of every pose's 4x4 matrix, 12 numbers a line, as evo reads it: x-y plane, no stamps."""
+    """Writes KITTI poses as evo reads them: per line the upper three rows of a 4x4 matrix, in the x-y plane, no stamps."""
     lines = []
     for x, y, yaw in trajectory.poses.tolist():
         c, s = np.cos(round_yaw(yaw)), np.sin(round_yaw(yaw))
@@ -137,14 +138,14 @@ def write_kitti(path: Path, trajectory: Trajectory) -> None:
 
 
 def write_boreas_odometry(path: Path, trajectory: Trajectory, stamps_us: NDArray[np.int64]) -> None:
-    """Writes odometry as the leaderboard of Boreas takes it: an image's stamp and the pose of the world in the radar a line.
+    """Writes odometry for the Boreas leaderboard: per line an image's stamp and the pose of the world in the radar's frame.
 
     The radar's frame is x forward, y right, z down. Source: github.com/utiasASRL/pyboreas, `pyboreas/utils/odometry.py`.
 
     Args:
         path: the file, which the leaderboard wants to be named after the sequence.
-        trajectory: of the radar.
-        stamps_us: (N,) of the sequence's images [us], which lie in the middles of the turns.
+        trajectory: the radar's trajectory.
+        stamps_us: (N,) stamps of the sequence's images [us], which lie in the middles of the turns.
 
     Raises:
         OutputError: the file cannot be written.
@@ -159,12 +160,12 @@ def write_boreas_odometry(path: Path, trajectory: Trajectory, stamps_us: NDArray
 
 
 def _read_bag(path: Path, topic: str | None, frame: str | None) -> tuple[Trajectory, list[str]]:
-    """Reads the trajectory in a bag, and what a user should know about how it was understood.
+    """Reads the trajectory in a bag, with notes for the user on how it was understood.
 
     Args:
         path: the bag.
-        topic: a topic of poses or of transforms; None takes the only one of poses, or all transforms where there is none.
-        frame: a frame whose pose the transforms give; None takes a vehicle's usual one, or the only one that moves.
+        topic: a topic of poses or of transforms; None takes the only topic of poses, or, if there is none, all transforms.
+        frame: a frame whose pose the transforms give; None takes a vehicle's usual frame, or the only frame that moves.
     """
     with bags.open_bag(path) as reader:
         filled = [c for c in reader.connections if c.msgcount]
@@ -187,7 +188,7 @@ def _read_bag(path: Path, topic: str | None, frame: str | None) -> tuple[Traject
 
 
 def _read_poses(path: Path, reader: AnyReader, topic: str) -> tuple[Trajectory, list[str]]:
-    """Reads the poses on a topic, and says how many of them are left out."""
+    """Reads the poses on a topic, with notes on poses without stamps and on those that are left out."""
     log = bags.PoseLog()
     for connection, logged, raw in reader.messages([c for c in reader.connections if c.topic == topic]):
         log.add(reader, connection, logged, raw)
@@ -205,7 +206,7 @@ def _read_poses(path: Path, reader: AnyReader, topic: str) -> tuple[Trajectory, 
 def _read_transforms(
     path: Path, reader: AnyReader, connections: list[Connection], frame: str | None
 ) -> tuple[Trajectory, list[str]]:
-    """Reads the pose of a frame from the transforms on some topics, and says how many of them are left out."""
+    """Reads the poses of a frame from the transforms on some topics, with notes on the transforms that are left out."""
     transforms = Transforms()
     for connection, logged, raw in reader.messages(connections):
         transforms.add(reader.deserialize(raw, connection.msgtype), connection.topic, logged)
@@ -216,7 +217,7 @@ def _read_transforms(
 
 
 def _read_file(path: Path, times: Path | None) -> Trajectory:
-    """Reads a trajectory that is in no bag."""
+    """Reads a trajectory from a file or a result folder that is no bag."""
     if path.is_dir():
         path, times = _find_result(path, times)
     if path.suffix == ".npy":
@@ -244,13 +245,13 @@ def _read_file(path: Path, times: Path | None) -> Trajectory:
 
 
 def _refuse_times(path: Path, times: Path | None) -> None:
-    """Refuses a file of times beside a trajectory that carries its own."""
+    """Raises a DataError if a file of times is given for a trajectory that carries its own stamps."""
     if times is not None:
         raise DataError(times, f"is not needed: {path.name} is no KITTI file and carries its own stamps", "leave it out")
 
 
 def _read_table(path: Path, rows: list[str]) -> Trajectory:
-    """Reads a CSV of poses, whose header may be a comment, of its lines that are not blank."""
+    """Reads the poses of a CSV, whose header may be a comment, from its non-blank lines."""
     at = 0 if "," in rows[0] else next(row for row, text in enumerate(rows) if not text.startswith("#"))
     header = Header(path, split_header(rows[at]))
     yaw = next((name for name in _YAWS if header.find_unit(name, RADIANS) is not None), None)
@@ -262,7 +263,7 @@ def _read_table(path: Path, rows: list[str]) -> Trajectory:
 
 
 def _read_stamped_matrices(path: Path, lines: list[str]) -> Trajectory:
-    """Reads matrices of poses of which each is followed by its stamp, as TBV SLAM writes the nodes of its graph."""
+    """Reads pose matrices that are each followed by a stamp, as TBV SLAM writes the nodes of its graph."""
     words = _split(path, lines, _NUMBERS + 1)
     table = parse_numbers(path, words, range(_NUMBERS + 1), "pose")
     if np.all(table[:, 0] > table[:, -1]):
@@ -272,14 +273,14 @@ def _read_stamped_matrices(path: Path, lines: list[str]) -> Trajectory:
 
 
 def _read_array(path: Path, times: Path | None) -> Trajectory:
-    """Reads an `.npy` of pose matrices (N, 4, 4) or (N, 3, 4), with their stamps from a file of their own."""
+    """Reads an `.npy` of pose matrices (N, 4, 4) or (N, 3, 4), with their stamps from a separate file."""
     if times is None:
         _read_times(path, times, 0)
     try:
-        matrices = np.load(untrusted.check_file(path), mmap_mode="r", allow_pickle=False)  # maps no more than the file has
+        matrices = np.load(untrusted.check_file(path), mmap_mode="r", allow_pickle=False)  # maps no more than the file holds
     except FileNotFoundError as error:
         raise DataError(path, "does not exist", "check the path") from error
-    except Exception as error:  # the header is parsed as a Python literal
+    except Exception as error:  # parsing the header as a Python literal may raise anything
         raise DataError(path, "is not a readable .npy of numbers", _MATRICES) from error
     if matrices.ndim != 3 or matrices.shape[1:] not in ((4, 4), (3, 4)) or matrices.dtype.kind not in "fiu":
         raise DataError(path, f"holds {matrices.dtype} of shape {matrices.shape}", _MATRICES)
@@ -287,7 +288,7 @@ def _read_array(path: Path, times: Path | None) -> Trajectory:
 
 
 def _split(path: Path, lines: list[str], count: int) -> list[list[str]]:
-    """Splits lines into words, of which each has a given count."""
+    """Splits lines into words; each line must have `count` words."""
     words = [line.split() for line in lines]
     if wrong := next((number for number, row in enumerate(words, 1) if len(row) != count), 0):
         raise DataError(path, f"pose {wrong} is not {count} numbers", "repair or remove its line")
@@ -295,7 +296,7 @@ def _split(path: Path, lines: list[str], count: int) -> list[list[str]]:
 
 
 def _read_times(path: Path, times: Path | None, count: int) -> NDArray[np.int64]:
-    """Reads the stamps [us] of the poses of a file, which has a count of them, from the file of its times."""
+    """Reads the stamps [us] of the `count` poses of a file from the separate file of their times."""
     if times is None:
         what = "an array of poses" if path.suffix == ".npy" else "a KITTI trajectory"
         raise DataError(path, f"is {what}, which holds no stamps", "give the file of its times, one per line")
@@ -311,7 +312,7 @@ def _read_first_words(times: Path) -> NDArray[np.int64]:
 
 
 def _project(path: Path, stamps: NDArray[np.int64], numbers: NDArray[np.float64]) -> Trajectory:
-    """Makes a trajectory of stamps (N,) [us] and the matrices (N, 3, 4) of poses, of a camera or in the x-y plane."""
+    """Makes a planar trajectory of stamps (N,) [us] and pose matrices (N, 3, 4), of a camera or in the x-y plane."""
     matrices = numbers.reshape(-1, 3, 4)
     if not np.isfinite(matrices).all():
         row = int(np.argmin(np.isfinite(matrices).all(axis=(1, 2)))) + 1
@@ -334,16 +335,16 @@ def _is_camera(turns: NDArray[np.float64], places: NDArray[np.float64]) -> bool:
 
 
 def _find_result(folder: Path, times: Path | None) -> tuple[Path, Path | None]:
-    """Finds the trajectory in the folder of a result, or in the one that holds it as `latest` or `est`.
+    """Finds the trajectory in the folder of a result, or in its subfolder `latest` or `est`.
 
-    - KISS-ICP and KISS-SLAM write each pose with all its digits into `NAME_poses_kitti.txt`, and its stamp with rounded
-      numbers into `NAME_poses_tum.txt`. Their newest result is in the folder `latest`.
+    - KISS-ICP and KISS-SLAM write each pose with all its digits into `NAME_poses_kitti.txt`, and its stamp with the rounded
+      pose into `NAME_poses_tum.txt`. Their newest result is in the folder `latest`.
     - CFEAR writes `est/NN.txt` as KITTI, and the stamps into `est/tum_NN.txt`.
     - TBV SLAM writes poses with their stamps into `graph.txt`; its `est/00.txt` holds a part of them, without stamps.
     - A run of mqslam writes `trajectory.tum`.
 
     Returns:
-        the file of the poses, and that of their stamps where it is another one: `times` if it is given.
+        the file of the poses, and the file of their stamps if that is another one: `times` if it is given.
     """
     for place in (folder, folder / "latest", folder / "est"):
         results = _list_results(place)
@@ -360,7 +361,7 @@ def _find_result(folder: Path, times: Path | None) -> tuple[Path, Path | None]:
 
 
 def _list_results(place: Path) -> list[tuple[Path, Path | None]]:
-    """Lists the files of poses in a folder, each with that of its stamps."""
+    """Lists the files of poses in a folder, each with the separate file of its stamps, or None if there is none."""
     for whole in ("trajectory.tum", "graph.txt"):
         if (place / whole).is_file():
             return [(place / whole, None)]
@@ -375,7 +376,7 @@ def _list_results(place: Path) -> list[tuple[Path, Path | None]]:
 
 
 def _refuse_counts(stamps: Path) -> None:
-    """Refuses stamps that count scans from 0, as KISS-ICP writes them where it reads single files without times."""
+    """Raises a DataError if stamps only count scans from 0, as KISS-ICP writes them when it reads scans without times."""
     times_us = _read_first_words(stamps)
     if np.array_equal(times_us, 1_000_000 * np.arange(len(times_us))):
         problem = "numbers its poses 0, 1, 2... instead of stamping them, since their SLAM knew no times"

@@ -1,4 +1,4 @@
-"""The transforms between the frames of a ROS recording: those that never change, and those that move."""
+"""Reads the transforms between the frames of a ROS recording: static transforms, and those that change over time."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _BODIES = ("base_link", "base_footprint")
 _TYPES = (TF_TYPE, "tf/msg/tfMessage")
 _STATIC, _MOVING = "tf_static", "tf"
 _LISTED = 12
-_SAME = 1e-6  # m, and parts of a quaternion: what rounding changes in a transform that is published anew
+_SAME = 1e-6  # in m and in parts of a quaternion: rounding changes a transform that is published again by less
 _Numbers = tuple[float, ...]  # x, y, z [m] and the quaternion x, y, z, w
 
 
@@ -31,12 +31,12 @@ def holds_transforms(connection: Connection) -> bool:
 
 
 def is_static(topic: str) -> bool:
-    """Returns whether a topic of transforms, in any namespace, holds those that never change."""
+    """Returns whether a topic, in any namespace, holds the transforms that never change: /tf_static."""
     return topic.rsplit("/", 1)[-1] == _STATIC
 
 
 def _list_links(message: Any) -> Iterator[tuple[Any, str, str, _Numbers]]:
-    """Lists the transforms of a `tf2_msgs/TFMessage`: the stamped message, its frame, that frame's parent, and numbers."""
+    """Yields for each transform of a `tf2_msgs/TFMessage` its stamped message, frame, the frame's parent, and numbers."""
     for stamped in message.transforms:
         move, turn = stamped.transform.translation, stamped.transform.rotation
         numbers = (move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w)
@@ -44,19 +44,19 @@ def _list_links(message: Any) -> Iterator[tuple[Any, str, str, _Numbers]]:
 
 
 def _is_motion(numbers: _Numbers) -> bool:
-    """Returns whether numbers are finite and hold a rotation."""
+    """Returns whether the numbers of a transform are finite and its quaternion is not zero."""
     return bool(np.isfinite(numbers).all() and any(numbers[3:]))
 
 
 @dataclass(slots=True)
 class Mounts:
-    """Transforms (4, 4) from a frame to its parent that never change, by frame.
+    """The static transforms of a recording, (4, 4) from each frame to its parent.
 
     Args:
         parents: the parent of each frame, with the transform.
         topics: the topic that states the transform of each frame.
-        stated: what /tf first stated of each frame: its parent, and numbers.
-        moving: the frames that move by /tf.
+        stated: the parent and the numbers of each frame as /tf first stated them.
+        moving: the frames whose transforms on /tf change.
     """
 
     parents: dict[str, tuple[str, NDArray[np.float64]]] = field(default_factory=dict)
@@ -70,7 +70,7 @@ class Mounts:
         return holds_transforms(connection) and connection.topic.rsplit("/", 1)[-1] in (_STATIC, _MOVING)
 
     def add(self, message: Any, topic: str = "/tf_static") -> None:
-        """Adds the transforms of a `tf2_msgs/TFMessage` on a topic; those on /tf count as long as they never change.
+        """Adds the transforms of a `tf2_msgs/TFMessage` on a topic; a transform on /tf is kept as long as it never changes.
 
         Raises:
             ValueError: a quaternion on /tf_static is zero.
@@ -88,7 +88,7 @@ class Mounts:
             self.parents[frame], self.topics[frame] = (parent, matrix), topic
 
     def _stays(self, frame: str, parent: str, numbers: _Numbers) -> bool:
-        """Returns whether /tf has stated nothing else of a frame; one that moves loses its place."""
+        """Returns whether a transform on /tf equals the first one of its frame; a frame that moves is removed."""
         if not _is_motion(numbers):
             return False
         before = self.stated.setdefault(frame, (parent, numbers))
@@ -101,10 +101,10 @@ class Mounts:
         return False
 
     def place(self, sensor: str, body: str = "") -> NDArray[np.float64] | None:
-        """Returns the transform (4, 4) of points of a sensor's frame into the vehicle's, "" for the usual ones.
+        """Returns the transform (4, 4) of points from a sensor's frame into the body's; "" takes a vehicle's usual frames.
 
         Returns:
-            None where no transforms connect the frames.
+            The transform, or None if no transforms connect the frames.
         """
         bodies = (name_frame(body),) if body else _BODIES
         frame, matrix = self._climb(sensor, bodies)
@@ -118,11 +118,11 @@ class Mounts:
         return np.array([matrix[0, 3], matrix[1, 3], np.arctan2(matrix[1, 0], matrix[0, 0])])
 
     def is_upside_down(self, sensor: str, body: str = "") -> bool:
-        """Returns whether a sensor's z axis points down, seen from a body as in `place`, else from the top frame."""
+        """Returns whether a sensor's z axis points down in the body's frame, or in the topmost frame if it has no body."""
         return bool(self._climb(sensor, (name_frame(body),) if body else _BODIES)[1][2, 2] < 0.0)
 
     def _climb(self, sensor: str, bodies: Collection[str]) -> tuple[str, NDArray[np.float64]]:
-        """Returns the first of some frames that a sensor is placed in, else the top one, and the transform into it."""
+        """Returns the first of the bodies above a sensor, or else its topmost frame, and the transform (4, 4) into it."""
         frame, matrix, passed = name_frame(sensor), np.eye(4), set[str]()
         while frame not in bodies and frame in self.parents and frame not in passed:
             passed.add(frame)
@@ -134,25 +134,25 @@ class Mounts:
 
 @dataclass(slots=True)
 class _Link:
-    """The transforms of a frame: the parents that it was stated in, of which two are a contradiction, and rows by stamp."""
+    """The transforms of a frame: the parents that messages name (a second one is a contradiction), numbers by stamp [us]."""
 
     parents: list[str]
     rows: dict[int, _Numbers] = field(default_factory=dict)
 
     @property
     def moves(self) -> bool:
-        """Whether it ever changes."""
+        """Whether the transform ever changes."""
         return len(set(self.rows.values())) > 1
 
 
 @dataclass(slots=True)
 class Transforms:
-    """Transforms between frames over time, by the frame that they place.
+    """The transforms between frames over time.
 
     Args:
-        links: them.
-        left_out: number of those that hold a quaternion of zeros, or a number that is not finite.
-        clock: reads their stamps.
+        links: by child frame, its transforms.
+        left_out: number of transforms left out, with a quaternion of zeros or a number that is not finite.
+        clock: reads the stamps of the transforms.
     """
 
     links: dict[str, _Link] = field(default_factory=dict)
@@ -160,12 +160,12 @@ class Transforms:
     clock: Clock = field(default_factory=Clock)
 
     def add(self, message: Any, topic: str, logged_ns: int) -> None:
-        """Adds the transforms of a `tf2_msgs/TFMessage`; those that are no motion are left out, and counted.
+        """Adds the transforms of a `tf2_msgs/TFMessage`; invalid ones are left out and counted.
 
         Args:
-            message: with the transforms.
-            topic: that it is on.
-            logged_ns: when it was recorded [ns], which is the time of transforms without stamps.
+            message: the message with the transforms.
+            topic: topic of the message.
+            logged_ns: when the message was recorded [ns], which is the time of transforms without stamps.
         """
         for stamped, frame, parent, numbers in _list_links(message):
             if not _is_motion(numbers):
@@ -184,10 +184,10 @@ class Transforms:
         return Clock(self.clock.read, unstamped).notes + left_out
 
     def choose(self, frame: str | None) -> str:
-        """Chooses the frame whose path is wanted.
+        """Chooses the frame whose trajectory is read.
 
         Args:
-            frame: its name; None takes a vehicle's usual frame, or the only one that moves and carries no other that does.
+            frame: its name; None takes a vehicle's usual frame, or the only moving frame that carries no other moving one.
 
         Raises:
             ValueError: no such frame moves, or several do.
@@ -209,12 +209,12 @@ class Transforms:
         return bodies[0]
 
     def trace(self, frame: str) -> Trajectory:
-        """Returns the poses of a frame in the root of its tree, at the stamps of the most frequent transform between them.
+        """Returns the poses of a frame in the root of its tree, at the stamps of the most frequent transform on the way.
 
-        The others are interpolated in between, as tf2 does; where one of them is missing, there are no poses.
+        The other transforms are interpolated at these stamps, as tf2 does. There are poses only while all transforms last.
 
         Raises:
-            ValueError: a frame between them has two parents, there is no root, or the transforms share no two stamps.
+            ValueError: a frame on the way has two parents, the frames form a ring, or fewer than two poses result.
         """
         from scipy.spatial.transform import Rotation
 
@@ -237,7 +237,7 @@ class Transforms:
         return Trajectory(stamps, np.column_stack([places[:, :2], np.arctan2(ahead[:, 1], ahead[:, 0])]))
 
     def _climb(self, frame: str) -> list[str]:
-        """Returns a frame and those that it is placed in, up to the last below the root, or once around a ring."""
+        """Returns a frame and its ancestors, up to the last one below the root, or once around a ring."""
         chain: list[str] = []
         while frame in self.links and frame not in chain:
             chain.append(frame)
@@ -245,7 +245,7 @@ class Transforms:
         return chain
 
     def _interpolate(self, frame: str, stamps: NDArray[np.int64]) -> tuple[NDArray[np.float64], Any]:
-        """Interpolates the moves (N, 3) [m] and the rotations (N) of a transform at stamps (N,) [us] within its own."""
+        """Interpolates a frame's translations (N, 3) [m] and rotations (N) at stamps (N,) [us] within its own span."""
         from scipy.spatial.transform import Rotation, Slerp
 
         link = self.links[frame]

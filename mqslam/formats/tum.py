@@ -19,7 +19,7 @@ _REMEDY = "give a TUM trajectory"
 def write_tum(path: Path, trajectory: Trajectory) -> None:
     """Writes `t[s] x y z qx qy qz qw` per line, as evo reads it.
 
-    What is read back and written again is the same text: the yaw is rounded, and the quaternion has digits to spare.
+    A file that is read and written again stays the same text: the yaw is rounded, and the quaternion has digits to spare.
     """
     lines = []
     for stamp, (x, y, yaw) in zip(trajectory.stamps_us.tolist(), trajectory.poses.tolist(), strict=True):
@@ -36,8 +36,8 @@ def read_tum(path: Path) -> Trajectory:
     Stamps above 1e11 are taken as milliseconds, above 1e14 as microseconds, above 1e17 as nanoseconds.
 
     Raises:
-        DataError: the file cannot be read, has a line of other than eight numbers, a quaternion of zeros, or its
-            stamps do not increase.
+        DataError: the file cannot be read, has a line that is not eight numbers or a quaternion of zeros, or its stamps do
+            not increase.
     """
     times: list[str] = []
     poses: list[tuple[float, float, float]] = []

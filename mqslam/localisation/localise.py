@@ -1,13 +1,14 @@
-"""Localisation on one screen: cold start, following, how sure it is, and predictions where the map shows nothing.
+"""Localises a recording in a map: recognises places, follows the scans from there, and predicts those off the map.
 
-Everything happens after the recording. Scans are therefore followed from a recognised place in both directions of time, and
-a place that is recognised late serves the scans before it, too: each is predicted by the motion from its neighbour, and
-registered on the map by psi.
+The whole recording is there before the work begins. Scans are therefore followed from a recognised place both forward and
+backward in time, so that a place that is recognised late also serves the scans before it. Each scan is predicted by the
+motion from its neighbour, and registered on the map by psi.
 
-The covariance of psi's curvature is too small by a factor that depends on the world: returns of one object move together as
-it is seen from elsewhere, and keyframes err within the map. Two scans that are some metres apart, each registered on one
-half of the keyframes around it, differ by the errors of both, besides that of the short way between them. Where the front
-end's motions are poor, the factor is too large rather than too small.
+The covariance from psi's curvature is too small by a factor that depends on the world: the returns of an object move
+together when it is seen from elsewhere, and keyframes have errors within the map. To measure the factor, two scans some
+metres apart are each registered on another half of the keyframes around them. They differ by the errors of both
+registrations, and by the small error of the motion between them. Poor motions of the front end make the factor too large
+rather than too small.
 """
 
 from __future__ import annotations
@@ -38,20 +39,20 @@ from mqslam.localisation.registering import ON_MAP, REACH_M, MapAround, PlaceSta
 from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam, PointSet
 
-# Path [m] without a scan that lies on the map, after which scans are no longer followed from there. The recording is then
-# looked up again beyond it.
+# After this path [m] without a scan that lies on the map, scans are no longer followed. The recording beyond it is then
+# looked up again.
 _GIVE_UP_M = 30.0
-# Path [m] between the scans that show by which factors the covariances are too small.
+# Path [m] between the pairs of scans that show by which factors the covariances are too small.
 _SAMPLE_M = 20.0
-# Path [m] between two scans that are registered on keyframes which they do not share, to see how far they disagree. Over a
-# shorter path they see the same side of everything and err alike, over a longer one the motions between them err, too.
+# Path [m] between the two scans of such a pair, which are registered on different keyframes. On a shorter path both see the
+# same side of everything and have the same errors; on a longer one the error of the motion between them counts, too.
 _APART_M = 5.0
-# With fewer such pairs the recording does not show these factors.
+# If a recording has fewer such pairs, it does not show these factors.
 FEWEST_PAIRS = 20
 # Factor on the variances of psi's curvature where the recording is too short to show it. Drives through cities have shown 6
 # to 13.
 _USUAL_SCALE = 10.0
-# Least share of the scans along a row of recognised places that must lie on the map for it to count.
+# Least share of the scans along a row of recognised places that must lie on the map for the row to count.
 _CONFIRMED = 0.7
 # Number of submaps that are looked up at a time, until a row of them is recognised.
 _BLOCK = 6
@@ -63,21 +64,21 @@ _LONGER: Final = "give a longer recording, or more of it"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Localised:
-    """The scans of a recording in a map.
+    """The poses of a recording's scans in a map, and how they were found.
 
     Args:
         stamps_us: (N,) start of each scan [us].
-        poses: (N, 3) of the radar at these stamps, in the map's frame [m, m, rad].
-        covariances: (N, 3, 3) of these poses in their own frames, against the map around them.
-        statuses: (N,) of each.
+        poses: (N, 3) poses of the radar at these stamps, in the map's frame [m, m, rad].
+        covariances: (N, 3, 3) covariances of these poses in their own frames, relative to the map around them.
+        statuses: (N,) how far each pose can be trusted.
         psi: (N,) score per return on the map; NaN where a scan does not lie on it.
         matched: (N,) share of the returns that lie on the map; NaN where the scan was not compared with it.
-        rows: number of rows of places that were recognised and that scans were followed from.
+        rows: number of rows of recognised places from which scans were followed.
         looked_up: number of submaps of the recording that were looked up.
-        ambiguous: number of these that fit several places of the map about as well.
-        scale: (3,) factors on the variances of psi's curvature, as the recording itself shows them, or those that are usual
-            where it is too short.
-        samples: number of comparisons that show these factors.
+        ambiguous: number of these submaps that fit several places of the map about equally well.
+        scale: (3,) factors on the variances of psi's curvature, as the recording itself shows them, or the usual factors if
+            it is too short.
+        samples: number of pairs of scans that show these factors.
         conflicts: number of places where scans that were followed from two sides disagree.
         is_scale_measured: whether the recording itself shows the factors.
     """
@@ -107,12 +108,12 @@ class Localised:
 
 @dataclass(frozen=True, slots=True)
 class _Setting:
-    """What scans are followed with.
+    """The data and settings that all steps of the localisation use.
 
     Args:
         drive: the scans under their chained motions.
         motions: N - 1 motions between N successive scans.
-        keyframes: of the map.
+        keyframes: keyframes of the map.
         estimator: settings of the score.
         beam: the sensor's errors.
     """
@@ -124,15 +125,15 @@ class _Setting:
     beam: Beam
 
     def render(self, k: int) -> PointSet:
-        """Returns the returns of scan k in the frame of its start."""
+        """Renders the returns of scan k in the frame of its start pose."""
         return self.drive.render(k, np.array([k]), self.beam)
 
     def register(self, around: MapAround, k: int, expected: Registered) -> Registered:
-        """Returns where scan k lies in the map."""
+        """Registers scan k on the map, from its expected pose; returns its pose in the map's frame and a status."""
         return register(around, self.render(k), expected, self.estimator)
 
     def predict(self, known: Registered, k: int, n: int) -> Registered:
-        """Returns where scan n is expected, which follows or precedes scan k, of which it is known where it lies."""
+        """Predicts the pose of scan n from the known pose of scan k, the scan right before or after it."""
         motion = self.motions[min(k, n)]
         step, covariance = motion.pose, motion.covariance
         if n < k:
@@ -143,7 +144,7 @@ class _Setting:
 
 
 class _LocalisedScans:
-    """Where each scan of a recording lies in the map, as far as it is known.
+    """The poses of a recording's scans in the map, as far as they are known yet.
 
     Args:
         count: number of scans.
@@ -164,17 +165,17 @@ class _LocalisedScans:
         self.statuses = [PlaceStatus.LOST] * count
 
     def get(self, k: int) -> Registered:
-        """Returns where scan k lies."""
+        """Returns the pose of scan k in the map's frame, with its covariance."""
         return Registered(self.poses[k], self.covariances[k])
 
     def put(self, k: int, registered: Registered) -> None:
-        """Puts in where scan k lies."""
+        """Stores the pose, status and scores of scan k, and reports the progress."""
         self.poses[k], self.covariances[k], self.statuses[k], self.psi[k], self.matched[k] = registered
         self.tried[k], self.on_map[k] = True, registered.status in ON_MAP
         self._progress("localise", int(self.tried.sum()), len(self.tried))
 
     def forget(self, part: slice) -> None:
-        """Forgets where the scans of a part of the recording lie."""
+        """Deletes the poses of the scans in a part of the recording, which then count as not tried."""
         self.poses[part] = self.covariances[part] = self.psi[part] = self.matched[part] = np.nan
         self.tried[part] = self.on_map[part] = False
 
@@ -182,7 +183,7 @@ class _LocalisedScans:
 def localise(
     scans: Scans, motions: Sequence[Measurement], made: KeyframeMap, estimator: EstimatorConfig, beam: Beam, runner: Runner
 ) -> Localised:
-    """Returns where the scans of a recording lie in a map, of which nothing is known beforehand.
+    """Finds the poses of a recording's scans in a map, without an initial guess.
 
     Args:
         scans: N scans of the recording.
@@ -238,17 +239,17 @@ def localise(
 def _look_up(
     setting: _Setting, made: KeyframeMap, engine: Engine, wanted: NDArray[np.bool_]
 ) -> Iterator[tuple[list[list[Loop]], int, int]]:
-    """Yields the rows of places that some submaps after the other show, as long as there are wanted ones.
+    """Looks up the submaps of a recording in the map, block by block, and skips blocks without wanted scans.
 
-    Beside the rows it yields how many submaps were looked up, and how many of these fit several places about as well.
-
-    The last submaps of each part are looked up again in the next one, so that a row that reaches into it is found.
+    It yields for each block the rows of recognised places, the number of submaps that were looked up, and how many of these
+    fit several places about equally well. The last submaps of a block are looked up again in the next one, so that a row
+    that reaches from one into the other is found.
 
     Args:
         setting: the scans and the map.
         made: the map with its places.
         engine: where submaps are compared; the result does not depend on it.
-        wanted: (N,) which scans are still to be found. The caller may change it as it goes on.
+        wanted: (N,) which scans are still to be found. The caller may change it between blocks.
     """
     places = describe_map(made, setting.beam, engine).places
     database = PlaceDatabase.of(MappedDrive.of(made.keyframes), places)
@@ -264,7 +265,7 @@ def _look_up(
 def _seed(setting: _Setting, table: _LocalisedScans, row: Sequence[Loop]) -> bool:
     """Follows the scans along a row of recognised places, and returns whether enough of them lie on the map.
 
-    Where they do not, the table is left as it was.
+    If too few lie on the map, the table is left as it was.
     """
     first, last = row[0].later, row[-1].later
     if table.tried[first : last + 1].any():
@@ -284,26 +285,26 @@ def _seed(setting: _Setting, table: _LocalisedScans, row: Sequence[Loop]) -> boo
 
 
 def _follow_on(setting: _Setting, table: _LocalisedScans, row: Sequence[Loop]) -> int:
-    """Follows scans on from both ends of a row; returns at how many ends they meet scans that lie elsewhere."""
+    """Follows scans onward from both ends of a row; returns at how many ends they meet scans with a conflicting pose."""
     along = row[0].later + np.flatnonzero(table.on_map[row[0].later : row[-1].later + 1])
     ends = ((int(along[-1]), 1, len(table.tried) - 1), (int(along[0]), -1, 0))
     return sum(_follow(setting, table, start, way, limit) for start, way, limit in ends)
 
 
 def _follow(setting: _Setting, table: _LocalisedScans, start: int, way: int, limit: int) -> bool:
-    """Follows scans from one that lies on the map, until too long a way lies on nothing or another one is reached that does.
+    """Follows scans from one on the map, until none lies on it for `_GIVE_UP_M` of path or a scan is reached that was tried.
 
-    Scans at the end of which none lies on the map are left as not tried, so that they can be reached from the other side.
+    Scans after the last one on the map are left as not tried, so that they can be reached from the other side.
 
     Args:
-        setting: what scans are followed with.
-        table: where each scan lies; it is filled in.
+        setting: the scans and the map.
+        table: the poses of the scans, which are filled in.
         start: the scan to begin from, which lies on the map.
         way: 1 follows the recording forward in time, -1 backward.
         limit: the last scan to follow.
 
     Returns:
-        Whether a scan was reached that lies elsewhere, as it was followed from the other side.
+        Whether a scan was reached that was followed from the other side and has a conflicting pose.
     """
     around = MapAround(setting.keyframes, setting.beam)
     travelled = setting.drive.travelled
@@ -324,7 +325,7 @@ def _follow(setting: _Setting, table: _LocalisedScans, start: int, way: int, lim
 
 
 def _measure_scale(setting: _Setting, table: _LocalisedScans, engine: Engine) -> tuple[NDArray[np.float64], int]:
-    """Returns the factors (3,) that psi's variances need, and the number of pairs of scans that show them."""
+    """Measures the factors (3,) that psi's variances need; returns them and the number of pairs of scans that show them."""
     travelled = setting.drive.travelled
     converged = np.array([status is PlaceStatus.CONVERGED for status in table.statuses], dtype=np.bool_)
     pairs = []
@@ -338,7 +339,7 @@ def _measure_scale(setting: _Setting, table: _LocalisedScans, engine: Engine) ->
 
 
 def _compare(setting: _Setting, pairs: list[list[tuple[int, Registered]]]) -> NDArray[np.float64]:
-    """Returns the squares (K, 3) by which pairs of scans disagree, in units of the variances of psi's curvature."""
+    """Returns the squared differences (K, 3) of pairs of registered scans, in units of the variances of psi's curvature."""
     even = np.arange(len(setting.keyframes)) % 2 == 0
     halves = [MapAround(setting.keyframes, setting.beam, chosen) for chosen in (even, ~even)]
     squares = []
@@ -357,7 +358,7 @@ def _compare(setting: _Setting, pairs: list[list[tuple[int, Registered]]]) -> ND
 
 
 def _fill_in(setting: _Setting, table: _LocalisedScans, covariances: NDArray[np.float64]) -> None:
-    """Predicts the scans that do not lie on the map from the nearest one that does, with its covariance (N, 3, 3)."""
+    """Stores the scaled covariances (N, 3, 3), and predicts scans off the map from the nearest scan that lies on the map."""
     travelled, known = setting.drive.travelled, table.on_map.copy()
     table.covariances[:] = covariances
     nearest = np.full(len(known), np.inf)
@@ -381,7 +382,7 @@ def _fill_in(setting: _Setting, table: _LocalisedScans, covariances: NDArray[np.
 
 
 def _say_what_was_tried(drive: TrackedRun, made: KeyframeMap, looked_up: int, ambiguous: int) -> tuple[str, str]:
-    """Returns why a recording is nowhere in a map, with what was tried, and what the user can do."""
+    """Returns the error text for a recording that was not found in a map, with what was tried, and what the user can do."""
     path_m = float(drive.travelled[-1])
     if looked_up < ROW:
         too_short = (

@@ -1,4 +1,4 @@
-"""A scan registered on the map: the keyframes around a prediction are held, and psi finds the scan's pose among them."""
+"""Registers a scan on the map: the keyframes around its predicted pose stay fixed, and psi finds its pose among them."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from mqslam.psi.minimiser import annealed_scale
 from mqslam.psi.place import Beam, PointSet
 from mqslam.psi.score import References, make_references
 
-# The keyframes around the vehicle are chosen anew once it has moved this far [m]. More of it is faster, and registers scans
-# on keyframes that are less well centred around them.
+# The keyframes around the vehicle are chosen anew once it has moved this far [m]. A longer way is faster, but registers
+# scans on keyframes that are less well centred around them.
 _RENEW_M = 2.5
 
-# A scan is compared with the map's keyframes within this distance of it [m].
+# A scan is compared with the keyframes within this distance of its place [m].
 REACH_M = 15.0
 # Least share of a scan's returns that must lie on the map. Parked cars and traffic that have changed since the map was made
-# take away from it.
+# lower the share.
 _MATCHED = 0.5
-# A scan that psi moves farther than this [m] from its prediction is not believed; what the prediction may have drifted is
-# added.
+# A registration that psi moves farther than this [m] from the prediction is rejected. The uncertainty of the prediction is
+# added to this limit.
 _ASIDE_M = 0.5
 # Standard deviations of the prediction that are added to _ASIDE_M and _ASIDE_RAD.
 _SIGMAS = 3.0
-# Yaw [rad] beyond which a scan is not believed in the same way.
+# The same limit for the yaw [rad].
 _ASIDE_RAD = 0.03
 
-_FIRST_STEP: Final = 2  # step of the annealing to begin with: a prediction is nearer than the first widths
+_FIRST_STEP: Final = 2  # first step of the annealing: a prediction is nearer than the first widths are for
 
 _LEAST: Final = np.diag(TOLERANCES**2)
-"""Covariance that a search leaves by where it ends: numerical."""
+"""Covariance of the numerical error of a minimum: the search ends once its steps are smaller than the tolerances."""
 
 
 class PlaceStatus(StrEnum):
@@ -57,7 +57,7 @@ ON_MAP = (PlaceStatus.CONVERGED, PlaceStatus.DEGENERATE)
 
 
 class Registered(NamedTuple):
-    """Where a scan lies in the map, or where it is expected.
+    """The pose of a scan in the map, registered or predicted.
 
     Args:
         pose: (3,) in the map's frame [m, m, rad].
@@ -75,10 +75,10 @@ class Registered(NamedTuple):
 
 
 class MapAround:
-    """The keyframes around the vehicle as references, which serve until it has moved on.
+    """The keyframes around the vehicle, as references for its scans; they are chosen anew once it has moved on.
 
     Args:
-        keyframes: of the map.
+        keyframes: keyframes of the map.
         beam: the sensor's errors.
         chosen: (K,) which keyframes are used; None takes all.
     """
@@ -91,9 +91,9 @@ class MapAround:
         self._references: References | None = None
 
     def find(self, pose: se2.Array) -> tuple[se2.Array, References] | None:
-        """Returns a frame (3,) near a scan's pose (3,) in the map, which is not turned, and the map around it in this frame.
+        """Returns an unturned frame (3,) near a scan's pose (3,) in the map, and the map's points around it in this frame.
 
-        It is None where the map has no keyframe within reach.
+        It returns None if the map has no keyframe within reach.
         """
         if np.hypot(*(pose - self._frame)[:2]) > _RENEW_M:
             self._frame = np.array([pose[0], pose[1], 0.0])
@@ -107,12 +107,12 @@ class MapAround:
 
 
 def register(around: MapAround, scan: PointSet, prediction: Registered, config: EstimatorConfig) -> Registered:
-    """Registers a scan on the map.
+    """Registers a scan on the map; if that fails, it returns the predicted pose with the status LOST or OUTSIDE.
 
     Args:
-        around: the map.
-        scan: its returns in the frame of its start.
-        prediction: where it is expected.
+        around: the map around the vehicle.
+        scan: returns of the scan in the frame of its start pose.
+        prediction: the predicted pose of the scan, with its covariance.
         config: settings of the score.
     """
     expected = Registered(prediction.pose, prediction.covariance)
@@ -141,7 +141,7 @@ def register(around: MapAround, scan: PointSet, prediction: Registered, config: 
 
 
 def is_away(moved: se2.Array, prediction: Registered) -> bool:
-    """Returns whether a pose (3,), given in the frame of the predicted one, lies farther from it than that may be off."""
+    """Returns whether a pose (3,), given in the frame of the predicted pose, is farther from it than drift can explain."""
     sigmas = np.sqrt(np.diag(prediction.covariance))
     allowed_m = _ASIDE_M + _SIGMAS * float(np.hypot(sigmas[0], sigmas[1]))
     allowed_rad = _ASIDE_RAD + _SIGMAS * float(sigmas[2])
@@ -151,13 +151,16 @@ def is_away(moved: se2.Array, prediction: Registered) -> bool:
 def _join(
     prediction: Registered, measured: se2.Array, covariance: NDArray[np.float64], spread: NDArray[np.float64]
 ) -> tuple[se2.Array, NDArray[np.float64]]:
-    """Returns a pose (3,) that follows its prediction where psi does not hold it, and its covariance in its own frame.
+    """Fuses a measured pose with its prediction, which decides along the directions that psi does not observe.
 
     Args:
-        prediction: of the pose, in the frame that psi has measured it in.
+        prediction: the predicted pose, in the frame that psi has measured in.
         measured: (3,) the pose at psi's minimum.
-        covariance: (3, 3) of that in its own frame, as far as psi holds it.
-        spread: (3, 3) covariance along the directions that psi does not hold, in the frame that it is measured in.
+        covariance: (3, 3) of the measured pose in its own frame, without the directions that psi does not observe.
+        spread: (3, 3) covariance along the directions that psi does not observe, in the frame that psi has measured in.
+
+    Returns:
+        the fused pose (3,), and its covariance (3, 3) in its own frame.
     """
     expected = se2.rotate_covariance(prediction.covariance + _LEAST, float(prediction.pose[2]))
     seen = se2.rotate_covariance(covariance, float(measured[2])) + spread

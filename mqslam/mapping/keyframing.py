@@ -1,4 +1,4 @@
-"""Makes keyframes of a run, and places their points again wherever the keyframes lie by then."""
+"""Makes keyframes of a run, and places their points again once the poses of the keyframes have changed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ KEYFRAME_SPACING_M = 2.5
 
 
 def pick_spaced(travelled: NDArray[np.float64], spacing_m: float) -> NDArray[np.int64]:
-    """Returns indices about spacing_m [m] apart on a path: the first one past every mark along it.
+    """Returns indices about spacing_m [m] apart on a path: the first index past every mark along the path.
 
     Args:
         travelled: (N,) length of the path so far [m].
@@ -40,10 +40,10 @@ def make_keyframes(
     """Makes the keyframes of a run: some of its scans, each rendered rigidly in its own frame.
 
     Args:
-        scans: of the recording.
-        poses: (N, 3) of the radar at the start of each scan, in the frame of the first one.
-        covariances: (N, 3, 3) of these poses in their own frames, or None where they are not known.
-        recording: what the scans are from.
+        scans: scans of the recording.
+        poses: (N, 3) poses of the radar at the start of each scan, in the frame of the first one.
+        covariances: (N, 3, 3) covariances of these poses in their own frames, or None if they are not known.
+        recording: the recording that the scans are from.
         beam: the sensor's errors.
     """
     travelled, counts = se2.path_lengths(poses), scans.counts
@@ -70,7 +70,7 @@ def make_keyframes(
 
 
 def _render(scan: Scan, k: int, times: NDArray[np.float64], poses: se2.Array, beam: Beam) -> NDArray[np.void]:
-    """Returns the points (N,) of `KEYFRAME_POINT` of scan k of a trajectory."""
+    """Renders scan k of a trajectory in the frame of its start pose, as points (N,) of `KEYFRAME_POINT`."""
     returns = scan.returns
     first, last = max(k - 1, 0), min(k + 2, len(times))
     local = se2.between(poses[k], poses[first:last])
@@ -87,17 +87,17 @@ def _render(scan: Scan, k: int, times: NDArray[np.float64], poses: se2.Array, be
 def place_keyframes(
     keyframes: Keyframes, chosen: Sequence[int] | NDArray[np.int64], frame: se2.Array, poses: se2.Array, beam: Beam
 ) -> PointSet:
-    """Renders the points of some keyframes in a frame.
+    """Renders the points of some keyframes in a given frame.
 
     Args:
-        keyframes: of the map.
-        chosen: numbers of those to render.
-        frame: (3,) pose of the frame in that of the poses.
-        poses: (K, 3) of all keyframes.
+        keyframes: keyframes of the map.
+        chosen: numbers of the keyframes to render.
+        frame: (3,) pose of the given frame in the frame of the poses.
+        poses: (K, 3) poses of all keyframes.
         beam: the sensor's errors.
 
     Returns:
-        The points, with times [s] since the start of the recording that each is from.
+        The points, each with its time [s] since the start of its recording.
     """
     starts_us = np.array([recording.start_us for recording in keyframes.recordings])[keyframes.origins]
     parts: list[tuple[NDArray[np.float64], ...]] = []
@@ -118,21 +118,21 @@ def place_keyframes(
 
 
 def place_points(own: NDArray[np.void], pose: se2.Array, into: NDArray[np.float64]) -> None:
-    """Places the points (N,) of a keyframe at its pose (3,), into an array (N, 2) [m]."""
+    """Writes the points (N,) of a keyframe, placed by its pose (3,), into an array (N, 2) [m]."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     into[:, 0] = pose[0] + c * own["x"] - s * own["y"]
     into[:, 1] = pose[1] + s * own["x"] + c * own["y"]
 
 
 class KeyframePoints(NamedTuple):
-    """The points of keyframes where the map has them.
+    """The points of all keyframes in the frame of the map.
 
     Args:
-        points: (N, 2) [m], map's frame, in the order of the keyframes, those of each in the order of time.
+        points: (N, 2) [m], map's frame, in the order of the keyframes, and within a keyframe in the order of time.
         times: (N,) [s] since the start of the first recording; each further recording begins a turn after the end of the
             one before.
         intensities: (N,) received power, 0..255.
-        starts: (K,) start of each keyframe by the same time [s].
+        starts: (K,) start of each keyframe in the same count of time [s].
     """
 
     points: NDArray[np.float64]
@@ -142,7 +142,7 @@ class KeyframePoints(NamedTuple):
 
 
 def render_keyframes(keyframes: Keyframes) -> KeyframePoints:
-    """Returns all points of keyframes where the map has them."""
+    """Places the points of all keyframes in the frame of the map."""
     begin = 0.0
     begins: list[float] = []
     for recording in keyframes.recordings:

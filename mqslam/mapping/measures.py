@@ -1,4 +1,4 @@
-"""The field's measures of a map without ground truth, for comparison with psi: each takes one window's points.
+"""Computes the field's measures of a map without ground truth from one window's points, for comparison with psi.
 
 Their values depend on the place as much as on the trajectory, so that none of them can judge a map alone.
 """
@@ -36,10 +36,10 @@ class Measures:
     Args:
         map_entropy: mean map entropy: mean differential entropy of the neighbourhoods [nat].
         plane_variance: mean smallest variance of the neighbourhoods [m^2].
-        joint_entropy: mean difference between the entropy of a neighbourhood in all sweeps and in its point's own [nat].
+        joint_entropy: mean difference between the entropies of a point's neighbourhood in all sweeps and in its own [nat].
         grid_entropy: entropy of the window's evidence grid per cell seen [nat].
 
-    A measure is NaN where the window holds too few points for it, and the grid's where they lie too far apart.
+    A measure is NaN if the window holds too few points for it. The grid's entropy is also NaN if they lie too far apart.
     """
 
     map_entropy: float
@@ -57,7 +57,7 @@ def compute_measures(
         points: (N, 2) m.
         sweeps: (N,) number of the sweep that each point is of.
         sensors: (N, 2) m, where the sensor was when it saw each point.
-        settings: of the audit.
+        settings: settings of the audit.
 
     Source: mean map entropy and mean plane variance: Droeschel and Behnke, "Efficient continuous-time SLAM for 3D
     lidar-based online mapping", 2018; joint against separate entropy: Adolfsson et al., "CorAl: Introspection for robust
@@ -85,7 +85,7 @@ def compute_grid_entropy(points: NDArray[np.float64], sensors: NDArray[np.float6
         cell_m: side of the grid's cells [m].
 
     Returns:
-        the entropy; NaN without points, and where the grid would not fit into a reasonable part of the memory.
+        the entropy; NaN without points, and if the grid would need too much memory.
     """
     if len(points) == 0:
         return float("nan")
@@ -130,14 +130,14 @@ def accumulate_evidence(
 
 
 def locate_sensors(turns: NDArray[np.float64], numbers: NDArray[np.float64], poses: se2.Array) -> NDArray[np.float64]:
-    """Returns where the sensor was (N, 2) [m] at turns (N,), from its poses (S, 3) at the turns `numbers` (S,)."""
+    """Interpolates the sensor's positions (N, 2) [m] at turns (N,) between its poses (S, 3) at the turns `numbers` (S,)."""
     return np.column_stack([np.interp(turns, numbers, poses[:, 0]), np.interp(turns, numbers, poses[:, 1])])
 
 
 def _measure_shapes(
     points: NDArray[np.float64], pairs: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the entropy [nat] and the smallest variance [m^2] of each point's neighbourhood, the point included, or NaN.
+    """Returns the entropy [nat] and smallest variance [m^2] of each point with its neighbours; NaN with too few of them.
 
     Args:
         points: (N, 2) m.

@@ -1,4 +1,4 @@
-"""A point map as the occupancy grid that nav2's map_server loads."""
+"""Makes the occupancy grid of a point map that nav2's map_server loads."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from mqslam.core.point_map import OccupancyGrid
 from mqslam.core.stored import make_stored, release
 
 # Percentile of the numbers of returns per cell that stands for a well-seen cell of the nav2 map. A cell counts as occupied
-# from the square root of that number on, so that the threshold follows the speed of the drive.
+# if it holds at least the square root of that number, so that the threshold follows the speed of the drive.
 _WELL_SEEN = 99.0
 
 MAX_SIDE = 20_000
 """Longest side of a grid [cells]: a limit on memory, which single returns far away would otherwise break."""
-_BLOCK = 200_000  # points that are looked at at a time, and cells that are filled: a matter of memory only
+_BLOCK = 200_000  # points that are counted, and cells that are filled, at a time: a matter of memory only
 
 
 def make_occupancy_grid(points: NDArray[np.float64], cell_m: float) -> OccupancyGrid:
-    """Returns the cells that hold so many returns that something stands there.
+    """Makes a grid in which the cells with enough returns are occupied.
 
-    They hold at least as many returns as the geometric middle between one stray return and a well-seen cell, so that the
-    threshold follows the speed of the drive and the turn rate of the radar.
+    An occupied cell holds at least the geometric mean of one return, which may be a stray one, and the number of returns in
+    a well-seen cell. The threshold therefore follows the speed of the drive and the turn rate of the radar.
 
     Args:
         points: (N, 2) [m], world frame.
         cell_m: side of a cell [m]; cells are made larger where the grid would be over MAX_SIDE cells long.
 
     Returns:
-        The grid around the points; one free-standing empty cell where there are none.
+        The grid around the points; a single empty cell if there are no points.
     """
     resolution = cell_m
     if len(points) == 0:

@@ -1,4 +1,4 @@
-"""Renders a whole run: every return where the trajectory had the sensor at the return's own time, and psi of the result."""
+"""Renders the map of a run: places every return by the sensor's pose at the return's own time, and scores them by psi."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ TRAVEL_M = 0.1
 # A scan is rendered as well once the sensor has turned by this much [rad].
 TRAVEL_RAD = 0.01
 
-# points that are in memory at a time: matters of memory and speed only
-_PLACED = 100_000  # while they are placed, and while those of a strip are looked for
-_SCORED = 50_000  # while they are scored, besides those around them
+# numbers of points that are in memory at a time: matters of memory and speed only
+_PLACED = 100_000  # while points are placed, and while the points of a strip are searched
+_SCORED = 50_000  # while points are scored, not counting the points around them
 _STRIPS = 64  # strips whose scores are in memory at a time
-_LAST_COLUMN = 2**22  # of all points that lie farther out
-_Scores = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]  # which points, their shares, whether matched
+_LAST_COLUMN = 2**22  # column of all points that lie farther out
+_Scores = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]  # points, their shares, whether matched
 
 
 def render(
@@ -47,7 +47,7 @@ def render(
     """Renders the map of a run, with each point's share of psi.
 
     Args:
-        scans: of the recording.
+        scans: scans of the recording.
         poses: (len(scans), 3) pose at the start of each scan.
         estimator: settings of the score.
         beam: the sensor's errors.
@@ -67,15 +67,15 @@ def render(
 def render_track(
     what: str, scans: Scans, track: Trajectory, estimator: EstimatorConfig, beam: Beam, runner: Runner
 ) -> PointMap:
-    """Renders the map under a trajectory, or an empty one with a warning: the trajectory is worth more than its map.
+    """Renders the map under a trajectory. If that fails, it returns an empty map and warns: the trajectory is still of use.
 
     Args:
         what: names the map in the warning.
-        scans: of the recording.
+        scans: scans of the recording.
         track: poses at the starts of the scans.
         estimator: settings of the score.
         beam: the sensor's errors.
-        runner: where it is rendered.
+        runner: does the work, and takes the warning.
     """
     rendered = PointMap.empty()
     with runner.tolerate(what):
@@ -84,12 +84,12 @@ def render_track(
 
 
 class Placed(NamedTuple):
-    """The returns of scans, placed along a trajectory; where they are many, they lie in temporary files.
+    """The returns of scans, placed along a trajectory; if they are many, they lie in temporary files.
 
     Args:
         points: the points, in the order of the scans.
-        intensities: (N,) received power of each.
-        ranges_m2: sum of the squares of their ranges [m^2].
+        intensities: (N,) received power of each point.
+        ranges_m2: sum of the squares of the points' ranges [m^2].
     """
 
     points: PointSet
@@ -101,9 +101,9 @@ def place_scans(scans: Scans, times: NDArray[np.float64], poses: se2.Array, beam
     """Places the returns of scans along a trajectory, some scans at a time.
 
     Args:
-        scans: to place.
-        times: (K,) of the poses [s].
-        poses: (K, 3) of the sensor, world frame.
+        scans: the scans to place.
+        times: (K,) times of the poses [s].
+        poses: (K, 3) poses of the sensor, world frame.
         beam: the sensor's errors.
     """
     ends = np.cumsum([0, *scans.counts])
@@ -143,12 +143,12 @@ def select_moving(poses: se2.Array) -> NDArray[np.bool_]:
 
 
 def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, beam: Beam) -> PointSet:
-    """Places returns along a trajectory: each at the pose that a smooth curve has at the return's own time.
+    """Places returns along a trajectory: each by the pose at its own time on a smooth curve through the given poses.
 
     Args:
-        returns: to place.
-        times: (K,) of the poses [s].
-        poses: (K, 3) of the sensor, world frame.
+        returns: the returns to place.
+        times: (K,) times of the poses [s].
+        poses: (K, 3) poses of the sensor, world frame.
         beam: the sensor's errors.
     """
     at = se2.smooth(times, poses, returns.times)
@@ -174,14 +174,14 @@ def score_points(
     """Scores each point against all others.
 
     Args:
-        points: of the map.
+        points: points of the map.
         revolution_s: duration of a turn [s].
         estimator: settings of the score.
         engine: where the points are scored.
 
     Returns:
-        Each point's share of psi (N,), charges included, and whether it was matched (N,): whether it has a neighbour that
-        was seen at least about one turn earlier or later, be it in another pass.
+        Each point's share of psi (N,), with the charges for unmatched points, and whether it was matched (N,). A matched
+        point has a neighbour that was seen at least about one turn earlier or later, in the same or in another pass.
     """
     columns = make_stored((len(points),), np.int32)
     corner, parts = _find_corner(points.points), _split(len(points), _PLACED)
@@ -206,22 +206,22 @@ def score_points(
 
 
 def _find_corner(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the smallest x and y (2,) [m] of points (N, 2), of which there is one at least."""
+    """Returns the smallest x and y (2,) [m] of points (N, 2); there must be at least one point."""
     corners = [find_corner(points[part]) for part in _split(len(points), _PLACED)]
     release(points)
     return np.asarray(np.min(corners, axis=0))
 
 
 def _split(count: int, size: int) -> list[slice]:
-    """Returns slices of a size that cover so many items; the last one may be shorter."""
+    """Splits `count` items into slices of `size` items; the last slice may be shorter."""
     return [slice(begin, min(begin + size, count)) for begin in range(0, count, size)]
 
 
 def _split_into_strips(counts: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Returns the first column of each strip and the one after its last, of about `_SCORED` points each.
+    """Splits columns into strips of about `_SCORED` points; returns each strip's first column and the one after its last.
 
     Args:
-        counts: points in each column.
+        counts: number of points in each column.
     """
     ends = np.cumsum(counts)
     strips, begin = list[tuple[int, int]](), 0
@@ -236,7 +236,7 @@ def _split_into_strips(counts: NDArray[np.int64]) -> list[tuple[int, int]]:
 def _score_strip(
     shared: tuple[PointSet, NDArray[np.int32], NDArray[np.float64], float, EstimatorConfig], strip: tuple[int, int]
 ) -> _Scores:
-    """Returns the indices of the points of a strip, their shares of psi, and whether each is matched in or beside it."""
+    """Scores a strip's points against all in and beside it; returns indices, shares of psi, and whether each is matched."""
     (points, columns, corner, revolution_s, estimator), (begin, end) = shared, strip
     scale = final_scale(estimator)
     beside = math.ceil(scale.s / estimator.s)
@@ -248,7 +248,7 @@ def _score_strip(
     around = _take_points(points, chosen)
     first = corner + estimator.s * np.array([begin - beside - 1, -1])
     references = make_references(around, estimator.s, first)
-    order = references.grid.order  # points of one cell have the same neighbours, which a processor then has at hand
+    order = references.grid.order  # points of one cell have the same neighbours, which are then in the cache
     own = columns[chosen[order]]
     inside = order[(own >= begin) & (own < end)]
     release(columns)
@@ -257,7 +257,7 @@ def _score_strip(
 
 
 def _take_points(points: PointSet, chosen: NDArray[np.int64]) -> PointSet:
-    """Returns some points, without rays."""
+    """Returns the chosen points, without rays."""
     taken = PointSet(points.points[chosen], np.empty((len(chosen), 2, 0)), points.covariances[chosen], points.times[chosen])
     release(points.points, points.covariances, points.times)
     return taken

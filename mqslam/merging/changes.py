@@ -1,7 +1,7 @@
-"""Changes: what one recording shows at a place and another one, which looks past it there, does not.
+"""Finds changes: objects that one recording shows, and another recording does not, although it looks past their place.
 
-A keyframe shows a cell if one of its returns lies near it. It misses the cell if it sees beyond it: nothing nearer hides it,
-the keyframe is no farther from it than those that showed it, and sees it from the same side. A cell counts as changed if
+A keyframe shows a cell if one of its returns lies near the cell. It misses the cell if it sees beyond it: nothing nearer
+hides the cell, and the keyframe is no farther away than those that showed it, on the same side. A cell counts as changed if
 several keyframes of one recording show it, and the other recording shows it in so small a share of its looks that chance
 does not explain it. A single return says little: traffic and noise leave some in almost every cell of a street.
 """
@@ -31,7 +31,7 @@ from mqslam.mapping.keyframing import place_points
 REACH_M = 60.0
 # Side of the cells in which returns are compared for changes [m].
 CELL_M = 1.0
-# Number of sectors around a keyframe of which the first return is kept: one for each degree.
+# Number of sectors around a keyframe, one per degree. The first return in each sector is kept.
 _RAYS = 360
 # A ray passes a cell if its first return lies at least this far [m] behind it.
 _MARGIN_M = 1.0
@@ -39,12 +39,12 @@ _MARGIN_M = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Views:
-    """The first returns of keyframes. A sector is a direction of rays, counter-clockwise from straight ahead.
+    """The first return of keyframes in each sector. Sectors of rays count counter-clockwise from straight ahead.
 
     Args:
-        poses: (K, 3) of the keyframes, in the map's frame.
-        firsts: (K, S) range of the first return of each sector [m]; infinite where there is none.
-        origins: (K, S, 2) where the sensor was when it looked there, in the keyframe's frame [m]: it moves in a turn.
+        poses: (K, 3) poses of the keyframes, in the map's frame.
+        firsts: (K, S) range of the first return in each sector [m]; infinite if there is none.
+        origins: (K, S, 2) position of the sensor, which moves in a turn, as it saw the sector; in the keyframe's frame [m].
     """
 
     poses: se2.Array
@@ -56,8 +56,8 @@ def make_views(keyframes: Keyframes, chosen: NDArray[np.int64]) -> Views:
     """Makes the views of some keyframes.
 
     Args:
-        keyframes: of a map.
-        chosen: (K,) numbers of those that are wanted.
+        keyframes: keyframes of a map.
+        chosen: (K,) numbers of the wanted keyframes.
     """
     count = _RAYS
     firsts, origins = np.full((len(chosen), count), np.inf), np.zeros((len(chosen), count, 2))
@@ -81,13 +81,13 @@ def make_views(keyframes: Keyframes, chosen: NDArray[np.int64]) -> Views:
 def count_visible(cells: NDArray[np.float64], farthest: NDArray[np.float64], views: Views) -> NDArray[np.int64]:
     """Counts the keyframes that look past each of C cells.
 
-    A keyframe looks past a cell if the cell is within reach, and was shown from that direction from as far or farther, and
-    the first returns in all directions of the cell lie behind it, of which there is one at least.
+    A keyframe looks past a cell under three conditions. The cell is within reach. It was shown from the same direction, from
+    as far or farther. The first returns in all sectors of the cell lie behind it, and there is at least one of them.
 
     Args:
         cells: (C, 2) m, in the map's frame.
-        farthest: (C, A) from how far each was shown, by the direction from it to the keyframe [m].
-        views: of the keyframes.
+        farthest: (C, A) largest distance from which each was shown [m], by the direction from the cell to the keyframe.
+        views: views of the keyframes.
     """
     sizes = REACH_M, _MARGIN_M, CELL_M
     return np.asarray(_count(cells, farthest, views.poses, views.firsts, views.origins, sizes))
@@ -102,7 +102,7 @@ def _count(
     origins: NDArray[np.float64],
     sizes: tuple[float, float, float],
 ) -> NDArray[np.int64]:
-    """Does the counting of `count_visible`, of which `sizes` are REACH_M, _MARGIN_M and CELL_M."""
+    """Does the counting of `count_visible`; `sizes` are REACH_M, _MARGIN_M and CELL_M."""
     reach_m, margin_m, cell_m = sizes
     sectors, aspects, turn = firsts.shape[1], farthest.shape[1], 2.0 * np.pi
     looks = np.zeros(len(cells), np.int64)
@@ -133,21 +133,21 @@ def _count(
     return looks
 
 
-# Changes are looked for only where it is known to within this standard deviation how the recordings lie to each other [m],
-# half of _NEAR_M: far from all links they may lie apart by more than a parked car.
+# Changes are looked for only where the relative pose of the recordings is known to within this standard deviation [m], half
+# of _NEAR_M. Far from all links, the recordings may be misplaced by more than a parked car.
 SURE_M = 0.5
-# A cell counts as changed only if the keyframes of the other recording that show it are at most so many times as many as
-# those of the first one.
+# A cell counts as changed only if the keyframes of the other recording that show it are at most this share of the number of
+# keyframes of the first recording that show it.
 _ALSO = 0.3
 # This many keyframes of a recording must show a return in a cell, so that traffic, which moves on, and noise do not count.
 _SEEN = 3
 # This many keyframes of the other recording must look past the cell at something behind it.
 _LOOKS = 3
-# Probability that chance alone makes any cell of a recording count as changed, if looks were independent: for each cell,
-# this divided by their number is the largest probability that the other recording shows it in so few looks by chance.
+# Probability that chance alone makes any cell of a recording count as changed, if looks were independent. Divided by the
+# number of cells, it limits for each cell the probability that the other recording shows it in so few looks by chance.
 _CHANCE = 0.05
-# Number of directions from which a cell is seen that are told apart: a surface that one recording sees from one side need
-# not show from the other.
+# Number of directions from which a cell may be seen and that are kept separate: a surface that shows from one side need not
+# show from the other.
 _ASPECTS = 12
 # An object has at least this many changed cells.
 _CELLS = 2
@@ -156,7 +156,7 @@ _NEAR_M = 1.0
 # Changed cells this near to each other [m] are one object.
 _OBJECT_M = 2.5
 
-_AROUND: Final = 4  # cells that one return may show: about as many as there can be within a cell's length
+_AROUND: Final = 4  # most cells that one return may show: about as many as fit within a cell's length
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,11 +166,11 @@ class Change:
     Args:
         shown_by, missed_by: numbers of the two recordings.
         place: (2,) middle of its cells [m], in the map's frame.
-        size_m: (2,) its extent along x and y [m], at least that of a cell.
+        size_m: (2,) its extent along x and y [m], at least the side of a cell.
         cells: number of its cells.
-        seen: number of keyframes that show it, in the cell that most show.
-        looks: number of keyframes of the other recording that look past it, in the cell that most do.
-        chance: probability that so many of these looks miss by chance, in the cell where that is the least likely.
+        seen: number of keyframes that show it, in the cell where this number is largest.
+        looks: number of keyframes of the other recording that look past it, in the cell where this number is largest.
+        chance: probability that the other recording shows it in so few looks by chance, in the cell where it is smallest.
     """
 
     shown_by: int
@@ -185,13 +185,13 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """What a recording shows.
+    """The points, cells and views of a recording's keyframes.
 
     Args:
-        points: (N, 2) all its points [m].
-        owners: (N,) number of the keyframe of each.
-        cells: (C, 2) middles of the returns in each cell in which several keyframes have one [m].
-        views: what its keyframes see.
+        points: (N, 2) all points of the keyframes [m].
+        owners: (N,) number of the keyframe of each point.
+        cells: (C, 2) mean of the returns in each cell in which at least `_SEEN` keyframes have a return [m].
+        views: views of the keyframes.
     """
 
     points: NDArray[np.float64]
@@ -201,13 +201,13 @@ class _Seen:
 
 
 def find_changes(keyframes: Keyframes, sigmas: NDArray[np.float64]) -> list[Change]:
-    """Finds what changed between each two of the recordings of a map, the largest objects first.
+    """Finds the objects that changed between each pair of recordings of a map, the largest ones first.
 
-    Only keyframes take part of which it is known well enough how the other recording lies to them.
+    Only keyframes take part whose pose relative to the other recording is known to within SURE_M.
 
     Args:
-        keyframes: of the map.
-        sigmas: (R, K) how well that is known [m], for each recording and keyframe.
+        keyframes: keyframes of the map.
+        sigmas: (R, K) uncertainty of each keyframe relative to each recording [m], by `measure_relative_uncertainty`.
     """
     changes: list[Change] = []
     for a, b in combinations(range(len(keyframes.recordings)), 2):
@@ -219,15 +219,15 @@ def find_changes(keyframes: Keyframes, sigmas: NDArray[np.float64]) -> list[Chan
 
 
 def measure_relative_uncertainty(keyframes: Keyframes, chain: Chain) -> NDArray[np.float64]:
-    """Measures how sure the joint graph is of how recordings lie to each other, far from their links less than near them.
+    """Returns the uncertainty of each keyframe relative to each recording in the joint graph, larger far from their links.
 
     Args:
-        keyframes: of the map.
+        keyframes: keyframes of the map.
         chain: their trajectory with its uncertainty.
 
     Returns:
-        (R, K) standard deviation [m] by which what keyframe k sees at the end of its reach lies off what recording r sees of
-        it; zero for its own recording, infinite where the two see nothing together.
+        (R, K) standard deviation [m] of a place at the end of keyframe k's reach, relative to the same place as recording r
+        sees it; zero for the keyframe's own recording, infinite if the two see nothing in common.
 
     Raises:
         EstimationError: the uncertainty cannot be computed.
@@ -250,7 +250,7 @@ def measure_relative_uncertainty(keyframes: Keyframes, chain: Chain) -> NDArray[
 
 
 def _collect(keyframes: Keyframes, chosen: NDArray[np.int64]) -> _Seen:
-    """Returns what some keyframes (K,) of a recording show."""
+    """Collects the points, cells and views of some keyframes (K,) of a recording."""
     counts = np.diff(keyframes.rows[chosen], axis=1)[:, 0]
     ends = np.cumsum([0, *counts])
     points, owner = np.empty((int(ends[-1]), 2)), np.repeat(np.arange(len(chosen)), counts)
@@ -262,20 +262,20 @@ def _collect(keyframes: Keyframes, chosen: NDArray[np.int64]) -> _Seen:
     columns = np.floor(points / CELL_M).astype(np.int64)
     columns -= columns.min(axis=0, initial=0)
     _, cell = np.unique(columns[:, 0] * (columns[:, 1].max(initial=0) + 1) + columns[:, 1], return_inverse=True)
-    both = np.unique(cell * len(chosen) + owner)  # a number for each cell and keyframe, which sorts faster than two
+    both = np.unique(cell * len(chosen) + owner)  # one number for each pair of cell and keyframe sorts faster than two
     kept = np.flatnonzero(np.bincount(both // max(len(chosen), 1)) >= _SEEN)
     middles = np.column_stack([np.bincount(cell, points[:, axis]) for axis in range(2)]) / np.bincount(cell)[:, None]
     return _Seen(points, owner, middles[kept], views)
 
 
 def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int]) -> Iterator[Change]:
-    """Yields what a recording shows and another contradicts."""
+    """Yields the objects that one recording shows and another contradicts; `numbers` are the numbers of the two."""
     if not len(one.cells) or not len(other.points):
         return
     shown = _find_shown(one, one.cells, _NEAR_M)
     also = np.bincount(_find_shown(other, one.cells, _NEAR_M)[:, 0], minlength=len(one.cells))
     hits = np.bincount(shown[:, 0], minlength=len(one.cells))
-    rare = np.flatnonzero(also <= _ALSO * hits)  # most cells are seen by both; the others are looked at in full
+    rare = np.flatnonzero(also <= _ALSO * hits)  # most cells are shown by both; only the others are examined in full
     number = np.full(len(hits), -1)
     number[rare] = np.arange(len(rare))
     shown = shown[number[shown[:, 0]] >= 0]
@@ -309,7 +309,7 @@ def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int]) -> Iterator[Cha
 
 
 def _find_shown(seen: _Seen, cells: NDArray[np.float64], near_m: float) -> NDArray[np.int64]:
-    """Returns (P, 2) the numbers of cells (C, 2) and of keyframes with a return near them."""
+    """Returns pairs (P, 2) of a number of a cell and the number of a keyframe with a return within near_m [m] of it."""
     _, near = cKDTree(cells).query(seen.points, k=range(1, _AROUND + 1), distance_upper_bound=near_m)
     point, which = np.nonzero(near < len(cells))
     count = len(seen.views.poses)
@@ -318,15 +318,16 @@ def _find_shown(seen: _Seen, cells: NDArray[np.float64], near_m: float) -> NDArr
 
 
 def find_farthest(cells: NDArray[np.float64], shown: NDArray[np.int64], views: Views) -> NDArray[np.float64]:
-    """Returns from how far each of C cells was shown [m], by the direction from it to the keyframe, or beside it.
+    """Returns the largest distance from which each of C cells was shown [m], by the direction from the cell to the keyframe.
 
     Args:
         cells: (C, 2) m.
         shown: (P, 2) numbers of cells and of keyframes that show them.
-        views: of the keyframes.
+        views: views of the keyframes.
 
     Returns:
-        (C, A) for A directions, counter-clockwise from the map's x; zero where it was not shown from there.
+        (C, A) for A directions, counter-clockwise from the map's x; zero where no keyframe showed the cell from there. Each
+        distance also counts for the two directions beside its own.
     """
     towards = views.poses[shown[:, 1], :2] - cells[shown[:, 0]]
     turn = np.arctan2(towards[:, 1], towards[:, 0]) / (2.0 * np.pi)

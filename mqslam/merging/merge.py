@@ -1,4 +1,4 @@
-"""The merge: sessions are recognised in each other, linked, optimised as one graph, and compared for changes.
+"""Merges sessions into one map: finds the places that they share, links them, optimises one graph, and finds changes.
 
 results -> places recognised -> relations -> joint graph -> links -> one trajectory per recording -> one map -> changes
 """
@@ -53,15 +53,15 @@ def number_vertices(sessions: Sequence[Session]) -> list[NDArray[np.int64]]:
 
 
 def join_graphs(sessions: Sequence[Session], frames: Sequence[se2.Array]) -> GivenGraph:
-    """Joins the graphs of all sessions; only the first pose of the first one is held.
+    """Joins the graphs of all sessions; only the first pose of the first session is held.
 
     Args:
         sessions: the sessions.
-        frames: (3,) pose of the frame of each session in that of the first one, from which the optimisation starts.
+        frames: (3,) pose of each session's frame in the frame of the first one, from which the optimisation starts.
 
     Returns:
-        The graph over the poses of all keyframes. Vertices are numbered from 0: those of all scans, session by session, and
-        after them all others.
+        The graph over the poses of all keyframes. Vertices are numbered from 0: first all scans, session by session, and
+        after them all other vertices.
     """
     factors, values, keys = gtsam.NonlinearFactorGraph(), gtsam.Values(), list[int]()
     for session, frame, numbers in zip(sessions, frames, number_vertices(sessions), strict=True):
@@ -77,9 +77,9 @@ def join_graphs(sessions: Sequence[Session], frames: Sequence[se2.Array]) -> Giv
 
 
 def join_keyframes(sessions: Sequence[Session]) -> Keyframes:
-    """Returns the keyframes of all sessions, those of each still under its own poses.
+    """Joins the keyframes of all sessions; their poses stay in the frame of their own session.
 
-    Their scans are numbered as the vertices of the joint graph. The first session says where the map lies on the Earth.
+    Their scans are numbered as the vertices of the joint graph. The place on the Earth is that of the first session.
     """
     own = [session.map.keyframes for session in sessions]
     firsts = np.cumsum([0, *(len(k.recordings) for k in own)])
@@ -104,7 +104,7 @@ def join_keyframes(sessions: Sequence[Session]) -> Keyframes:
 
 
 def join_places(sessions: Sequence[Session]) -> PlaceTable:
-    """Returns the places of all sessions, which have been described with the same settings."""
+    """Joins the places of all sessions, which must have been described with the same settings."""
     firsts = np.cumsum([0, *(len(session.map.keyframes) for session in sessions)])
     return PlaceTable(
         np.concatenate([session.map.places.keyframes + first for session, first in zip(sessions, firsts, strict=False)]),
@@ -113,31 +113,31 @@ def join_places(sessions: Sequence[Session]) -> PlaceTable:
     )
 
 
-# If the edges in a result's graph alone move a pose farther than this [m], a warning says that what is no edge, such as
-# GNSS, has held the result.
+# If a result's graph, optimised with its edges alone, moves a pose farther than this [m], a warning says that data beyond
+# the edges, such as GNSS, has held the result.
 _MOVED_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Merged:
-    """Several recordings as one map.
+    """The result of a merge: several recordings as one map.
 
     Args:
         config: all settings.
-        sessions: what was merged.
-        recognitions: what recognition says about each two sessions.
-        links: those between keyframes of different sessions that the map keeps, and what the search for them has led to.
-        psi: (L, 2) psi per point of each link's passes, with the sessions where recognition has them and at the optimum.
-        residuals: (L,) of the links at the optimum, in standard deviations.
-        trajectories: of each recording, in one frame.
+        sessions: the sessions that were merged.
+        recognitions: the result of recognition for each pair of sessions.
+        links: the links between keyframes of different sessions that the map keeps, with the counts of the search for them.
+        psi: (L, 2) psi per point of each link's two passes, with the sessions as recognition places them and at the optimum.
+        residuals: (L,) residuals of the links at the optimum, in standard deviations.
+        trajectories: the trajectory of each recording, all in one frame.
         kept: keyframes and places of the map.
-        graph: the joint graph, its links among its factors.
-        values: of its vertices, which are numbered from 0.
-        map: all keyframes rendered.
-        changes: what one recording shows and another contradicts.
-        sigmas: (R, K) how well it is known, for each recording and keyframe, how the two lie to each other [m].
-        moved_m: for each session, how far the edges of its graph alone move a pose of it [m].
-        warnings: what could not be done, and why.
+        graph: the joint graph, with the links among its factors.
+        values: poses of its vertices, which are numbered from 0.
+        map: the points of all keyframes.
+        changes: objects that one recording shows and another contradicts.
+        sigmas: (R, K) uncertainty of each keyframe relative to each recording [m], see `measure_relative_uncertainty`.
+        moved_m: for each session, the farthest that its graph, optimised with its edges alone, moves a pose [m].
+        warnings: messages on steps that failed or were left out, with the reasons.
     """
 
     config: Config
@@ -166,7 +166,7 @@ def merge_sessions(sessions: Sequence[Session], config: Config, runner: Runner) 
         runner: does the work.
 
     Raises:
-        EstimationError: a session shares no place with the others that is recognised without doubt.
+        EstimationError: a session shares no place with the others that is recognised with certainty.
     """
     beam = beam_of(config.estimator, sessions[0].map.keyframes.recordings[0].doppler_beta)
     with runner.time_stage("optimise"):
@@ -178,7 +178,7 @@ def merge_sessions(sessions: Sequence[Session], config: Config, runner: Runner) 
     keyframes = join_keyframes(sessions)
     groups = np.repeat(np.arange(len(sessions)), [len(session.map.keyframes) for session in sessions])
     frames, first = lay_out(sessions, chains, recognitions)
-    del chains  # what they have eliminated takes more memory than anything else here
+    del chains  # their eliminated graphs take more memory than anything else here
     problem = join_graphs(sessions, frames)
     start = np.concatenate(
         [se2.compose(f, session.map.keyframes.poses) for f, session in zip(frames, sessions, strict=True)]
@@ -234,19 +234,19 @@ def merge_sessions(sessions: Sequence[Session], config: Config, runner: Runner) 
 
 
 def _optimise_alone(session: Session) -> Chain:
-    """Returns a session's own trajectory and how sure its graph is of it."""
+    """Optimises a session's own graph, and returns the session's keyframes with the graph and its optimum."""
     graph = join_graphs([session], [np.zeros(3)]).build_graph([])
     return Chain(MappedDrive.of(session.map.keyframes), graph, optimise(graph).values)
 
 
 def _measure_move(session: Session, chain: Chain) -> float:
-    """Returns how far the optimum of a session's edges is from where its keyframes lie, at most [m]."""
+    """Returns the largest distance [m] between a session's keyframes and their poses at the optimum of its own graph."""
     off = chain.graph.poses_at(chain.values)[:, :2] - session.map.keyframes.poses[:, :2]
     return float(np.hypot(off[:, 0], off[:, 1]).max())
 
 
 def _warn_of_moves(sessions: Sequence[Session], moved_m: Sequence[float]) -> list[str]:
-    """Returns a warning for each session that was held by what its file lacks."""
+    """Returns a warning for each session that was held by data which its graph file lacks."""
     return [
         f"{session.folder}: the edges in its graph.g2o alone move it by up to {far:.2f} m; the gyroscope or GNSS that has "
         "held it is not in that file, and takes no part in the merge"
@@ -256,7 +256,7 @@ def _warn_of_moves(sessions: Sequence[Session], moved_m: Sequence[float]) -> lis
 
 
 def _warn_of_ambiguity(sessions: Sequence[Session], recognitions: Sequence[Recognition]) -> list[str]:
-    """Returns a warning for each two sessions of which more submaps match several places than match one."""
+    """Returns a warning for each pair of sessions where more submaps match several places than match a single one."""
     return [
         f"several places fit: {m.ambiguous} submaps of {sessions[m.later].folder} match more than one place of "
         f"{sessions[m.earlier].folder} about as well, and {m.matches} match one; the former were not used"
@@ -292,7 +292,7 @@ def _measure_residuals(links: Sequence[Loop], poses: se2.Array) -> NDArray[np.fl
 
 
 def _list_trajectories(sessions: Sequence[Session], values: gtsam.Values) -> tuple[Trajectory, ...]:
-    """Returns the trajectory of each recording, all scans of it."""
+    """Returns the trajectory of each recording, with all of its scans."""
     stamps = [own for session in sessions for own in session.stamps_us]
     firsts = accumulate(map(len, stamps), initial=0)
     return tuple(
@@ -304,7 +304,7 @@ def _render(keyframes: Keyframes, estimator: EstimatorConfig, beam: Beam, engine
     """Renders all keyframes. Times are seconds since the start of the recording that starts first.
 
     Args:
-        keyframes: of all recordings.
+        keyframes: keyframes of all recordings.
         estimator: settings of the score.
         beam: the sensor's errors.
         engine: where the points are scored; the result does not depend on it.
@@ -335,9 +335,9 @@ def _render(keyframes: Keyframes, estimator: EstimatorConfig, beam: Beam, engine
 
 
 def _space_out(recordings: tuple[MappedRecording, ...], turn_s: float) -> list[float]:
-    """Returns what to add to the times of each recording [s], so that no two overlap.
+    """Returns an offset for the times of each recording [s], so that no two recordings overlap in time.
 
-    psi asks which returns were seen in the same turn, and recordings of two days may have the same stamps.
+    psi tells by the times which returns were seen in the same turn, and recordings of two days may have the same stamps.
     """
     lengths = [1e-6 * (recording.end_us - recording.start_us) + 2.0 * turn_s for recording in recordings]
     return [0.0, *accumulate(lengths)][:-1]

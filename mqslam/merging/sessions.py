@@ -1,4 +1,4 @@
-"""The sessions of a merge, and how they lie to each other: the places of each are searched in each other."""
+"""Makes the sessions of a merge, and finds their poses relative to each other by the places that they share."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from mqslam.formats.graphs.g2o import StoredGraph, list_edges
 from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam
 
-_OFF_M: Final = 0.01  # by which poses of keyframes and graph may differ [m], which are the same numbers rounded
+_OFF_M: Final = 0.01  # by this much [m] the poses of keyframes and graph may differ: they are the same numbers, rounded
 _REMEDY: Final = "give the folder of a result as `mqslam run` or `mqslam merge` has written it"
 
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """One of the results that become one map: its keyframes and its graph, as its files hold them.
+    """One of the results that are merged: its keyframes and its graph, as its files hold them.
 
     Args:
-        folder: where it is.
+        folder: folder of the result.
         map: its keyframes and places.
-        stamps_us: of all scans of each of its recordings (N,) [us].
+        stamps_us: for each of its recordings, the stamps (N,) of all scans [us].
         graph: its graph; the scans of its recordings are the first vertices, in order.
-        frame: (3,) pose of the graph's frame in that of the keyframes.
+        frame: (3,) pose of the graph's frame in the frame of the keyframes.
     """
 
     folder: Path
@@ -60,12 +60,12 @@ class Session:
 
 
 def make_session(folder: Path, kept: KeyframeMap, stamps_us: Sequence[NDArray[np.int64]], graph: StoredGraph) -> Session:
-    """Makes a session of what the files of a result hold.
+    """Makes a session from the content of a result's files, and checks that they fit together.
 
     Args:
         folder: the result, for messages.
         kept: its keyframes and places.
-        stamps_us: of all scans of each of its recordings (N,) [us].
+        stamps_us: for each of its recordings, the stamps (N,) of all scans [us].
         graph: its graph.
 
     Raises:
@@ -94,13 +94,13 @@ def make_session(folder: Path, kept: KeyframeMap, stamps_us: Sequence[NDArray[np
 
 
 def list_factors(session: Session, keys: Sequence[int]) -> list[gtsam.BetweenFactorPose2]:
-    """Returns the edges of a session under other keys, with the losses that a run gives them, which its file lacks.
+    """Returns the edges of a session with new keys, and with the robust losses of a run, which its file does not state.
 
     Edges between scans that do not follow each other are loops; all others are motions.
 
     Args:
         session: the session.
-        keys: (V,) key of each of its vertices.
+        keys: (V,) new key of each of its vertices.
     """
     ends = np.cumsum([len(stamps) for stamps in session.stamps_us])
     huber = gtsam.noiseModel.mEstimator.Huber.Create(HUBER)
@@ -109,17 +109,17 @@ def list_factors(session: Session, keys: Sequence[int]) -> list[gtsam.BetweenFac
     for edge in list_edges(session.graph.factors):
         a, b = edge.keys()
         motion = edge.measured()
-        assert isinstance(motion, gtsam.Pose2)  # `make_session` has looked
+        assert isinstance(motion, gtsam.Pose2)  # `make_session` has checked it
         is_loop = max(a, b) < session.scans and (abs(a - b) > 1 or max(a, b) in ends)
         noise = gtsam.noiseModel.Robust.Create(cauchy if is_loop else huber, edge.noiseModel())
         factors.append(gtsam.BetweenFactorPose2(keys[a], keys[b], motion, noise))
     return factors
 
 
-# Least number of matches of places that must agree on how two recordings lie to each other.
+# Least number of matches of places that must agree on the relative pose of two recordings.
 _FEWEST = 5
-# This many times as many matches must agree on how two recordings lie to each other as agree on any other way; otherwise
-# several places fit, and nothing is linked.
+# The relative pose of two recordings needs this many times as many agreeing matches as any other one. With fewer, several
+# places fit, and nothing is linked.
 _RIVAL = 2.0
 
 Row = Sequence[Loop]
@@ -127,12 +127,12 @@ Row = Sequence[Loop]
 
 @dataclass(frozen=True, slots=True)
 class Relation:
-    """How two recordings lie to each other.
+    """The relation of two recordings: the matches of places that show their relative pose.
 
     Args:
-        matches: those that agree; none where the recordings share no place, or where several relations fit.
+        matches: the matches that agree; empty if the recordings share no place, or if several relations fit.
         agreeing: number of matches that agree on the likeliest relation.
-        rivals: number of matches that agree on the likeliest other one.
+        rivals: number of matches that agree on the likeliest other relation.
     """
 
     matches: list[Loop]
@@ -141,12 +141,12 @@ class Relation:
 
 
 def find_relation(rows: Sequence[Row], earlier: Chain, later: Chain) -> Relation:
-    """Finds the matches that agree, through both trajectories, on how two recordings lie to each other.
+    """Finds the matches that agree on the relative pose of two recordings, given both trajectories.
 
     Args:
         rows: rows of matches of the later recording in the earlier one.
-        earlier: the trajectory of the one by itself.
-        later: the trajectory of the other by itself.
+        earlier: the trajectory of the earlier recording, optimised by itself.
+        later: the trajectory of the later recording, optimised by itself.
 
     Raises:
         EstimationError: the uncertainty of a trajectory cannot be computed.
@@ -165,11 +165,11 @@ def find_relation(rows: Sequence[Row], earlier: Chain, later: Chain) -> Relation
 
 
 def find_heaviest(agree: NDArray[np.bool_], weights: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Returns the heaviest of the sets of rows that all agree with each other, each grown from one of the rows.
+    """Grows a set of rows that all agree with each other from each row, and returns the rows of the heaviest set.
 
     Args:
         agree: (N, N) whether two rows agree; every row agrees with itself.
-        weights: (N,) of the rows.
+        weights: (N,) weights of the rows.
     """
     best: list[int] = []
     for first in range(len(weights)):
@@ -186,7 +186,7 @@ def find_heaviest(agree: NDArray[np.bool_], weights: NDArray[np.int64]) -> NDArr
 
 
 def _compare_rows(rows: Sequence[Row], earlier: Chain, later: Chain) -> NDArray[np.bool_]:
-    """Returns which rows (N, N) agree: whether the way over one and along both paths leads where the other does."""
+    """Returns which rows (N, N) agree: the way over one row and along both paths leads to the same pose as the other row."""
     middles = [row[len(row) // 2] for row in rows]
     pairs = [(i, k) for i in range(len(rows)) for k in range(i + 1, len(rows))]
     before = earlier.relate([(middles[i].earlier, middles[k].earlier) for i, k in pairs])
@@ -199,15 +199,15 @@ def _compare_rows(rows: Sequence[Row], earlier: Chain, later: Chain) -> NDArray[
 
 @dataclass(frozen=True, slots=True)
 class Recognition:
-    """What recognition says about two sessions.
+    """The result of searching the places of one session in another one.
 
     Args:
         earlier, later: numbers of the sessions.
         rows: number of rows of matches.
-        matches: number of matches in them.
+        matches: number of matches in these rows.
         ambiguous: number of submaps that match several places.
         compared: number of pairs that psi has compared.
-        relation: how the two lie to each other.
+        relation: the matches that agree on the relative pose of the two.
     """
 
     earlier: int
@@ -222,7 +222,7 @@ class Recognition:
 def introduce(
     sessions: Sequence[Session], chains: Sequence[Chain], estimator: EstimatorConfig, beam: Beam, runner: Runner
 ) -> list[Recognition]:
-    """Looks each session up in every session before it."""
+    """Searches the places of each session in every session before it."""
     recognitions = []
     pairs = [(a, b) for b in range(len(sessions)) for a in range(b)]
     for a, b in runner.follow("recognise", pairs, len(pairs)):
@@ -239,10 +239,10 @@ def introduce(
 def lay_out(
     sessions: Sequence[Session], chains: Sequence[Chain], recognitions: Sequence[Recognition]
 ) -> tuple[list[se2.Array], list[Loop]]:
-    """Lays the sessions on each other, at each step the one of which the most matches agree.
+    """Places the sessions in one frame, one after the other, at each step the one with the most agreeing matches.
 
     Returns:
-        the pose (3,) of the frame of each session in that of the first one, and links between keyframes of all sessions.
+        the pose (3,) of each session's frame in the frame of the first one, and links between keyframes of all sessions.
 
     Raises:
         EstimationError: a session shares no place with the others.
@@ -272,7 +272,7 @@ def lay_out(
 
 
 def _find_middle(recognition: Recognition, lies: se2.Array, poses: se2.Array) -> int:
-    """Returns which of N relations (N, 3) leaves the matched keyframes nearest to where all matches have them."""
+    """Returns the number of the relation, of N (N, 3), that puts the matched keyframes nearest to where all matches do."""
     at = poses[[match.later for match in recognition.relation.matches]]
     where = np.array([se2.compose(lie, pose) for lie, pose in zip(lies, at, strict=True)])[:, :2]
     off = [np.median(np.hypot(*(se2.compose(lie, at)[:, :2] - where).T)) for lie in lies]
@@ -293,6 +293,6 @@ def _explain(sessions: Sequence[Session], joined: set[int], recognitions: Sequen
             agreeing = max(m.relation.agreeing for m in own)
             why += f", and {agreeing} matches agree on one relation and {rivals} on another"
     return EstimationError(
-        f"{names}: shares no place with the other recordings that can be told for sure; {why}",
+        f"{names}: shares no place with the other recordings that is recognised with certainty; {why}",
         "give recordings that pass through the same streets",
     )

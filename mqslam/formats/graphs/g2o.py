@@ -1,4 +1,4 @@
-"""Pose graphs in g2o's text form."""
+"""Reads and writes pose graphs in g2o's text format."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from mqslam.formats.text import read_lines, read_text
 if TYPE_CHECKING:
     import gtsam
 
-_TAGS: Final = ("VERTEX", "EDGE", "FIX")  # begin the lines of any g2o file, also those that are not understood here
+_TAGS: Final = ("VERTEX", "EDGE", "FIX")  # beginnings of the lines of any g2o file, also of kinds that are not read here
 _TRAJECTORY_WIDTHS: Final = (8, 12)  # numbers in a line of TUM (a stamp, a place and a quaternion) and of KITTI (a matrix)
-_LARGEST: Final = 1e18  # of a pose or an information: squares and products of larger ones overflow
-_LARGEST_NUMBER: Final = 2**56 - 1  # by definition: GTSAM keeps letters in the bits above
-_TURNED: Final = [3, 4, 5, 0, 1, 2]  # GTSAM has the rotation first, g2o the place
+_LARGEST: Final = 1e18  # limit on the numbers of a pose or an information matrix: products of larger ones overflow
+_LARGEST_NUMBER: Final = 2**56 - 1  # largest vertex number, by definition: GTSAM keeps letters in the bits above
+_TURNED: Final = [3, 4, 5, 0, 1, 2]  # order of a pose's variables: GTSAM has the rotation first, g2o the position
 
 
 class _Kind(NamedTuple):
-    """How poses of a kind are written.
+    """How one kind of poses, planar or spatial, is written.
 
     Args:
-        vertex, edge: the first word of their lines.
-        size: numbers of a pose.
-        width: rows of an information matrix, whose upper triangle follows the pose of an edge.
+        vertex, edge: the first words of the lines of a vertex and of an edge.
+        size: how many numbers a pose has.
+        width: number of rows of an information matrix, whose upper triangle follows the pose of an edge.
     """
 
     vertex: str
@@ -40,16 +40,16 @@ class _Kind(NamedTuple):
 
     @property
     def upper(self) -> int:
-        """Numbers of an information matrix."""
+        """How many numbers the upper triangle of an information matrix has."""
         return self.width * (self.width + 1) // 2
 
 
 class _Edge(NamedTuple):
-    """A line of an edge.
+    """An edge as a line of the file states it.
 
     Args:
-        line: its number in the file.
-        ends: its vertices.
+        line: number of the line.
+        ends: numbers of its two vertices.
         numbers: the pose of the second vertex in the frame of the first, and the upper triangle of the information matrix.
     """
 
@@ -68,12 +68,12 @@ _REMEDY: Final = f"give a graph of {_PLANAR.vertex} and {_PLANAR.edge}, or of {_
 def format_g2o(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, size: int) -> str:
     """Formats the graph of a run as text.
 
-    Vertices are numbered from 0: those of the scans first, and those of the submaps after them. What gyroscope and
-    GNSS have added to the graph, and the variables of their own, are left out.
+    Vertices are numbered from 0: the scans first, and the submaps after them. The factors and the variables that gyroscope
+    and GNSS have added to the graph are left out.
 
     Args:
         factors: the graph, of which the between-factors are written.
-        values: the poses x0 .. x(size - 1) of the scans, m0 .. of the submaps, and what else is estimated.
+        values: the poses x0 .. x(size - 1) of the scans, m0 .. of the submaps, and all other variables.
         size: number of scans.
     """
     import gtsam
@@ -84,12 +84,14 @@ def format_g2o(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, size: 
 
 
 def format_poses_and_edges(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]) -> str:
-    """Formats poses and the edges between them; GTSAM's own writer takes no robust noise: the Gaussian under it is written.
+    """Formats poses and the edges between them as text.
+
+    Of a robust noise model the Gaussian below the loss is written; GTSAM's own writer does not take robust noise.
 
     Args:
         factors: the graph, of which the factors between two of these poses are written.
-        values: of all poses, Pose2 or Pose3.
-        keys: of the poses, which are numbered from 0 in this order.
+        values: values of all poses, Pose2 or Pose3.
+        keys: keys of the poses; vertices are numbered from 0 in this order.
     """
     number = {key: k for k, key in enumerate(keys)}
     lines = [f"{kind.vertex} {number[key]} {_join(pose)}" for key in keys for kind, pose in [_read_value(values, key)]]
@@ -105,7 +107,7 @@ def format_poses_and_edges(factors: gtsam.NonlinearFactorGraph, values: gtsam.Va
 
 
 def list_edges(factors: gtsam.NonlinearFactorGraph) -> list[gtsam.BetweenFactorPose2 | gtsam.BetweenFactorPose3]:
-    """Returns the factors of a graph that can be written: those between two poses."""
+    """Returns the factors of a graph that g2o can state: between-factors of two poses."""
     import gtsam
 
     edges = (gtsam.BetweenFactorPose2, gtsam.BetweenFactorPose3)
@@ -113,11 +115,11 @@ def list_edges(factors: gtsam.NonlinearFactorGraph) -> list[gtsam.BetweenFactorP
 
 
 def replace_poses(path: Path, values: gtsam.Values) -> str:
-    """Returns the text of a file that `read_g2o` reads with other poses; all other lines stay as they are.
+    """Returns the text of a g2o file with new poses for its vertices; all other lines stay as they are.
 
     Args:
-        path: the file.
-        values: of its vertices, by their numbers.
+        path: the file, which `read_g2o` can read.
+        values: the new poses, by the numbers of the vertices.
 
     Raises:
         DataError: the file cannot be read.
@@ -136,12 +138,12 @@ def replace_poses(path: Path, values: gtsam.Values) -> str:
 def read_g2o(path: Path) -> StoredGraph:
     """Reads a graph of planar poses, or of poses in space.
 
-    Comments (`#`) are left out. The vertices of `FIX` are held; where there is none, the one with the lowest number is.
-    GTSAM's own reader reads no edge of a file with a comment or with `FIX`, passes over lines that it does not know, makes
-    up vertices that are not there, and takes any matrix for an information.
+    Comments (`#`) are left out. The vertices of `FIX` are held; without `FIX`, the vertex with the lowest number is held.
+    GTSAM's own reader is not used: it reads no edge of a file with a comment or with `FIX`, skips lines that it does not
+    know, makes up missing vertices, and accepts any matrix as an information matrix.
 
     Raises:
-        DataError: the file cannot be read, or has a line that says anything else.
+        DataError: the file cannot be read, or has a line of any other kind.
     """
     import gtsam
 
@@ -166,7 +168,7 @@ def read_g2o(path: Path) -> StoredGraph:
 
 @untrusted.reads_file
 def read_edges(path: Path) -> tuple[list[tuple[int, int]], int]:
-    """Reads which pairs of poses the edges of a run's graph join, in the order of the file, and how many poses there are.
+    """Returns the pairs of poses that the edges of a run's graph join, in the order of the file, and the number of poses.
 
     Raises:
         DataError: the file cannot be read or is no graph.
@@ -180,7 +182,7 @@ def read_edges(path: Path) -> tuple[list[tuple[int, int]], int]:
 
 
 def _guess_content(words: Sequence[str]) -> str:
-    """Returns what a file looks like that is no graph, from the words of its first line; "" where that cannot be told."""
+    """Returns a guess, for the error, at what a file that is no graph holds, by the words of its first line; "" for none."""
     try:
         for word in words:
             float(word)
@@ -225,7 +227,7 @@ def _parse_lines(
 
 
 def _parse_words(words: Sequence[str], ends: int, count: int) -> tuple[list[int], list[float]]:
-    """Returns the vertices and the numbers of a line; no vertices where it does not have so many of them."""
+    """Returns the vertices and the numbers of a line; both are empty unless it has `ends` vertices and `count` numbers."""
     try:
         vertices, numbers = [int(word) for word in words[1 : 1 + ends]], [float(word) for word in words[1 + ends :]]
     except ValueError:
@@ -247,7 +249,7 @@ def _make_informations(path: Path, edges: Sequence[_Edge], kind: _Kind) -> NDArr
 
 
 def _make_pose(numbers: Sequence[float]) -> gtsam.Pose2 | gtsam.Pose3:
-    """Returns the pose that numbers of a line state."""
+    """Makes a pose of the numbers in a line."""
     import gtsam
 
     if len(numbers) == _PLANAR.size:
@@ -258,7 +260,7 @@ def _make_pose(numbers: Sequence[float]) -> gtsam.Pose2 | gtsam.Pose3:
 
 
 def _read_value(values: gtsam.Values, key: int) -> tuple[_Kind, list[float]]:
-    """Returns the kind of the pose of a key, and its numbers."""
+    """Returns the kind and the numbers of the pose with a key."""
     try:
         return _read_pose(values.atPose2(key))
     except RuntimeError:  # GTSAM offers no other way to ask what kind of pose it is
@@ -287,19 +289,19 @@ def _find_information(factor: gtsam.BetweenFactorPose2 | gtsam.BetweenFactorPose
 
 
 def _join(numbers: Iterable[float], digits: int = 9) -> str:
-    """Returns numbers in a line."""
+    """Joins numbers to a text, with `digits` significant digits and spaces between them."""
     return " ".join(f"{number:.{digits}g}" for number in numbers)
 
 
 @dataclass(frozen=True, slots=True)
 class StoredGraph:
-    """A graph, and where its poses begin.
+    """A graph from a file, with the initial values of its variables.
 
     Args:
         factors: the graph.
         values: the values of all variables, as the file has them.
-        keys: of the poses, Pose2 or Pose3, in the order of their keys.
-        held: keys of the poses that stay where they are, so that they hold the graph; none where its factors do that.
+        keys: keys of the poses, Pose2 or Pose3, in increasing order.
+        held: keys of the poses that stay fixed, to anchor the graph; none if its factors anchor it.
     """
 
     factors: gtsam.NonlinearFactorGraph

@@ -1,4 +1,4 @@
-"""Graphs and values as GTSAM writes them itself (`serialize`): boost's text archives."""
+"""Reads graphs and values in GTSAM's own format: the text archives of boost that `serialize` makes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _REMEDY: Final = "give what serialize() of gtsam.NonlinearFactorGraph and of gts
 
 
 def recognises(path: Path) -> bool:
-    """Returns whether a file begins as such an archive does."""
+    """Returns whether a file begins like a text archive of boost."""
     try:
         with untrusted.check_file(path).open("rb") as file:
             return file.read(len(_BEGIN)) == _BEGIN
@@ -32,7 +32,7 @@ def recognises(path: Path) -> bool:
 def read_gtsam(graph: Path, values: Path) -> StoredGraph:
     """Reads a graph and the values of its variables.
 
-    Where no factor tells where a variable lies, such as a prior or a place by GNSS, the first pose is held.
+    The first pose is held unless a factor on a single pose anchors the graph, such as a prior or a position by GNSS.
 
     Raises:
         DataError: a file cannot be read, a variable has no value, there is no pose, or the graph's error is not finite.
@@ -56,10 +56,10 @@ def read_gtsam(graph: Path, values: Path) -> StoredGraph:
 
 
 def write_again(words: list[str]) -> bytes:
-    """Returns an archive of the kind that the word names, as GTSAM reads it from stdin and writes it, for `call_apart`.
+    """Reads an archive of the GTSAM class that the word names from stdin, and returns it as GTSAM writes it again.
 
-    GTSAM ends with the process where an archive is damaged in some ways. Therefore another process reads it first, and what
-    that has understood and written is read here.
+    Some damaged archives make GTSAM end the process. Therefore `call_apart` calls this function in another process, and
+    this process reads only the archive that the other one has written again.
     """
     import gtsam
 
@@ -69,7 +69,7 @@ def write_again(words: list[str]) -> bytes:
 
 
 def _read_again(path: Path, kind: str) -> str:
-    """Returns an archive as a process of its own has read and written it."""
+    """Returns an archive that another process has read and written again, as `write_again` does."""
     if not path.exists():
         raise DataError(path, "does not exist", "check the path")
     if not recognises(path):
@@ -83,7 +83,7 @@ def _read_again(path: Path, kind: str) -> str:
 
 
 def _has_finite_error(factors: gtsam.NonlinearFactorGraph, known: gtsam.Values) -> bool:
-    """Returns whether factors have an error at values, and a finite one."""
+    """Returns whether the error of the factors at the values can be computed and is finite."""
     try:
         return math.isfinite(factors.error(known))
     except RuntimeError:  # a value is of another kind than its factor needs
@@ -91,7 +91,7 @@ def _has_finite_error(factors: gtsam.NonlinearFactorGraph, known: gtsam.Values) 
 
 
 def _is_pose(values: gtsam.Values, key: int) -> bool:
-    """Returns whether the value of a key is a planar pose or one in space."""
+    """Returns whether the value of a key is a pose, in the plane or in space."""
     for read in (values.atPose2, values.atPose3):
         try:
             read(key)

@@ -1,1 +1,1 @@
-"""Maps of cells, and what places them on the Earth."""
+"""Files of maps: occupancy grids, keyframes, and maps with their place on the Earth."""

@@ -1,7 +1,7 @@
-"""An occupancy grid as a GeoTIFF (OGC 19-008r4), which GIS programs lay on other maps.
+"""Writes an occupancy grid as a GeoTIFF (OGC 19-008r4), for GIS programs to show on other maps, and a path as GeoJSON.
 
-Its coordinates are those of a transverse Mercator projection about the map's own tangent plane: within some kilometres both
-are the same to less than a millimetre. The map's frame is turned against it, which the affine transformation states.
+The GeoTIFF's coordinates are a transverse Mercator projection about the map's own tangent plane: within some kilometres the
+two differ by less than a millimetre. An affine transformation in the file states how the map's frame is turned against them.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.execution.files import write_aside, write_json
 
 _OCCUPIED: Final = 255
-_TRANSFORMATION, _KEYS, _DOUBLES, _NAMES, _NOTHING = 34264, 34735, 34736, 34737, 42113  # tags
+_TRANSFORMATION, _KEYS, _DOUBLES, _NAMES, _NOTHING = 34264, 34735, 34736, 34737, 42113  # numbers of TIFF tags
 _USER_DEFINED: Final = 32767
 _METRE, _DEGREE, _WGS_84 = 9001, 9102, 4326  # EPSG
 _PROJECTION_NAME: Final = "Transverse Mercator about the map's tangent plane|"
-_DIGITS = 8  # of a degree: a millimetre
+_DIGITS = 8  # decimals of a degree: the last one is a millimetre
 _BEGINNING = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def write_geotiff(path: Path, grid: OccupancyGrid, place: Georeference) -> None:
-    """Writes a grid: pixels are 255 where a cell is occupied, and 0, which means no data, everywhere else.
+    """Writes a grid as a GeoTIFF: pixels are 255 where a cell is occupied, and 0, which means no data, everywhere else.
 
     Args:
         path: the file.
         grid: the map.
-        place: where it lies.
+        place: where the map lies on the Earth.
 
     Raises:
         OutputError: the file cannot be written.
@@ -44,7 +44,7 @@ def write_geotiff(path: Path, grid: OccupancyGrid, place: Georeference) -> None:
 
 
 def _make_tags(grid: OccupancyGrid, place: Georeference) -> TiffImagePlugin.ImageFileDirectory_v2:
-    """Returns the tags that say where the pixels lie: the first one's upper left corner is the map's upper left corner."""
+    """Returns the tags that place the pixels: the upper left corner of the first pixel is the map's upper left corner."""
     c, s, step = np.cos(place.pose[2]), np.sin(place.pose[2]), grid.resolution
     left, top = grid.origin[0], grid.origin[1] + step * grid.occupied.shape[0]
     x, y = place.pose[0] + c * left - s * top, place.pose[1] + s * left + c * top
@@ -80,12 +80,12 @@ def _make_tags(grid: OccupancyGrid, place: Georeference) -> TiffImagePlugin.Imag
 
 
 def write_geojson(path: Path, trajectory: Trajectory, place: Georeference) -> None:
-    """Writes a trajectory as a line with the time of each of its points.
+    """Writes a trajectory as a GeoJSON line with the time of each of its points.
 
     Args:
         path: the file.
         trajectory: poses in the map.
-        place: where the map lies.
+        place: where the map lies on the Earth.
 
     Raises:
         OutputError: the file cannot be written.

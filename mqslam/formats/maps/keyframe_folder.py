@@ -1,12 +1,12 @@
-"""A map's keyframes as a folder that is opened without its recordings; points are read when they are asked for.
+"""Writes and reads the keyframes of a map as a folder, which is used without the recordings; points are read when needed.
 
     index.json       format, version, sizes, recordings, and the settings that places are described with
     keyframes.npy    (K,) one record per keyframe
-    points.npy       (M,) one record per return, those of each keyframe in a row
+    points.npy       (M,) one record per return; the returns of a keyframe follow each other
     places.npy       (P,) number of the keyframe at each place
-    descriptors.npy  (P, R, S) what each place looks like
+    descriptors.npy  (P, R, S) descriptor of each place, by rings and sectors
 
-Files that end in .npy are NumPy's own, so that any program that reads these reads a map.
+The .npy files are in NumPy's own format, so that any program that reads this format can read a map.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _KEYFRAME: Final = np.dtype(
         ("end_point", "<i8"),
     ]
 )
-_AT_A_TIME: Final = 1_000_000  # numbers of a file that are looked through together
+_AT_A_TIME: Final = 1_000_000  # numbers of a file that are checked at a time
 _REMEDY: Final = "give the folder of a result that `mqslam run` or `mqslam merge` has written"
 
 
@@ -97,7 +97,7 @@ def write_keyframes(folder: Path, made: KeyframeMap) -> None:
 
 
 def find_keyframes(path: Path) -> Path | None:
-    """Returns the folder of keyframes that a path is, or that the result at a path holds; None where there is none."""
+    """Returns the folder of keyframes at a path, or within the result at the path, or None if there is none."""
     for folder in (path, path / FOLDER):
         if (folder / "index.json").is_file():
             return folder
@@ -106,10 +106,10 @@ def find_keyframes(path: Path) -> Path | None:
 
 @untrusted.reads_file
 def read_keyframes(path: Path) -> KeyframeMap:
-    """Opens a map; its points and descriptors are looked through, and stay on disk until they are asked for.
+    """Opens a map; its points and descriptors are checked, and stay on disk until they are needed.
 
     Args:
-        path: the folder, or that of the result that holds it.
+        path: the folder of keyframes, or the folder of the result that holds it.
 
     Raises:
         DataError: there is no map, it is damaged, or a newer version has written it.
@@ -157,7 +157,7 @@ def read_keyframes(path: Path) -> KeyframeMap:
 
 
 def _check_numbers(path: Path, numbers: NDArray[Any]) -> None:
-    """Looks through the numbers (N,) of a mapped file, which is taken out of the memory again."""
+    """Checks that the numbers (N,) of a memory-mapped file are finite and not too large; its memory is released again."""
     for begin in range(0, len(numbers), _AT_A_TIME):
         if not mark_places(numbers[begin : begin + _AT_A_TIME, None].astype(np.float32)).all():
             raise DataError(path, "holds numbers that are not finite, or far too large", _REMEDY)
@@ -166,7 +166,7 @@ def _check_numbers(path: Path, numbers: NDArray[Any]) -> None:
 
 @untrusted.reads_file
 def _read_index(path: Path) -> dict[str, Any]:
-    """Reads index.json."""
+    """Reads and checks index.json."""
     try:
         index = json.loads(untrusted.read_document(path))
         is_map, version = index["format"] == _FORMAT, int(index["version"])
@@ -197,7 +197,7 @@ def _read_index(path: Path) -> dict[str, Any]:
 
 @untrusted.reads_file
 def _read_array(path: Path, kind: np.dtype[Any], shape: tuple[int | None, ...]) -> NDArray[Any]:
-    """Maps an array of a file; None in the shape is any length."""
+    """Opens the array in a file as a memory map, and checks its type and shape; None in the shape is any length."""
     try:
         array: NDArray[Any] = np.load(
             untrusted.check_file(path), mmap_mode="r" if 0 not in shape else None, allow_pickle=False

@@ -1,4 +1,4 @@
-"""An occupancy grid as the image and the settings that nav2's map_server loads."""
+"""Writes and reads an occupancy grid as the image and the settings that nav2's map_server loads."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from mqslam.formats.poses import mark_places
 _WIDEST_M = 1e3  # no map has wider cells
 _OCCUPIED = 0
 _UNKNOWN = 205
-"""Pixels of cells. map_server reads a pixel p as the occupancy (255 - p) / 255: 205 gives 0.19608, just above the threshold
-of free cells."""
+"""Pixels of occupied and of unknown cells. map_server reads a pixel p as the occupancy (255 - p) / 255: 205 gives 0.19608,
+just above the threshold of free cells."""
 _ROWS = 500  # rows of the image that are in memory at a time: a matter of memory only
 _OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196  # map_server's usual thresholds
 _MESSAGE_OCCUPIED, _MESSAGE_FREE, _MESSAGE_UNKNOWN = 100, 0, -1  # as nav_msgs/OccupancyGrid defines them
@@ -51,7 +51,7 @@ def write_nav2_map(folder: Path, grid: OccupancyGrid, place: Georeference | None
     Args:
         folder: an existing folder.
         grid: the map to write.
-        place: where it lies on the Earth, which `georeference` in map.yaml then states; map_server does not look at it.
+        place: where the map lies on the Earth, for `georeference` in map.yaml; map_server ignores this entry.
 
     Raises:
         OutputError: a file cannot be written.
@@ -83,7 +83,7 @@ def read_nav2_map(file: Path) -> Nav2Map:
     """Reads a `map.yaml` and the image it names, as map_server would.
 
     Raises:
-        DataError: the files are no such map.
+        DataError: a file cannot be read, or the files are no such map.
     """
     try:
         settings = yaml.safe_load(untrusted.read_document(file, untrusted.YAML_BYTES))
