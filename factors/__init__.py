@@ -1,1 +1,1 @@
-"""Factors: a measurement in, a GTSAM factor out, one kind per file."""
+"""Factors of the pose graph: functions that turn a measurement into a GTSAM factor, one kind of measurement per file."""

@@ -1,4 +1,4 @@
-"""Between-factors of planar motions, with the noise and the loss of what has measured them, and the first pose's prior."""
+"""Between-factors of planar motions, with the noise and robust loss of their sources, and the prior of the first pose."""
 
 from __future__ import annotations
 
@@ -11,39 +11,39 @@ from numpy.typing import NDArray
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
 
-# Residual [standard deviations] beyond which the pull of a motion grows only linearly. Huber's loss then keeps 95 % of the
-# efficiency of least squares where errors are Gaussian.
+# Residual [standard deviations] beyond which Huber's loss of a motion grows only linearly. With this value it keeps 95 % of
+# the efficiency of least squares where errors are Gaussian.
 HUBER: Final = 1.345
-# The pull of a loop becomes weaker beyond this residual, in standard deviations.
+# Residual [standard deviations] beyond which the pull of a loop becomes weaker.
 CAUCHY: Final = 3.0
-# Standard deviations of x, y [m] and yaw [rad] that are added to a loop's own: submaps bend, which their score does not
-# show.
+# Standard deviations of x, y [m] and yaw [rad] by which the bend of submaps makes a loop wrong. Their squares are added to
+# the covariance of the loop, since its score does not show the bend.
 BEND_SIGMAS = (0.05, 0.05, 0.0015)
-# Standard deviations [m, rad] of the prior that holds the first pose: far below what any motion is known to.
+# Standard deviations [m, rad] of the prior that holds the first pose: far smaller than those of any motion.
 PRIOR_M, PRIOR_RAD = 1e-3, 1e-4
-# Standard deviations of z [m], and of roll and pitch [rad], in a factor between poses in space, about which the radar says
-# nothing: roads bend and springs give way by no more within a submap.
+# Standard deviations of z [m], and of roll and pitch [rad], in a factor between poses in space. The radar does not measure
+# these components; within a submap, roads bend and springs give way by no more than this.
 _LIFTED_M, _LIFTED_RAD = 0.1, 0.03
 
-_LEAST: Final = np.diag([1e-12, 1e-12, 1e-16])  # numerical: keeps a covariance without any error from being singular
-_PLANAR: Final = np.ix_([3, 4, 2], [3, 4, 2])  # x, y and yaw of a pose in space, whose errors are roll, pitch, yaw, x, y, z
+_LEAST: Final = np.diag([1e-12, 1e-12, 1e-16])  # numerical: keeps the covariance of an exact motion from being singular
+_PLANAR: Final = np.ix_([3, 4, 2], [3, 4, 2])  # x, y and yaw among the errors of a pose in space: roll, pitch, yaw, x, y, z
 _LOSSES: Final = gtsam.noiseModel.mEstimator
 
 
 def psi_between(a: int, b: int, pose: se2.Array, covariance: NDArray[np.float64]) -> gtsam.BetweenFactorPose2:
-    """Returns the factor of a relative pose that psi, another front end or odometry has measured, with Huber's loss.
+    """Returns the between-factor of a relative pose measured by psi, another front end or odometry, with Huber's loss.
 
     Args:
         a: key of the submap or of the earlier scan.
         b: key of the later scan or submap.
-        pose: (3,) of b in the frame of a [m, m, rad].
-        covariance: (3, 3) of it, in the frame of a.
+        pose: (3,) pose of b in the frame of a [m, m, rad].
+        covariance: (3, 3) covariance of this pose, in the frame of a.
     """
     return _make_between(a, b, pose, covariance, _LOSSES.Huber.Create(HUBER))
 
 
 def loop_between(a: int, b: int, loop: Loop) -> gtsam.BetweenFactorPose2:
-    """Returns the factor of a loop; Cauchy's loss keeps a wrong loop from bending the rest of the graph.
+    """Returns the between-factor of a loop. Cauchy's loss keeps a wrong loop from bending the rest of the graph.
 
     Args:
         a: key of the earlier pose.
@@ -54,22 +54,22 @@ def loop_between(a: int, b: int, loop: Loop) -> gtsam.BetweenFactorPose2:
 
 
 def add_bend(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the covariance (3, 3) [m, m, rad] of a loop with the bend of its submaps, which psi does not show."""
+    """Adds the bend of the submaps, which psi does not show, to the covariance (3, 3) [m, m, rad] of a loop."""
     return np.asarray(covariance + np.diag(np.square(BEND_SIGMAS)))
 
 
 def _make_between(
     a: int, b: int, pose: se2.Array, covariance: NDArray[np.float64], loss: gtsam.noiseModel.mEstimator.Base
 ) -> gtsam.BetweenFactorPose2:
-    """Returns a between-factor; GTSAM states its errors in the frame of b, where the covariance is given in that of a."""
+    """Returns a between-factor; its covariance is given in the frame of a and is rotated to the frame of b for GTSAM."""
     gaussian = gtsam.noiseModel.Gaussian.Covariance(se2.rotate_covariance(covariance, -pose[2]) + _LEAST)
     return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*pose), gtsam.noiseModel.Robust.Create(loss, gaussian))
 
 
 def lifted_between(planar: gtsam.BetweenFactorPose2) -> gtsam.BetweenFactorPose3:
-    """Returns the factor of a planar motion between two poses in space, with the same loss.
+    """Converts the factor of a planar motion to a factor between two poses in space, with the same loss.
 
-    Both poses are taken to lie in the plane of the first one, but for weak noise on z, roll and pitch.
+    Both poses are taken to lie in the plane of the first pose; the noise on z, roll and pitch allows small deviations.
     """
     a, b = planar.keys()
     motion, noise = planar.measured(), planar.noiseModel()
@@ -84,6 +84,6 @@ def lifted_between(planar: gtsam.BetweenFactorPose2) -> gtsam.BetweenFactorPose3
 
 
 def prior(key: int, pose: se2.Array) -> gtsam.PriorFactorPose2:
-    """Returns the factor that holds the pose of a key at a pose (3,) [m, m, rad]."""
+    """Returns the prior factor that holds the variable of a key at a pose (3,) [m, m, rad]."""
     noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([PRIOR_M, PRIOR_M, PRIOR_RAD]))
     return gtsam.PriorFactorPose2(key, gtsam.Pose2(*pose), noise)

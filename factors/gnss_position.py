@@ -1,4 +1,4 @@
-"""The factor of a position on the Earth: where a pose lies in a tangent plane, whose own pose in the map is a variable."""
+"""Factors of GNSS fixes: positions in a tangent plane of the Earth, whose own pose in the map is a variable."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 
 from mqslam.core import se2
 
-# Residual beyond which a fix is a jump and hardly counts [standard deviations].
+# Residual [standard deviations] beyond which a fix counts as a jump and gets very little weight.
 REACH = 3.0
 _NO_TURN: Final = 1e-6  # numerical: the plane wanders and does not turn [rad]
-_UNKNOWN_YAW: Final = 1e3  # a fix says nothing of the yaw: far more than a turn [rad]
+_UNKNOWN_YAW: Final = 1e3  # far more than a turn [rad], since a fix does not measure the yaw
 
 
 def gnss_position(plane: int, key: int, pose: se2.Array, sigma_m: float) -> gtsam.BetweenFactorPose2:
-    """Returns the factor of a fix; one that jumps away hardly pulls (Geman and McClure's weights).
+    """Returns the factor of a fix. A fix that jumps away gets very little weight (loss of Geman and McClure).
 
     Args:
         plane: key of the tangent plane's pose in the map (Pose2).
-        key: of the pose that was fixed (Pose2).
-        pose: (3,) of it in the tangent plane: the position that was fixed [m], and about its yaw [rad].
+        key: key of the pose whose position was fixed (Pose2).
+        pose: (3,) this pose in the tangent plane: the fixed position [m], and an approximate yaw [rad].
         sigma_m: standard deviation along each axis [m].
     """
     sigmas = gtsam.noiseModel.Diagonal.Sigmas(np.array([sigma_m, sigma_m, _UNKNOWN_YAW]))
@@ -30,12 +30,12 @@ def gnss_position(plane: int, key: int, pose: se2.Array, sigma_m: float) -> gtsa
 
 
 def plane_walk(a: int, b: int, walk_m: float) -> gtsam.BetweenFactorPose2:
-    """Returns the factor of two successive poses of the tangent plane: a receiver's error wanders, and so does its plane.
+    """Returns the factor between two successive poses of the tangent plane, which wanders as the receiver's error does.
 
     Args:
         a: key of the earlier pose (Pose2).
-        b: key of the later one.
-        walk_m: standard deviation along each axis [m].
+        b: key of the later pose (Pose2).
+        walk_m: standard deviation of the step between them along each axis [m].
     """
     sigmas = gtsam.noiseModel.Diagonal.Sigmas(np.array([walk_m, walk_m, _NO_TURN]))
     return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(), sigmas)

@@ -1,8 +1,8 @@
-"""The factor of a gyroscope's turn between two poses, whose bias and scale are variables of the graph.
+"""The factor of a gyroscope's turn between two poses. The gyroscope's bias and scale error are variables of the graph.
 
     error = yaw of b - yaw of a - (1 + scale error) turn + bias x duration
 
-It is linear in all its variables, so that one linearisation serves whatever their values are.
+The error is linear in all variables, so that a single linearisation is valid for all their values.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ class GyroscopeTurn(NamedTuple):
     """A turn that a gyroscope measured.
 
     Args:
-        angle: counter-clockwise [rad], less than half a turn away from the true one.
-        duration_s: from pose to pose [s].
-        sigma: standard deviation of its white noise [rad].
+        angle: measured angle, counter-clockwise [rad]; it is less than half a turn off.
+        duration_s: time between the two poses [s].
+        sigma: standard deviation of the angle by white noise [rad].
     """
 
     angle: float
@@ -37,11 +37,11 @@ def gyroscope_turn(
     """Returns the factor of a turn.
 
     Args:
-        a: key of the pose (Pose2) at the turn's begin.
-        b: key of the pose at its end.
+        a: key of the pose (Pose2) at the beginning of the turn.
+        b: key of the pose (Pose2) at the end of the turn.
         calibration: key of the gyroscope's calibration, a vector (2,): bias [rad/s] and error of the scale [1].
         turn: the measurement.
-        yaws: about the yaws of both poses [rad]; each is right to within half a turn.
+        yaws: approximate yaws of both poses [rad]; each is right to within half a turn.
     """
     by_calibration = np.array([[turn.duration_s, -turn.angle]])
     miss = turn.angle - se2.wrap(yaws[1] - yaws[0])
@@ -55,13 +55,13 @@ def gyroscope_turn(
 
 
 def bias_walk(a: int, b: int, walk: float, constant: float) -> gtsam.BetweenFactorVector:
-    """Returns the factor of two successive calibrations of a gyroscope.
+    """Returns the factor between two successive calibrations of a gyroscope.
 
     Args:
         a: key of the earlier calibration.
-        b: key of the later one.
-        walk: standard deviation by which the bias changes in between [rad/s].
-        constant: standard deviation by which the scale does [1].
+        b: key of the later calibration.
+        walk: standard deviation of the change of the bias between them [rad/s].
+        constant: standard deviation of the change of the scale error [1].
     """
     sigmas = gtsam.noiseModel.Diagonal.Sigmas(np.array([walk, constant]))
     return gtsam.BetweenFactorVector(a, b, np.zeros(2), sigmas)

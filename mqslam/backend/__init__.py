@@ -1,1 +1,1 @@
-"""The pose graph and what it is built from."""
+"""The back end: it builds and optimises the pose graph, with loop closures and other sensors."""

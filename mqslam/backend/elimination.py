@@ -1,17 +1,18 @@
-"""Covariances of the variables of a graph, by the elimination of one of them after the other.
+"""Computes covariances of the variables of a graph by eliminating one variable after the other.
 
-The linearised graph says J x = z with noise of unit variance. An orthogonal transformation of the rows that involve a
-variable x_k leaves
+The linearised graph states J x = z with noise of unit variance. An orthogonal transformation of the rows that involve a
+variable x_k results in
 
     R x_k + T x_s = z_k + noise of unit variance,
 
-where x_s are the variables that those rows tie it to, and rows without x_k, which are kept for the next variable. From the
-last variable back to the first, each is thus R^-1 (noise - T x_s): its covariance follows from that of x_s.
+and in rows without x_k, which are kept for the next variables. Here x_s are the other variables in those rows. But for a
+constant, x_k = R^-1 (noise - T x_s): the covariance of x_k follows from the covariance of x_s, from the last variable back
+to the first.
 
-Rows are never squared, and covariances are kept as square roots L with L L^T the covariance. Where edges know some
-directions to a millimetre and others not at all, squares are beyond the precision of numbers: GTSAM's own marginals, by
-Cholesky's method, then end with an exception. The work grows with the number of variables, not with its square as it does
-where every pose takes the solution of a linear system of its own.
+Rows are never squared, and a covariance is kept as a square root L, with L L^T the covariance. Where edges measure some
+directions to a millimetre and others not at all, the squares exceed the precision of floating-point numbers: GTSAM's own
+marginals, by Cholesky's method, then end with an exception. The work grows with the number of variables. It would grow with
+the square of this number if a linear system had to be solved for every pose.
 """
 
 from __future__ import annotations
@@ -28,21 +29,21 @@ from numpy.typing import NDArray
 from mqslam.errors import EstimationError
 
 _Array = NDArray[np.float64]
-Derivative = tuple[tuple[int, _Array], ...]  # of three numbers by variables: their keys, with (3, d) each
-UNDETERMINED: Final = "the graph leaves a direction undetermined"  # why covariances are not known
-# numerical tolerance, which changes no result that is exact
-_LAST_DIGITS: Final = 8.0 * float(np.finfo(np.float64).eps)  # relative change of numbers that shows their rounding errors
+Derivative = tuple[tuple[int, _Array], ...]  # of a vector (3,) by some variables: key and block (3, d) of each
+UNDETERMINED: Final = "the graph leaves a direction undetermined"  # the reason why covariances are not known
+# numerical tolerance, which changes no exact result
+_LAST_DIGITS: Final = 8.0 * float(np.finfo(np.float64).eps)  # relative change of numbers that makes rounding errors visible
 
 
 class Blocks(NamedTuple):
-    """Dense blocks of rows one after the other, each of which involves a few variables.
+    """Dense blocks of rows of a linear system, stored one after the other. Each block involves a few variables.
 
     Args:
-        variables: (v,) numbers of the variables of all blocks, in the order of their columns.
-        variable_begins: (b + 1,) where those of each block begin.
-        rows: (b,) number of rows of each block.
+        variables: (v,) numbers of the variables of all blocks, block by block, in the order of the columns.
+        variable_begins: (b + 1,) index in `variables` at which each block begins, and the index after the last block.
+        rows: (b,) number of rows in each block.
         entries: (e,) coefficients of all blocks, row by row.
-        entry_begins: (b + 1,) where those of each block begin.
+        entry_begins: (b + 1,) index in `entries` at which each block begins, and the index after the last block.
     """
 
     variables: NDArray[np.int64]
@@ -58,25 +59,27 @@ def eliminate(widths: NDArray[np.int64], system: Blocks, noise: np.random.Genera
 
     Args:
         widths: (n,) number of components of every variable, in the order of elimination.
-        system: rows divided by the standard deviation of their noise; within a block, variables may come in any order.
-        noise: changes the last digits of all numbers.
-        digits: by how much it does, relative to each; zero leaves them as they are.
+        system: rows of the system, each divided by the standard deviation of its noise; a block may list its variables in
+            any order.
+        noise: random numbers that change the last digits of all coefficients.
+        digits: standard deviation of this change, relative to each coefficient; zero leaves them as they are.
 
     Returns:
-        How many variables are determined, and for each of these a block of as many rows as it has components: the upper
-        triangle of the variable itself, and the columns of those that it is given, which are all eliminated later.
+        The number of variables that are determined, and a block of rows for each of them, one row per component: the upper
+        triangle of the variable itself, then the columns of the variables that it depends on. These are all eliminated
+        later.
     """
     count, blocks = len(widths), len(system.rows)
     pool = _make_room(system, count)
     used, filled = len(system.variables), len(system.entries)
-    following = np.full(blocks + count, -1, np.int64)  # the next block that waits for the same variable
+    following = np.full(blocks + count, -1, np.int64)  # next block in the list of the blocks that wait for the same variable
     head, tail = np.full(count, -1, np.int64), np.full(count, -1, np.int64)
     for block in range(blocks):
         some = pool.variables[pool.variable_begins[block] : pool.variable_begins[block + 1]]
         _wait(head, tail, following, some.min(), block)
     given, given_begins = np.empty(4 * count, np.int64), np.zeros(count + 1, np.int64)
     triangles, triangle_begins = np.empty(36 * count), np.zeros(count + 1, np.int64)
-    column = np.full(count, -1, np.int64)  # of the variables that the present rows involve
+    column = np.full(count, -1, np.int64)  # first column of each variable in the present rows
     determined = 0
     for variable in range(count):
         width = widths[variable]
@@ -93,7 +96,7 @@ def eliminate(widths: NDArray[np.int64], system: Blocks, noise: np.random.Genera
         given_begins[variable + 1] = given_begins[variable] + len(tied)
         triangles = _append(triangles, triangle_begins[variable], triangle[:width].copy().ravel())
         triangle_begins[variable + 1] = triangle_begins[variable] + triangle[:width].size
-        if len(tied) > 1:  # even without rows, since the next variable has to be known together with the others
+        if len(tied) > 1:  # even if no rows are left, since the next variable must be known jointly with the others
             block, rest = blocks + variable, triangle[width:, width:].copy()
             pool.variable_begins[block], pool.variable_begins[block + 1] = used, used + len(tied) - 1
             pool.entry_begins[block], pool.rows[block] = filled, len(rest)
@@ -109,7 +112,7 @@ def eliminate(widths: NDArray[np.int64], system: Blocks, noise: np.random.Genera
 
 @nb.njit(cache=True, nogil=True)
 def _make_room(system: Blocks, more: int) -> Blocks:
-    """Returns the same blocks with room for so many more of them."""
+    """Returns a copy of the blocks with room for `more` further blocks."""
     size = len(system.rows) + more
     variable_begins, entry_begins = np.zeros(size + 1, np.int64), np.zeros(size + 1, np.int64)
     rows = np.zeros(size, np.int64)
@@ -121,7 +124,7 @@ def _make_room(system: Blocks, more: int) -> Blocks:
 
 @nb.njit(cache=True, nogil=True)
 def _wait(head: NDArray[np.int64], tail: NDArray[np.int64], following: NDArray[np.int64], variable: int, block: int) -> None:
-    """Has a block wait for a variable, behind those that do already."""
+    """Appends a block to the list of the blocks that wait for a variable."""
     if head[variable] < 0:
         head[variable] = block
     else:
@@ -131,7 +134,10 @@ def _wait(head: NDArray[np.int64], tail: NDArray[np.int64], following: NDArray[n
 
 @nb.njit(cache=True, nogil=True)
 def _unite(pool: Blocks, first: int, following: NDArray[np.int64], column: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Returns the variables of blocks that wait for the same one, increasing; all of `column` is negative, as before."""
+    """Returns the variables of all blocks that wait for one variable, increasing.
+
+    `column` is scratch space: all negative before and after the call.
+    """
     room, block = 0, first
     while block >= 0:
         room += pool.variable_begins[block + 1] - pool.variable_begins[block]
@@ -158,9 +164,9 @@ def _stack(
     column: NDArray[np.int64],
     tied: NDArray[np.int64],
 ) -> NDArray[np.float64]:
-    """Returns the rows of blocks that wait for the same variable, with the columns of the variables `tied` in their order.
+    """Stacks the rows of all blocks that wait for one variable, with the columns of the variables `tied`, in their order.
 
-    All of `column` is negative, as before.
+    `column` is scratch space: all negative before and after the call.
     """
     width, height, block = 0, 0, first
     for one in tied:
@@ -186,12 +192,12 @@ def _stack(
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def triangulate(entries: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns an upper triangular matrix with the same square R^T R; small rows lose no digits to large ones.
+    """Returns the upper triangular matrix R of a QR decomposition; small rows lose no digits to large ones.
 
-    The rows are reflected one column after the other (Householder), the largest ones first.
+    The rows are sorted by size, the largest first, and reflected for one column after the other (Householder).
 
     Args:
-        entries: (m, k).
+        entries: (m, k) matrix A; R^T R equals A^T A.
     """
     height, width = entries.shape
     largest = np.zeros(height)
@@ -207,8 +213,8 @@ def triangulate(entries: NDArray[np.float64]) -> NDArray[np.float64]:
         if below == 0.0:
             continue
         length = -np.hypot(r[k, k], below) if r[k, k] > 0.0 else np.hypot(r[k, k], below)
-        own = r[k, k] - length  # of the vector that is reflected; its other components are those below
-        share = -own / length  # 2 / |vector|^2 where the vector is divided by its own component
+        own = r[k, k] - length  # first component of the Householder vector; the others are the entries below
+        share = -own / length  # 2 / |vector|^2, with the vector scaled so that its first component is 1
         for i in range(k + 1, height):
             r[i, k] /= own
         for j in range(k + 1, width):
@@ -226,7 +232,7 @@ def triangulate(entries: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @nb.njit(cache=True, nogil=True)
 def _append(flat: NDArray[np.float64], used: int, more: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns an array with more numbers after those that are used; it is another one where that has no room."""
+    """Writes numbers into an array behind the `used` first ones; returns the array, or a larger copy if it has no room."""
     if used + len(more) > len(flat):
         larger = np.empty(2 * (used + len(more)), flat.dtype)
         larger[:used] = flat[:used]
@@ -244,17 +250,18 @@ def project_all(
     places: NDArray[np.int64],
     blocks: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Returns the covariances (K, 3, 3) of K functions D x of the solution of R x = noise of unit variance.
+    """Returns the covariances (K, 3, 3) of K linear functions D x of the vector x, where R x is noise of unit variance.
 
-    That of each is Y^T Y, where R^T Y = D^T. A row of Y is complete once those above it are, and zero rows cost nothing.
+    The covariance is Y^T Y with R^T Y = D^T. Y is computed row by row from above; rows of zeros cost nothing.
 
     Args:
-        begins: (n + 1,) where each row of the upper triangular R begins, and where the last one ends.
+        begins: (n + 1,) index in `entries` at which each row of the upper triangular R begins, and the index after the last
+            row.
         columns: (m,) columns of the entries of R.
-        entries: (m,) entries row by row, that of the diagonal first.
-        ends: (K + 1,) where the rows of each function's D^T begin among the blocks, and where the last ones end.
-        places: (r,) rows of D^T that are not zero.
-        blocks: (r, 3) their entries.
+        entries: (m,) entries of R row by row, in each row the diagonal entry first.
+        ends: (K + 1,) index in `blocks` at which the rows of each function's D^T begin, and the index after the last row.
+        places: (r,) numbers of the rows of D^T that are not zero.
+        blocks: (r, 3) entries of these rows.
     """
     covariances = np.zeros((len(ends) - 1, 3, 3))
     right = np.zeros((len(begins) - 1, 3))
@@ -279,12 +286,12 @@ def project_all(
 
 
 class _Conditional(NamedTuple):
-    """A variable x given others x_s: own x + others x_s is noise of unit variance, but for a constant.
+    """A variable x given other variables x_s: own x + others x_s is a constant plus noise of unit variance.
 
     Args:
-        given: numbers of the other variables, increasing; all are eliminated later.
-        own: (d, d) upper triangular.
-        others: (d, w).
+        given: numbers of the other variables x_s, increasing; all are eliminated later.
+        own: (d, d) upper triangular coefficients of x.
+        others: (d, w) coefficients of x_s.
     """
 
     given: tuple[int, ...]
@@ -293,13 +300,13 @@ class _Conditional(NamedTuple):
 
 
 class Elimination:
-    """A linearised graph of any variables, which are eliminated one after the other.
+    """A linearised graph whose variables, of any kind, have been eliminated one after the other.
 
     Args:
         linear: the linearised graph.
-        values: where it was linearised.
+        values: values at which it was linearised.
         last: key of the variable that is eliminated last.
-        noise: changes the last digits of all numbers; None leaves them as they are.
+        noise: random numbers that change the last digits of all coefficients; None leaves them as they are.
 
     Raises:
         EstimationError: the graph does not determine all its variables.
@@ -333,10 +340,10 @@ class Elimination:
         """Returns the covariances (K, 3, 3) of poses, given their keys.
 
         They are computed from the last variable back to the first. A square root of the joint covariance of a variable and
-        those it is given is held only while variables that need it are left.
+        the variables that it depends on is held only as long as other variables need it.
         """
         following: list[list[int]] = [[] for _ in self._conditionals]
-        waiting = list[tuple[int, tuple[int, ...], _Array]]()  # a variable, and those whose joint square root is known
+        waiting = list[tuple[int, tuple[int, ...], _Array]]()  # a variable, variables with a known joint root, and this root
         for variable, conditional in enumerate(self._conditionals):
             if conditional.given:
                 following[conditional.given[0]].append(variable)
@@ -353,7 +360,10 @@ class Elimination:
         return np.array([covariances[self._numbers[pose]] for pose in poses])
 
     def _extend(self, known: tuple[int, ...], root: _Array, variable: int) -> _Array:
-        """Returns a square root of the joint covariance of a variable and those it is given, which are among the known."""
+        """Extends a square root of a joint covariance by a variable.
+
+        The result covers this variable and those that it depends on, which are among the known ones.
+        """
         conditional, width = self._conditionals[variable], self._widths[variable]
         ends = np.cumsum([0, *(self._widths[one] for one in known)])
         places = {one: range(begin, end) for one, begin, end in zip(known, ends[:-1], ends[1:], strict=True)}
@@ -371,8 +381,8 @@ class Elimination:
     def project(self, derivatives: Sequence[Derivative]) -> _Array:
         """Returns the covariances (K, 3, 3) of K functions of the variables, given their derivatives.
 
-        The eliminated system says R x = noise of unit variance, so that the covariance of D x is that of D R^-1 noise. Only
-        the variables on the ways from those of D to the last one take part.
+        In the eliminated system, R x is noise of unit variance, so that D x has the covariance of D R^-1 noise. Only the
+        variables of D, and those that these depend on up to the last one, take part.
         """
         begins = np.concatenate([[0], np.cumsum(self._widths)])
         blocks = [(begins[self._numbers[key]], block) for derivative in derivatives for key, block in derivative]
@@ -384,7 +394,7 @@ class Elimination:
 
     @cached_property
     def _triangle(self) -> tuple[NDArray[np.int64], NDArray[np.int64], _Array]:
-        """R row by row: where each row begins, and the columns and entries of all, the diagonal one first."""
+        """The rows of R as `project_all` takes them: where each row begins, and the columns and entries of all rows."""
         begins = np.concatenate([[0], np.cumsum(self._widths)])
         columns, entries, counts = [], [], [0]
         for variable, conditional in enumerate(self._conditionals):
@@ -398,7 +408,7 @@ class Elimination:
 
 
 def _list_blocks(linear: gtsam.GaussianFactorGraph, numbers: dict[int, int]) -> Blocks:
-    """Returns the rows of all factors."""
+    """Returns the rows of all factors of a linearised graph as blocks."""
     factors = [linear.at(k) for k in range(linear.size())]
     variables = [[numbers[key] for key in factor.keys()] for factor in factors]
     jacobians = [factor.jacobian()[0] for factor in factors]

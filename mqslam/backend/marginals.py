@@ -1,4 +1,4 @@
-"""Covariances of an optimised graph: of its poses, and of one pose in the frame of another."""
+"""Computes covariances of an optimised graph: of its poses, and of one pose in the frame of another."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from mqslam.backend.pose_graph import PoseGraph, pose_of
 from mqslam.core import se2
 from mqslam.errors import EstimationError, describe_error, raise_interrupt
 
-# numerical tolerance, which changes no result that is exact
-_DISAGREEMENT: Final = 1e-4  # largest difference between two computations, per product of standard deviations
+# numerical tolerance, which changes no exact result
+_DISAGREEMENT: Final = 1e-4  # largest difference of two computations, relative to the standard deviations
 
 _PLANAR: Final = np.eye(6)[[3, 4, 2]]  # x, y and yaw among roll, pitch, yaw, x, y and z
 
@@ -31,7 +31,7 @@ class PoseCovariances:
     Args:
         indices: (K,) numbers of the poses; empty where the covariances cannot be computed.
         covariances: (K, 3, 3) in the poses' own frames [m, m, rad].
-        failure: why they cannot be computed, or None.
+        failure: why the covariances cannot be computed, or None.
     """
 
     indices: NDArray[np.int64]
@@ -40,17 +40,17 @@ class PoseCovariances:
 
     @classmethod
     def unknown(cls, why: str) -> PoseCovariances:
-        """Returns no covariances, and why there are none."""
+        """Returns the result without any covariances, with the reason."""
         return cls(np.empty(0, dtype=np.int64), np.empty((0, 3, 3)), why)
 
     def carry(self, mount: se2.Array) -> PoseCovariances:
-        """Returns the covariances of a vehicle that carries the sensor at a pose (3,) [m, m, rad], in its own frames."""
+        """Converts the covariances of a sensor to those of the vehicle that carries it at a pose (3,) [m, m, rad]."""
         lever = se2.adjoint(mount)
         return replace(self, covariances=lever @ self.covariances @ lever.T)
 
     @property
     def warnings(self) -> list[str]:
-        """What to tell about a failure: one line, or none."""
+        """Warnings for the user: one line about a failure, or none."""
         if self.failure is None:
             return []
         return [f"the covariances of the poses are not known ({self.failure}): the results and the report go without them"]
@@ -73,7 +73,7 @@ def compute_all_marginals(graph: PoseGraph, values: gtsam.Values) -> PoseCovaria
 
 
 class Uncertainty:
-    """How sure a graph is of its poses. The graph is eliminated once, when that is first asked for.
+    """The uncertainty of the poses of a graph. The graph is eliminated when a covariance is first asked for, and then kept.
 
     Args:
         graph: the graph, whose factors may involve other variables than the poses, too.
@@ -86,16 +86,16 @@ class Uncertainty:
     def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
         """Computes the covariances (K, 3, 3) of poses in the frames of other poses, given all factors [m, m, rad].
 
-        What both poses of a pair have in common takes no part: the covariance is that of the motion from one to the other.
+        An error that both poses of a pair share does not count: the covariance is that of the motion from one to the other.
 
         Args:
-            pairs: numbers (a, b) of K pairs of poses; a covariance is that of pose b, x, y and yaw, in the frame of pose a.
+            pairs: numbers (a, b) of K pairs of poses; the covariance is that of x, y and yaw of pose b in the frame of a.
 
         Raises:
             EstimationError: the graph does not determine a pose, or its edges are too unequal for floating-point precision.
         """
         covariances = np.zeros((len(pairs), 3, 3))
-        apart = [k for k, (a, b) in enumerate(pairs) if a != b]  # a pose in its own frame is known
+        apart = [k for k, (a, b) in enumerate(pairs) if a != b]  # a pose in its own frame has no error
         if not apart:
             return covariances
         if max(max(pair) for pair in pairs) >= self._graph.size:
@@ -113,9 +113,9 @@ class Uncertainty:
         return covariances
 
     def compute_twice(self, compute: Callable[[Elimination], NDArray[np.float64]]) -> NDArray[np.float64]:
-        """Returns covariances (K, 3, 3) that are computed a second time from the other end of the trajectory.
+        """Computes covariances (K, 3, 3), and checks them by a second computation from the other end of the trajectory.
 
-        Then the last digits of all numbers are changed at random, so that rounding errors cannot go unnoticed.
+        In the second computation the last digits of all numbers are changed at random, so that rounding errors show.
 
         Args:
             compute: returns the covariances from the eliminated graph.
@@ -123,19 +123,19 @@ class Uncertainty:
         Raises:
             EstimationError: the graph leaves a covariance undetermined, or both computations disagree.
         """
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # what is not finite is refused
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # results that are not finite are refused below
             covariances, again = (compute(elimination) for elimination in self._eliminations)
             sigmas = np.sqrt(np.einsum("kii->ki", covariances))
         if not np.isfinite(covariances).all() or not np.all(sigmas > 0.0):
             raise EstimationError(UNDETERMINED)
         apart = np.abs(covariances - again) / (sigmas[:, :, None] * sigmas[:, None, :])
-        if not apart.max(initial=0.0) <= _DISAGREEMENT:  # nor where one of them is not finite
+        if not apart.max(initial=0.0) <= _DISAGREEMENT:  # a NaN is refused, too
             raise EstimationError(TOO_UNEQUAL)
         return covariances
 
     @cached_property
     def _eliminations(self) -> tuple[Elimination, Elimination]:
-        """The graph eliminated towards its first pose, and with other last digits towards its last one."""
+        """The graph eliminated towards its first pose, and towards its last pose with other last digits of all numbers."""
         linear = self._graph.factors.linearize(self._values)
         keys = [self._graph.key(k) for k in range(self._graph.size)]
         if not set(linear.keyVector()) >= set(keys):
@@ -145,10 +145,10 @@ class Uncertainty:
 
 
 def _differentiate_motion(a: int, b: int, motion: se2.Array, widths: Mapping[int, int]) -> Derivative:
-    """Returns the derivative of a motion (3,) from the pose of key a to that of key b by both poses.
+    """Returns the derivatives by both poses of the motion (3,) from the pose of key a to the pose of key b.
 
     GTSAM states the change of a pose in that pose's own frame. A pose in space changes by roll, pitch, yaw, x, y and z; the
-    motion is that in the plane of the two poses.
+    motion is the planar one between the two poses.
     """
     x, y, yaw = motion
     by_both = (a, -se2.adjoint([-x, -y, 0.0])), (b, se2.adjoint([0.0, 0.0, yaw]))
@@ -156,7 +156,7 @@ def _differentiate_motion(a: int, b: int, motion: se2.Array, widths: Mapping[int
 
 
 class RelativeCovariances(Protocol):
-    """The covariances of pairs of poses of a trajectory."""
+    """A source of the covariances of pairs of poses of a trajectory."""
 
     def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64] | None:
         """Computes the covariance of the second pose of each pair relative to the first.
@@ -171,11 +171,11 @@ class RelativeCovariances(Protocol):
 
 @dataclass(frozen=True)
 class GraphCovariances:
-    """The relative covariances of a trajectory whose graph is known: exact.
+    """The exact relative covariances of a trajectory whose graph is known.
 
     Args:
-        graph: the graph that the trajectory optimises.
-        values: the optimum.
+        graph: the graph whose optimum the trajectory is.
+        values: the optimised values.
         numbers: (S,) number of each pose in the graph.
         poses: (S, 3).
     """
@@ -199,10 +199,11 @@ class GraphCovariances:
 
 @dataclass(frozen=True)
 class SingleCovariances:
-    """The relative covariances of a trajectory of which only the covariance of every single pose is known: too large.
+    """Relative covariances of a trajectory of which only the covariances of the single poses are known: they are too large.
 
-    What two poses have in common is not known then, and their errors are taken as independent. In truth both have grown
-    from the same first pose, and their difference is smaller: a trajectory is never held to know more than it says.
+    The correlation of two poses is then unknown, and their errors are taken as independent. In truth both errors have grown
+    from the same first pose, and the error of the relative pose is smaller. A trajectory is therefore never taken to be more
+    accurate than it states.
 
     Args:
         covariances: (S, 3, 3) in the poses' own frames [m, m, rad].
@@ -213,7 +214,7 @@ class SingleCovariances:
     poses: se2.Array
 
     def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
-        """Computes the largest covariances that the single poses leave, as `RelativeCovariances` says."""
+        """Computes the covariances of pairs of poses with independent errors, as `RelativeCovariances` says."""
         related = []
         for a, b in pairs:
             lever = se2.adjoint(se2.between(self.poses[b], self.poses[a]))

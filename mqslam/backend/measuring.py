@@ -1,4 +1,4 @@
-"""The front end's motions, as a stage of a run: kept, shown as they come, and measured again where a gyroscope helps."""
+"""The stage of a run that measures the front end's motions, keeps and shows them, and measures again where that helps."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from mqslam.psi.place import Beam
 
 
 def find_doppler(scans: Scans, config: Config, runner: Runner) -> Doppler:
-    """Returns the Doppler shift of kept measurements, or of the settings, or else as psi measures it.
+    """Returns the Doppler shift: from kept measurements, else from the settings, else as psi measures it.
 
     Args:
         scans: of the recording.
@@ -39,13 +39,13 @@ def find_doppler(scans: Scans, config: Config, runner: Runner) -> Doppler:
 
 
 def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runner) -> list[Measurement]:
-    """Returns a front end's motions between successive scans, or those that an earlier run has kept.
+    """Returns a front end's motions between successive scans, or the motions that an earlier run has kept.
 
-    Where the front end did not find all of them, it is asked a second time: without odometry that contradicts the others,
-    and with what a gyroscope says that agrees with them.
+    If the front end does not find all motions, it measures a second time: without the odometry if this contradicts the
+    motions that were found, and with the gyroscope if it agrees with them.
 
     Args:
-        name: of the front end.
+        name: name of the front end.
         scans: of the recording.
         context: what the front end may know besides the scans.
         beam: the sensor's errors, for the map as it grows.
@@ -72,7 +72,7 @@ def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runne
 
 
 def _drop_contrary(name: str, context: Context, measurements: Sequence[Measurement]) -> Trajectory | None:
-    """Returns the odometry that a front end was given; None where it contradicts what the front end found itself."""
+    """Returns the odometry of the context, or None if it contradicts the motions that the front end found itself."""
     odometry = context.odometry
     if odometry is None or name == ODOMETRY:
         return odometry
@@ -80,7 +80,7 @@ def _drop_contrary(name: str, context: Context, measurements: Sequence[Measureme
 
 
 def _find_help(name: str, scans: Scans, context: Context, measurements: Sequence[Measurement]) -> KnownTurning | None:
-    """Returns what a gyroscope says of the turn, where the front end takes it; None elsewhere."""
+    """Returns the turning by the gyroscope, if there is one that agrees and the front end can use it; else None."""
     gyroscope = context.sensors.gyroscope
     if gyroscope is None or not getattr(frontends.load(name), "takes_turning", False):
         return None
@@ -89,7 +89,7 @@ def _find_help(name: str, scans: Scans, context: Context, measurements: Sequence
 
 
 class LiveMap:
-    """Reports each motion as progress, and shows the scan that it begins with to the runner's watch.
+    """A live view of a run: reports each motion as progress, and shows the scan at its start to the runner's watch.
 
     A watch that fails is not called again: the run goes on without it, and a warning says so.
 
@@ -105,14 +105,14 @@ class LiveMap:
         self._shown = 0
 
     def follow(self, motions: Iterable[Measurement]) -> Iterator[Measurement]:
-        """Yields the motions between successive scans, and shows those that their front end has not shown before."""
+        """Yields the motions between successive scans, and shows those that the front end has not shown itself."""
         for number, motion in enumerate(motions, 1):
             if number > self._shown:
                 self.show(motion)
             yield motion
 
     def show(self, motion: Measurement) -> None:
-        """Shows the next motion between successive scans, of which a front end may still change its mind."""
+        """Shows the next motion between successive scans, which the front end may still improve afterwards."""
         scan, after = self._scans[self._shown], se2.compose(self._pose, motion.pose)
         if self._watch is not None:
             working, self._watch = self._watch, None

@@ -14,9 +14,9 @@ from mqslam.core import se2
 from mqslam.errors import describe_error, raise_interrupt
 from mqslam.factors.between import prior
 
-# numerical limits, none of which changes a result that is exact
-_RELATIVE_ERROR: Final = 1e-9  # change of the graph's error, relative to it, below which the optimiser stops
-_ITERATIONS: Final = 100  # most iterations of the optimiser, which converges in far fewer
+# numerical limits, which change no exact result
+_RELATIVE_ERROR: Final = 1e-9  # relative change of the graph's error below which the optimiser stops
+_ITERATIONS: Final = 100  # largest number of iterations; the optimiser converges in far fewer
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class PoseGraph:
         factors: the GTSAM graph, its prior on x0 included.
         initial: starting values.
         size: number of scans n.
-        key: returns the key of a scan by its number, where these are others than x0 .. x(n-1).
+        key: returns the key of a scan, given its number; by default x0 .. x(n-1).
     """
 
     factors: gtsam.NonlinearFactorGraph
@@ -36,17 +36,17 @@ class PoseGraph:
     key: Callable[[int], int] = X
 
     def poses_at(self, values: gtsam.Values) -> se2.Array:
-        """Returns the poses (n, 3) of the scans by values of the graph, as `poses_of` does."""
+        """Returns the poses (n, 3) of the scans in values of the graph, as `poses_of` does."""
         return poses_of(values, self.size, self.key)
 
 
 @dataclass(frozen=True)
 class Optimum:
-    """What optimisation makes of a graph.
+    """The result of the optimisation of a graph.
 
     Args:
-        values: the optimised values, or the initial ones where there is no optimum.
-        failure: why there is no optimum, or None.
+        values: the optimised values, or the initial values if the optimisation failed.
+        failure: why the optimisation failed, or None.
     """
 
     values: gtsam.Values
@@ -54,7 +54,7 @@ class Optimum:
 
     @property
     def warnings(self) -> list[str]:
-        """What to tell about a failure: one line, or none."""
+        """Warnings for the user: one line about a failure, or none."""
         if self.failure is None:
             return []
         return [f"the pose graph could not be optimised ({self.failure}): its starting values are kept"]
@@ -63,12 +63,12 @@ class Optimum:
 def build_pose_graph(
     initial: se2.Array, between: Iterable[gtsam.NonlinearFactor], submaps: Iterable[se2.Array] = ()
 ) -> PoseGraph:
-    """Returns a graph of between-factors in which the first pose is held where it starts.
+    """Returns a graph of between-factors in which the first pose is held at its starting value.
 
     Args:
-        initial: (n, 3) poses of scans to start from, x [m], y [m], yaw [rad].
+        initial: (n, 3) starting values of the poses of scans, x [m], y [m], yaw [rad].
         between: factors over keys X(0) .. X(n-1) of scans and M(0) .. M(m-1) of submaps.
-        submaps: m poses (3,) of submaps to start from.
+        submaps: m starting values (3,) of the poses of submaps.
     """
     factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     for k, pose in enumerate(initial):
@@ -85,7 +85,7 @@ def optimise(graph: PoseGraph) -> Optimum:
     """Minimises the graph's error by Levenberg-Marquardt.
 
     The linear systems are solved by QR. Cholesky's method, which is GTSAM's default, works with squares of the standard
-    deviations; where an edge knows one direction to a millimetre and another not at all, it ends far from the optimum.
+    deviations. Where an edge measures one direction to a millimetre and another not at all, it ends far from the optimum.
     """
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setRelativeErrorTol(_RELATIVE_ERROR)
@@ -95,21 +95,21 @@ def optimise(graph: PoseGraph) -> Optimum:
         values = gtsam.LevenbergMarquardtOptimizer(graph.factors, graph.initial, parameters).optimize()
         if not np.isfinite(graph.poses_at(values)).all():
             return Optimum(graph.initial, "its poses grew beyond what numbers can hold")
-    except Exception as error:  # whatever GTSAM throws, the initial values are a result
+    except Exception as error:  # whatever GTSAM raises, the initial values serve as a result
         raise_interrupt(error)
         return Optimum(graph.initial, describe_error(error))
     return Optimum(values)
 
 
 def poses_of(values: gtsam.Values, size: int, key: Callable[[int], int] = X) -> se2.Array:
-    """Returns the poses (n, 3) of values, in space as seen from above, with the yaw unwrapped from each to the next."""
+    """Returns the poses (n, 3) of the scans in values, seen from above, with the yaw unwrapped."""
     poses = np.array([pose_of(values, key(k)) for k in range(size)])
     poses[:, 2] = np.unwrap(poses[:, 2])
     return poses
 
 
 def pose_of(values: gtsam.Values, key: int) -> tuple[float, float, float]:
-    """Returns the pose of a key, x [m], y [m], yaw [rad]; one in space as it is seen from above."""
+    """Returns the pose of a key, x [m], y [m], yaw [rad]; a pose in space is seen from above."""
     try:
         pose = values.atPose2(key)
     except RuntimeError:  # GTSAM offers no other way to ask what kind of pose it is
@@ -119,6 +119,6 @@ def pose_of(values: gtsam.Values, key: int) -> tuple[float, float, float]:
 
 
 def count_submaps(values: gtsam.Values) -> int:
-    """Returns how many poses m0 .. of submaps values hold."""
+    """Returns the number of submaps whose poses m0 .. are among the values."""
     letter = gtsam.symbolChr(M(0))
     return sum(gtsam.symbolChr(key) == letter for key in values.keys())

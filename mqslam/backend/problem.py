@@ -1,4 +1,4 @@
-"""What the pose graph is built from: measurements and odometry, which stay, and loops and their ties, which join later."""
+"""Builds the pose graph of measurements, odometry and sensors, which stay, and of loops and ties, which are added later."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from mqslam.factors.between import loop_between, psi_between
 
 
 class GraphProblem(ABC):
-    """A trajectory that is to be optimised, as the search for loops and the refinement see it."""
+    """Base of trajectories that are optimised, with the methods that the search for loops and the refinement call."""
 
     @abstractmethod
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> PoseGraph:
@@ -41,13 +41,14 @@ class GraphProblem(ABC):
         return graph.poses_at(optimum.values)
 
     def estimate_own_covariances(self) -> NDArray[np.float64]:
-        """Returns half of the covariance of each scan against the neighbour that the graph is surer of, in its own frame.
+        """Estimates the covariance (N, 3, 3) of each scan's pose among its neighbours, in its own frame [m, m, rad].
 
-        Half, since both scans err. The surer neighbour, since a graph of submaps has what its map drifts between some scans
-        and not between others.
+        It is half of the covariance relative to a neighbour, since both scans err. Of the two neighbours the one with the
+        smaller covariance is taken, since a graph of submaps has the drift of its map between some successive scans and not
+        between others.
 
         Raises:
-            EstimationError: the graph does not tell it.
+            EstimationError: the graph does not determine the covariances.
         """
         graph, optimum = self.optimise([])
         scans = range(graph.size)
@@ -61,12 +62,12 @@ class GraphProblem(ABC):
 
 @dataclass(frozen=True)
 class Problem(GraphProblem):
-    """A trajectory that is to be optimised, by what was measured along it.
+    """A trajectory that is optimised from the measurements along it.
 
     Args:
         measurements: the front end's motions between successive scans.
-        odometry: the odometry's motions between the same scans, calibrated, or none.
-        sensors: what other sensors add, by their names.
+        odometry: calibrated motions of the odometry between the same scans, or none.
+        sensors: edges of other sensors, by the names of the sensors.
     """
 
     measurements: Sequence[Measurement]
@@ -87,11 +88,11 @@ class Problem(GraphProblem):
         return graph
 
     def make_factors(self, scan: Callable[[int], int], submap: Callable[[int], int]) -> list[gtsam.BetweenFactorPose2]:
-        """Returns the factors of all that was measured, without loops.
+        """Returns the factors of the front end's motions and of odometry, without loops and without other sensors.
 
         Args:
-            scan: returns the key of a scan by its number.
-            submap: returns the key of a submap by its number.
+            scan: returns the key of a scan, given its number.
+            submap: returns the key of a submap, given its number.
         """
         ends: list[tuple[int, int, Tie | Measurement]] = []
         ends += [(submap(p.earlier), scan(p.later), p) for p in self.submaps.placements]
@@ -100,9 +101,9 @@ class Problem(GraphProblem):
         return [psi_between(a, b, stated.pose, stated.covariance) for a, b, stated in ends]
 
     def list_statements(self) -> list[Measurement]:
-        """Returns what each of the factors of `make_factors` states, in their order.
+        """Returns the motion that each factor of `make_factors` states, in the same order.
 
-        A scan or submap that a motion of the front end leads to has that motion's status, psi and counts.
+        A motion in a submap, or between submaps, has the status, psi and counts of the front end's motion that ends with it.
         """
         submaps = self.submaps
         firsts = submaps.first_scans.tolist()
@@ -125,12 +126,12 @@ class Problem(GraphProblem):
 
     @cached_property
     def submaps(self) -> Submaps:
-        """The submaps of the drive, tied to each other as surely as the run shows that its map drifts."""
+        """The submaps of the drive, with ties whose covariances are adapted to the drift that the run shows."""
         return widen_ties(split_into_submaps(self.measurements), self.measurements)
 
     @property
     def yaw_drift(self) -> float:
-        """By how much the running map turns away in the root of a second [rad], as the ties of its submaps state it."""
+        """Random walk of the running map's yaw [rad/sqrt(s)], as the ties of its submaps state it."""
         lasts = self.measurements[-1].t1 - self.measurements[0].t0
         return float(np.sqrt(sum(tie.covariance[2, 2] for tie in self.submaps.ties) / lasts))
 
@@ -141,13 +142,13 @@ class Problem(GraphProblem):
 
 @dataclass(frozen=True)
 class GivenGraph(GraphProblem):
-    """A trajectory that is to be optimised, by a GTSAM graph of any factors that someone else has built.
+    """A trajectory that is optimised by a given GTSAM graph of any factors.
 
     Args:
-        factors: all factors but those of loops; they determine all variables.
-        values: of all variables.
+        factors: all factors except those of loops; they must determine all variables.
+        values: starting values of all variables.
         keys: (N,) key of the pose of each scan.
-        lift: makes a factor between planar poses one between poses of the graph.
+        lift: converts a factor between planar poses to a factor between poses of the graph.
     """
 
     factors: gtsam.NonlinearFactorGraph

@@ -1,14 +1,15 @@
-"""The refinement: once the loops are closed, psi registers every scan of a later pass on earlier ones.
+"""The refinement: once the loops are closed, psi registers every scan of a later pass on the earlier passes.
 
-A loop registers one short submap on another, both of them bent as the chain has left them. Here every scan is rendered anew
-where the loops have put it, and its pose among the returns of all earlier passes, which are held, becomes a factor to the
-nearest of their scans. The graph is solved again, and the scans are measured once more where they have come to lie.
+A loop registers one short submap on another, and both are as bent as the chain left them. Here every scan is rendered anew
+at the pose that it has with the loops, and registered among the returns of all earlier passes, which are held fixed. The
+result becomes a factor to the nearest of their scans. The graph is solved again, and the scans are registered once more at
+their new poses.
 
-Only passes that a loop ties are looked at: the refinement makes sharper what loops have found, and finds nothing itself.
-Its factors stand in the place of those loops, since both measure the same returns.
+Only passes that a loop ties are looked at: the refinement makes loops more accurate and does not find new ones. Its factors
+replace those loops, since both measure the same returns.
 
-psi of a whole map is made by neighbours in time and hardly sees whether two passes of a place lie on each other. Scored
-against the points of other passes alone, it does: psi across passes.
+psi of a whole map depends mostly on neighbours in time, and hardly shows whether two passes of a place lie on each other.
+psi across passes shows it: the score of one pass against the points of other passes alone.
 """
 
 from __future__ import annotations
@@ -43,15 +44,15 @@ from mqslam.psi.score import References, make_references
 
 SAMPLE_M = 20.0
 """Path [m] between the scans at which psi across passes is measured for the summary."""
-# Distance [m] between the scans of two passes that are compared.
+# Largest distance [m] between scans of two passes that are compared.
 _REACH_M = 25.0
-# Path [m] between the scans of the pass that others are registered on.
+# Path [m] between the scans of the earlier passes, on which later scans are registered.
 _SPACING_M = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """Successive scans of one pass, and scans of earlier passes that saw the same place.
+    """A place of several passes: successive scans of one pass, and scans of earlier passes that saw the same place.
 
     Args:
         later: indices of the scans of the later pass.
@@ -63,14 +64,14 @@ class Crossing:
 
 
 def find_crossings(drive: TrackedRun, spacing_m: float, least_path_m: float) -> list[Crossing]:
-    """Finds the stretches of a drive's path around which the drive had been before.
+    """Finds the stretches of a drive's path near which the drive has been before.
 
     Later passes are compared with earlier ones only, so that no two returns are compared twice.
 
     Args:
         drive: scans under a trajectory.
         spacing_m: path between the scans of the later pass [m].
-        least_path_m: path [m] between two scans, from which on they are different passes.
+        least_path_m: two scans belong to different passes if the path [m] between them is longer than this.
     """
     later, earlier = pick_spaced(drive.travelled, spacing_m), pick_spaced(drive.travelled, _SPACING_M)
     xy = drive.poses[:, :2]
@@ -90,15 +91,15 @@ def find_crossings(drive: TrackedRun, spacing_m: float, least_path_m: float) -> 
 def measure_psi_across(
     drive: TrackedRun, crossings: Sequence[Crossing], estimator: EstimatorConfig, beam: Beam, engine: Engine
 ) -> float | None:
-    """Returns psi per point of the later passes' returns among those of the earlier passes; None without any.
+    """Returns psi per point of the later passes' returns among the earlier passes' returns; None without any crossing.
 
     Args:
-        drive: scans under the trajectory that is looked at.
-        crossings: where psi is measured; they need not have been found under this trajectory, so that two trajectories can
-            be compared at the same places.
+        drive: scans under the trajectory that is measured.
+        crossings: places where psi is measured. They may have been found under another trajectory, so that two trajectories
+            can be compared at the same places.
         estimator: settings of the score.
         beam: the sensor's errors.
-        engine: where the points are scored; the result does not depend on it.
+        engine: engine that scores the points; the result does not depend on it.
     """
     parts = engine.map(_score_crossing, (drive, estimator, beam), crossings)
     points = sum(number for _, number in parts)
@@ -125,24 +126,24 @@ def _score_crossing(shared: tuple[TrackedRun, EstimatorConfig, Beam], crossing: 
 
 
 EVERY_SCAN_M: Final = 1e-3
-"""Path between the scans that are measured [m]: every scan is, but those of a radar that stands still."""
-# A scan that psi moves farther than this [m] from where its loops have put it is not used.
+"""Path between the scans that are registered [m]: all scans are, except those of a radar that stands still."""
+# A scan that psi moves farther than this [m] away from its pose with the loops is not used.
 _ASIDE_M = 0.5
-# No further round follows once no scan has moved, against the pass it lies in, by more than this many standard deviations.
+# The rounds end once no scan has moved relative to the earlier pass by more than this many standard deviations.
 _SETTLED = 0.1
-_FIRST_STEP: Final = 2  # step of the annealing to begin with: loops have brought the passes nearer than its first widths
-_SHARED: Final = 2.0  # factor on a scan's covariance, for the errors of the earlier pass's returns: as large as its own
+_FIRST_STEP: Final = 2  # first step of the annealing: with loops the passes lie nearer than its first widths
+_SHARED: Final = 2.0  # factor on a scan's covariance: the earlier pass's returns have errors as large as its own
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
 class _Setting:
-    """What the scans of a crossing are measured with.
+    """The inputs with which the scans of a crossing are registered.
 
     Args:
         drive: scans under the trajectory so far.
-        own: (N, 3, 3) covariance of each scan in its own surroundings, in its own frame [m, m, rad].
+        own: (N, 3, 3) covariance of each scan among its neighbours, in its own frame [m, m, rad].
         estimator: settings of the score.
         beam: the sensor's errors.
     """
@@ -166,11 +167,11 @@ def refine(
     """Refines a trajectory by psi between its passes, as long as psi becomes no larger.
 
     Args:
-        before: the trajectory before optimisation, whose psi across passes is stated beside that of the result.
+        before: the trajectory before optimisation, whose psi across passes is measured for comparison.
         problem: the trajectory.
         loops: loops in its graph.
         scans: scans of the recording.
-        rounds: most rounds in which every scan is measured; with none, psi across passes is measured only.
+        rounds: largest number of rounds in which every scan is registered; with zero, only psi across passes is measured.
         estimator: settings of the score.
         beam: the sensor's errors.
         runner: does the work.
@@ -208,13 +209,13 @@ def refine(
 
 
 def select_tied(crossings: Sequence[Crossing], drive: TrackedRun, loops: Sequence[Loop], reach_m: float) -> list[Crossing]:
-    """Returns crossings with those scans of earlier passes only that a loop ties to the later pass.
+    """Returns the crossings that loops tie, each with only those earlier scans that a loop ties to the later pass.
 
     Args:
         crossings: where passes meet.
         drive: scans under a trajectory.
         loops: loops in its graph.
-        reach_m: path [m] along both passes over which a loop ties them.
+        reach_m: path [m] along both passes within which a loop ties their scans.
     """
     tied = cKDTree([(drive.travelled[loop.earlier], drive.travelled[loop.later]) for loop in loops])
     selected = []
@@ -228,7 +229,7 @@ def select_tied(crossings: Sequence[Crossing], drive: TrackedRun, loops: Sequenc
 
 
 def drop_replaced(loops: Sequence[Loop], ties: Sequence[Loop], travelled: NDArray[np.float64], reach_m: float) -> list[Loop]:
-    """Returns the loops whose returns take part in none of the refinement's factors.
+    """Returns the loops that the refinement does not replace: their returns take part in none of its factors.
 
     Args:
         loops: loops.
@@ -242,7 +243,7 @@ def drop_replaced(loops: Sequence[Loop], ties: Sequence[Loop], travelled: NDArra
 
 
 def measure_crossing(setting: _Setting, crossing: Crossing) -> list[Loop]:
-    """Returns the factors of those scans of a crossing's later pass that psi registers on the earlier passes well enough."""
+    """Registers the scans of a crossing's later pass on the earlier passes; returns a factor for each one that fits well."""
     drive, beam = setting.drive, setting.beam
     references = render_earlier(drive, crossing, beam)
     tree = cKDTree(drive.poses[crossing.earlier, :2])
@@ -256,7 +257,7 @@ def measure_crossing(setting: _Setting, crossing: Crossing) -> list[Loop]:
 
 
 def _measure_scan(setting: _Setting, references: References, anchor: int, later: int) -> Loop | None:
-    """Returns the pose of a scan among the references as a factor to one of their scans, or None if it is not sure."""
+    """Registers a scan among the references; returns a factor to the scan `anchor`, or None if the scan fits badly."""
     drive, estimator, guess = setting.drive, setting.estimator, setting.drive.poses[later]
     scan = move_rigidly(render_scans(drive, [later], setting.beam), se2.inverse(guess))
     if len(scan) == 0:
@@ -273,7 +274,7 @@ def _measure_scan(setting: _Setting, references: References, anchor: int, later:
     covariance = _SHARED * estimate_covariance(minimum.evaluation, points.points, estimator.cluster_m)
     in_anchor = se2.rotate_covariance(covariance, -drive.poses[anchor, 2])
     pose = se2.between(drive.poses[anchor], minimum.state)
-    # the scans of the earlier pass are held together, but the one that stands for them errs among them
+    # the registration refers to all scans of the earlier passes, but the factor to the anchor, which has an error among them
     lever = se2.adjoint([-pose[0], -pose[1], 0.0])
     return Loop(
         anchor,
@@ -286,7 +287,7 @@ def _measure_scan(setting: _Setting, references: References, anchor: int, later:
 
 
 def _is_settled(ties: Sequence[Loop], before: se2.Array, after: se2.Array) -> bool:
-    """Returns whether no tie's scan has moved against its other end by more than _SETTLED of its standard deviations."""
+    """Returns whether every tie's later scan moved relative to its earlier one by less than _SETTLED standard deviations."""
     earlier, later = np.array([(tie.earlier, tie.later) for tie in ties]).T
     moved = se2.between(after[earlier], after[later]) - se2.between(before[earlier], before[later])
     moved[:, 2] = se2.wrap(moved[:, 2])

@@ -1,4 +1,4 @@
-"""The sensors beside the radar, each held against the front end's motions before it joins the pose graph."""
+"""Compares the sensors besides the radar with the front end's motions, and adds the sensors that agree to the pose graph."""
 
 from __future__ import annotations
 
@@ -31,30 +31,30 @@ class Contribution:
     """How far a sensor moves a trajectory.
 
     Args:
-        moved_m: how far poses lie from where they are without the sensor, once these are aligned with them [m], RMS.
-        turned_rad: by how much the last pose is turned against the first, compared with the same [rad].
+        moved_m: RMS distance [m] of the poses from the poses without the sensor, after alignment.
+        turned_rad: change of the yaw from the first pose to the last [rad], minus the same change without the sensor.
     """
 
     moved_m: float
     turned_rad: float
 
     def describe(self, name: str) -> str:
-        """Returns how far a sensor, by its name among the contributions, moves the trajectory, in a sentence."""
+        """Describes in a sentence how far the sensor with this name among the contributions moves the trajectory."""
         turned = math.degrees(self.turned_rad)
         return f"{_SUBJECTS[name]} moves the trajectory by {self.moved_m:.2g} m (RMS) and turns its end by {turned:+.2g} deg"
 
 
 @dataclass(frozen=True, slots=True)
 class SensorUse:
-    """What became of the sensors beside the radar; None for one that there is not.
+    """How each sensor besides the radar is used; None for a sensor that the recording lacks.
 
     Args:
-        gyroscope: of the gyroscope.
-        fixes: of the GNSS receiver.
-        velocities: of the velocities that chirps measure.
-        mount: where the radar sits on the vehicle; None where nothing says anything about it.
-        odometry: why odometry is not used; None where it is, or there is none.
-        contributions: how far each sensor that is used moves the trajectory, by its name, once that is measured.
+        gyroscope: use of the gyroscope.
+        fixes: use of the GNSS receiver.
+        velocities: use of the velocities that chirps measure.
+        mount: where the radar sits on the vehicle; None if nothing is known about it.
+        odometry: why odometry is not used; None if it is used, or if there is none.
+        contributions: how far each used sensor moves the trajectory, by the name of the sensor; empty until it is measured.
     """
 
     gyroscope: GyroscopeUse | None = None
@@ -66,9 +66,9 @@ class SensorUse:
 
     @property
     def opposite(self) -> list[str]:
-        """The sensors that turn the other way than the radar, if there are two and more than agree with its direction.
+        """The sensors that turn the other way than the radar, if they are at least two and in the majority.
 
-        A gyroscope on its side says nothing of the direction.
+        A gyroscope that is mounted on its side does not show the direction and is left out.
         """
         ways = {}
         if self.odometry is not None:
@@ -83,13 +83,13 @@ class SensorUse:
 
     @property
     def notes(self) -> list[str]:
-        """What a user should know of the sensors that are used, and how far each of them moves the trajectory."""
+        """Sentences for the user about the used sensors, and about how far each of them moves the trajectory."""
         used = [statement for use in self._uses if use.edges is not None for statement in use.statements]
         return used + [moved.describe(name) for name, moved in self.contributions.items()]
 
     @property
     def refusals(self) -> list[str]:
-        """What a user should know of odometry and sensors that are not used, and of a mount that odometry contradicts."""
+        """Sentences for the user about unused odometry and sensors, and about a mount that odometry contradicts."""
         contradictions = [] if self.mount is None or self.mount.contradiction is None else [self.mount.contradiction]
         contradictions += [] if self.odometry is None else [self.odometry.statement]
         return contradictions + [statement for use in self._uses if use.edges is None for statement in use.statements]
@@ -99,12 +99,12 @@ class SensorUse:
         return [use for use in (self.gyroscope, self.fixes, self.velocities) if use is not None]
 
     def weigh(self, problem: Problem, refined: Refined, poses: se2.Array) -> SensorUse:
-        """Returns the same with how far each sensor that is used moves the trajectory, which leaving it out shows.
+        """Adds how far each used sensor moves the trajectory, measured by optimising without it.
 
         Args:
-            problem: with the sensors.
-            refined: its loops and ties.
-            poses: (N, 3) optimised with all of them.
+            problem: the trajectory with all sensors.
+            refined: loops and ties of the trajectory.
+            poses: (N, 3) poses optimised with all sensors.
         """
         contributions = {}
         for left_out in (name for name in _SUBJECTS if name in problem.sensors):
@@ -123,19 +123,19 @@ def join_sensors(
     settings: OdometryConfig,
     fault: OdometryFault | None = None,
 ) -> tuple[Problem, SensorUse]:
-    """Holds the sensors against the motions of a problem.
+    """Compares the sensors with the motions of a problem, and adds those that agree.
 
     Args:
-        problem: the trajectory, as the front end and odometry have it.
-        odometry: its own motions, before they were calibrated, or none.
+        problem: the trajectory with the motions of the front end and of odometry.
+        odometry: motions of odometry before calibration, or none.
         sensors: of the recording.
-        velocities: that the radar's chirps measured, or None.
+        velocities: velocities that the radar's chirps measured, or None.
         start_us: stamp [us] of the recording's time zero.
-        settings: of the odometry.
-        fault: why odometry is not used, if it is not.
+        settings: settings of the odometry.
+        fault: why odometry is not used; None if it is used.
 
     Returns:
-        The problem with the sensors that agree, and what became of all.
+        The problem with the sensors that agree, and the use of all sensors.
     """
     turning, placing, moving, mount, motions = None, None, None, sensors.mount, problem.measurements
     mounted = find_mount(mount, odometry, motions, settings)
@@ -157,7 +157,7 @@ def join_sensors(
 
 
 def _compare(poses: se2.Array, others: se2.Array) -> Contribution:
-    """Returns how far poses (N, 3) lie from others."""
+    """Returns by how much poses (N, 3) differ from other poses (N, 3), after alignment."""
     aligned = se2.transform(align(others[:, :2], poses[:, :2]), others[:, :2])
     turns = (track[-1, 2] - track[0, 2] for track in (poses, others))
     return Contribution(float(np.sqrt(np.mean(np.sum((poses[:, :2] - aligned) ** 2, axis=1)))), float(np.subtract(*turns)))

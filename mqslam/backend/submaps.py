@@ -1,14 +1,14 @@
-"""Submaps: pieces of the running map, in which scans are measured, and how fast that map drifts.
+"""Divides a drive into submaps, the pieces of the running map in which scans are measured, and learns how fast it drifts.
 
-A front end that matches scans to a running map errs in two ways. Each scan's place in the map is wrong on its own, and
-such errors do not add up along the drive. The map itself drifts where it grows, and that does. The graph therefore holds
-a pose for each piece of the map. Scans are tied to their piece with their own covariance, and each piece to the one
-before it. A piece ends where the map takes its next keyframe, and that keyframe brings the error of its own scan into
+A front end that matches scans to a running map makes two kinds of errors. Each scan's pose in the map has an error of its
+own; such errors do not add up along the drive. The map itself drifts as it grows; this error does add up. The graph
+therefore holds a pose for each piece of the map. Scans are tied to their piece with their own covariance, and each piece is
+tied to the piece before it. A piece ends where the map takes its next keyframe, which brings the error of its own scan into
 the map.
 
-If errors of scans were independent, the next piece would be off by that error alone. They are not quite: what one scan gets
-wrong the next may mend or repeat. Where a recording was tracked forward and backward, the two maps drift apart along the
-way, and that shows by how much more or less they drift.
+If the errors of scans were independent, the next piece would be off by that error alone. They are not quite independent: a
+scan may correct or repeat the error of the scan before it. Where a recording was tracked forward and backward, the two maps
+drift apart along the way. This shows how much more or less than that a map drifts.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Tie
 from mqslam.core.statistics import cut_gross
 
-# Path [m] along which scans are taken to be matched to the same map. After it the map has taken a keyframe more, and is off
-# by as much as a scan may be.
+# Path [m] along which scans are taken to be matched to the same map. After it the map has taken another keyframe, with the
+# error of a scan.
 _SUBMAP_M = 4.0
-_LEAST = np.diag([1e-8, 1e-8, 1e-12])  # numerical: keeps the covariance of an error of zero from being singular
+_LEAST = np.diag([1e-8, 1e-8, 1e-12])  # numerical: keeps the covariance of an exact scan from being singular
 
 
 @dataclass(frozen=True, slots=True)
 class Submaps:
-    """All submaps of a drive, and what ties scans and submaps to each other.
+    """All submaps of a drive, with the ties between scans and submaps.
 
     Args:
-        first_scans: (J,) scan at whose start each submap has its frame.
-        placements: of all scans that were measured in a map.
-        ties: of submaps in the ones before them, where the same running map has led to both.
+        first_scans: (J,) number of each submap's first scan; the scan's pose at its start is the submap's frame.
+        placements: ties of all scans that were matched to a map, each to its submap.
+        ties: ties of submaps to the submaps before them, where both belong to the same running map.
     """
 
     first_scans: NDArray[np.int64]
@@ -48,7 +48,7 @@ class Submaps:
 def split_into_submaps(measurements: Sequence[Measurement]) -> Submaps:
     """Splits a drive into submaps.
 
-    Motions between scans that were not both matched to one map belong to no submap: they tie the scans themselves.
+    A motion between scans that were not matched to the same map belongs to no submap: it ties the scans to each other.
 
     Args:
         measurements: motions between successive scans.
@@ -57,7 +57,7 @@ def split_into_submaps(measurements: Sequence[Measurement]) -> Submaps:
     first_scans: list[int] = []
     placements: list[Tie] = []
     ties: list[Tie] = []
-    within = np.zeros(3)  # pose of the scan in the last submap
+    within = np.zeros(3)  # pose of the scan in the present submap
     for k, covariance in enumerate(errors):
         if covariance is None:
             continue
@@ -76,9 +76,9 @@ def split_into_submaps(measurements: Sequence[Measurement]) -> Submaps:
 
 
 def _estimate_errors(measurements: Sequence[Measurement]) -> list[NDArray[np.float64] | None]:
-    """Estimates the covariance (3, 3) of each scan's place in the map, in its own frame; None where it was not matched.
+    """Estimates the covariance (3, 3) of each scan's pose in the map, in its own frame; None for an unmatched scan.
 
-    The covariance of a motion is that of both of its ends together, so that an end has half of it.
+    The covariance of a motion is the sum of the covariances of its two ends, so that each end has half of it.
     """
     ends: list[list[NDArray[np.float64]]] = [[] for _ in range(len(measurements) + 1)]
     for k, motion in enumerate(measurements):
@@ -89,26 +89,26 @@ def _estimate_errors(measurements: Sequence[Measurement]) -> list[NDArray[np.flo
     return [np.mean(halves, axis=0) + _LEAST if halves else None for halves in ends]
 
 
-# Standard deviation [m] over 100 m of path of what the maps of both directions of time drift together, which their
-# difference does not show. It grows with the root of the path. It is unknown; 0 to 0.09 was found in simulated cities.
+# Standard deviation [m], over 100 m of path, of the drift that the maps of both directions of time have in common, which
+# their difference does not show. It grows with the root of the path. It is unknown; 0 to 0.09 was found in simulated cities.
 COMMON_DRIFT_M = 0.05
-# The same of the yaw [rad], over 100 m of path; 0.0004 to 0.0024 was found in simulated cities.
+# The same for the yaw [rad], over 100 m of path; 0.0004 to 0.0024 was found in simulated cities.
 COMMON_DRIFT_RAD = 0.0015
-# Number of submaps in a row over which both directions of time are compared, to learn how a map drifts.
+# Number of successive submaps over which both directions of time are compared to learn how a map drifts.
 _DRIFT_SUBMAPS = 16
-# Number of such rows of submaps that it takes to outweigh the assumption that a map drifts by the errors of its scans.
+# Weight of the assumption that a map drifts by the errors of its scans, as the number of such spans that outweigh it.
 _DRIFT_TRUSTED = 2.0
-# Squared differences over such rows of submaps beyond this many times the median one are cut down to it: a scan that one
-# direction misplaced says nothing of the others.
+# Squared differences over such spans are limited to this many times their median: a scan that one direction misplaced shows
+# nothing about the other scans.
 _DRIFT_GROSS = 20.0
 
-_PER_M = 100.0  # path [m] that the constants of common drift are for
+_PER_M = 100.0  # path [m] to which the constants of common drift refer
 
 
 def widen_ties(submaps: Submaps, measurements: Sequence[Measurement]) -> Submaps:
-    """Returns submaps that are tied to each other as surely as the run shows that its map drifts.
+    """Returns the submaps with the covariances of their ties adapted to the drift that the run shows.
 
-    What both directions get wrong together does not show in their difference; a prior stands for it.
+    The drift that both directions have in common does not show in their difference; a prior stands for it.
 
     Args:
         submaps: of the drive, tied by the errors of their first scans.
@@ -124,7 +124,7 @@ def widen_ties(submaps: Submaps, measurements: Sequence[Measurement]) -> Submaps
 
 
 def learn_drift(submaps: Submaps, measurements: Sequence[Measurement]) -> NDArray[np.float64]:
-    """Returns factors (3,) on the variances of ties between submaps, in x, y and yaw: the likeliest ones.
+    """Returns the likeliest factors (3,) on the variances of ties between submaps, in x, y and yaw.
 
     Args:
         submaps: of the drive, tied by the errors of their first scans.
@@ -136,9 +136,9 @@ def learn_drift(submaps: Submaps, measurements: Sequence[Measurement]) -> NDArra
     seen = cut_gross(seen, _DRIFT_GROSS)
 
     def cost(logs: NDArray[np.float64]) -> float:
-        """Returns minus the logarithm of how likely factors are, by their logarithms (3,)."""
+        """Returns the negative log-likelihood of factors, with the prior's part, given their logarithms (3,)."""
         variances = by_ends + by_ties @ np.exp(logs)
-        rows = np.sum(np.log(variances) + seen / variances) / _DRIFT_SUBMAPS  # as many of them cover each submap
+        rows = np.sum(np.log(variances) + seen / variances) / _DRIFT_SUBMAPS  # each submap is in that many spans
         return float(rows + _DRIFT_TRUSTED * np.sum(logs + np.exp(-logs)))
 
     return np.asarray(np.exp(minimize(cost, np.zeros(3), method="L-BFGS-B").x))
@@ -147,12 +147,12 @@ def learn_drift(submaps: Submaps, measurements: Sequence[Measurement]) -> NDArra
 def _sum_spans(
     submaps: Submaps, measurements: Sequence[Measurement], length: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Compares the two directions over spans of submaps in a row that were tracked in both.
+    """Compares both directions of time over spans of `length` successive submaps that were tracked in both.
 
     Returns:
-        variances of x, y and yaw at the end of each of K spans, which overlap: (K, 3, 3) those that ties are expected to
-        bring there by their own x, y and yaw (columns), (K, 3) those that the scans at both ends bring, and (K, 3) the
-        square by which the mean of both directions seems to be off.
+        Variances of x, y and yaw at the end of each of K overlapping spans: (K, 3, 3) expected from the ties, with a column
+        for the errors of the ties in x, y and yaw each; (K, 3) expected from the scans at both ends; and (K, 3) observed, as
+        the squared error of the mean of both directions.
     """
     poses = se2.chain(m.pose for m in measurements)
     half = [np.where(np.isfinite(m.apart), 0.5 * m.apart, 0.0) for m in measurements]
@@ -178,12 +178,12 @@ def _sum_spans(
 
 
 def _carry(covariances: NDArray[np.float64], yaws: NDArray[np.float64], to_end: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the variances (N, 3, 3) of x, y and yaw at the end of a way (rows) by those of errors on it (columns).
+    """Returns the variances (N, 3, 3) of x, y, yaw at the end of a path (rows) from errors in x, y, yaw along it (columns).
 
     Args:
-        covariances: (N, 3, 3) of the errors, each in a frame of its own.
-        yaws: (N,) of these frames, in the frame of the result.
-        to_end: (N, 3) from each error to the end, in the frame of the result.
+        covariances: (N, 3, 3) covariances of the errors, each in its own frame.
+        yaws: (N,) yaws of these frames in the frame of the result.
+        to_end: (N, 3) difference of the end's pose and each error's pose, in the frame of the result.
     """
     along, across = np.cos(yaws) ** 2, np.sin(yaws) ** 2
     nothing, one = np.zeros(len(yaws)), np.ones(len(yaws))

@@ -1,1 +1,1 @@
-"""Loop closures: places passed twice, tied by psi."""
+"""Loop closures: finds places that were passed twice, and registers the two passes by psi."""

@@ -1,11 +1,12 @@
-"""The chain: a trajectory with the graph that it optimises, which says how sure it is of two poses to each other.
+"""The chain: a trajectory with its optimised graph, which gives the covariance of one pose relative to another.
 
-It also says how wrongly it may lay out the scans of a submap around the one in whose frame the submap is.
-Where the scans on either side of that one are wrong in its frame, the submap as a whole is off by the mean of these errors.
-The score of two passes does not show it. It is little where the trajectory is sure of its motions, and where the errors of
-both sides cancel. At the beginning of a recording, and where the vehicle stands while its yaw drifts, they do not.
+It also gives the uncertainty of a submap's layout. A submap lies in the frame of its central scan. If the trajectory
+misplaces the scans before and after the central scan in this frame, the submap as a whole is off by the mean of these
+errors, which the score of two passes does not show. The mean is small where the trajectory's motions are certain, or where
+the errors of both sides cancel. They do not cancel at the beginning of a recording, or where the vehicle stands while its
+yaw drifts.
 
-Loops that close beside each other must agree through the trajectory between them: pairwise consistency.
+Loops that lie close to each other must agree through the trajectory between them (pairwise consistency).
 """
 
 from __future__ import annotations
@@ -29,11 +30,11 @@ from mqslam.factors.between import add_bend
 
 
 class Relative(NamedTuple):
-    """What the trajectory says about the pose of a scan in the frame of another.
+    """The pose of one scan in the frame of another, with its covariance, as the trajectory or a loop states it.
 
     Args:
         motion: (3,) the pose.
-        covariance: (3, 3) of the pose [m, m, rad].
+        covariance: (3, 3) covariance of the pose [m, m, rad].
     """
 
     motion: se2.Array
@@ -42,12 +43,12 @@ class Relative(NamedTuple):
 
 @dataclass(frozen=True)
 class Chain:
-    """A trajectory and how sure it is of itself.
+    """A trajectory with the graph that gives its uncertainty.
 
     Args:
         drive: scans under the trajectory.
-        graph: the graph that the trajectory optimises.
-        values: the optimum.
+        graph: the graph whose optimum the trajectory is.
+        values: the optimised values.
     """
 
     drive: Passes
@@ -55,7 +56,7 @@ class Chain:
     values: gtsam.Values
 
     def relate(self, pairs: Sequence[tuple[int, int]]) -> list[Relative]:
-        """Returns what the trajectory says about pairs of scans, the second of each in the frame of the first.
+        """Returns the pose of the second scan of each pair in the frame of the first, as the trajectory states it.
 
         Raises:
             EstimationError: the covariances cannot be computed.
@@ -70,27 +71,27 @@ class Chain:
 
 
 class SubmapLayout(NamedTuple):
-    """What the layout of the two submaps of a pair leaves unsure.
+    """The uncertainty of a pair of submaps that comes from their layout.
 
     Args:
-        earlier, later: covariances (3, 3) of the whole of either submap in its own frame [m, m, rad].
+        earlier, later: (3, 3) covariance of each submap as a whole in its own frame [m, m, rad].
     """
 
     earlier: NDArray[np.float64]
     later: NDArray[np.float64]
 
     def widen(self, pose: se2.Array, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns the covariance (3, 3) of a pose (3,) of the later frame in the earlier one, given that by the score."""
+        """Adds the layouts' uncertainty to the covariance (3, 3) of a pose (3,) of the later submap in the earlier one."""
         turn = se2.adjoint(pose)
         return np.asarray(covariance + self.earlier + turn @ self.later @ turn.T)
 
 
 def compute_layouts(chain: Chain, pairs: Sequence[tuple[int, int]]) -> list[SubmapLayout]:
-    """Computes what the layout of submaps leaves unsure, for pairs of an earlier and a later scan.
+    """Computes the uncertainty of the layouts of submaps for pairs of an earlier and a later scan.
 
     Args:
         chain: the trajectory that lays out the submaps.
-        pairs: numbers of the scans in whose frames the submaps are.
+        pairs: numbers of the central scans of both submaps.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.
@@ -101,9 +102,9 @@ def compute_layouts(chain: Chain, pairs: Sequence[tuple[int, int]]) -> list[Subm
 
 
 def _compute_layouts(chain: Chain, centres: Sequence[int], reach_m: float) -> dict[int, NDArray[np.float64]]:
-    """Returns by number of the scan the covariance (3, 3) of the submap around it.
+    """Returns the covariance (3, 3) of the submap around each central scan, by the number of the scan.
 
-    Each side counts by its share of the scans, and as if all of them were as wrong as the trajectory may be at the far end.
+    Each side counts with its share of the submap's scans, as if all of them had the uncertainty of the side's farthest scan.
     """
     sides = []
     for centre in sorted(set(centres)):
@@ -119,35 +120,35 @@ def _compute_layouts(chain: Chain, centres: Sequence[int], reach_m: float) -> di
 
 
 PROBABILITY: Final = 0.999
-"""Probability of the chi-square quantile that a loop must not exceed, against the trajectory between its ends and against
-neighbouring loops: one right loop in a thousand is lost."""
+"""Probability of the chi-square quantile that a loop's difference from the trajectory, and from a neighbouring loop, must
+not exceed: one right loop in a thousand is lost."""
 LARGEST_CHI_SQUARE: Final = float(chi2.ppf(PROBABILITY, 3))
-"""The largest difference of two poses, as `compute_chi_square` returns it, that chance explains."""
+"""The largest value of `compute_chi_square` that chance explains."""
 
 
 def compute_chi_square(one: Relative, other: Relative) -> float:
-    """Returns how far two independent statements about one pose differ, squared, in their standard deviations."""
+    """Returns the squared difference of two independent statements about one pose, in units of its covariance."""
     off = se2.subtract(one.motion, other.motion)
     return float(off @ np.linalg.solve(one.covariance + other.covariance, off))
 
 
 def as_relative(loop: Loop) -> Relative:
-    """Returns what a loop says about the pose of its later scan in the frame of its earlier one."""
+    """Converts a loop to the pose of its later scan in the frame of its earlier scan, with the bend of submaps added."""
     return Relative(loop.pose, add_bend(loop.covariance))
 
 
 def keep_consistent(loops: Sequence[Loop], chain: Chain, least_path_m: float) -> list[Loop]:
     """Returns the loops that agree with their neighbours.
 
-    Two loops are neighbours if both their earlier and their later scans lie close to each other on the path. They agree if
-    the way over one loop and along the path leads where the other loop does. As long as any disagree, those that disagree
-    with the most neighbours are left out, all at once, so that of two sets of equal size that contradict each other none
-    stays: nothing tells which is right.
+    Two loops are neighbours if their earlier scans lie close to each other on the path, and their later scans, too. They
+    agree if the first loop, carried along the path at both ends, predicts the second one. As long as loops disagree, the
+    loops that disagree with the most neighbours are left out, all at once. Of two sets of equal size that contradict each
+    other none stays, since nothing shows which one is right.
 
     Args:
         loops: the loops.
         chain: the trajectory between them, without these loops.
-        least_path_m: path [m] within which two loops are neighbours.
+        least_path_m: largest length of path [m] between the ends of two neighbours.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.
@@ -162,7 +163,7 @@ def keep_consistent(loops: Sequence[Loop], chain: Chain, least_path_m: float) ->
 
 
 def _find_disagreements(loops: Sequence[Loop], chain: Chain, least_path_m: float) -> NDArray[np.bool_]:
-    """Returns which loops (K, K) contradict each other."""
+    """Returns a matrix (K, K) of which loops contradict each other."""
     neighbours = _find_neighbours(loops, chain.drive.travelled, least_path_m)
     ends = sorted({pair for i, k in neighbours for pair in _ends(loops[i], loops[k])})
     along = dict(zip(ends, chain.relate(ends), strict=True))
@@ -174,20 +175,20 @@ def _find_disagreements(loops: Sequence[Loop], chain: Chain, least_path_m: float
 
 
 def do_agree(one: Loop, other: Loop, earlier: Relative, later: Relative) -> bool:
-    """Returns whether the way over one loop and along both paths leads where another loop does.
+    """Returns whether one loop, carried along the path at both ends, predicts another loop.
 
     Args:
         one: a loop.
         other: another loop.
-        earlier: the earlier scan of the other loop in the frame of that of the first.
-        later: the same of the later scans.
+        earlier: the earlier scan of the other loop in the frame of the earlier scan of the first loop.
+        later: the later scan of the other loop in the frame of the later scan of the first loop.
     """
     expected = compose_relatives(compose_relatives(invert_relative(earlier), as_relative(one)), later)
     return compute_chi_square(expected, as_relative(other)) <= LARGEST_CHI_SQUARE
 
 
 def _find_neighbours(loops: Sequence[Loop], travelled: NDArray[np.float64], least_path_m: float) -> list[tuple[int, int]]:
-    """Returns which loops close within least_path_m of path of each other at both ends."""
+    """Returns the pairs of loops with at most `least_path_m` of path between earlier ends and between later ends."""
     ends = np.array([(travelled[loop.earlier], travelled[loop.later]) for loop in loops]).reshape(-1, 2)
     return [
         (i, i + 1 + int(k))
@@ -197,12 +198,12 @@ def _find_neighbours(loops: Sequence[Loop], travelled: NDArray[np.float64], leas
 
 
 def _ends(one: Loop, other: Loop) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Returns the pairs of scans between which the path leads from one loop to the other: the earlier, the later ones."""
+    """Returns the pair of the earlier scans of two loops and the pair of their later scans."""
     return (one.earlier, other.earlier), (one.later, other.later)
 
 
 def compose_relatives(a: Relative, b: Relative) -> Relative:
-    """Returns motion b, in the frame in which motion a ends, as seen from where a begins."""
+    """Composes motion a with motion b, which is given in the frame at the end of a."""
     motion = se2.compose(a.motion, b.motion)
     x, y, _ = a.motion - motion
     lever = se2.adjoint([x, y, 0.0])
@@ -210,5 +211,5 @@ def compose_relatives(a: Relative, b: Relative) -> Relative:
 
 
 def invert_relative(a: Relative) -> Relative:
-    """Returns the motion that undoes motion a."""
+    """Returns the inverse of a motion."""
     return Relative(se2.inverse(a.motion), se2.covariance_of_inverse(a.motion, a.covariance))

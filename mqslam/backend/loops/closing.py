@@ -1,8 +1,8 @@
-"""Loop closure in rounds: every round searches around the trajectory that the loops found before have corrected.
+"""Loop closure in rounds: each round searches around the trajectory as corrected by the loops of the rounds before.
 
-Pairs of scans that may show one place, by what the graph says about their relative pose, are compared by psi. Where the
-trajectory stays too unsure for that, places are recognised by what they look like. A loop stays if the trajectory allows
-it, if it agrees with its neighbours, and if it makes the map better.
+The graph gives the relative pose of two scans and its covariance. Pairs of scans that may show the same place according to
+these are registered by psi. Where the trajectory stays too uncertain for this, places are recognised by their appearance. A
+loop stays if the trajectory does not rule it out, if it agrees with its neighbours, and if it makes the map better.
 """
 
 from __future__ import annotations
@@ -42,30 +42,30 @@ from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam
 from mqslam.psi.score import make_references
 
-# Distance [m] at which two passes still see the same things.
+# Largest distance [m] at which two passes still see the same things.
 _REACH_M = 12.0
-# Least half width of the search for the later pass's position [m]. It is wider than most trajectories need: a street that
-# repeats shows it within that distance, whatever the trajectory says.
+# Least half width of the search for the later pass's position [m]. It is wider than most trajectories need, so that a street
+# whose structure repeats shows this within the search, however sure the trajectory is.
 _SEARCH_M = 15.0
 # Least half width of the search in yaw [rad].
 _SEARCH_RAD = 0.03
-# Largest half width of the search for the later pass's position [m], which bounds its time.
+# Largest half width of the search for the later pass's position [m]. It bounds the time of the search.
 GATE_M = 40.0
-# Largest half width of the search in yaw [rad], which bounds its time.
+# Largest half width of the search in yaw [rad]. It bounds the time of the search.
 _GATE_RAD = 0.3
-# The search reaches as far as this many standard deviations of what the trajectory says about the pose of one pass relative
-# to the other. Where that is beyond GATE_M or _GATE_RAD, the passes are not compared.
+# Half width of the search in standard deviations of the relative pose of the two passes, as the trajectory states it. If
+# this is more than GATE_M or _GATE_RAD, the passes are not compared.
 _SIGMAS = 3.0
-# Number of earlier passes, the nearest first, that a scan is tied to.
+# Largest number of earlier passes that a scan is tied to; the nearest ones are taken.
 _PASSES = 1
-# Once a pair of passes is compared, no pair is compared whose earlier scan lies within LEAST_PATH_M of this pair's, and
-# whose later scan lies within that path divided by this.
+# After a pair of scans has been compared, another pair is not compared if its earlier scan lies within LEAST_PATH_M of path
+# from the first pair's, and its later scan within LEAST_PATH_M divided by this factor.
 _TRIED_FACTOR = 20.0
-# A loop stays if psi of its two passes in the optimised map is at most this many times as large as with the passes
-# registered on each other.
+# A loop that does not lower psi of its two passes stays if psi in the optimised map is at most this many times the smaller
+# of two values: psi before the loops, and psi with the passes registered on each other.
 _KEPT = 1.1
 ROUNDS = 2
-"""Number of searches; each starts from the trajectory that the loops found before have corrected."""
+"""Number of rounds; each starts from the trajectory as corrected by the loops that were found before."""
 
 _log = logging.getLogger(__name__)
 
@@ -75,10 +75,10 @@ class Candidate(NamedTuple):
 
     Args:
         earlier, later: indices of the two scans.
-        reach_m: how far the search for the later scan must look around where the trajectory has it [m].
-        reach_rad: the same in yaw [rad].
-        chain: what the trajectory says about the later scan's pose in the frame of the earlier one.
-        layout: what it leaves unsure about how the scans around either of them lie.
+        reach_m: half width of the search around the later scan's position in the trajectory [m].
+        reach_rad: half width of the search in yaw [rad].
+        chain: pose of the later scan in the frame of the earlier scan, as the trajectory states it.
+        layout: uncertainty of the layouts of the submaps around both scans.
     """
 
     earlier: int
@@ -94,9 +94,9 @@ def find_candidates(
 ) -> tuple[list[Candidate], list[tuple[int, int]]]:
     """Finds pairs of scans that may show one place.
 
-    A pair is a candidate if its scans are no farther apart than two passes may be to see the same things, plus what the
-    trajectory may be wrong between them. Only the nearest scan of each of the nearest earlier passes is taken, and none
-    if a neighbouring pair has been tried.
+    A pair is a candidate if two passes still see the same things at its distance, less the trajectory's uncertainty of this
+    distance. Only the nearest scan of each of the nearest earlier passes is taken, and a pair is left out if a neighbouring
+    pair has been tried.
 
     Args:
         chain: the trajectory, with its uncertainty.
@@ -104,7 +104,7 @@ def find_candidates(
         groups: (N,) group of each scan, if only pairs of different groups are wanted.
 
     Returns:
-        candidates, and pairs that cannot be compared because the trajectory is less sure of them than the search reaches.
+        The candidates, and the pairs that cannot be compared because their relative pose is too uncertain for the search.
 
     Raises:
         EstimationError: the uncertainty cannot be computed.
@@ -119,7 +119,7 @@ def find_candidates(
     relatives = dict(zip(pairs, chain.relate(pairs), strict=True))
 
     def stretch(pair: tuple[int, int]) -> tuple[float, float]:
-        """Returns where on the path the two scans lie, the later one's place stretched."""
+        """Returns the lengths of path up to both scans, for the later scan times _TRIED_FACTOR."""
         return float(drive.travelled[pair[0]]), float(drive.travelled[pair[1]]) * _TRIED_FACTOR
 
     known = cKDTree(np.array([stretch(pair) for pair in sorted(tried)]).reshape(-1, 2))
@@ -141,20 +141,20 @@ def find_candidates(
 
 
 def compute_reach(relative: Relative) -> tuple[float, float]:
-    """Returns how far the relative pose of two passes may be off [m], [rad]."""
+    """Returns the half widths [m], [rad] of the search that the uncertainty of a relative pose needs."""
     sigma_m = float(np.sqrt(np.linalg.eigvalsh(relative.covariance[:2, :2])[-1]))
     sigma_rad = float(np.sqrt(relative.covariance[2, 2]))
     return max(_SEARCH_M, _SIGMAS * sigma_m), max(_SEARCH_RAD, _SIGMAS * sigma_rad)
 
 
 def is_beyond_gate(relative: Relative) -> bool:
-    """Returns whether a relative pose asks for a wider search than is made."""
+    """Returns whether a relative pose is too uncertain for the widest search."""
     reach_m, reach_rad = compute_reach(relative)
     return reach_m > GATE_M or reach_rad > _GATE_RAD
 
 
 def may_meet(relative: Relative, slack_m: float = 0.0) -> bool:
-    """Returns whether two scans, or others up to slack_m [m] beside them, may lie near enough to show one place."""
+    """Returns whether two scans, or scans up to `slack_m` away from them, may lie near enough to show the same place."""
     apart = relative.motion[:2]
     distance = float(np.hypot(*apart))
     if distance <= _REACH_M + slack_m:
@@ -165,17 +165,17 @@ def may_meet(relative: Relative, slack_m: float = 0.0) -> bool:
 
 
 def find_out_of_reach(chain: Chain, places: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Finds the earlier places that each place of a drive may be, as far as its trajectory can tell.
+    """Finds the earlier places that each place may show, for the places whose search cannot cover all of them.
 
-    Only a place is asked about for which the search around the trajectory does not reach to one of these. The trajectory is
-    asked at scans GATE_M apart, and at none beyond the first one where it knows all of them well enough against that.
+    The uncertainty of the trajectory is computed for pairs of scans that are GATE_M apart. If the pose of each of these
+    scans relative to the first one is certain enough for the search, the other pairs are not looked at.
 
     Args:
         chain: the trajectory, with its uncertainty.
         places: (P,) numbers of scans, increasing.
 
     Returns:
-        (P, P) whether the place of a row may be the earlier place of a column; rows without any where the search reaches.
+        (P, P) whether the place of a row may show the earlier place of a column; all False in a row whose search covers all.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.
@@ -201,12 +201,12 @@ def find_out_of_reach(chain: Chain, places: NDArray[np.int64]) -> NDArray[np.boo
 
 
 class CandidateScore(NamedTuple):
-    """What psi says about a candidate.
+    """The result of the registration of a candidate by psi.
 
     Args:
         loop: the loop, or None where psi does not confirm it.
         ambiguous: whether the passes match, but fit several places that the trajectory allows.
-        implausible: whether the passes match at one place only, which the trajectory rules out.
+        implausible: whether the passes match only at a place that the trajectory rules out.
     """
 
     loop: Loop | None = None
@@ -222,15 +222,15 @@ def compare_passes(
     engine: Engine,
     progress: Progress,
 ) -> list[CandidateScore]:
-    """Registers the two passes of every candidate, each candidate on its own.
+    """Registers the two passes of every candidate.
 
     Args:
-        drive: scans under the best trajectory so far.
+        drive: scans under the present trajectory.
         candidates: pairs of scans that may show one place.
         estimator: settings of the score.
         beam: the sensor's errors.
-        engine: where they are compared; the result does not depend on it.
-        progress: called as candidates are compared.
+        engine: engine that compares them; the result does not depend on it.
+        progress: called after each candidate.
     """
 
     def report(number: int, comparison: CandidateScore) -> None:
@@ -240,7 +240,7 @@ def compare_passes(
 
 
 def _compare(shared: tuple[Passes, EstimatorConfig, Beam], candidate: Candidate) -> CandidateScore:
-    """Returns what psi says about a candidate."""
+    """Registers the two passes of a candidate."""
     drive, estimator, beam = shared
     earlier, later, _, _, chain, layout = candidate
     submaps = render_passes((drive, earlier), (drive, later), beam)
@@ -262,7 +262,7 @@ def confirm_by_map(
     beam: Beam,
     engine: Engine,
 ) -> list[Loop]:
-    """Returns the loops with which the map of their own two passes is better than without them.
+    """Returns the loops that make the map of their own two passes better.
 
     Args:
         loops: all loops in the graph.
@@ -270,14 +270,14 @@ def confirm_by_map(
         after: (N, 3) poses with the loops.
         estimator: settings of the score.
         beam: the sensor's errors.
-        engine: where they are judged; the result does not depend on it.
+        engine: engine that judges them; the result does not depend on it.
     """
     better = engine.map(_improves, (drive, after, estimator, beam), loops)
     return [loop for loop, keep in zip(loops, better, strict=True) if keep]
 
 
 def _improves(shared: tuple[Passes, se2.Array, EstimatorConfig, Beam], loop: Loop) -> bool:
-    """Returns whether psi of the two passes is lower than before, or hardly above both that and the loop's own psi."""
+    """Returns whether a loop lowers psi of its two passes, or raises it by no more than the factor _KEPT allows."""
     drive, after, estimator, beam = shared
     before_psi, after_psi = score_loop(drive, loop, [drive.poses, after], estimator, beam)
     return after_psi < before_psi or after_psi <= _KEPT * min(before_psi, loop.psi)
@@ -286,14 +286,14 @@ def _improves(shared: tuple[Passes, se2.Array, EstimatorConfig, Beam], loop: Loo
 def score_loop(
     drive: Passes, loop: Loop, tracks: Sequence[se2.Array], estimator: EstimatorConfig, beam: Beam
 ) -> list[float]:
-    """Returns psi per point of a loop's two passes where each of some trajectories has them to each other.
+    """Returns psi per point of a loop's two passes under each of several trajectories.
 
-    The submaps are rendered once, so that only the pose between them differs.
+    The submaps are rendered once, so that only their relative pose differs.
 
     Args:
-        drive: scans under a trajectory, by which the submaps are rendered.
+        drive: scans under the trajectory with which the submaps are rendered.
         loop: the loop.
-        tracks: (N, 3) poses of the scans, several times.
+        tracks: poses (N, 3) of the scans under each trajectory.
         estimator: settings of the score.
         beam: the sensor's errors.
     """
@@ -304,7 +304,7 @@ def score_loop(
 
 
 class LoopCloser:
-    """Finds the loops that psi verifies, that the trajectory allows, that agree and that make the map better.
+    """A search for loops: it keeps those that psi confirms, that the trajectory allows, that agree and that improve the map.
 
     Args:
         problem: the trajectory that the loops join.
@@ -312,11 +312,11 @@ class LoopCloser:
         estimator: settings of the score.
         beam: the sensor's errors.
         runner: does the work.
-        before: scans under the trajectory before any loop; None takes the optimum without loops.
+        before: scans under the trajectory before any loop; None takes the first optimum.
         groups: (N,) group of each scan, if only loops between different groups are wanted.
 
     Attributes:
-        loops: those that have joined the trajectory.
+        loops: the loops that have joined the trajectory.
     """
 
     def __init__(
@@ -339,13 +339,13 @@ class LoopCloser:
         self._recognised = self._alike = self._elsewhere = 0  # counts of the recognition
 
     def look_around(self, *, asking: bool = False) -> bool:
-        """Looks in rounds for passes around where the trajectory has them.
+        """Searches for loops around the trajectory, in rounds.
 
         Args:
-            asking: whether to find out what is returned, which takes time.
+            asking: whether to compute the return value, which takes time; otherwise it is False.
 
         Returns:
-            Whether the trajectory of the last round allows passes that this search does not reach.
+            Whether the trajectory of the last round allows loops that this search cannot reach.
 
         Raises:
             EstimationError: the uncertainty of the trajectory cannot be computed.
@@ -359,7 +359,7 @@ class LoopCloser:
             if not new:
                 break
             kept = keep_consistent(new, chain, passes.LEAST_PATH_M)
-            del chain  # what it has eliminated takes more memory than anything else here
+            del chain  # its eliminated graph takes more memory than anything else here
             self.join(kept)
         return out_of_reach
 
@@ -402,19 +402,19 @@ class LoopCloser:
         return bool(added)
 
     def start_from(self, first: Sequence[Loop]) -> None:
-        """Lets loops join that are known before the search; their pairs of scans are not compared again."""
+        """Adds loops that are known before the search; their pairs of scans are not compared again."""
         self._decided = {(loop.earlier, loop.later) for loop in first}
         self.join(first)
 
     def join(self, new: Sequence[Loop]) -> None:
-        """Lets new loops join, and drops those that make the map worse."""
+        """Adds new loops to the trajectory, and drops all loops that make the map worse."""
         loops, before = [*self.loops, *new], self._before
-        assert before is not None  # it was given, or the trajectory has been optimised
+        assert before is not None  # it was given, or set when the trajectory was optimised
         after = self._problem.solve_poses(loops)
         self.loops = confirm_by_map(loops, before, after, self._estimator, self._beam, self._runner.engine)
 
     def conclude(self) -> LoopSearch:
-        """Returns what the search has led to."""
+        """Returns the result of the search."""
         ambiguous, implausible = self._ambiguous + self._alike, len(self._implausible) + self._elsewhere
         tried = len(self._compared) + self._recognised
         _log.info("%d of %d pairs of passes are loops that the map keeps", len(self.loops), tried)
@@ -422,13 +422,13 @@ class LoopCloser:
         return LoopSearch(self.loops, tried, ambiguous, implausible, self._unsure)
 
     def _compare(self, chain: Chain) -> list[Loop]:
-        """Returns the new loops around a trajectory that psi verifies and the trajectory allows."""
+        """Returns the new loops around a trajectory that psi confirms and the trajectory allows."""
         runner = self._runner
         candidates, unsure = find_candidates(chain, self._decided, self._groups)
         scores = compare_passes(chain.drive, candidates, self._estimator, self._beam, runner.engine, runner.progress)
         self._implausible = {c[:2] for c, score in zip(candidates, scores, strict=True) if score.implausible}
         self._compared |= {c[:2] for c in candidates}
-        # a trajectory that loops have corrected may allow the others
+        # the implausible pairs stay open: a trajectory that loops have corrected may allow them
         self._decided |= {c[:2] for c in candidates} - self._implausible
         self._ambiguous += sum(score.ambiguous for score in scores)
         self._unsure = len(unsure)
@@ -459,7 +459,7 @@ def find_loops(
         estimator: settings of the score.
         beam: the sensor's errors.
         runner: does the work.
-        recognising: whether places are recognised which the search around the trajectory does not reach.
+        recognising: whether places that the search around the trajectory cannot reach are recognised by their appearance.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.

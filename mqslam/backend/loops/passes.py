@@ -1,4 +1,4 @@
-"""Passes of places: scans under a trajectory, the submaps that are rendered of them, and which scans may show one place."""
+"""Passes of places: renders submaps from scans under a trajectory, and finds pairs of scans that may show the same place."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from mqslam.mapping.keyframing import pick_spaced, place_keyframes
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam, PointSet
 
-# Path [m] between the scans of a submap, and between those for which an earlier pass of the same place is looked for.
+# Path [m] between the scans of a submap, and between the scans for which earlier passes of the same place are looked for.
 SPACING_M = 5.0
-# The submap of the earlier pass holds the returns within this path [m] to either side of a scan.
+# The submap of the earlier pass holds the returns of the scans within this path [m] to either side of its central scan.
 SUBMAP_M = 15.0
-# The later pass's submap is this share of the earlier one's length, so that it lies within it.
+# Length of the later pass's submap as a share of the earlier pass's, so that the later one lies within the earlier one.
 LATER_SHARE = 0.5
-_FAR_M: Final = 1e6  # by definition longer than any path that leads from one place to another
+_FAR_M: Final = 1e6  # added path [m] between two recordings: by definition longer than any real one
 
 
 class Passes(Protocol):
-    """Scans under a trajectory, of which submaps are rendered."""
+    """Scans under a trajectory, from which submaps are rendered."""
 
     @property
     def poses(self) -> se2.Array:
-        """The poses (N, 3)."""
+        """Poses (N, 3) of the scans."""
 
     @property
     def travelled(self) -> NDArray[np.float64]:
-        """Length of the path so far (N,) [m]."""
+        """Length (N,) of the path up to each scan [m]."""
 
     def render(self, centre: int, chosen: NDArray[np.int64], beam: Beam) -> PointSet:
         """Renders the returns of some scans, in increasing order, in the frame of one."""
@@ -46,9 +46,10 @@ class MappedDrive:
     """The keyframes of a map as scans under a trajectory.
 
     Args:
-        keyframes: of the map.
-        poses: (K, 3) where they lie.
-        travelled: (K,) length of the path so far [m]; another recording begins so far on that no path seems to lead to it.
+        keyframes: keyframes of the map.
+        poses: (K, 3) their poses.
+        travelled: (K,) length of the path up to each keyframe [m]; every further recording begins so much later that no path
+            seems to lead to it.
     """
 
     keyframes: Keyframes
@@ -57,24 +58,24 @@ class MappedDrive:
 
     @classmethod
     def of(cls, keyframes: Keyframes, poses: se2.Array | None = None) -> MappedDrive:
-        """Returns the drive of a map, under poses (K, 3) other than its own if they are given."""
+        """Returns the keyframes of a map under their own poses, or under the poses (K, 3) that are given."""
         starts = np.flatnonzero(np.diff(keyframes.origins)) + 1
         jumps = np.zeros(len(keyframes))
         jumps[starts] = np.maximum(keyframes.travelled[starts - 1], 0.0) + _FAR_M
         return cls(keyframes, keyframes.poses if poses is None else poses, keyframes.travelled + np.cumsum(jumps))
 
     def render(self, centre: int, chosen: NDArray[np.int64], beam: Beam) -> PointSet:
-        """Renders the returns of some keyframes in the frame of one."""
+        """Renders the returns of some keyframes in the frame of the keyframe `centre`."""
         return place_keyframes(self.keyframes, chosen, self.poses[centre], self.poses, beam)
 
 
 @dataclass(frozen=True, slots=True)
 class TrackedRun:
-    """A run as loops are looked for in it.
+    """The scans of a run under a trajectory, in which loops are looked for.
 
     Args:
         scans: of the recording.
-        times: (N,) start of each [s].
+        times: (N,) start of each scan [s].
         poses: (N, 3) at these times.
         travelled: (N,) length of the path so far [m].
     """
@@ -86,7 +87,7 @@ class TrackedRun:
 
     @classmethod
     def of(cls, scans: Sequence[Scan], poses: se2.Array) -> TrackedRun:
-        """Returns the drive of N scans under poses (N, 3)."""
+        """Returns N scans under poses (N, 3)."""
         times = scans.start_times if isinstance(scans, Scans) else np.array([scan.t0 for scan in scans])
         return cls(scans, times, poses, se2.path_lengths(poses))
 
@@ -99,7 +100,7 @@ class TrackedRun:
 
 
 def pick_around(travelled: NDArray[np.float64], centre: int, reach_m: float, spacing_m: float) -> NDArray[np.int64]:
-    """Returns indices within about reach_m [m] of one on a path, about spacing_m [m] apart.
+    """Picks indices around one index of a path, about `spacing_m` apart and at most about `reach_m` away.
 
     Args:
         travelled: (N,) length of the path so far [m].
@@ -113,11 +114,11 @@ def pick_around(travelled: NDArray[np.float64], centre: int, reach_m: float, spa
 
 
 def render_submap(drive: Passes, centre: int, reach_m: float, beam: Beam) -> PointSet:
-    """Renders the returns of the scans around one, in its frame.
+    """Renders a submap: the returns of the scans around a central scan, in the frame of that scan.
 
     Args:
         drive: scans under a trajectory.
-        centre: index of the scan whose start pose is the frame.
+        centre: index of the central scan, whose pose at its start is the frame.
         reach_m: length of path to either side from which scans are taken [m].
         beam: the sensor's errors.
     """
@@ -125,17 +126,17 @@ def render_submap(drive: Passes, centre: int, reach_m: float, beam: Beam) -> Poi
 
 
 def render_passes(earlier: tuple[Passes, int], later: tuple[Passes, int], beam: Beam) -> tuple[PointSet, PointSet]:
-    """Renders the submaps of two passes, of which that of the later one is smaller, so that it lies within the other.
+    """Renders the submaps of two passes; the later pass's submap is smaller, so that it lies within the other one.
 
     Args:
-        earlier: the scans of the earlier pass, and the number of the one in whose frame its submap is.
-        later: the same of the later pass.
+        earlier: the scans of the earlier pass, and the number of the central scan of its submap.
+        later: the same for the later pass.
         beam: the sensor's errors.
     """
     return render_submap(*earlier, SUBMAP_M, beam), render_submap(*later, LATER_SHARE * SUBMAP_M, beam)
 
 
-# Two scans with less path between them [m] are not two passes: odometry ties them already.
+# Two scans with less path [m] than this between them do not belong to two passes: odometry ties them already.
 LEAST_PATH_M = 60.0
 # Least share of the later pass's returns that must lie on the earlier pass.
 MATCHED = 0.45
@@ -148,17 +149,18 @@ def find_passes(
     least_path_m: float,
     reach_m: Callable[[NDArray[np.float64]], NDArray[np.float64]],
 ) -> list[list[tuple[int, int]]]:
-    """Finds, for poses a certain path apart, pairs (earlier, later) with the nearest pose of every earlier pass.
+    """Finds the nearest pose of every earlier pass for poses along a path, as pairs (earlier, later).
 
     Args:
         travelled: (N,) length of the path so far [m].
         poses: (N, 3).
         spacing_m: path [m] between the poses for which earlier passes are looked for.
-        least_path_m: path [m] between two poses, from which on they are different passes.
-        reach_m: returns how far apart two poses may lie [m], given the path between them [m]; it never falls.
+        least_path_m: two poses belong to different passes if the path [m] between them is longer than this.
+        reach_m: returns the largest distance [m] of two poses of a pair, given the path between them [m]; it never decreases
+            as the path grows.
 
     Returns:
-        pairs of each later pose, the nearest pass first.
+        For each later pose the list of its pairs, the nearest pass first.
     """
     nodes = pick_spaced(travelled, spacing_m)
     travelled, xy = travelled[nodes], poses[nodes, :2]
@@ -177,7 +179,7 @@ def find_passes(
 
 
 def _split_passes(nodes: NDArray[np.int64], gap: float) -> list[NDArray[np.int64]]:
-    """Splits increasing node indices where they jump by more than a gap: every part is one earlier pass."""
+    """Splits increasing node indices where they increase by more than a gap: every part is one earlier pass."""
     if len(nodes) == 0:
         return []
     return list(np.split(nodes, np.flatnonzero(np.diff(nodes) > gap) + 1))

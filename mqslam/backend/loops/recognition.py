@@ -1,11 +1,12 @@
-"""Recognition of places: submaps are looked up by what they look like, and psi and their neighbours confirm them.
+"""Recognition of places: finds the place that a submap shows by its appearance, confirmed by psi and neighbouring submaps.
 
-A place is described by how many returns lie where around it, in rings and sectors. A single place may look like another
-one. Successive submaps that match successive places, all of them alike, hardly do so by chance. They do where streets
-repeat; there a submap matches several places, and none of them is taken.
+A place is described by the numbers of returns in rings and sectors around it. A single place may look like another one by
+chance. It is unlikely that several successive submaps match successive places by chance, except where streets repeat. There
+a submap matches several places, and none of them is taken.
 
-Source: Scan Context (Kim and Kim, IROS 2018), with numbers of returns in place of heights, which a radar does not see. From
-another lane, returns lie in other rings and sectors; therefore a place is looked up as seen from several places beside it.
+Source: Scan Context (Kim and Kim, IROS 2018), with numbers of returns in place of heights, which a radar does not measure.
+From another lane, returns lie in other rings and sectors; a submap is therefore described from several positions beside its
+centre.
 """
 
 from __future__ import annotations
@@ -32,11 +33,12 @@ from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.correlate import compute_same_m
 from mqslam.psi.place import Beam, PointSet
 
-# Returns farther from a place than this [m] do not describe it.
+# Returns farther away from a place than this [m] are not part of its description.
 RANGE_M = 120.0
-# Number of rings around a place in which returns are counted: each is 3 m wide, as a place is recognised to within a lane.
+# Number of rings around a place in which returns are counted. Each ring is 3 m wide, since a place is recognised to within a
+# lane.
 RINGS = 40
-# Number of sectors around a place in which returns are counted: each is 3 degrees wide.
+# Number of sectors around a place in which returns are counted. Each sector is 3 degrees wide.
 SECTORS = 120
 PLACE_SPACING_M: Final = 10.0
 """Path [m] between the places that are described and looked up."""
@@ -49,7 +51,7 @@ DESCRIBED_WITH: Final = {
     "rings": RINGS,
     "sectors": SECTORS,
 }
-"""What descriptors depend on, as it is kept beside them."""
+"""The constants that descriptors depend on, which are stored with the descriptors."""
 
 
 def describe_places(drive: Passes, beam: Beam, engine: Engine) -> PlaceTable:
@@ -58,7 +60,7 @@ def describe_places(drive: Passes, beam: Beam, engine: Engine) -> PlaceTable:
     Args:
         drive: scans under a trajectory.
         beam: the sensor's errors.
-        engine: where they are described.
+        engine: engine that describes them.
     """
     places = pick_spaced(drive.travelled, PLACE_SPACING_M)
     descriptors = engine.map(_describe, (drive, beam), places.tolist())
@@ -67,7 +69,7 @@ def describe_places(drive: Passes, beam: Beam, engine: Engine) -> PlaceTable:
 
 
 def describe_map(made: KeyframeMap, beam: Beam, engine: Engine) -> KeyframeMap:
-    """Returns a map whose places are described as this version of mqslam does: anew if they are not yet."""
+    """Returns a map with the descriptors of this version of mqslam; they are computed anew if the map has others."""
     if made.places.made_with == DESCRIBED_WITH:
         return made
     return replace(made, places=describe_places(MappedDrive.of(made.keyframes), beam, engine))
@@ -88,14 +90,14 @@ def _render(shared: tuple[Passes, Beam], place: int) -> PointSet:
 
 
 def describe(points: NDArray[np.float64], aside_m: float = 0.0) -> NDArray[np.float32]:
-    """Describes a place by the square roots of the numbers of returns in rings and sectors, of norm one.
+    """Describes a place by the square roots of the numbers of returns in rings and sectors, scaled to norm one.
 
     Args:
         points: (N, 2) m, in a frame at the place.
         aside_m: how far to the left of the place the rings are centred [m].
 
     Returns:
-        (R, S) rings from the inside out, sectors counter-clockwise from straight ahead; zeros where no return is in range.
+        (R, S) rings from the inside out, sectors counter-clockwise from straight ahead; all zeros if no return is in range.
     """
     counts = _count(np.asarray(points, dtype=np.float64), aside_m, RANGE_M, RINGS, SECTORS)
     roots = np.sqrt(counts)
@@ -105,7 +107,7 @@ def describe(points: NDArray[np.float64], aside_m: float = 0.0) -> NDArray[np.fl
 
 @nb.njit(cache=True, nogil=True)
 def _count(points: NDArray[np.float64], aside_m: float, range_m: float, rings: int, sectors: int) -> NDArray[np.float64]:
-    """Counts points (N, 2) in rings and sectors (R, S) around a place to the left of the origin."""
+    """Counts points (N, 2) in rings and sectors (R, S) around a centre that lies `aside_m` to the left of the origin."""
     counts = np.zeros((rings, sectors))
     for i in range(len(points)):
         x, y = points[i, 0], points[i, 1] - aside_m
@@ -116,23 +118,23 @@ def _count(points: NDArray[np.float64], aside_m: float, range_m: float, rings: i
     return counts
 
 
-# A place is also recognised from this far to either side [m], as from another lane. Without that, half of the places that
-# are passed in the opposite direction are not found.
+# A place is also recognised from a position up to this far to either side [m], such as from another lane. Without this, half
+# of the places that are passed in the opposite direction are not found.
 ASIDE_M = 9.0
-# Number of places, the likeliest first, that psi compares with a submap.
+# Number of places that psi compares with a submap: the places that look most like it.
 _GUESSES = 3
 # Distance [m] between the sideways shifts that are tried.
 _ASIDE_STEP_M = 3.0
 
-_COMPARED: Final = 4_000_000  # correlations of sectors that are in memory at a time: a matter of memory and speed only
+_COMPARED: Final = 4_000_000  # correlations of sectors that are in memory at the same time: it only affects memory and speed
 
 
 class Guess(NamedTuple):
     """A place that looks like a submap.
 
     Args:
-        place: its number in the index.
-        pose: (3,) of the submap's frame in that of the place, as the descriptors show it [m, m, rad].
+        place: number of the place in the index.
+        pose: (3,) pose of the submap's frame in the place's frame, as the descriptors show it [m, m, rad].
         likeness: correlation of the two descriptors, at most one.
     """
 
@@ -142,10 +144,10 @@ class Guess(NamedTuple):
 
 
 class PlaceIndex:
-    """Places that can be looked up by what they look like.
+    """An index of places, in which the places that look like a submap are looked up.
 
     Args:
-        descriptors: (P, R, S) of the places, as `describe` makes them.
+        descriptors: (P, R, S) descriptors of the places, as `describe` makes them.
     """
 
     def __init__(self, descriptors: NDArray[np.floating]) -> None:
@@ -158,12 +160,12 @@ class PlaceIndex:
     def look_up(
         self, queries: Sequence[NDArray[np.float64]], allowed: NDArray[np.bool_], apart: Sequence[NDArray[np.int64]]
     ) -> list[list[Guess]]:
-        """Returns the places that look most like each of some submaps, the likeliest first.
+        """Returns for each submap the places that look most like it, the likeliest first.
 
         Args:
             queries: (N, 2) points of each submap, in its own frame [m].
             allowed: (Q, P) whether a place may be an answer to a query.
-            apart: for each place, the numbers of the places that count as the same place, itself among them: only the
+            apart: for each place, the numbers of the places that count as the same place, itself included: only the
                 likeliest of these is returned.
         """
         steps = int(ASIDE_M / _ASIDE_STEP_M)
@@ -181,10 +183,11 @@ class PlaceIndex:
     def _compare(
         self, queries: Sequence[NDArray[np.float64]], asides: NDArray[np.float64]
     ) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64]]:
-        """Compares Q submaps, each shifted sideways [m], with all P places.
+        """Compares Q submaps, each described from centres that are shifted sideways by `asides` [m], with all P places.
 
         Returns:
-            (Q, P) each: the largest correlation, and the numbers of the shift and of sectors turned at which it is found.
+            Three arrays (Q, P): the largest correlation, the index of its shift, and the number of sectors that it is turned
+            by.
         """
         described = np.array([describe(points, float(aside)) for points in queries for aside in asides])
         spectra = np.moveaxis(fft.rfft(described, axis=2), 2, 0)  # (F, Q * A, R)
@@ -203,7 +206,7 @@ def _choose_likeliest(
     yaws: NDArray[np.float64],
     apart: Sequence[NDArray[np.int64]],
 ) -> list[Guess]:
-    """Returns the likeliest places of one submap by its likeness, shift [m] and yaw [rad] at each place (P,)."""
+    """Returns the likeliest places of one submap, given its likeness to each place (P,) with the shift [m] and yaw [rad]."""
     chosen: list[Guess] = []
     left = likeness.copy()
     while len(chosen) < _GUESSES and len(left):
@@ -217,29 +220,29 @@ def _choose_likeliest(
     return chosen
 
 
-# psi searches this far around the pose of a place that looks like a submap [m], [rad].
+# psi searches this far in position [m] and in yaw [rad] around the pose that the descriptors show.
 _SEARCH = (10.0, 0.1)
-# Number of successive matches that must agree for a place to count as recognised: where streets look alike, single places
-# do, too.
+# Least number of successive matches that must agree for a place to count as recognised. A single match may be wrong where
+# streets look alike.
 ROW = 3
 # Longest path [m] between successive matches of a row.
 _GAP_M = 25.0
-# Distance [m] by which two matches may disagree, besides what their path adds.
+# Largest distance [m] by which two matches may disagree, in addition to a share of the path between them.
 _AGREE_M = 0.5
-# Yaw [rad] by which two matches may disagree, besides what their path adds.
+# Largest yaw [rad] by which two matches may disagree.
 _AGREE_RAD = 0.03
-# Share of the path between two matches by which they may disagree besides, as odometry errs.
+# Share of the path between two matches that is added to the distance by which they may disagree, for errors of the odometry.
 _AGREE_SHARE = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Recognition:
-    """What was recognised. A match is a loop from the scan at a place of the map to the scan around which a submap is.
+    """The recognised places. A match is a loop from the scan at a place of the map to the central scan of a submap.
 
     Args:
-        rows: rows of matches that agree, each along the drive.
+        rows: groups of successive matches that agree, in each group in the order of the drive.
         ambiguous: scans whose submaps match several places about as well.
-        compared: number of pairs that psi has compared.
+        compared: number of pairs of a submap and a place that psi has compared.
     """
 
     rows: list[list[Loop]]
@@ -249,12 +252,12 @@ class Recognition:
 
 @dataclass(frozen=True, slots=True)
 class PlaceDatabase:
-    """Places that can be recognised.
+    """The places that can be recognised.
 
     Args:
-        drive: the scans that they are made of, where the map has them.
+        drive: the scans of the places, under the trajectory of the map.
         places: (P,) number of the scan at each place.
-        index: what they look like, in the same order.
+        index: index of their descriptors, in the same order.
     """
 
     drive: Passes
@@ -263,11 +266,11 @@ class PlaceDatabase:
 
     @classmethod
     def of(cls, drive: Passes, table: PlaceTable) -> PlaceDatabase:
-        """Returns the places that were described of a drive's scans."""
+        """Returns the database of the places that a table describes for a drive."""
         return cls(drive, table.keyframes, PlaceIndex(table.descriptors))
 
     def find_same(self) -> list[NDArray[np.int64]]:
-        """Returns for each place those that lie so near to it on the path that they show the same."""
+        """Returns for each place the places that lie so near to it on the path that they show the same."""
         along = self.drive.travelled[self.places]
         order = np.argsort(along, kind="stable")
         firsts = np.searchsorted(along[order], along - PLACE_SUBMAP_M)
@@ -276,12 +279,12 @@ class PlaceDatabase:
 
 
 class _Pair(NamedTuple):
-    """A scan and a place that the submap around it may show.
+    """A scan, and a place that the submap around the scan may show.
 
     Args:
-        earlier: number of the scan at the place, in the map.
+        earlier: number of the place's scan in the map.
         later: number of the scan in its drive.
-        pose: (3,) of the later one in the frame of the earlier one, roughly.
+        pose: (3,) approximate pose of the later scan in the frame of the earlier one.
     """
 
     earlier: int
@@ -298,16 +301,16 @@ def recognise(
     beam: Beam,
     engine: Engine,
 ) -> Recognition:
-    """Finds the places that submaps of a drive show, without a guess of where they are.
+    """Finds the places that submaps of a drive show, without a guess of their poses in the map.
 
     Args:
-        drive: scans under a trajectory that is right over short ways.
-        queries: (Q,) numbers of the scans around which submaps are looked up, in the order of the path.
+        drive: scans under a trajectory that is accurate over short distances.
+        queries: (Q,) numbers of the central scans of the submaps that are looked up, in the order of the path.
         database: the places.
         allowed: (Q, P) whether a place may be an answer to a query; None allows all.
         estimator: settings of the score.
         beam: the sensor's errors.
-        engine: where submaps are compared; the result does not depend on it.
+        engine: engine that compares the submaps; the result does not depend on it.
     """
     allowed = np.ones((len(queries), len(database.places)), dtype=np.bool_) if allowed is None else allowed
     if not allowed.any():
@@ -319,7 +322,7 @@ def recognise(
         for query, listed in zip(queries, guesses, strict=True)
         for guess in listed
     ]
-    i, k = _find_agreeing(pairs, drive, database.drive, _SEARCH)  # another submap looks like the place beside it
+    i, k = _find_agreeing(pairs, drive, database.drive, _SEARCH)  # a guess needs the support of another submap's guess
     pairs = [pairs[n] for n in np.union1d(i, k)]
     found = engine.map(_register, (drive, database.drive, estimator, beam), pairs)
     best, ambiguous = _choose([match for match in found if match is not None], database.drive, estimator)
@@ -327,20 +330,23 @@ def recognise(
 
 
 def _place(pairs: Sequence[_Pair | Loop], mapped: Passes) -> se2.Array:
-    """Returns where pairs have their later scans (K, 3), in the map's frame."""
+    """Returns the poses (K, 3) of the later scans of pairs, in the map's frame."""
     return np.array([se2.compose(mapped.poses[pair.earlier], pair.pose) for pair in pairs]).reshape(-1, 3)
 
 
 def _find_agreeing(
     pairs: Sequence[_Pair | Loop], drive: Passes, mapped: Passes, slack: tuple[float, float]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Returns which of K pairs, of two each, are found where the way between their later scans leads from one to the other.
+    """Finds pairs that agree: the drive's motion between their later scans fits the poses that the pairs give these scans.
 
     Args:
-        pairs: in the order of their later scans.
+        pairs: the pairs, in the order of their later scans.
         drive: the later scans.
         mapped: the earlier scans.
-        slack: by how much they may disagree [m], [rad], besides what the path between them adds.
+        slack: largest disagreement [m], [rad]; a share of the path between the later scans is added to the distance.
+
+    Returns:
+        For each two pairs that agree, the index of the first one and the index of the second one.
     """
     queries, found = np.array([pair.later for pair in pairs], dtype=np.int64), _place(pairs, mapped)
     along, poses = drive.travelled[queries], drive.poses[queries]
@@ -361,8 +367,8 @@ def _register(shared: tuple[Passes, Passes, EstimatorConfig, Beam], pair: _Pair)
     """Registers a submap on a place by psi.
 
     Returns:
-        the match, and whether the submap fits nowhere else as well around the place; None where it does not match or is not
-        sure.
+        The match, and whether no other pose around the place fits about as well; None if the submap does not match or the
+        pose is too uncertain.
     """
     drive, mapped, estimator, beam = shared
     submaps = render_passes((mapped, pair.earlier), (drive, pair.later), beam)
@@ -376,7 +382,7 @@ def _register(shared: tuple[Passes, Passes, EstimatorConfig, Beam], pair: _Pair)
 def _choose(
     matches: Sequence[tuple[Loop, bool]], mapped: Passes, estimator: EstimatorConfig
 ) -> tuple[list[Loop], list[int]]:
-    """Returns the best match of each query that fits nowhere else as well, and the queries that fit several places."""
+    """Chooses the best match of each query that fits one place only; returns these, and the queries that fit several."""
     chosen, ambiguous = [], []
     for query in sorted({match.later for match, _ in matches}):
         own = sorted(((match, alone) for match, alone in matches if match.later == query), key=lambda one: one[0].psi)
@@ -391,7 +397,7 @@ def _choose(
 
 
 def _find_rows(matches: Sequence[Loop], drive: Passes, mapped: Passes) -> list[list[Loop]]:
-    """Returns the matches, one per query, that stand in rows of enough that agree."""
+    """Returns groups of at least `ROW` matches that agree; the matches are one per query."""
     if not matches:
         return []
     i, k = _find_agreeing(matches, drive, mapped, (_AGREE_M, _AGREE_RAD))

@@ -1,7 +1,7 @@
-"""The relative pose of two submaps by psi: a global search inside a gate, the annealed minimum, its covariance.
+"""Registers one submap on another by psi: a global search within a gate, then the annealed minimum and its covariance.
 
-The search correlates the two submaps as blurred images at several yaws, which is the widest and cheapest form of the
-score; the best peaks are refined by psi, which decides.
+The search correlates the two submaps as blurred images at several yaws, which is the widest and cheapest form of the score.
+psi is then minimised from the guess and the best peaks, and the pose with the lowest psi is taken.
 """
 
 from __future__ import annotations
@@ -26,32 +26,32 @@ from mqslam.psi.score import PsiEvaluation, References, Scale, evaluate, make_re
 
 # The next best pose must score worse than the best one by at least this factor.
 RIVAL: Final = 1.1
-# An alignment may end this far [m] outside the searched region and still counts.
+# An alignment that ends at most this far [m] outside the searched region still counts.
 _BEYOND_M = 1.0
-# An alignment may end this far in yaw [rad] outside the searched region and still counts.
+# An alignment that ends at most this far in yaw [rad] outside the searched region still counts.
 _BEYOND_RAD = 0.05
-# A submap with fewer returns than this is not compared.
+# A submap with fewer returns than this is not registered.
 _FEWEST = 300
-# Largest standard deviation of a loop's position [m].
+# A registration whose position has a larger standard deviation than this [m] along an axis is dropped.
 _SURE_M = 0.3
 
 TOLERANCES: Final = np.array([1e-3, 1e-3, 2e-5])
-"""A step [m, m, rad] smaller than this ends the minimiser: a numerical tolerance."""
+"""The minimiser ends once a step is smaller than this in every component [m, m, rad]: a numerical tolerance."""
 
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """The registration of one submap, the query, on another one, the reference.
+    """The result of the registration of one submap, the query, on another one, the reference.
 
     Args:
         pose: (3,) of the query's frame in the reference's.
         covariance: (3, 3) of the pose [m, m, rad].
-        matched: share of the query's points with a neighbour.
+        matched: share of the query's points that have a neighbour in the reference.
         psi: score per point.
-        rival: score per point of the best other pose in the searched region; infinite if there is none.
-        observed: whether the maps hold every direction.
-        rivals: (R, 3) the other poses that score worse than the best one by less than the factor RIVAL, or by less than
-            chance makes poses differ that fit equally well; none where these were not asked for.
+        rival: score per point at the best other pose in the searched region; infinite if there is none.
+        observed: whether the submaps determine the pose in every direction.
+        rivals: (R, 3) other poses that fit about as well as the best one: their score is worse by less than the factor
+            RIVAL, or by less than chance explains. It is empty if rivals were not asked for.
     """
 
     pose: se2.Array
@@ -71,7 +71,7 @@ def align(
     config: EstimatorConfig,
     rival_sigmas: float | None = None,
 ) -> Alignment:
-    """Finds the pose of a submap in another's frame.
+    """Finds the pose of a submap in the frame of another submap.
 
     Args:
         references: a submap in its own frame.
@@ -79,14 +79,14 @@ def align(
         guess: (3,) pose of the query's frame in the reference's.
         reach: how far the guess may be off in position [m] and in yaw [rad].
         config: settings of the score.
-        rival_sigmas: by how many standard deviations of chance other poses must score worse for none of them to be a rival;
-            None where rivals need not be known.
+        rival_sigmas: number of standard deviations by which another pose must score worse than the best one to be no rival;
+            None if rivals need not be known.
     """
     reach_m, reach_rad = reach
     minima = []
     peaks = find_correlation_peaks(references.points, query.points, guess, reach_m, reach_rad, config)
-    others = [peak for peak in peaks if not np.array_equal(peak, guess)]  # a search from the same pose finds the same
-    for start in [guess, *others]:  # the trajectory's own pose is a hypothesis, too
+    others = [peak for peak in peaks if not np.array_equal(peak, guess)]  # a second search from there finds the same
+    for start in [guess, *others]:  # the guess itself is a hypothesis, too
         minimum = minimise_rigidly(start, query, references, config, TOLERANCES)
         off = se2.between(guess, minimum.state)
         if np.hypot(off[0], off[1]) <= reach_m + _BEYOND_M and abs(off[2]) <= reach_rad + _BEYOND_RAD:
@@ -120,9 +120,9 @@ def _pick_rivals(
 ) -> se2.Array:
     """Returns the poses (R, 3) among others that fit about as well as the best one.
 
-    The two scores are sums over the same points, whose differences are summed by object, as in psi's covariance: where both
-    poses fit equally well, the sum of all is about zero in units of its standard deviation (Vuong, 1989). Points for which
-    either pose has nothing in reach, as beyond the end of a pass, say nothing about which is right.
+    The scores of two poses are sums over the same points. Their differences are summed by object, as in psi's covariance. If
+    both poses fit equally well, the total is about zero in units of its standard deviation (Vuong, 1989). Points without a
+    reference in reach at one of the poses, such as beyond the end of a pass, do not show which is right and are left out.
     """
     references, query = submaps
 
@@ -142,51 +142,51 @@ def _pick_rivals(
 
 
 def score_at_pose(references: References, query: PointSet, pose: se2.Array, config: EstimatorConfig) -> float:
-    """Returns psi per point of the query at a pose (3,) in another submap."""
+    """Returns psi per point of the query among the references, with the query at a pose (3,) in their frame."""
     return score_among(references, move_rigidly(query, pose), config).psi / len(query)
 
 
 def score_among(
     references: References, points: PointSet, config: EstimatorConfig, scale: Scale | None = None
 ) -> PsiEvaluation:
-    """Returns the score of points among references whatever their times, at the annealing's last widths or those given."""
+    """Returns the score of points among references, whatever their times, at given widths or the annealing's last widths."""
     return evaluate(points, references, scale or final_scale(config), kernel_of(config, ANY_TIME))
 
 
 def observes_all(references: References, points: PointSet, config: EstimatorConfig) -> bool:
-    """Returns whether references hold every direction in which points can move, at the annealing's first widths."""
+    """Returns whether psi observes every direction in which the points can move, at the annealing's first widths."""
     return len(find_weak_directions(score_among(references, points, config, annealed_scale(config, 0)), 3)) == 0
 
 
 def does_match(alignment: Alignment, matched: float) -> bool:
-    """Returns whether two passes hold every direction and lie on each other well enough.
+    """Returns whether the registration of two passes is determined in every direction and enough of their returns match.
 
     Args:
-        alignment: of the two passes.
-        matched: least share of the later pass's returns that must lie on the earlier pass.
+        alignment: registration of the two passes.
+        matched: least share of the later pass's returns that must lie on returns of the earlier pass.
     """
     return alignment.observed and alignment.matched >= matched
 
 
 def is_unrivalled(alignment: Alignment, matched: float) -> bool:
-    """Returns whether two passes match, and fit nowhere else as well; the arguments are those of `does_match`."""
+    """Returns whether two passes match, and at no other pose about as well; the arguments are those of `does_match`."""
     return does_match(alignment, matched) and alignment.psi * RIVAL <= alignment.rival
 
 
 def align_passes(
     earlier: PointSet, later: PointSet, guess: se2.Array, reach: tuple[float, float], estimator: EstimatorConfig
 ) -> Alignment | None:
-    """Registers the submap of a later pass on that of an earlier one by psi.
+    """Registers the submap of a later pass on the submap of an earlier pass by psi.
 
     Args:
         earlier: submap in its own frame.
         later: submap in its own frame.
-        guess: (3,) pose of the later frame in the earlier one [m, m, rad].
+        guess: (3,) pose of the later submap's frame in the earlier submap's frame [m, m, rad].
         reach: how far the guess may be off in position [m] and in yaw [rad].
         estimator: settings of the score.
 
     Returns:
-        None where a submap holds too few returns, the two do not match, or the pose is too uncertain.
+        The registration; None if a submap has too few returns, if the two do not match, or if the pose is too uncertain.
     """
     if len(earlier) < _FEWEST or len(later) < _FEWEST:
         return None

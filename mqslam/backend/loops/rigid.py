@@ -1,7 +1,7 @@
-"""psi of a rigid submap among points that stay where they are, whatever their times, minimised in one compiled call.
+"""Minimises psi of a rigid submap among fixed points, whatever their times, in one compiled call.
 
-Submaps are registered on each other over and over: to close loops, to refine a trajectory and to judge a map. A rigid
-motion's jacobians and the turned covariances follow from a few numbers, so that no array of either is made.
+Submaps are registered on each other very often: to close loops, to refine a trajectory and to judge a map. The Jacobians of
+a rigid motion and the rotated covariances follow from a few numbers, so that no arrays of them are made.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ from mqslam.psi.score import (
 
 _NO_PULLS: Final = np.empty((0, 2, 3))
 ANY_TIME: Final = 0.0
-"""Turns between neighbours that psi requires: by definition none, as submaps are compared whatever their times."""
+"""Duration of a turn [s] for `kernel_of`: by definition zero, since submaps are compared whatever their times."""
 
 
 def move_rigidly(points: PointSet, pose: se2.Array) -> PointSet:
-    """Returns a rigid submap at a pose (3,), with derivatives by that pose."""
+    """Returns the points of a rigid submap at a pose (3,), with their derivatives by this pose."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     x, y = points.points.T
     dx, dy = c * x - s * y, s * x + c * y
@@ -65,15 +65,15 @@ def minimise_rigidly(
     tolerances: NDArray[np.float64],
     first: int = 0,
 ) -> Minimum:
-    """Minimises psi over the pose of a rigid submap; `minimise` with `move_rigidly` is its readable twin.
+    """Minimises psi over the pose of a rigid submap; `minimise` with `move_rigidly` does the same and is easier to read.
 
     Args:
         start: (3,) pose at which the search begins.
         points: the submap in its own frame.
-        references: points that stay where they are.
+        references: fixed points.
         config: settings of the score and of its minimiser.
         tolerances: as for `minimise`.
-        first: step of the annealing that it begins with.
+        first: step of the annealing with which the search begins.
     """
     scales = [annealed_scale(config, step) for step in range(first, first + STEPS)]
     kernel, last = kernel_of(config, ANY_TIME), final_scale(config)
@@ -96,20 +96,20 @@ def _descend(
     damping: tuple[float, float],
     tolerances: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], bool, NDArray[np.float64]]:
-    """Does what `minimiser.minimise` does, without a prior.
+    """Minimises psi as `minimiser.minimise` does, without a prior.
 
     Args:
-        start: (3,) pose at which it begins.
+        start: (3,) pose at which the search begins.
         submap: points (N, 2) m and their covariances (N, 3) [m^2] in the submap's frame.
-        around: the references.
-        scales: (K, 3) widths of each step.
+        around: the fixed points.
+        scales: (K, 3) widths of the score in each step.
         last: the final widths.
         kernel: the score besides its widths.
         damping: `STABILISER` and `CORRELATION`.
-        tolerances: (3,) steps that end it.
+        tolerances: (3,) the search ends once a step is smaller than this in every component.
 
     Returns:
-        The last pose (3,), whether it converged, and the sums (N, 10) over the neighbours there.
+        The last pose (3,), whether the search converged, and the sums (N, 10) over each point's neighbours at this pose.
     """
     own, covariances = submap
     state, nothing, free, converged = start.copy(), np.zeros(3), np.zeros((3, 3)), False
@@ -138,7 +138,7 @@ def _descend(
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def place_rigidly(points: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns points (N, 2) m of a submap at a pose (3,)."""
+    """Returns the points (N, 2) [m] of a submap that is moved to a pose (3,)."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     placed = np.empty_like(points)
     for i in range(len(points)):
@@ -149,7 +149,7 @@ def place_rigidly(points: NDArray[np.float64], pose: NDArray[np.float64]) -> NDA
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def measure_rigid_move(points: NDArray[np.float64], yaw: float, move: NDArray[np.float64]) -> float:
-    """Returns by how much a step (3,) of the pose moves points (N, 2) m that are turned by a yaw, root mean square [m]."""
+    """Returns the RMS distance [m] that a step (3,) of a pose with this yaw moves the points (N, 2) [m] of a submap."""
     c, s = np.cos(yaw), np.sin(yaw)
     total = 0.0
     for i in range(len(points)):
@@ -163,15 +163,15 @@ def measure_rigid_move(points: NDArray[np.float64], yaw: float, move: NDArray[np
 def expand_rigidly(
     own: NDArray[np.float64], cov: NDArray[np.float64], yaw: float, sums: NDArray[np.float64], scale: Scale
 ) -> Expansion:
-    """Returns the score of a submap around a pose, up to second order; see `score.weigh_offsets`.
+    """Expands the score of a submap around a pose, up to second order.
 
-    Its letters are those of that function.
+    The letters are those of `score.weigh_offsets`.
 
     Args:
         own: (N, 2) m, the submap's points in its own frame.
         cov: (N, 3) xx, xy, yy [m^2] in its own frame.
-        yaw: of the pose [rad].
-        sums: (N, 10) over the neighbours of each, as that function takes them.
+        yaw: yaw of the pose [rad].
+        sums: (N, 10) sums over the neighbours of each point, as `score.weigh_offsets` takes them.
         scale: widths of selection and weights.
     """
     wide, b = scale.c * scale.c, 2.0 / (scale.beta_s * scale.beta_s)
@@ -196,7 +196,7 @@ def expand_rigidly(
         weight = lorentz * lorentz
         hxx, hxy = ixx * (1.0 - b * sxx) - ixy * b * sxy, -ixx * b * sxy + ixy * (1.0 - b * syy)
         hyx, hyy = ixy * (1.0 - b * sxx) - iyy * b * sxy, -ixy * b * sxy + iyy * (1.0 - b * syy)
-        # the jacobian J of the offset is (1, 0, jx), (0, 1, jy)
+        # the rows of the offset's jacobian J are (1, 0, jx) and (0, 1, jy)
         jx = -(turn_s * own[i, 0] + turn_c * own[i, 1])
         jy = turn_c * own[i, 0] - turn_s * own[i, 1]
         gradient[0] += weight * fx

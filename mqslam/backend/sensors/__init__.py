@@ -1,1 +1,1 @@
-"""What other sensors say, held against the radar's motions before it joins the pose graph."""
+"""The sensors besides the radar: compares each with the radar's motions, calibrates it, and joins it to the pose graph."""

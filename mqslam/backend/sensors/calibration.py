@@ -1,17 +1,17 @@
-"""What a sensor beside the radar gets wrong all the time, found where psi saw the motion itself, and the noise that is left.
+"""Calibrates a sensor besides the radar: finds its systematic errors from motions that psi found itself, and its noise.
 
-The motion of odometry between two scans differs from the radar's by errors that all motions share:
+Systematic errors are the same in all motions. For the motion of odometry between two scans they are modelled as
 
     motion of the radar = motion of odometry + design (3, 7) @ parameters (7,) + noise
 
-The parameters are the scale of the travel, how late the clock of odometry is, where the radar sits in the vehicle (ahead,
-to the left, turned), and the bias of the yaw rate, which may walk: it has a value at every knot and is interpolated
-between two of them. Where it is known how the radar is mounted, the motions of odometry are carried to the radar before,
-and the parameters say how far the radar is from there, in its own frame. Other sensors have fewer parameters.
+The parameters are the scale of the travel, the delay of odometry's clock, the position of the radar on the vehicle (ahead,
+to the left) and its yaw, and the bias of the yaw rate. The bias may walk: it has a value at every knot and is interpolated
+between two knots. If the mount of the radar is known, the motions of odometry are first converted to motions of the radar;
+the parameters then are the radar's offset from this mount, in its own frame. Other sensors have fewer parameters.
 
-Noise that is independent from motion to motion adds up along a span, while psi errs only at the span's two ends. The
-noise of one motion is the largest that any length shows: a bias that walks faster than the calibration follows shows over
-long spans, a clock that is wrong over short ones.
+Noise that is independent from motion to motion adds up along a span, while psi errs only at the two ends of the span. The
+noise of a motion is estimated from spans of several lengths, and the largest estimate is taken: a bias that walks faster
+than the calibration can follow shows over long spans, a wrong clock over short ones.
 """
 
 from __future__ import annotations
@@ -31,19 +31,20 @@ from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.statistics import MEDIAN_OF_CHI2, MEDIAN_SPREAD
 
-# With fewer motions than this that psi found itself, odometry is not calibrated, and as good as it states itself.
+# If psi found fewer motions than this itself, odometry is not calibrated and keeps the errors that it states.
 FEWEST = 20
-# With fewer motions than this that psi found itself, a gyroscope is not used, and velocities are as good as they state.
+# If psi found fewer motions than this itself, a gyroscope is not used, and velocities keep the errors that they state.
 FEWEST_MOTIONS = 40
-# A sensor whose scale is off by more than this factor is of another unit, another Doppler shift or broken, and is not used.
-# Smaller errors of the scale are put right.
+# A sensor whose scale is off by more than this factor is not used: its unit or its Doppler shift is wrong, or it is broken.
+# Smaller errors of the scale are corrected.
 LARGEST_SCALE = 1.25
-# Share of motions in which a calibrated sensor may contradict psi, which is itself wrong in a few, by more than WILD
-# standard deviations.
+# Largest share of motions in which a calibrated sensor may contradict psi by more than WILD standard deviations. psi itself
+# is wrong in a few motions.
 MOST_WILD, WILD = 0.1, 3.0
-# A delay, a scale or that both turn the same way is significant from this many standard deviations.
+# A delay, an error of the scale, or the scale itself (whether both turn together at all) is significant from this many
+# standard deviations.
 TOLD_SIGMAS = 5.0
-# A smaller error of the scale is put right without a word.
+# A smaller error of the scale is corrected without telling the user.
 SCALE_TOLERANCE = 0.01
 # Longest span [s] over which odometry is compared with psi to find its noise, and the time between two values of its yaw
 # rate's bias.
@@ -52,32 +53,32 @@ SPAN_S = 10.0
 # time.
 _ODOMETRY_BIAS_WALK = 0.001
 
-# Standard deviation of the radar's place on the vehicle along each axis, where it is stated [m]. The point that wheels
-# move without slip lies between the rear wheels, and a tape measure finds it no better.
+# Standard deviation of a stated position of the radar on the vehicle along each axis [m]. The point that the wheels move
+# without slip lies between the rear wheels, and a tape measure locates it no better than this.
 SIGMA_MOUNT_M = 0.05
-# Standard deviation of the yaw at which the radar is mounted, where it is stated [rad]: MulRan's calibration differs from
-# straight ahead by as much.
+# Standard deviation of a stated yaw of the radar on the vehicle [rad]: MulRan's calibration differs from straight ahead by
+# as much.
 SIGMA_MOUNT_RAD = 0.01
 
 AT_ORIGIN: Final = np.zeros(3)
-"""The mount of a radar of which nobody says where it sits: odometry is then taken as its own motion."""
-_COMMON: Final = 5  # parameters with one value for the whole run; the bias follows them
-DELAY_S: Final = 0.1  # no clock that serves at all is much later than this: the prior's standard deviation [s]
-MOUNT_M: Final = 2.0  # a radar is about as far from the point that odometry follows: the prior's standard deviation [m]
-_MOST_KNOTS: Final = 1000  # numerical: the fit's matrices stay small, however long the run
-_UNKNOWN: Final = 1e6  # numerical: variance of a motion that psi did not find, which then shows nothing
-_AT_ONCE: Final = 64  # numerical: parameters that are solved for at once, which bounds the memory of a long run
+"""The mount of a radar whose mount is unknown: the motions of odometry are then taken as the radar's own motions."""
+_COMMON: Final = 5  # number of parameters with one value for the whole run; the biases follow them
+DELAY_S: Final = 0.1  # standard deviation of the prior of a delay [s]: no usable clock is much later
+MOUNT_M: Final = 2.0  # standard deviation of the prior of the radar's distance from the point that odometry follows [m]
+_MOST_KNOTS: Final = 1000  # numerical: keeps the matrices of the fit small, however long the run is
+_UNKNOWN: Final = 1e6  # numerical: variance of a motion that psi did not find, so that it has no effect
+_AT_ONCE: Final = 64  # numerical: number of parameters solved for at once, which bounds the memory of a long run
 _LEAST_SIGMA: Final = 1e-6  # numerical: settings may state errors of zero
 
 
 class SensorEdges(Protocol):
-    """What a sensor adds to the pose graph."""
+    """The factors and variables that a sensor adds to the pose graph."""
 
     def list_factors(self, chain: se2.Array) -> Iterable[gtsam.NonlinearFactor]:
-        """Returns the factors; `chain` are poses (N, 3) of the scans, whose yaws are right to within half a turn."""
+        """Returns the factors, given the poses `chain` (N, 3) of the scans, whose yaws are right to within half a turn."""
 
     def insert_into(self, values: gtsam.Values) -> None:
-        """Inserts the sensor's own variables, from which the optimisation begins."""
+        """Inserts the starting values of the sensor's own variables."""
 
 
 E_co = TypeVar("E_co", bound=SensorEdges, covariant=True)
@@ -85,12 +86,12 @@ E_co = TypeVar("E_co", bound=SensorEdges, covariant=True)
 
 @dataclass(frozen=True, slots=True)
 class Use(Generic[E_co]):
-    """What became of a sensor that was held against the front end's motions.
+    """How a sensor is used after it was compared with the front end's motions.
 
     Args:
-        source: where its readings come from.
-        statements: what a user should know, in whole sentences; the first one says whether it is used.
-        edges: what it adds to the graph; None where it is not used.
+        source: where the readings come from.
+        statements: sentences for the user; the first one says whether the sensor is used.
+        edges: factors and variables that it adds to the graph; None if it is not used.
     """
 
     source: str
@@ -104,8 +105,8 @@ class Motions(NamedTuple):
     Args:
         poses: (N, 3) [m, m, rad].
         lasts: (N,) how long each takes [s].
-        variances: (N, 3) of x, y and yaw.
-        converged: (N,) which ones psi found itself.
+        variances: (N, 3) variances of x, y and yaw.
+        converged: (N,) whether psi found each motion itself.
     """
 
     poses: se2.Array
@@ -115,7 +116,7 @@ class Motions(NamedTuple):
 
     @classmethod
     def of(cls, motions: Sequence[Measurement]) -> Motions:
-        """Returns motions as arrays."""
+        """Converts motions to arrays."""
         return cls(
             np.array([motion.pose for motion in motions]).reshape(-1, 3),
             np.array([motion.t1 - motion.t0 for motion in motions]),
@@ -126,11 +127,12 @@ class Motions(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Design:
-    """How the parameters move the motions of odometry.
+    """The design matrix of a calibration: the derivatives of a sensor's motions by the parameters.
 
     Args:
-        jacobians: (N, 3, 7) of the motions by the parameters that concern them: the common ones and two knots' biases.
-        columns: (N, 7) numbers of these parameters.
+        jacobians: (N, 3, 7) derivatives of each motion by the parameters that act on it: the common ones and the biases at
+            two knots.
+        columns: (N, 7) numbers of these parameters among all parameters.
         knots_s: (K - 1,) time from each of the K knots to the next one [s].
     """
 
@@ -141,18 +143,18 @@ class Design:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """The parameters and what is known of them.
+    """The estimated parameters of a calibration with their covariance.
 
     Args:
         parameters: (P,) scale [1], delay [s], radar ahead and to the left [m], turned [rad], bias at every knot [rad/s].
-        covariance: (P, P) of them.
+        covariance: (P, P) covariance of the parameters.
     """
 
     parameters: NDArray[np.float64]
     covariance: NDArray[np.float64]
 
     def correct(self, design: Design) -> NDArray[np.float64]:
-        """Returns the corrections (N, 3) of the motions."""
+        """Returns the corrections (N, 3) that the parameters make to the motions."""
         return np.asarray(np.einsum("kij,kj->ki", design.jacobians, self.parameters[design.columns]))
 
     def list_sigmas(self, design: Design) -> NDArray[np.float64]:
@@ -163,15 +165,15 @@ class Calibration:
 
 
 def make_design(motions: Sequence[Measurement], span: int, mount: se2.Array = AT_ORIGIN) -> Design:
-    """Returns how the parameters move the motions of odometry, to first order.
+    """Returns the derivatives of odometry's motions by the parameters.
 
     Args:
-        motions: two or more, one after the other, of the radar.
+        motions: two or more successive motions of the radar by odometry.
         span: number of motions from a knot of the bias to the next one.
         mount: (3,) pose of the radar on the vehicle, by which the vehicle's motions were carried to it.
     """
     known = Motions.of(motions)
-    # the vehicle turns about its own origin: its travel bends, and the radar swings about the place where it ends
+    # a turn of the vehicle bends its travel, and swings the radar about the vehicle's origin at the end of the motion
     arm = known.poses[:, :2] - 0.5 * _find_travel(known.poses, mount) - se2.inverse(mount)[:2]
     by_bias = np.column_stack([-arm[:, 1] * known.lasts, arm[:, 0] * known.lasts, known.lasts])
     span = max(span, -(-len(motions) // _MOST_KNOTS))
@@ -183,7 +185,7 @@ def make_design(motions: Sequence[Measurement], span: int, mount: se2.Array = AT
 def spread_bias(
     by_common: NDArray[np.float64], by_bias: NDArray[np.float64], span: int, knots_s: NDArray[np.float64]
 ) -> Design:
-    """Returns the design of parameters that are common to all motions and of a bias that is interpolated between knots.
+    """Returns the design for parameters that are common to all motions and a bias that is interpolated between knots.
 
     Args:
         by_common: (N, 3, C) derivatives of the motions by the common parameters.
@@ -202,13 +204,13 @@ def spread_bias(
 def make_walking_prior(
     sigmas: Sequence[float], knots_s: NDArray[np.float64], walk: float, least: float = 0.0
 ) -> NDArray[np.float64]:
-    """Returns the information (P, P) about common parameters and a bias that walks from knot to knot.
+    """Returns the prior information (P, P) about common parameters and a bias that walks from knot to knot.
 
     Args:
         sigmas: standard deviations of the C common parameters and of the first bias.
         knots_s: (K - 1,) time from each knot to the next one [s].
-        walk: standard deviation by which the bias walks in a second.
-        least: variance that is added to that of each step.
+        walk: standard deviation of the walk of the bias in a second.
+        least: variance that is added to the variance of each step.
     """
     common = len(sigmas) - 1
     information = np.zeros((common + len(knots_s) + 1,) * 2)
@@ -220,7 +222,7 @@ def make_walking_prior(
 
 
 def differentiate_motions(poses: se2.Array, lasts: NDArray[np.float64], mount: se2.Array) -> NDArray[np.float64]:
-    """Returns the derivatives (N, 3, 5) of motions of the radar by scale, delay, radar ahead and to the left, and turned.
+    """Returns the derivatives (N, 3, 5) of the radar's motions by scale, delay, and the radar's offset: ahead, left, yaw.
 
     Args:
         poses: (N, 3) the motions [m, m, rad].
@@ -230,7 +232,7 @@ def differentiate_motions(poses: se2.Array, lasts: NDArray[np.float64], mount: s
     x, y, yaw = poses.T
     jacobians = np.zeros((len(poses), 3, _COMMON))
     jacobians[:, :2, 0] = _find_travel(poses, mount)
-    # the twist at a scan's start is the mean of those before and after it
+    # the twist at a scan's start is the mean of the twists before and after it
     jacobians[:, :, 1] = np.gradient(se2.log(poses) / lasts[:, None], axis=0)
     jacobians[:, :2, 2] = np.column_stack([np.cos(yaw) - 1.0, np.sin(yaw)])
     jacobians[:, :2, 3] = np.column_stack([-np.sin(yaw), np.cos(yaw) - 1.0])
@@ -245,12 +247,12 @@ def _find_travel(poses: se2.Array, mount: se2.Array) -> NDArray[np.float64]:
 
 
 def make_prior_information(design: Design, stated: OdometryConfig, *, mounted: bool = False) -> NDArray[np.float64]:
-    """Returns the information (P, P) that is stated about the parameters, which are zero as far as is known.
+    """Returns the prior information (P, P) about the parameters, whose prior means are zero.
 
     Args:
-        design: of the motions.
-        stated: the errors that odometry states, and those of a mount that is stated.
-        mounted: whether it is known how the radar is mounted.
+        design: design of the motions.
+        stated: the errors that odometry states.
+        mounted: whether the mount of the radar is known.
     """
     place_m = SIGMA_MOUNT_M if mounted else MOUNT_M
     turned = SIGMA_MOUNT_RAD if mounted else stated.sigma_travel
@@ -268,12 +270,12 @@ def fit(
     """Fits the parameters by generalised least squares.
 
     A scan that psi places too far ahead makes the motion to it too long and the next one too short by as much. Such errors
-    cancel over a stretch, which therefore shows the scale far better than as many independent motions would.
+    cancel over a stretch, so that a stretch shows the scale far better than the same number of independent motions.
 
     Args:
-        design: of all motions.
-        misses: (N, 3) what the radar's motion has more than odometry's; NaN where psi did not find it itself.
-        measured: (N, 3) variances of psi's motions: of the places of both of their scans.
+        design: design of all motions.
+        misses: (N, 3) the radar's motions minus odometry's motions; NaN where psi did not find the motion itself.
+        measured: (N, 3) variances of psi's motions, by the errors of both of their scans.
         noise: (N, 3) variances of odometry's own noise, which is independent from motion to motion.
         prior: (P, P) information about the parameters.
     """
@@ -294,15 +296,15 @@ def fit(
     return Calibration(covariance @ right, 0.5 * (covariance + covariance.T))
 
 
-_FEWEST: Final = 5  # a median of fewer independent spans may be small by chance
-_BEYOND: Final = 3.0  # a span that misses by more standard deviations than these is not noise
+_FEWEST: Final = 5  # the median of fewer independent spans may be small by chance
+_BEYOND: Final = 3.0  # a miss of a span by more standard deviations than this is not noise
 
 
 def measure_noise(residuals: NDArray[np.float64], measured: NDArray[np.float64], longest: int) -> NDArray[np.float64]:
-    """Returns the variances (3,) of a motion's noise, robustly.
+    """Estimates the variances (3,) of a motion's noise robustly.
 
     Args:
-        residuals: (N, 3) what the radar's motion has more than the calibrated odometry's; NaN where psi did not find it.
+        residuals: (N, 3) the radar's motions minus the calibrated odometry's motions; NaN where psi did not find the motion.
         measured: (N, 3) variances of psi's motions.
         longest: number of motions in the longest span.
     """
@@ -314,7 +316,7 @@ def measure_noise(residuals: NDArray[np.float64], measured: NDArray[np.float64],
         if not len(complete) or (count > 1 and known < _FEWEST * count):
             continue
         variances = np.median(np.square(complete), axis=0) / MEDIAN_OF_CHI2
-        chance = variances * MEDIAN_SPREAD * np.sqrt(count / known)  # no noise is known better than this
+        chance = variances * MEDIAN_SPREAD * np.sqrt(count / known)  # statistical error of the variance, which is added
         noise = np.maximum(noise, (np.maximum(variances - usual, 0.0) + chance) / count)
     return noise
 
@@ -322,15 +324,15 @@ def measure_noise(residuals: NDArray[np.float64], measured: NDArray[np.float64],
 def measure_disagreement(
     residuals: NDArray[np.float64], measured: NDArray[np.float64], noise: NDArray[np.float64], longest: int
 ) -> NDArray[np.float64]:
-    """Returns the variances (N, 3) by which motions disagree with psi in a way that is no noise, zero where they agree.
+    """Returns the variances (N, 3) by which motions disagree with psi more than noise explains; zero where they agree.
 
-    Wheels that slip, for instance, err by more and all in one direction. Every motion of a span that misses by too much
-    gets the span's whole miss.
+    Wheels that slip, for instance, err by more, and always in one direction. If the sum over a span misses by too much, its
+    square is shared out equally as variance of the span's motions.
 
     Args:
-        residuals: (N, 3) as `measure_noise` takes them.
+        residuals: (N, 3) residuals as for `measure_noise`.
         measured: (N, 3) variances of psi's motions.
-        noise: (3,) variances of a motion's noise.
+        noise: (3,) variances of the noise of a motion.
         longest: number of motions in the longest span.
     """
     disagreement = np.zeros_like(residuals)
@@ -345,7 +347,7 @@ def measure_disagreement(
 
 
 def _sum_spans(residuals: NDArray[np.float64], longest: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
-    """Yields lengths of 1, 2, 4 and more motions and the sums (N - length + 1, 3) over all spans of each."""
+    """Yields the lengths 1, 2, 4 and so on, each with the sums (N - length + 1, 3) over all spans of this length."""
     sums, count = residuals, 1
     while len(sums) and count <= max(1, longest):
         yield count, sums

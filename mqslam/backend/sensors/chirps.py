@@ -1,9 +1,9 @@
-"""Whether the velocities that chirps measure agree with psi, what they get wrong all the time, and their edges.
+"""Joins the velocities that chirps measure to the pose graph: compares them with psi, and calibrates them.
 
     travel by psi = (1 + scale error) travel by the velocity + bias x time + noise
 
-The scale is that of the radar's Doppler shift, which is known to a few percent, and leakage near the radar may bias a
-velocity. Where psi does not observe the travel, as in a tunnel, the calibrated velocity carries it.
+The scale depends on the radar's Doppler shift, which is known to a few percent. Leakage near the radar may bias a velocity.
+Where psi does not observe the travel, such as in a tunnel, the calibrated velocity measures it.
 """
 
 from __future__ import annotations
@@ -37,23 +37,22 @@ from mqslam.core.statistics import MEDIAN_OF_CHI2
 from mqslam.core.velocity import Velocities, make_twists
 from mqslam.factors.between import psi_between
 
-# Shortest stretch over which errors of the calibration are taken to be alike [s].
+# Shortest stretch over which errors of the calibration are taken as common to all motions [s].
 _SPAN_S = 10.0
 
-# Standard deviation of a velocity's bias when nothing is known of it [m/s]; Boreas-RT's is as large.
+# Prior standard deviation of a velocity's bias [m/s]; the bias of Boreas-RT is as large.
 _SIGMA_BIAS_MPS = 0.1
-# Standard deviation of the scale when nothing is known of it [1]: the Doppler shift of a radar's chirps is known to a few
-# percent.
+# Prior standard deviation of the scale [1]: the Doppler shift of a radar's chirps is known to a few percent.
 SIGMA_SCALE = 0.05
 
 SOURCE: Final = "chirps"
-_ROUNDS: Final = 3  # of fit and noise, which settle in fewer
-_UNKNOWN: Final = 1e2  # a velocity says nothing of the turn: far more than a turn [rad]
-_LEAST: Final = 1e-12  # numerical: variance that keeps a fit without any noise from being singular
+_ROUNDS: Final = 3  # rounds of fit and noise; they settle in fewer
+_UNKNOWN: Final = 1e2  # far more than a turn [rad], since a velocity does not measure the turn
+_LEAST: Final = 1e-12  # numerical: variance that keeps a fit without noise from being singular
 
 
 class TravelEdges(dict[int, Measurement]):
-    """Motions that say nothing of the turn, by the number of the scan that each starts at."""
+    """Motions without information about the turn, by the number of the scan at which each starts."""
 
     def list_factors(self, chain: se2.Array) -> Iterator[gtsam.NonlinearFactor]:
         """Yields the factors of the motions."""
@@ -66,12 +65,12 @@ class TravelEdges(dict[int, Measurement]):
 
 @dataclass(frozen=True, slots=True)
 class VelocityUse(Use[TravelEdges]):
-    """What became of the velocities that chirps measure; its edges are the motions that they measure.
+    """How the velocities that chirps measure are used; the edges are the motions that they measure.
 
     Args:
-        scale: travel by psi per travel by the velocity; NaN where that could not be found.
+        scale: travel by psi per travel by the velocity; NaN if it could not be found.
         sigma_scale: standard deviation of the scale.
-        bias: (2,) forward and left, by how much psi is faster [m/s].
+        bias: (2,) velocity by psi minus the measured velocity, forward and left [m/s].
     """
 
     scale: float = float("nan")
@@ -80,10 +79,10 @@ class VelocityUse(Use[TravelEdges]):
 
 
 def join_velocities(velocities: Velocities, motions: Sequence[Measurement]) -> VelocityUse:
-    """Holds velocities against psi's motions, and returns them as motions if they agree.
+    """Compares velocities with psi's motions, and converts them to motions if they agree.
 
-    Where psi found too few motions to show whether they do, they are as good as they state themselves and as the settings
-    have it.
+    If psi found too few motions to show whether they agree, they keep the errors that they state, and the prior scale and
+    bias.
 
     Args:
         velocities: one per scan.
@@ -120,11 +119,11 @@ def join_velocities(velocities: Velocities, motions: Sequence[Measurement]) -> V
 def _predict(
     velocities: Velocities, motions: Sequence[Measurement]
 ) -> tuple[se2.Array, NDArray[np.float64], Design, NDArray[np.float64]]:
-    """Returns the motions that velocities and psi's turns make.
+    """Predicts the motions from the velocities and psi's turns.
 
     Returns:
-        the motions (N, 3), NaN where there are none, how long they last (N,) [s], how errors of the velocities move them,
-        and their variances (N, 3).
+        The motions (N, 3), NaN where there is no velocity; their durations (N,) [s]; their derivatives by scale error and
+        biases; and their variances (N, 3).
     """
     spans = np.array([(motion.t0, motion.t1) for motion in motions])
     lasts, turns = spans[:, 1] - spans[:, 0], np.array([motion.pose[2] for motion in motions])
@@ -151,7 +150,7 @@ def _find_fault(found: Calibration, residuals: NDArray[np.float64], variances: N
 
 
 def _make_edges(motions: Sequence[Measurement], poses: se2.Array, variances: NDArray[np.float64]) -> TravelEdges:
-    """Returns the motions that velocities measured, which say nothing of the turn."""
+    """Returns the motions that velocities measured as edges, without information about the turn."""
     edges = TravelEdges()
     for k in np.flatnonzero(np.isfinite(poses[:, 0])).tolist():
         covariance = np.diag([*variances[k, :2], _UNKNOWN**2])

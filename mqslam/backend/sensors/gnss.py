@@ -1,4 +1,4 @@
-"""Whether fixes agree with the trajectory, how large their errors are, and the factors that they add to the pose graph."""
+"""Joins GNSS fixes to the pose graph: decides whether they agree with the trajectory, and makes their factors."""
 
 from __future__ import annotations
 
@@ -31,33 +31,33 @@ from mqslam.core.wording import describe_delay, left_or_right
 from mqslam.errors import Remedy
 from mqslam.factors.gnss_position import REACH, gnss_position, plane_walk
 
-# With fewer fixes than this within the recording they are not used: so few fit many trajectories.
+# If fewer fixes than this lie within the recording, they are not used: so few fit many trajectories.
 FEWEST = 10
-# Fixes are not used if half of them lie farther from the trajectory than this share of its path: no trajectory drifts so
-# much.
+# Fixes are not used if half of them lie farther from the trajectory than this share of the length of its path: no trajectory
+# drifts so much.
 LARGEST_SHARE = 0.05
-# Fixes are not used if the trajectory spreads over less than this many times the distance that half of them lie from it,
-# since they would say nothing of its heading.
+# Fixes are not used if the trajectory spreads over less than this many times their median distance from it, since they would
+# not show its heading.
 LEAST_SPREAD = 5.0
 
-_MOST_FIXES: Final = 400  # numerical: as many show whether they fit
-_BETTER: Final = 0.5  # what a mistake must leave at most of the differences, as a share, to be named
+_MOST_FIXES: Final = 400  # numerical: largest number of fixes that are tried, enough to show whether they fit
+_BETTER: Final = 0.5  # a mistake is named if it leaves at most this share of the differences
 SWAPPED: Final = "they fit if their latitude is the longitude and the other way round"
 
 
 def find_mistake(fixes: Fixes, times: NDArray[np.float64], starts: NDArray[np.float64], chain: se2.Array) -> str:
-    """Finds with which usual mistake fixes would fit a trajectory far better; "" where there is none.
+    """Finds the usual mistake that explains why fixes do not fit a trajectory, in words; "" if there is none.
 
     Args:
-        fixes: of the receiver, of which there is one at least.
+        fixes: one or more fixes of the receiver.
         times: (F,) of the fixes [s], increasing.
-        starts: (N,) of the scans [s], increasing.
-        chain: (N, 3) their poses.
+        starts: (N,) start times of the scans [s], increasing.
+        chain: (N, 3) poses of the scans.
     """
     path_m = float(se2.step_lengths(chain).sum())
 
     def misfit(times: NDArray[np.float64], positions: NDArray[np.float64], *, must_fit: bool = True) -> float:
-        """Returns how far from the trajectory half of the fixes lie at least [m]; inf where that is no fit, but must be."""
+        """Returns the median distance [m] of fixes from the trajectory; inf if they do not fit although `must_fit`."""
         inside = np.flatnonzero((starts[0] <= times) & (times <= starts[-1]))
         if len(inside) < FEWEST:
             return np.inf
@@ -80,45 +80,46 @@ def find_mistake(fixes: Fixes, times: NDArray[np.float64], starts: NDArray[np.fl
 
 
 def describe_clock(late_s: float) -> str:
-    """Returns in words that fixes fit once their clock is put right."""
+    """Describes in words that fixes fit once this delay [s] of their clock is corrected."""
     return f"they fit if their stamps are {describe_offset(late_s)}: add {-late_s:.0f} s to them"
 
 
 # Largest error of the receiver's clock, late or early, that is looked for [s].
 _LONGEST_DELAY_S = 3.0
-# Share of the fixes that may be jumps. With more of them the fixes are not used: those that belong elsewhere, or are
-# mirrored, agree with a part of a drive by chance, too.
+# Largest share of fixes that may be jumps. With more jumps the fixes are not used: fixes of another drive, or mirrored ones,
+# also agree with a part of a drive by chance.
 _MOST_JUMPS = 0.25
-# Longest time over which fixes are averaged to learn how their errors wander [s]. Over a longer one the trajectory itself
+# Longest time over which fixes are averaged to learn how their errors wander [s]. Over longer times the trajectory itself
 # drifts as much.
 _ALIKE_S = 60.0
-# So many fixes share one value of a receiver's wandering error in the graph, and outvote a jump among them; the values stand
-# a scan or more apart. The error is not constant over longer times, and then the trajectory depends on where the values
-# happen to stand: the ATE of a real drive was 0.50 m with a value every 5.4 s and 1.02 m with a value every 5.5 s.
+# Number of fixes that share one value of a receiver's wandering error in the graph, so that they outvote a jump among them.
+# The values are at least one scan apart. Over longer times the error is not constant, and the trajectory would depend on
+# where the values happen to lie: the ATE of a real drive was 0.50 m with a value every 5.4 s and 1.02 m with a value every
+# 5.5 s.
 _FIXES_OF_KNOT = 5
-# Fixes that wander about the trajectory by more than this in a second are not used: no receiver's error does [m].
+# Fixes that wander about the trajectory by more than this [m] in a second are not used: no receiver's error wanders so fast.
 _LARGEST_WALK_M = 3.0
-# Where nothing says where the antenna sits, it is taken to be where the fixes of turning stretches show it, if that is
-# farther from the radar than this many standard deviations, else at the radar.
+# If the position of the antenna is not stated, it is taken from the fixes in turns if they show it farther away from the
+# radar than this many standard deviations. Else the antenna is taken to be at the radar.
 _ANTENNA_APART = 3.0
 
 MIRRORED: Final = "the radar is: set sensor.clockwise: false if it is mounted upside down"
-_ROUNDS: Final = 3  # of antenna and noise, which settle in fewer
-_LEAST_WALK_M: Final = 1e-4  # numerical: a plane that does not wander at all would tie its poses without error
+_ROUNDS: Final = 3  # rounds of antenna and noise; they settle in fewer
+_LEAST_WALK_M: Final = 1e-4  # numerical: poses of a plane that does not wander would be tied without error
 
 
 @dataclass(frozen=True, slots=True)
 class FixEdges:
-    """Fixes as positions of scans.
+    """GNSS fixes as edges of the pose graph: positions of scans in the tangent plane.
 
     Args:
-        scans: (F,) numbers of the scans that the fixes are carried to.
-        poses: (F, 3) of these scans in the tangent plane, as the fixes have them; the yaws are the trajectory's [m, m, rad].
-        knots: (F,) number of the pose of the tangent plane that each fix is seen from.
-        noise: of the fixes.
-        walks_m: (K - 1,) standard deviations by which each of these poses wanders from the one before it [m].
+        scans: (F,) number of the scan to which each fix is carried.
+        poses: (F, 3) poses of these scans in the tangent plane: positions by the fixes, yaws by the trajectory [m, m, rad].
+        knots: (F,) number of the tangent plane's pose that each fix refers to.
+        noise: noise of the fixes.
+        walks_m: (K - 1,) standard deviation by which the plane wanders from each of its poses to the next [m].
         plane: the tangent plane.
-        origin: (3,) pose of the tangent plane in the map, about.
+        origin: (3,) approximate pose of the tangent plane in the map.
     """
 
     scans: NDArray[np.int64]
@@ -130,24 +131,24 @@ class FixEdges:
     origin: se2.Array
 
     def list_factors(self, chain: se2.Array) -> Iterator[gtsam.NonlinearFactor]:
-        """Yields the factor of every fix, from the tangent plane e0 .. at its time to its scan, and of the plane's walk."""
+        """Yields the factors of the fixes, from the tangent plane's poses e0 .. to the scans, and of the plane's walk."""
         for j, k, pose in zip(self.knots.tolist(), self.scans.tolist(), self.poses, strict=True):
             yield gnss_position(E(j), X(k), pose, self.noise.white_m)
         for j, walk_m in enumerate(self.walks_m.tolist()):
             yield plane_walk(E(j), E(j + 1), walk_m)
 
     def insert_into(self, values: gtsam.Values) -> None:
-        """Inserts the poses of the tangent plane, from which the optimisation begins."""
+        """Inserts the starting values of the tangent plane's poses."""
         for j in range(len(self.walks_m) + 1):
             values.insert(E(j), gtsam.Pose2(*self.origin))
 
     def find_place(self, values: gtsam.Values) -> Georeference:
-        """Returns where an optimised map lies on the Earth: by the mean pose of the tangent plane, which hardly turns."""
+        """Returns where an optimised map lies on the Earth, by the mean pose of the tangent plane, which hardly turns."""
         poses = poses_of(values, len(self.walks_m) + 1, E)
         return Georeference(self.plane, se2.inverse(poses.mean(axis=0)))
 
     def count_rejected(self, values: gtsam.Values) -> int:
-        """Returns how many fixes lie farther from an optimised trajectory than jumps begin."""
+        """Returns the number of jumps: fixes farther than REACH standard deviations from an optimised trajectory."""
         origins, placed = (
             np.array([pose_of(values, key(int(k))) for k in numbers]) for key, numbers in ((E, self.knots), (X, self.scans))
         )
@@ -157,13 +158,13 @@ class FixEdges:
 
 @dataclass(frozen=True, slots=True)
 class FixUse(Use[FixEdges]):
-    """What became of a GNSS receiver's fixes; the first statement says whether they are used once jumps are judged.
+    """How a GNSS receiver's fixes are used; the first statement says whether they are used, once jumps have been judged.
 
     Args:
-        antenna: where the antenna sits in the radar's frame, as the fixes say; None where it is known, or they are not used.
-        stretch: how many times as far apart the fixes lie as the trajectory has them; None where its scale fits them.
-        is_mirrored: whether they fit the mirror image of the trajectory far better, so that they turn the other way.
-        mistake: the usual mistake with which they would fit far better, in words; "" where there is none.
+        antenna: position of the antenna as the fixes show it; None if it is stated, or if the fixes are not used.
+        stretch: ratio of the fixes' distances to the trajectory's distances; None if no other scale fits far better.
+        is_mirrored: whether the fixes fit the mirror image of the trajectory far better, so that they turn the other way.
+        mistake: the usual mistake that explains why the fixes do not fit, in words; "" if there is none.
     """
 
     antenna: Antenna | None = None
@@ -172,7 +173,7 @@ class FixUse(Use[FixEdges]):
     mistake: str = ""
 
     def refuse(self, why: str) -> FixUse:
-        """Returns that the fixes are not used, and why."""
+        """Returns the use of fixes that are refused, with a statement of the reason."""
         hint = ""
         if self.stretch is not None:
             hint = (
@@ -188,7 +189,7 @@ class FixUse(Use[FixEdges]):
         return replace(self, statements=(statement,), edges=None, antenna=None)
 
     def judge_jumps(self, values: gtsam.Values) -> FixUse:
-        """Returns the use with how many fixes are jumps in an optimised graph; too many of them contradict the radar."""
+        """Counts the fixes that are jumps in an optimised graph; states the number, or refuses the fixes if it is large."""
         if self.edges is None:
             return self
         number, jumps = len(self.edges.scans), self.edges.count_rejected(values)
@@ -202,18 +203,18 @@ class FixUse(Use[FixEdges]):
 
 
 def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], antenna: NDArray[np.float64] | None) -> FixUse:
-    """Holds fixes against the chained motions, and returns them as positions of scans if they agree.
+    """Compares fixes with the chained motions, and converts them to positions of scans if they agree.
 
-    Which of them are jumps is still to be judged, in the graph that they join.
+    Jumps are judged afterwards by `FixUse.judge_jumps`, in the graph that the fixes have joined.
 
-    Where it is not known where the antenna sits, and the fixes do not show that it sits elsewhere, it is taken to be at the
+    If the position of the antenna is not stated, and the fixes do not show that it is elsewhere, it is taken to be at the
     radar.
 
     Args:
         fixes: of the receiver.
         start_us: stamp [us] of the recording's time zero.
         motions: between successive scans, as the front end measured them.
-        antenna: (2,) where the antenna is in the radar's frame [m], or None.
+        antenna: (2,) stated position of the antenna in the radar's frame [m], or None.
     """
     use = FixUse(fixes.source, ())
     if not motions or not len(fixes):
@@ -248,7 +249,7 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
     noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside], _ALIKE_S)
     found: Antenna | None = None
     if antenna is None:
-        for _ in range(_ROUNDS):  # the swings of an antenna that is not at the radar look like noise at first
+        for _ in range(_ROUNDS):  # at first, the swings of an antenna that is not at the radar look like noise
             found = estimate_antenna(times, se2.compose(lies, sensor), positions, noise)
             if found.significance > _ANTENNA_APART:
                 on_map, lies, residuals = _lay(sensor, found.place, positions)
@@ -259,7 +260,7 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
             "their clock is not that of the recording"
         )
     knot_s = max(_FIXES_OF_KNOT * float(np.median(np.diff(times))), float(np.median(np.diff(starts))))
-    knots = np.unique(np.floor(times / knot_s), return_inverse=True)[1]  # none for times without a fix
+    knots = np.unique(np.floor(times / knot_s), return_inverse=True)[1]  # no knot for times without a fix
     middles = np.bincount(knots, times) / np.bincount(knots)
     walks_m = np.maximum(noise.walk_m * np.sqrt(np.diff(middles)), _LEAST_WALK_M)
     scans = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, len(starts) - 1)
@@ -281,13 +282,13 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
 def _lay(
     sensor: se2.Array, antenna: NDArray[np.float64], positions: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], se2.Array, NDArray[np.float64]]:
-    """Returns where the antenna is on the map (F, 2), how the map lies in the plane (3,), and residuals (F, 2) of fixes."""
+    """Returns the antenna's positions in the map (F, 2), the map's pose in the plane (3,), and the residuals (F, 2)."""
     on_map = sensor[:, :2] + _turn(antenna, sensor[:, 2])
     lies = align(on_map, positions)
     return on_map, lies, positions - se2.transform(lies, on_map)
 
 
 def _turn(points: NDArray[np.float64], yaws: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    """Returns points (N, 2) or (2,) turned by yaws (N,) or one yaw [rad]."""
+    """Rotates points (N, 2) or (2,) by yaws (N,) or by one yaw [rad]."""
     c, s, x, y = np.cos(yaws), np.sin(yaws), points[..., 0], points[..., 1]
     return np.stack([c * x - s * y, s * x + c * y], axis=-1)

@@ -1,21 +1,21 @@
-"""What GNSS fixes get wrong, held against a trajectory: how they lie, their clock, their noise, and where the antenna sits.
+"""Compares GNSS fixes with a trajectory: estimates their alignment, clock and noise, and where the antenna sits.
 
-How late the clock is shows in how far the vehicle gets in a few seconds. That distance, in a straight line, depends neither
-on how the map lies nor on how its heading drifts. It changes as the vehicle speeds up, brakes and turns. On a drive of
-constant speed it shows nothing, and the clock stays as it is.
+The delay of the clock shows in the distance that the vehicle covers in a few seconds. This distance, in a straight line,
+does not depend on the pose of the map or on the drift of its heading. It changes as the vehicle speeds up, brakes and turns.
+A drive at constant speed shows no delay, and the clock is left as it is.
 
-Errors of successive fixes are alike, as satellites, atmosphere and reflections change slowly. The positions that a receiver
-fixes therefore wander about the true ones, and the mean of many fixes is not much better than that of a few. How much shows
-in the differences of means over more and more fixes, held against the trajectory: those of white noise fall with the number
-of fixes, those of a random walk rise with it (as in the Allan variance, IEEE Std 952). How far the trajectory itself drifts
-meanwhile is taken for the receiver's. A receiver that smooths its positions hides over short times how far it wanders over
-long ones. Where means over longer times are farther apart than a walk over all times explains, the walk is therefore that
-of the longer times.
+Errors of successive fixes are alike, since satellites, atmosphere and reflections change slowly. The fixed positions
+therefore wander about the true positions, and the mean of many fixes is not much better than the mean of a few. How much
+they wander shows in the differences of means over more and more fixes, compared with the trajectory: for white noise the
+differences fall with the number of fixes, for a random walk they rise with it (as in the Allan variance, IEEE Std 952). The
+drift of the trajectory itself in this time is counted as error of the receiver. A receiver that smooths its positions hides
+over short times how far it wanders over long times. If means over longer times differ by more than the walk that fits all
+times explains, the walk is therefore fitted to the longer times.
 
-In a turn the antenna swings about the radar. What it swings by shows in the differences of successive fixes, held against
-the motions between them: the errors that wander with the satellites hardly change from one fix to the next. How the map
-lies, a steady drift of its heading, its scale and a receiver's clock that is late move the fixes, too, and are estimated
-along. A clock that is late looks like an antenna farther behind as long as the speed stays the same.
+In a turn the antenna swings about the radar. The swing shows in the differences of successive fixes, compared with the
+motions between them, since errors that wander with the satellites hardly change from one fix to the next. The pose of the
+map, a steady drift of its heading, its scale and a delay of the receiver's clock move the fixes, too, and are estimated
+together with the antenna's position. A late clock looks like an antenna farther behind as long as the speed stays the same.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from mqslam.factors.gnss_position import REACH
 
 _Array = NDArray[np.float64]
 
-_ROUNDS: Final = 50  # of fit and weights, which settle in fewer
-_SETTLED: Final = 1e-9  # numerical: a motion that changes by less has settled [m, rad]
-_LEAST_RESIDUAL_M: Final = 1e-6  # numerical: residuals of zero have a scale, too
+_ROUNDS: Final = 50  # rounds of fit and weights; they settle in fewer
+_SETTLED: Final = 1e-9  # numerical: a pose that changes by less has settled [m, rad]
+_LEAST_RESIDUAL_M: Final = 1e-6  # numerical: keeps the scale of residuals above zero
 
 
 def align(points: _Array, fixes: _Array) -> se2.Array:
@@ -46,7 +46,7 @@ def align(points: _Array, fixes: _Array) -> se2.Array:
     The scale of the weights is the median residual, so that up to half of the fixes may be wrong (Geman-McClure).
 
     Args:
-        points: (N, 2) m, where the trajectory has the antenna at the times of the fixes, in the map.
+        points: (N, 2) m, positions of the antenna at the times of the fixes by the trajectory, in the map's frame.
         fixes: (N, 2) m, the fixes in the tangent plane.
     """
     weights, pose = np.ones(len(points)), np.zeros(3)
@@ -71,10 +71,11 @@ def measure_residual(points: _Array, fixes: _Array) -> float:
 
 
 def measure_stretch(points: _Array, fixes: _Array) -> float | None:
-    """Measures how many times as far apart fixes lie as a trajectory has them; the arguments are those of `align`.
+    """Measures the ratio of the fixes' distances to the trajectory's distances; the arguments are those of `align`.
 
     Returns:
-        the median over pairs of fixes that are far apart; None where such a scale does not halve the median residual.
+        The median over pairs of fixes that are far apart; None if scaling the trajectory by it does not halve the median
+        residual.
     """
     lags = [len(points) // share for share in (2, 4, 8) if len(points) // share > 0]
     own, given = (
@@ -90,26 +91,26 @@ def measure_stretch(points: _Array, fixes: _Array) -> float | None:
 
 
 def is_mirrored(points: _Array, fixes: _Array) -> bool:
-    """Returns whether the mirror image of a trajectory fits fixes far better than it does itself; arguments as `align`."""
+    """Returns whether fixes fit a trajectory's mirror image far better than the trajectory; arguments as for `align`."""
     as_it_is, mirrored = (measure_residual(points * [1.0, side], fixes) for side in (1.0, -1.0))
     return mirrored < 0.5 * as_it_is
 
 
-_SPAN_S: Final = 4.0  # a distance lasts so long: by far longer than a step of the search, and too short for much drift
-_STEP_S: Final = 0.05  # between the delays that are tried; a parabola refines the best one
-_FEWEST_DISTANCES: Final = 20  # that tell a delay
-_BETTER: Final = 0.5  # what a delay must leave at most of the differences, as a share, to be believed
+_SPAN_S: Final = 4.0  # time of a distance [s]: far longer than a step of the search, and too short for much drift
+_STEP_S: Final = 0.05  # step between the delays that are tried [s]; a parabola refines the best one
+_FEWEST_DISTANCES: Final = 20  # least number of distances that show a delay
+_BETTER: Final = 0.5  # a delay is believed if it leaves at most this share of the differences
 
 
 def find_fix_delay(times: _Array, positions: _Array, starts: _Array, chain: se2.Array, longest_s: float) -> float:
-    """Finds how late the stamps of fixes are [s]; 0 where nothing shows that they are.
+    """Finds how late the stamps of fixes are [s]; 0 if nothing shows a delay.
 
     Args:
         times: (F,) of the fixes [s], increasing.
-        positions: (F, 2) that were fixed [m].
-        starts: (N,) of the scans [s], increasing.
-        chain: (N, 3) their poses.
-        longest_s: longest delay that is looked for, either way [s].
+        positions: (F, 2) fixed positions [m].
+        starts: (N,) start times of the scans [s], increasing.
+        chain: (N, 3) poses of the scans.
+        longest_s: longest delay, late or early, that is looked for [s].
     """
     ends = starts + _SPAN_S
     whole = ends <= starts[-1]
@@ -117,7 +118,7 @@ def find_fix_delay(times: _Array, positions: _Array, starts: _Array, chain: se2.
     driven = np.hypot(*(se2.interpolate(starts, chain, ends) - chain[whole])[:, :2].T)
 
     def find_places(wanted: _Array) -> _Array:
-        """Returns places (M, 2) at the times wanted (M,); NaN where fixes around them are missing."""
+        """Returns the fixed positions (M, 2) at the times wanted (M,); NaN where fixes around them are missing."""
         after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
         known = (times[after] - times[after - 1] < 0.5 * _SPAN_S) & (times[0] <= wanted) & (wanted <= times[-1])
         places = np.column_stack([np.interp(wanted, times, positions[:, axis]) for axis in range(2)])
@@ -138,20 +139,20 @@ def find_fix_delay(times: _Array, positions: _Array, starts: _Array, chain: se2.
     return float(delays[best] + (0.5 * _STEP_S * (before - after) / curvature if np.isfinite(curvature) else 0.0))
 
 
-_FEWEST_DIFFERENCES: Final = 9  # per fix in a mean, below which their median says nothing
-_OUTAGE: Final = 2.0  # two means that take more than so many times the usual time lie on both sides of an outage
-_CONTRADICTION: Final = 2.0  # standard deviations by which a difference is more than chance
-_AROUND: Final = 31  # fixes among which jumps are seen, fewer than half of which may be jumps
-_JUMP: Final = 9.0  # median distances from the fixes around: six standard deviations of noise
-_LEAST_M: Final = 1e-3  # numerical: fixes without any error [m]
+_FEWEST_DIFFERENCES: Final = 9  # least number of differences per fix in a mean; the median of fewer says nothing
+_OUTAGE: Final = 2.0  # if two means take more than this many times the usual time, they lie on both sides of an outage
+_CONTRADICTION: Final = 2.0  # a difference of more standard deviations than this is not chance
+_AROUND: Final = 31  # number of fixes among which jumps are detected; fewer than half of them may be jumps
+_JUMP: Final = 9.0  # least size of a jump, in median distances from the fixes around: six standard deviations of noise
+_LEAST_M: Final = 1e-3  # numerical: least error of fixes [m]
 
 
 class FixNoise(NamedTuple):
     """The noise of fixes along each axis.
 
     Args:
-        white_m: standard deviation of what is independent from fix to fix [m].
-        walk_m: standard deviation by which the rest wanders in a second; it grows with the root of time [m].
+        white_m: standard deviation of the error that is independent from fix to fix [m].
+        walk_m: standard deviation [m] by which the rest of the error wanders in a second; it grows with the root of time.
     """
 
     white_m: float
@@ -159,12 +160,12 @@ class FixNoise(NamedTuple):
 
 
 def measure_fix_noise(times: _Array, residuals: _Array, stated_m: _Array, longest_s: float) -> FixNoise:
-    """Measures the noise of fixes; a receiver is never taken to be better than it says.
+    """Measures the noise of fixes; a receiver is never taken to be better than it states.
 
     Args:
         times: (F,) of the fixes [s], increasing.
-        residuals: (F, 2) from the trajectory that is aligned with them [m].
-        stated_m: (F,) standard deviations that the receiver states, or NaN.
+        residuals: (F, 2) residuals from the trajectory that is aligned with the fixes [m].
+        stated_m: (F,) standard deviations that the receiver states [m], or NaN.
         longest_s: longest time over which means are taken [s].
     """
     own = stated_m[np.isfinite(stated_m) & (stated_m > 0.0)]
@@ -173,7 +174,7 @@ def measure_fix_noise(times: _Array, residuals: _Array, stated_m: _Array, longes
     if not len(measured):
         return FixNoise(least_m, 0.0)
     white = _fit_variances(columns, measured, sigmas)[0]
-    usual = median_filter(residuals, size=(_AROUND, 1), mode="nearest")  # stands in for a jump, which would raise every mean
+    usual = median_filter(residuals, size=(_AROUND, 1), mode="nearest")  # replaces a jump, which would raise every mean
     off = np.abs(residuals - usual)
     without_jumps = np.where(off > _JUMP * np.median(off), usual, residuals)
     columns, measured, sigmas = _compare_means(times, without_jumps, longest_s)
@@ -189,11 +190,11 @@ def measure_fix_noise(times: _Array, residuals: _Array, stated_m: _Array, longes
 
 
 def _compare_means(times: _Array, residuals: _Array, longest_s: float) -> tuple[_Array, _Array, _Array]:
-    """Compares means of fixes with the next ones, over one, two, four and more fixes: K lengths of time.
+    """Compares successive means of one, two, four and more fixes: K lengths of time.
 
     Returns:
-        (K, 2) what white noise and a walk of variance one would make of half the squared differences, (K,) these [m^2], and
-        (K,) their standard deviations.
+        For half the squared differences of the means: (K, 2) the values for white noise and for a walk, each of variance
+        one; (K,) the measured values [m^2]; and (K,) their standard deviations.
     """
     usual_s = float(np.median(np.diff(times)))
     sums = np.vstack([np.zeros(2), np.cumsum(residuals, axis=0)])
@@ -215,22 +216,22 @@ def _compare_means(times: _Array, residuals: _Array, longest_s: float) -> tuple[
 
 
 def _fit_variances(columns: _Array, measured: _Array, sigmas: _Array) -> _Array:
-    """Returns the variances (C,) that explain those measured (N,) best, through columns (N, C) and by sigmas (N,)."""
+    """Returns the variances (C,) that explain measured values (N,) with sigmas (N,) best, through columns (N, C)."""
     return np.asarray(nnls(columns / sigmas[:, None], measured / sigmas)[0])
 
 
-_ANTENNA_ROUNDS: Final = 5  # of fit and choice of the differences that are no jumps, which settle in fewer
-_TURNED_RAD: Final = 1.0  # numerical: the map lies on the fixes already, so that it is turned by far less
-_SCALED: Final = 0.1  # numerical: no trajectory is off in its scale by as much
+_ANTENNA_ROUNDS: Final = 5  # rounds of fit and choice of the differences that are no jumps; they settle in fewer
+_TURNED_RAD: Final = 1.0  # numerical: prior of the map's turn, which is far smaller, since the map lies on the fixes
+_SCALED: Final = 0.1  # numerical: prior of the trajectory's error of scale, which is far smaller
 
 
 @dataclass(frozen=True, slots=True)
 class Antenna:
-    """Where an antenna sits, as its fixes say.
+    """The position of an antenna, as its fixes show it.
 
     Args:
-        place: (2,) in the radar's frame, forward and left [m].
-        covariance: (2, 2) of it [m^2].
+        place: (2,) position in the radar's frame, forward and left [m].
+        covariance: (2, 2) covariance of the position [m^2].
     """
 
     place: _Array
@@ -243,7 +244,7 @@ class Antenna:
 
     @property
     def significance(self) -> float:
-        """How far the place is from the radar's own, in standard deviations."""
+        """Distance of the antenna from the radar, in standard deviations."""
         return float(np.sqrt(self.place @ np.linalg.solve(self.covariance, self.place)))
 
 
@@ -251,10 +252,10 @@ def estimate_antenna(times: _Array, sensor: se2.Array, positions: _Array, noise:
     """Estimates where an antenna sits.
 
     Args:
-        times: (F,) of the fixes [s], increasing, of which there are three or more.
-        sensor: (F, 3) poses of the radar then, in the tangent plane [m, m, rad].
-        positions: (F, 2) that were fixed, in the tangent plane [m].
-        noise: of the fixes.
+        times: (F,) times of three or more fixes [s], increasing.
+        sensor: (F, 3) poses of the radar at these times, in the tangent plane [m, m, rad].
+        positions: (F, 2) fixed positions, in the tangent plane [m].
+        noise: noise of the fixes.
     """
     lasts = np.diff(times)
     moved, seen = np.diff(sensor[:, :2], axis=0), np.diff(positions, axis=0)

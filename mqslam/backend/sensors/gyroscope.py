@@ -1,14 +1,14 @@
-"""A gyroscope beside the radar: calibrated by psi's turns, refused where it contradicts them, as turns in the graph.
+"""A gyroscope besides the radar: calibrates it by psi's turns, refuses it if it contradicts them, and makes its edges.
 
     turn by psi = (1 + scale error) turn by the gyroscope, read later by its delay, - bias x time + noise
 
-The bias may walk: it has a value at every knot and is interpolated between two of them.
+The bias may walk: it has a value at every knot and is interpolated between two knots.
 
-What psi turns more than the gyroscope between two scans has three parts: the errors of the two scans' poses, which do not
-add up over time; white noise of the rate, by which the angle walks at random; and the random walk of the gyroscope's bias.
-In the Allan variance of the rate they fall with the time squared, fall with the time, and rise with it (IEEE Std 952).
-The motion of the vehicle is in both sensors and drops out. The drift of psi's own map is white noise of the rate, too;
-as much of it as the graph states is not the gyroscope's.
+The difference of psi's turn and the gyroscope's turn between two scans has three parts: the errors of the two scans' poses,
+which do not add up over time; white noise of the rate, by which the angle walks at random; and the random walk of the
+gyroscope's bias. In the Allan variance of the rate, the first part falls with the square of the time, the second falls with
+the time, and the third rises with it (IEEE Std 952). The motion of the vehicle is in both turns and cancels. The drift of
+psi's own map is white noise of the rate, too; the part of it that the graph states is not attributed to the gyroscope.
 """
 
 from __future__ import annotations
@@ -43,27 +43,27 @@ from mqslam.core.statistics import MEDIAN_OF_CHI2, MEDIAN_SPREAD
 from mqslam.core.wording import describe_delay
 from mqslam.factors.gyroscope_turn import GyroscopeTurn, bias_walk, gyroscope_turn
 
-# A gyroscope whose turns correlate less with those of psi is not used. On a straight drive noise correlates with some axis
-# at some delay, by far less than that.
+# A gyroscope is not used if its turns correlate with psi's turns by less than this. On a straight drive noise correlates
+# with some axis at some delay, but by far less.
 _LEAST_CORRELATION = 0.5
-# Error of the gyroscope's clock that needs no further evidence [s].
+# Largest delay of the gyroscope's clock, late or early, that needs no further evidence [s].
 _USUAL_DELAY_S = 0.3
-# A gyroscope whose clock is farther off is not used unless its turns correlate this well with those of psi. Among many
-# delays some fit by chance.
+# A gyroscope with a larger delay is used only if its turns correlate with psi's turns by at least this. Among many delays
+# some fit by chance.
 _FAR_CORRELATION = 0.8
 
-_STEP_S: Final = 0.05  # between the delays that are tried [s]; the calibration refines the best one
+_STEP_S: Final = 0.05  # step between the delays that are tried [s]; the calibration refines the best one
 
 
 class Turns(NamedTuple):
     """The turns of successive motions as psi measured them.
 
     Args:
-        begins, ends: (N,) of the motions [s] since the recording's start.
-        yaws: (N,) [rad].
-        variances: (N,) of them [rad^2].
-        known: (N,) whether psi found them itself.
-        drift: by how much psi's own map turns away in the root of a second, as the graph states it [rad].
+        begins, ends: (N,) beginnings and ends of the motions [s] since the recording's start.
+        yaws: (N,) turns [rad].
+        variances: (N,) variances of the turns [rad^2].
+        known: (N,) whether psi found each motion itself.
+        drift: random walk of the yaw of psi's own map [rad/sqrt(s)], as the graph states it.
     """
 
     begins: NDArray[np.float64]
@@ -80,13 +80,13 @@ class Turns(NamedTuple):
 
 
 class Start(NamedTuple):
-    """Where the calibration of a gyroscope begins.
+    """The starting point of the calibration of a gyroscope.
 
     Args:
-        turning: about the axis that is the radar's vertical.
-        axis: its name.
+        turning: angle turned about the axis that is the radar's vertical.
+        axis: name of this axis.
         delay_s: how late the gyroscope's clock is [s].
-        correlation: of the turns that the gyroscope and psi measured, positive where both turn the same way.
+        correlation: correlation of the gyroscope's turns with psi's turns; positive if both turn the same way.
     """
 
     turning: Turning
@@ -95,19 +95,19 @@ class Start(NamedTuple):
     correlation: float
 
     def is_convincing(self) -> bool:
-        """Returns whether the correlation is more than chance gives; a clock that is far off needs more of it."""
+        """Returns whether the correlation is too large for chance; a large delay of the clock needs a larger one."""
         is_far = abs(self.delay_s) > _USUAL_DELAY_S
         return abs(self.correlation) >= (_FAR_CORRELATION if is_far else _LEAST_CORRELATION)
 
 
 def find_start(gyroscope: Gyroscope, start_us: int, turns: Turns, longest_s: float) -> Start | None:
-    """Finds the axis and the delay at which a gyroscope's turns correlate best with psi's; None where it covers no motion.
+    """Finds the axis and the delay at which a gyroscope's turns correlate best with psi's; None if it covers no motion.
 
     Args:
         gyroscope: its readings.
         start_us: stamp [us] of the recording's time zero.
         turns: as psi measured them.
-        longest_s: longest delay that is looked for, either way [s].
+        longest_s: longest delay, late or early, that is looked for [s].
     """
     if len(gyroscope) < 2:
         return None
@@ -123,7 +123,7 @@ def find_start(gyroscope: Gyroscope, start_us: int, turns: Turns, longest_s: flo
 
 
 def _correlate(angles: NDArray[np.float64], turns: Turns) -> float | None:
-    """Returns the correlation of angles (N,) with psi's turns over the motions of which both are known."""
+    """Returns the correlation of angles (N,) with psi's turns over the motions for which both are known."""
     both = turns.known & np.isfinite(angles)
     if both.sum() < 3:
         return None
@@ -133,16 +133,16 @@ def _correlate(angles: NDArray[np.float64], turns: Turns) -> float | None:
     return float(np.sum(weights * a * b) / size) if size > 0.0 else None
 
 
-_FEWEST: Final = 9  # second differences over a time below which their median says nothing
-_SECOND_DIFFERENCE: Final = 6.0  # variance of the second difference of white noise over that of the noise
+_FEWEST: Final = 9  # least number of second differences over a time; the median of fewer says nothing
+_SECOND_DIFFERENCE: Final = 6.0  # variance of second differences of white noise, relative to the variance of the noise
 
 
 class RateNoise(NamedTuple):
     """The noise of a yaw rate.
 
     Args:
-        white: density of its white noise [rad/s/sqrt(Hz)]: the angle walks by so much in the root of a second.
-        walk: by how much its bias walks in the root of a second [rad/s].
+        white: density of the white noise [rad/s/sqrt(Hz)]: the angle walks by this much in the root of a second.
+        walk: standard deviation of the walk of the bias in the root of a second [rad/s].
     """
 
     white: float
@@ -162,11 +162,12 @@ def measure_rate_noise(
     Args:
         gyroscope: its readings.
         axis: number of the axis that is the radar's vertical.
-        residuals: (N,) by how much psi turned more than the gyroscope between successive scans, but for the errors of its
-            scale and its clock; NaN where either is not known [rad].
+        residuals: (N,) psi's turns minus the gyroscope's turns between successive scans, with scale and clock corrected
+            [rad]; NaN where either is unknown.
         times: (N + 1,) starts of the scans [s].
-        drift: by how much psi's own map turns away in the root of a second [rad].
-        most_walk: by how much the bias is taken to walk where the recording is too short to show it [rad/s].
+        drift: random walk of the yaw of psi's own map [rad/sqrt(s)].
+        most_walk: largest walk of the bias in the root of a second [rad/s], which is taken if the recording is too short to
+            show it.
     """
     taus, variances, counts = compute_allan_variances(residuals, times)
     if not len(taus):
@@ -174,7 +175,7 @@ def measure_rate_noise(
     sigmas = variances * MEDIAN_SPREAD / np.sqrt(counts) + np.finfo(float).tiny
     columns = np.column_stack([taus**-2.0, 1.0 / taus, taus / 3.0]) / sigmas[:, None]
     _, white, walk = nnls(columns, variances / sigmas)[0]
-    walk += np.sqrt(np.linalg.pinv(columns.T @ columns)[2, 2])  # no walk is known to be smaller than that
+    walk += np.sqrt(np.linalg.pinv(columns.T @ columns)[2, 2])  # statistical error of the walk, which is added
     own = np.sqrt(max(white - drift**2, _measure_white(gyroscope, axis) ** 2))
     return RateNoise(float(own), min(float(np.sqrt(walk)), most_walk))
 
@@ -182,13 +183,13 @@ def measure_rate_noise(
 def compute_allan_variances(
     residuals: NDArray[np.float64], times: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Computes the Allan variances of a rate whose integrals (N,) between times (N + 1,) are known, or NaN.
+    """Computes the Allan variances of a rate from its integrals (N,) between times (N + 1,); unknown integrals are NaN.
 
-    They overlap, and rest on medians, so that a few integrals that are wrong do not count.
+    Spans overlap, and each variance is computed from a median, so that a few wrong integrals do not count.
 
     Returns:
-        Times of averaging (T,) [s], each twice the one before it, the variances (T,), and how many independent differences
-        each rests on (T,).
+        The averaging times (T,) [s], each twice the one before it; the variances (T,); and the number of independent
+        differences (T,) behind each variance.
     """
     angles = np.concatenate([[0.0], np.cumsum(np.nan_to_num(residuals))])
     unknown = np.concatenate([[0], np.cumsum(~np.isfinite(residuals))])
@@ -208,42 +209,42 @@ def compute_allan_variances(
 
 
 def _measure_white(gyroscope: Gyroscope, axis: int) -> float:
-    """Returns the density of the white noise that single readings show: no vehicle turns so much within three of them."""
+    """Returns the density of the white noise of single readings: no vehicle turns so much within three readings."""
     second = np.diff(gyroscope.rates[:, axis], 2)
     if not len(second):
         return 0.0
     return float(np.sqrt(np.median(second**2) / MEDIAN_OF_CHI2 / _SECOND_DIFFERENCE / gyroscope.rate_hz))
 
 
-# Largest error of the gyroscope's clock, late or early, that is looked for [s]. That of RADIATE's clock is 1.8 s.
+# Largest delay of the gyroscope's clock, late or early, that is looked for [s]. The delay in RADIATE is 1.8 s.
 LONGEST_DELAY_S = 3.0
-# Time between two values of its bias in the graph [s].
+# Time between two values of the gyroscope's bias in the graph [s].
 KNOT_S = 1.0
-# Standard deviation [rad/s] by which the bias may walk in a second, until the recording has shown how much it does.
+# Standard deviation [rad/s] by which the bias may walk in a second, until the recording has shown how much it walks.
 _FIRST_WALK = 0.001
-# Standard deviation of the bias when nothing is known of it [rad/s].
+# Prior standard deviation of the bias [rad/s].
 SIGMA_BIAS = 0.1
-# Standard deviation of the error of its scale when nothing is known of it [1].
+# Prior standard deviation of the error of the scale [1].
 SIGMA_SCALE = 0.1
 
-_ROUNDS: Final = 3  # of fit and noise, which settle in fewer
-_NUDGE_S: Final = 0.02  # by which readings are moved to see how turns change with the delay [s]: numerical
-_LEAST: Final = 1e-12  # numerical: variance that keeps a fit without any noise from being singular
-_COMMON: Final = 2  # parameters with one value for the whole run: error of the scale and of the delay
+_ROUNDS: Final = 3  # rounds of fit and noise; they settle in fewer
+_NUDGE_S: Final = 0.02  # numerical: shift of the readings for the derivative of the turns by the delay [s]
+_LEAST: Final = 1e-12  # numerical: variance that keeps a fit without noise from being singular
+_COMMON: Final = 2  # number of parameters with one value for the whole run: scale error and delay
 
 
 class Rotation(NamedTuple):
-    """How a gyroscope's readings become turns of the radar.
+    """The calibration that converts a gyroscope's readings to turns of the radar.
 
     Args:
         axis: name of the gyroscope's axis that is the radar's vertical.
-        sign: -1 where it turns the other way.
-        scale: turns of the radar per turn of that axis, after the sign [1].
+        sign: -1 if this axis turns the other way than the radar, else 1.
+        scale: turns of the radar per turn about this axis, after the sign [1].
         scale_sigma: standard deviation of the scale [1].
         delay_s: how late the gyroscope's clock is [s].
         delay_sigma_s: standard deviation of the delay [s].
-        bias: mean bias of its rate after the sign [rad/s].
-        noise: of its rate.
+        bias: mean bias of the rate after the sign [rad/s].
+        noise: noise of the rate.
     """
 
     axis: str
@@ -257,12 +258,12 @@ class Rotation(NamedTuple):
 
 
 class Calibrated(NamedTuple):
-    """A gyroscope held against psi.
+    """The result of the calibration of a gyroscope by psi.
 
     Args:
-        rotation: how its readings become turns.
-        raw: (N,) its turns over psi's motions, with the sign and the delay put right [rad]; NaN where they are not known.
-        residuals: (N,) what psi turned more, with scale and bias put right, too [rad]; NaN where either is not known.
+        rotation: the calibration.
+        raw: (N,) the gyroscope's turns in psi's motions, with sign and delay corrected [rad]; NaN where they are unknown.
+        residuals: (N,) psi's turns minus these turns with scale and bias corrected, too [rad]; NaN where either is unknown.
     """
 
     rotation: Rotation
@@ -275,9 +276,9 @@ def calibrate(gyroscope: Gyroscope, start: Start, turns: Turns, some: slice = sl
 
     Args:
         gyroscope: its readings.
-        start: its axis, and about how late it is.
+        start: the gyroscope's axis and approximate delay.
         turns: as psi measured them.
-        some: which of the motions take part.
+        some: the motions that are used.
     """
     turns = turns.take(some)
     sign, delay_s, turning = float(np.sign(start.correlation)) or 1.0, start.delay_s, start.turning
@@ -305,7 +306,7 @@ def calibrate(gyroscope: Gyroscope, start: Start, turns: Turns, some: slice = sl
         found = fit(design, np.column_stack([nothing, misses]), measured, white, prior)
         delay_s += float(np.clip(found.parameters[1], -_NUDGE_S, _NUDGE_S))
         by_common = np.sum(design.jacobians[:, 2, :_COMMON] * found.parameters[:_COMMON], axis=1)
-        walking = misses - by_common  # the walk of the bias is still in these
+        walking = misses - by_common  # these residuals still contain the bias and its walk
         noise = measure_rate_noise(gyroscope, axis, walking, times, turns.drift, _FIRST_WALK)
     residuals, sigmas = misses - found.correct(design)[:, 2], np.sqrt(np.diag(found.covariance))
     bias = float(np.mean(found.parameters[_COMMON:]))
@@ -315,21 +316,21 @@ def calibrate(gyroscope: Gyroscope, start: Start, turns: Turns, some: slice = sl
     return Calibrated(rotation, raw, residuals)
 
 
-_LEAST_WALK: Final = 1e-8  # numerical: a bias that does not walk at all would tie its variables without error [rad/s]
-_CONSTANT: Final = 1e-8  # numerical: the same for the scale, which is one for the whole run
+_LEAST_WALK: Final = 1e-8  # numerical: the variables of a bias that does not walk would be tied without error [rad/s]
+_CONSTANT: Final = 1e-8  # numerical: the same for the scale, which is constant
 
 
 @dataclass(frozen=True, slots=True)
 class TurnEdges:
-    """The turns of a gyroscope between successive scans.
+    """The turns of a gyroscope between successive scans, as edges of the pose graph.
 
     Args:
-        turns: (N,) with sign and clock put right [rad]; NaN where there is none.
+        turns: (N,) turns with sign and clock corrected [rad]; NaN for unknown turns.
         lasts: (N,) durations [s].
         sigmas: (N,) standard deviations [rad].
-        knots: (N,) number of the bias that each turn has.
-        walks: (K - 1,) standard deviations by which each bias differs from the one before it [rad/s].
-        bias, scale_error: where the optimisation begins [rad/s], [1].
+        knots: (N,) number of the bias that applies to each turn.
+        walks: (K - 1,) standard deviations of the change from each bias to the next [rad/s].
+        bias, scale_error: starting values of the optimisation [rad/s], [1].
         sigma_bias, sigma_scale: standard deviations of their priors [rad/s], [1].
     """
 
@@ -349,7 +350,7 @@ class TurnEdges:
         return int(np.isfinite(self.turns).sum())
 
     def list_factors(self, chain: se2.Array) -> Iterator[gtsam.NonlinearFactor]:
-        """Yields the factors of the turns, of the walk of the bias, and its prior.
+        """Yields the factors of the turns and of the walk of the bias, and the prior of bias and scale error.
 
         Args:
             chain: (N + 1, 3) poses of the scans, whose yaws are right to within half a turn.
@@ -363,39 +364,39 @@ class TurnEdges:
         yield gtsam.PriorFactorVector(C(0), np.zeros(2), sigmas)
 
     def insert_into(self, values: gtsam.Values) -> None:
-        """Inserts the variables c0 .. of bias and scale error, from which the optimisation begins."""
+        """Inserts the starting values of the variables c0 .. of bias and scale error."""
         for j in range(len(self.walks) + 1):
             values.insert(C(j), np.array([self.bias, self.scale_error]))
 
 
-# A smaller error of the clock is put right without a word [s].
+# A smaller delay of the clock [s] is corrected without telling the user.
 DELAY_TOLERANCE_S = 0.01
-# A gyroscope whose scale the radar does not tell to within this standard deviation is not used: a turn by a right angle
-# would be off by half a degree.
+# A gyroscope is not used if the standard deviation of its estimated scale is larger than this: a turn by a right angle would
+# be off by half a degree.
 _LARGEST_SCALE_SIGMA = 0.005
 
-_LEAST_VARIANCE: Final = 1e-14  # numerical: keeps a turn that psi states to be without error from counting as one
+_LEAST_VARIANCE: Final = 1e-14  # numerical: a turn is never taken to be without error, even if psi states it so
 
 
 @dataclass(frozen=True, slots=True)
 class GyroscopeUse(Use[TurnEdges]):
-    """What became of a gyroscope; its edges are its turns.
+    """How a gyroscope is used; the edges are its turns.
 
     Args:
-        rotation: how its readings become turns of the radar; None where that could not be found.
+        rotation: how the readings become turns of the radar; None if this could not be found.
     """
 
     rotation: Rotation | None = None
 
 
 def join_gyroscope(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float) -> GyroscopeUse:
-    """Holds a gyroscope against psi's motions, puts right what can be, and returns its turns if it then agrees.
+    """Compares a gyroscope with psi's motions, calibrates it, and returns its turns if it then agrees.
 
     Args:
         gyroscope: its readings.
         start_us: stamp [us] of the recording's time zero.
         motions: between successive scans, as the front end measured them.
-        drift: by how much the front end's map turns away in the root of a second, as the graph states it [rad].
+        drift: random walk of the yaw of the front end's map [rad/sqrt(s)], as the graph states it.
     """
     known = Motions.of(motions)
     begins, ends = np.array([(m.t0, m.t1) for m in motions], dtype=np.float64).reshape(-1, 2).T
@@ -421,7 +422,7 @@ def join_gyroscope(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measur
 
 
 def find_turning(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float) -> KnownTurning | None:
-    """Returns how far the radar turns, as a gyroscope says that agrees with psi's motions; None where it does not.
+    """Returns the radar's turning by a gyroscope; None if the gyroscope does not agree with psi's motions.
 
     The arguments are those of `join_gyroscope`.
     """
@@ -466,7 +467,7 @@ def _find_fault(gyroscope: Gyroscope, start: Start, turns: Turns, found: Calibra
 
 
 def _describe_corrections(rotation: Rotation) -> list[str]:
-    """Returns what was put right of a gyroscope, as sentences."""
+    """Returns sentences about the corrections of a gyroscope."""
     sentences = []
     if rotation.axis != "z":
         sentences.append(f"the gyroscope's {rotation.axis} axis is taken as the radar's vertical, since its turns fit there")
@@ -484,13 +485,13 @@ def _describe_corrections(rotation: Rotation) -> list[str]:
 
 
 def _make_edges(found: Calibrated, turns: Turns) -> TurnEdges:
-    """Returns the turns of a gyroscope; one that contradicts psi states the contradiction as its noise."""
+    """Returns the turns of a gyroscope as edges; a turn that contradicts psi states the contradiction as its noise."""
     rotation, lasts = found.rotation, turns.ends - turns.begins
     white = rotation.noise.white**2 * lasts + _LEAST_VARIANCE
     squares = np.nan_to_num(found.residuals) ** 2
     wild = squares > WILD**2 * (turns.variances + white)
     knots = np.floor((turns.begins - turns.begins[0]) / KNOT_S).astype(np.int64)
-    knots = np.unique(knots, return_inverse=True)[1]  # none for times that no motion begins in
+    knots = np.unique(knots, return_inverse=True)[1]  # no knot for times in which no motion begins
     middles = np.bincount(knots, turns.begins + turns.ends) / (2.0 * np.bincount(knots))
     return TurnEdges(
         turns=found.raw,

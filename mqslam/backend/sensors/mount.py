@@ -1,10 +1,10 @@
-"""Where the radar sits on the vehicle: what is stated and what odometry says of it, in numbers and in words.
+"""Finds where the radar sits on the vehicle: as it is stated, and as odometry shows it, in numbers and in words.
 
-The radar and the vehicle turn alike, so that psi's yaw, which is far better than that of wheels, stands for both. The place
-then shows in turns: a radar ahead of the point that odometry follows moves sideways there, one to its left moves slower in
-a left turn. The yaw shows wherever the vehicle drives: it goes along its own x axis. The point is the one that the wheels
-report the motion of, usually the middle between the rear wheels; a vehicle whose tyres slip sideways in fast turns seems to
-have it elsewhere.
+The radar and the vehicle turn by the same angle, so that psi's yaw, which is far better than the yaw of wheels, is used for
+both. The radar's position shows in turns: a radar ahead of the point whose motion odometry reports moves sideways in a turn,
+and a radar to its left moves slower in a left turn. The radar's yaw shows wherever the vehicle drives, since the vehicle
+moves along its own x axis. The point whose motion the wheels report is usually the middle between the rear wheels. If the
+tyres slip sideways in fast turns, it seems to lie elsewhere.
 
     travel of the radar = turn back by the mount's yaw (scale * travel of the vehicle + swing of the mount's place)
 """
@@ -40,23 +40,24 @@ from mqslam.core.sensors import Mount
 from mqslam.core.wording import left_or_right
 from mqslam.errors import Remedy
 
-# Standard deviation of what psi itself gets wrong in all turns alike, as a place of the radar [m]: 0.015 to 0.028 was found
-# in simulated streets. An estimate states it beside what scatters from motion to motion.
+# Standard deviation [m] of an estimate of the radar's position by errors of psi that are the same in all turns: 0.015 to
+# 0.028 was found in simulated streets. It is added in quadrature to the standard deviation by errors that scatter from
+# motion to motion.
 _COMMON_M = 0.03
-# The same of the yaw [rad]: 0.0001 to 0.0005 was found in these streets.
+# The same for the yaw [rad]: 0.0001 to 0.0005 was found in these streets.
 _COMMON_RAD = 0.0005
 
-_ROUNDS: Final = 10  # rounds of fit and noise, which settle in fewer
-_LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the weights of motions that agree exactly finite
+_ROUNDS: Final = 10  # rounds of fit and noise; they settle in fewer
+_LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the weights finite for motions that agree exactly
 
 
 @dataclass(frozen=True, slots=True)
 class MountEstimate:
-    """Where odometry says the radar sits.
+    """The mount of the radar as odometry shows it.
 
     Args:
         pose: (3,) of the radar in the vehicle's frame [m, m, rad].
-        sigmas: (3,) standard deviations: along the vehicle's axes, and of the yaw.
+        sigmas: (3,) standard deviations along the vehicle's axes and of the yaw [m, m, rad].
     """
 
     pose: se2.Array
@@ -69,15 +70,15 @@ def estimate_mount(
     stated: OdometryConfig,
     mount: se2.Array = AT_ORIGIN,
 ) -> MountEstimate | None:
-    """Estimates where the radar sits, from motions that psi found itself; None where these are too few.
+    """Estimates where the radar sits from motions that psi found itself; None if there are too few of them.
 
-    What is stated about the mount takes no part, so that the estimate can be held against it.
+    A stated mount does not enter the estimate, so that the two can be compared.
 
     Args:
         odometry: motions of odometry.
         measured: motions of the front end over the same scans.
         stated: the errors that odometry states.
-        mount: (3,) pose of the radar on the vehicle, by which the motions of odometry were carried to the radar.
+        mount: (3,) pose of the radar on the vehicle, with which odometry's motions were converted to motions of the radar.
     """
     (seen, _, variances, converged), (given, lasts, noise, _) = Motions.of(measured), Motions.of(odometry)
     if not odometry or converged.sum() < FEWEST:
@@ -85,15 +86,15 @@ def estimate_mount(
     variances = variances + _LEAST_VARIANCE
     twists = se2.log(se2.compose(se2.compose(mount, given), se2.inverse(mount)))
     twists[:, 2] = seen[:, 2]
-    vehicle = se2.exp(twists)  # turns as the radar does, and its travel bends alike
+    vehicle = se2.exp(twists)  # the vehicle's motions with psi's turns, which bend the travel, too
     span = max(1, min(len(odometry), round(len(odometry) * SPAN_S / max(float(lasts.sum()), 1e-9))))
     prior = np.diag(1.0 / np.square([max(stated.sigma_travel, _LEAST_VARIANCE), DELAY_S, MOUNT_M, MOUNT_M, np.pi]))
     aside = np.sum((seen[:, 0] * vehicle[:, 1] - seen[:, 1] * vehicle[:, 0])[converged])
     pose = np.array([0.0, 0.0, np.arctan2(aside, np.sum((vehicle[:, :2] * seen[:, :2])[converged]))])
-    for _ in range(_ROUNDS):  # the place and the yaw are not linear in the motions, and those that fit none lose weight
+    for _ in range(_ROUNDS):  # the motions are not linear in the mount, and motions that do not fit lose weight
         carried = se2.compose(se2.compose(se2.inverse(pose), vehicle), pose)
         design = Design(differentiate_motions(carried, lasts, pose), np.tile(np.arange(5), (len(vehicle), 1)), np.empty(0))
-        usual = np.array([0.0, 0.0, *se2.inverse(pose)[:2], 0.0])  # where the prior expects the parameters
+        usual = np.array([0.0, 0.0, *se2.inverse(pose)[:2], 0.0])  # mean of the prior of the parameters
         misses = seen - carried
         misses[:, 2] = 0.0  # both yaws are psi's
         misses[~converged] = np.nan
@@ -109,13 +110,13 @@ def estimate_mount(
     return MountEstimate(pose, np.hypot(np.sqrt(np.diag(turned)), alike))
 
 
-# The radar's place on the vehicle is stated as an estimate if its standard deviation along each axis is smaller than this
-# [m]; without turns it is not.
+# The radar's position is stated as an estimate if its standard deviation along each axis is smaller than this [m]. On a
+# drive without turns it is larger.
 _MOUNT_KNOWN_M = 0.5
-# The same of the yaw at which the radar is mounted [rad], for which driving straight suffices.
+# The same for the yaw at which the radar is mounted [rad], for which driving straight suffices.
 _MOUNT_KNOWN_RAD = 0.02
 
-_BEYOND: Final = 3.0  # two statements that are farther apart than so many standard deviations disagree
+_BEYOND: Final = 3.0  # two statements disagree if they differ by more standard deviations than this
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,11 +124,11 @@ class MountUse:
     """Where the radar sits on the vehicle.
 
     Args:
-        pose: (3,) of the radar in the vehicle's frame [m, m, rad]; NaN where it is not known.
-        sigmas: (3,) standard deviations of an estimate; NaN where the pose is stated or not known.
+        pose: (3,) pose of the radar in the vehicle's frame [m, m, rad]; NaN for unknown components.
+        sigmas: (3,) standard deviations of an estimate; NaN for components that are stated or unknown.
         source: `given`, `recording` or `estimated from odometry`.
-        statements: what a user should know, in whole sentences.
-        contradiction: what odometry says against a stated mount, or None.
+        statements: sentences for the user.
+        contradiction: sentence on how odometry contradicts a stated mount, or None.
     """
 
     pose: se2.Array
@@ -143,13 +144,13 @@ def find_mount(
     measured: Sequence[Measurement],
     stated: OdometryConfig,
 ) -> MountUse | None:
-    """Finds where the radar sits: where it is stated to be, or else where odometry says; None where nothing says anything.
+    """Finds where the radar sits: as stated, or else as odometry shows it; None if there is neither.
 
     Args:
-        mount: that is stated, or None.
-        odometry: motions of odometry, carried to the radar by the stated mount.
+        mount: the stated mount, or None.
+        odometry: motions of odometry, converted to motions of the radar with the stated mount.
         measured: motions of the front end over the same scans.
-        stated: the errors of odometry and of a stated mount.
+        stated: the errors that odometry states.
     """
     estimate = estimate_mount(odometry, measured, stated, AT_ORIGIN if mount is None else mount.pose)
     limits = np.array([_MOUNT_KNOWN_M, _MOUNT_KNOWN_M, _MOUNT_KNOWN_RAD])
@@ -169,7 +170,7 @@ def find_mount(
 
 
 def _find_contrary(mount: Mount, estimate: MountEstimate, limits: NDArray[np.float64]) -> str | None:
-    """Returns what odometry says against a stated mount, as far as it knows it; None where it agrees."""
+    """Describes the mount by odometry where it is known and contradicts a stated mount; None if they agree."""
     own = np.array([SIGMA_MOUNT_M, SIGMA_MOUNT_M, SIGMA_MOUNT_RAD])
     known = estimate.sigmas < limits
     if not np.any(known & (np.abs(se2.subtract(estimate.pose, mount.pose)) > _BEYOND * np.hypot(own, estimate.sigmas))):
@@ -179,9 +180,9 @@ def _find_contrary(mount: Mount, estimate: MountEstimate, limits: NDArray[np.flo
 
 
 def _tell_estimate(pose: se2.Array, sigmas: NDArray[np.float64]) -> str:
-    """Returns what odometry says of where the radar sits, in words."""
+    """Describes in a sentence where the radar sits according to odometry."""
     if np.isnan(pose).all():
-        return "where the radar sits on the vehicle cannot be told from the odometry: it drives too little that psi follows"
+        return "where the radar sits cannot be told from the odometry: the vehicle drives too little where psi finds motions"
     if np.isnan(pose[0]):
         turned = _describe_pose(pose, sigmas)
         return f"odometry says that the radar is {turned}; where it sits cannot be told, since the drive turns too little"
@@ -196,14 +197,14 @@ def _tell_estimate(pose: se2.Array, sigmas: NDArray[np.float64]) -> str:
 
 
 def _describe_origin(sigmas: NDArray[np.float64]) -> str:
-    """Returns that a radar sits at the vehicle's origin, as far as standard deviations tell, in words."""
+    """Describes a radar at the vehicle's origin, with standard deviations (3,), in words."""
     x, y, yaw = sigmas
     turned = "" if np.isnan(yaw) else f", not turned (± {np.degrees(yaw):.2g} deg)"
     return f"at the vehicle's origin (± {x:.2g} m ahead, ± {y:.2g} m to the left){turned}"
 
 
 def _describe_pose(pose: se2.Array, sigmas: NDArray[np.float64] | None = None) -> str:
-    """Returns the parts of a pose on a vehicle that are known, in words, with standard deviations where there are any."""
+    """Describes the known components of a pose on a vehicle in words, with standard deviations if there are any."""
     x, y, yaw = pose
     sure = ["", "", ""]
     if sigmas is not None:

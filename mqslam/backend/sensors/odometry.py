@@ -1,4 +1,4 @@
-"""Odometry beside the radar: refused where it contradicts the turns that psi found, else calibrated edges of the graph."""
+"""Odometry besides the radar: refuses it if it contradicts the turns that psi found, else makes calibrated edges of it."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from mqslam.core.scans import Scans
 from mqslam.core.sensors import Mount
 from mqslam.core.trajectory import Trajectory
 
-_SPAN_S: Final = 1.0  # over which turns are compared [s]: long against what single motions err by
-_BEYOND: Final = 5.0  # a turn of fewer standard deviations of odometry's yaw rate may be an error of it
-_CONTRARY: Final = 0.7  # share of the larger of two turns by which they contradict each other; none is half of the other
-_FEWEST: Final = 3  # fewer turns than this may be slip, or an error of psi
+_SPAN_S: Final = 1.0  # time over which turns are compared [s]: long enough for turns to exceed the errors of motions
+_BEYOND: Final = 5.0  # a turn of fewer standard deviations of odometry's yaw rate may be an error of the odometry
+_CONTRARY: Final = 0.7  # turns contradict if they differ by more than this share of the larger: none is half of the other
+_FEWEST: Final = 3  # with fewer turns than this, contradictions may be slip or errors of psi
 _MEANINGS: Final = {
     -1.0: "it turns the other way than the radar: mend its yaw, or set sensor.clockwise: false if the radar is mirrored",
     np.pi / 180.0: "its turns are those of the radar if they are in degrees: convert its yaw rates to rad/s",
@@ -46,9 +46,9 @@ class OdometryFault:
     """Why odometry is not used.
 
     Args:
-        statement: for the user, in a sentence.
-        is_opposite: whether it turns the other way than the radar.
-        where: how often it contradicts the radar, in words.
+        statement: sentence for the user.
+        is_opposite: whether the odometry turns the other way than the radar.
+        where: how often the odometry contradicts the radar, in words.
     """
 
     statement: str
@@ -59,10 +59,10 @@ class OdometryFault:
 def find_odometry_fault(
     odometry: Trajectory, start_us: int, measured: Sequence[Measurement], stated: OdometryConfig
 ) -> OdometryFault | None:
-    """Finds whether odometry contradicts the turns of the motions that psi found itself; None where it does not.
+    """Finds how odometry contradicts the turns of the motions that psi found itself; None if it agrees with them.
 
     Args:
-        odometry: covers the recording.
+        odometry: poses of the odometry, which cover the recording.
         start_us: stamp [us] of the recording's time zero.
         measured: motions of the front end.
         stated: the errors that odometry states.
@@ -90,23 +90,23 @@ def find_odometry_fault(
 
 
 def _count_contrary(turned: NDArray[np.float64], stated_turns: NDArray[np.float64], least: float) -> tuple[int, int]:
-    """Returns how many turns of the radar (N,) [rad] and of odometry contradict each other, of how many that are turns."""
+    """Counts the spans in which turns (N,) [rad] of radar and odometry contradict, and the spans in which either turns."""
     larger = np.maximum(np.abs(turned), np.abs(stated_turns))
     contrary = np.abs(turned - stated_turns) > _CONTRARY * larger
     return int(np.count_nonzero(contrary & (larger > least))), int(np.count_nonzero(larger > least))
 
 
 ODOMETRY = "odometry"
-_ROUNDS: Final = 10  # rounds of fit and noise, which settle in fewer
-_LEAST_VARIANCE: Final = 1e-10  # numerical: keeps covariances of motions that agree exactly from being singular
+_ROUNDS: Final = 10  # rounds of fit and noise; they settle in fewer
+_LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the covariance of exact motions from being singular
 
 
 def hold_odometry(
     scans: Scans, context: Context, frontend: str, measured: Sequence[Measurement]
 ) -> tuple[list[Measurement], OdometryFault | None]:
-    """Returns odometry's own motions between successive scans, or none and why where they contradict the front end's.
+    """Returns odometry's motions between successive scans, or none and the reason if they contradict the front end's.
 
-    Where the front end is the odometry itself there are none, either.
+    There are none, and no reason, if the front end is the odometry itself.
 
     Args:
         scans: scans of the recording.
@@ -121,7 +121,7 @@ def hold_odometry(
 
 
 def reckon(scans: Scans, motions: Sequence[Measurement]) -> Trajectory:
-    """Returns the trajectory that motions between successive scans lead through, from the origin."""
+    """Returns the trajectory from the origin by motions between successive scans (dead reckoning)."""
     return Trajectory(scans.stamps_us, se2.chain(motion.pose for motion in motions))
 
 
@@ -131,21 +131,21 @@ def make_odometry_edges(
     stated: OdometryConfig,
     mount: Mount | None = None,
 ) -> list[Measurement]:
-    """Returns the motions of odometry, calibrated where psi found the motion itself, with noise to match.
+    """Returns the motions of odometry, calibrated by the motions that psi found itself, with covariances to match.
 
-    The edges of a graph err independently, while an error of the calibration is common to all of them. Over a stretch of
-    n edges it grows with n, independent errors only with its root. Each edge therefore states so much more that the whole
-    stretch comes out as uncertain as it is. A stretch lasts for as long as psi finds the motion itself, or does not, and
-    for `SPAN_S` at least.
+    The graph takes the errors of its edges as independent, while an error of the calibration is common to all edges. Over a
+    stretch of n edges a common error grows with n, but independent errors grow only with the root of n. Each edge therefore
+    states a larger variance, so that the whole stretch gets the right uncertainty. A stretch lasts for as long as psi finds
+    all motions itself, or finds none, and for at least `SPAN_S`.
 
-    Where psi did not find a motion it took odometry's, so that such motions show nothing about odometry. Where too few
-    motions show anything, odometry is as good as it states itself.
+    Where psi did not find a motion it took odometry's motion, so that such a motion shows nothing about odometry. If psi
+    found too few motions, odometry keeps the errors that it states.
 
     Args:
-        odometry: motions of odometry, carried to the radar where it is known how that is mounted.
+        odometry: motions of odometry, converted to motions of the radar if its mount is known.
         measured: motions of the front end over the same scans.
         stated: the errors that odometry states.
-        mount: by which the motions were carried; None where they were not.
+        mount: the mount with which the motions were converted; None if they were not.
     """
     if not odometry:
         return []
@@ -161,23 +161,23 @@ def make_odometry_edges(
     misses[:, 2] = se2.wrap(misses[:, 2])
     misses[~converged] = np.nan
     variances, noise = seen.variances + _LEAST_VARIANCE, given.variances
-    for _ in range(_ROUNDS):  # motions that fit no calibration lose their weight
+    for _ in range(_ROUNDS):  # motions that do not fit the calibration lose their weight
         calibration = fit(design, misses, variances, noise, prior)
         residuals = misses - calibration.correct(design)
         alike = measure_noise(residuals, variances, span)
         disagreement = measure_disagreement(residuals, variances, alike, span)
         noise = alike + disagreement
-    disagreement[~converged] = disagreement[converged].mean(axis=0)  # as often as elsewhere, nobody knows where
+    disagreement[~converged] = disagreement[converged].mean(axis=0)  # odometry is wrong as often there, at unknown places
     common = spread_common(calibration.list_sigmas(design), converged, span)
     return _state(odometry, calibration.correct(design), alike + disagreement + common)
 
 
 def spread_common(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], span: int) -> NDArray[np.float64]:
-    """Returns variances (N, 3) whose sum over a stretch is the square of the sum of its common errors' deviations (N, 3).
+    """Returns variances (N, 3) whose sum over a stretch is the squared sum of the common errors' standard deviations there.
 
     Args:
-        sigmas: (N, 3) deviations of motions by errors that are common to all.
-        converged: (N,) which motions psi found itself: a stretch lasts for as long as it does, or does not.
+        sigmas: (N, 3) standard deviations of motions by errors that are common to all motions.
+        converged: (N,) whether psi found each motion itself; a stretch ends where this changes.
         span: number of motions in the shortest stretch.
     """
     kernel = np.ones(span)
@@ -191,7 +191,7 @@ def spread_common(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], spa
 def _state(
     odometry: Sequence[Measurement], corrections: NDArray[np.float64], variances: NDArray[np.float64]
 ) -> list[Measurement]:
-    """Returns corrected motions that state these variances (N, 3)."""
+    """Returns the motions with corrections (N, 3) added and with these variances (N, 3)."""
     return [
         replace(motion, pose=motion.pose + correction, covariance=np.diag(variance + _LEAST_VARIANCE))
         for motion, correction, variance in zip(odometry, corrections, variances, strict=True)
