@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.gyroscope_check import pick_stamps
 from mqslam.auditing.verdict import Cause, Finding, VerdictStatus
-from mqslam.backend.sensors.odometry import find_odometry_fault
+from mqslam.backend.sensors.odometry import LEAST_SPEED, find_odometry_fault
 from mqslam.config import OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
@@ -21,7 +21,6 @@ from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 
 _SPAN_US: Final = 1_000_000  # time over which speeds are compared [us], since single motions err too much
-_LEAST_SPEED: Final = 1.0  # stretches slower than this [m/s] show no scale
 _FEWEST: Final = 5  # fewest stretches that show a scale
 # A speed that differs from odometry's by a larger share shows a wrong scale. Worn tyres and slip are a few percent.
 _WRONG_SCALE: Final = 0.1
@@ -70,7 +69,7 @@ def measure_speed_ratio(own: Trajectory, given: Trajectory) -> float | None:
     ends = np.searchsorted(own.stamps_us, own.stamps_us + _SPAN_US)
     begins = np.flatnonzero(ends < len(own.stamps_us))
     speeds = [_find_speeds(track, begins, ends[begins]) for track in (own, given)]
-    fast = np.maximum(*speeds) > _LEAST_SPEED
+    fast = np.maximum(*speeds) > LEAST_SPEED
     if np.count_nonzero(fast) < _FEWEST:
         return None
     slow, quick = (float(np.median(speed[fast])) for speed in speeds)

@@ -157,18 +157,18 @@ def verdict_of(tests: Mapping[str, Sequence[Finding]]) -> Verdict:
         return Verdict(VerdictStatus.NOT_JUDGED, "nothing was judged", ["nothing was judged"])
     status = ranked[0].status
     judged = [finding for finding in ranked if finding.judged] or ranked
-    shown = [f.reason for f in judged if f.status is not VerdictStatus.PASS or status is VerdictStatus.PASS]
     if status is VerdictStatus.PASS:
         blind = [name for name, found in tests.items() if not any(finding.judged for finding in found)]
         count = f"{len(tests) - len(blind)} of {count_of(len(tests), 'test')}"
-        return Verdict(status, f"no fault found by {count}{f', all but {join_words(blind)}' if blind else ''}", shown)
+        diagnosis = f"no fault found by {count}{f', all but {join_words(blind)}' if blind else ''}"
+        return Verdict(status, diagnosis, [finding.reason for finding in judged])
+    held = [finding for finding in judged if finding.status is not VerdictStatus.PASS]
     explained = [f for f in findings if f.cause is not None and f.status in (VerdictStatus.FAIL, VerdictStatus.WARN)]
-    if not explained:
-        return Verdict(status, shown[0], shown)
-    first = min(explained, key=_rank_cause)
-    if first.cause is not None and first.cause < Cause.STAMPS:  # then no other stamps, mount or scale mend anything
-        shown = [f.reason for f in judged if f.status is not VerdictStatus.PASS and not _is_correction(f)]
-    return Verdict(status, first.explanation, shown)
+    first = min(explained, key=_rank_cause, default=None)
+    # Where the trajectory is surely mirrored or foreign, no other stamps, mount or scale mend anything.
+    if first is not None and first.status is VerdictStatus.FAIL and _rank_cause(first) < (Cause.STAMPS,):
+        held = [finding for finding in held if not _is_correction(finding)]
+    return Verdict(status, held[0].reason if first is None else first.explanation, [finding.reason for finding in held])
 
 
 def _is_correction(finding: Finding) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import wilcoxon
 
+from mqslam.backend.sensors.odometry import LEAST_SPEED
 from mqslam.check.stretches import FEWEST_STEPS, FollowedStretches, Steps, Stretch, follow, read_stretches
 from mqslam.config import Config
 from mqslam.core.recording import Recording
@@ -38,8 +39,6 @@ _DOUBLED = 0.5
 # Least number of turns that shows whether turns are steady.
 _FEWEST_TURNS = 3
 
-# Speed [m/s] above which a wrong length of the range bins shows.
-LEAST_SPEED = 1.0
 # Share of the variance of the radar's yaw rate that odometry must explain for a shift of stamps to be judged.
 _EXPLAINED = 0.9
 

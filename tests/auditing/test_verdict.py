@@ -193,6 +193,9 @@ def test_corrections_that_a_mirrored_trajectory_asks_for_are_not_shown() -> None
     torn = Finding(FAIL, "half of the windows are torn")
     verdict = verdict_of({"frame": [mirrored], "windows": [torn], "pooled": [scale]})
     assert verdict == (FAIL, mirrored.explanation, [mirrored.reason, torn.reason])
+    sensor = replace(mirrored, status=WARN)  # a sensor turns the other way, which may be its own fault
+    verdict = verdict_of({"sensors": [sensor], "windows": [torn], "pooled": [scale]})
+    assert verdict == (FAIL, sensor.explanation, [torn.reason, sensor.reason, scale.reason])
 
 
 def test_a_map_that_passes_says_how_many_tests_found_no_fault() -> None:

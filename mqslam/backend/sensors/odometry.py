@@ -30,6 +30,8 @@ from mqslam.core.scans import Scans
 from mqslam.core.sensors import Mount
 from mqslam.core.trajectory import Trajectory
 
+LEAST_SPEED: Final = 1.0
+"""Speed [m/s] above which a wrong scale of odometry, or a wrong length of the range bins, shows."""
 _SPAN_S: Final = 1.0  # time over which turns are compared [s]: long enough for turns to exceed the errors of motions
 _BEYOND: Final = 5.0  # a turn of fewer standard deviations of odometry's yaw rate may be an error of the odometry
 _CONTRARY: Final = 0.7  # turns contradict if they differ by more than this share of the larger: none is half of the other

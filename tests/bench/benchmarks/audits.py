@@ -197,7 +197,7 @@ _TWIN_MINUTES = (("kaist01", 3, 0), ("kaist01", 4, 1500), ("kaist02", 5, 500), (
 _SLOW = (21, 22, 23, 24, 25)  # seeds of cities of 100 s
 _SLOW_TWINS = (("kaist01", 26, 800), ("kaist01", 27, 2000), ("kaist02", 28, 0), ("kaist02", 29, 1000), ("kaist02", 30, 2400))
 _SLOW_S, _SLOW_SCANS = 100.0, 400
-_WHOLE = (1, 2, 3)  # seeds of whole cities, whose places are passed twice
+_WHOLE = (31, 32, 33)  # seeds of whole cities, whose places are passed twice
 
 
 def _find_slow_drives(world: str) -> list[Path]:
