@@ -60,6 +60,9 @@ types: $(READY)
 docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
+verdict-page: $(READY)
+	cd docs/hooks && ../../$(BIN)/python -c "import generate; open('../explanation/verdict.md', 'w').write(generate.describe_verdict())"
+
 bench: $(READY)
 	$(BIN)/python tests/bench/run.py
 

@@ -5,17 +5,17 @@
     result = mqslam.run("drive", "result")
     print(result.verdict, result.report)
 
-Public names, all typed and silent:
+Public names, all typed; none of them prints anything:
 
-- `run`, `audit`, `compare`, `localise` take a recording's path and a folder for the results, and return what they have left
-  there.
-- `merge` takes the results of several recordings to one map.
+- `run`, `audit`, `compare` and `localise` take the path of a recording and a folder for the results, and return the results
+  that they have written there.
+- `merge` makes one map from the results of several recordings.
 - `open_recording` opens a recording; `load_config` reads settings into a `Config`.
-- `Slam` is the method: it takes an open recording to its optimised map, in memory.
-- `psi_factors`, `loop_factors` and `refine` return measurements, loop closures and single scans among earlier passes as
-  factors for a GTSAM graph of your own.
-- `Work`, `Runner` and `LocalEngine` say where work is done and what reports on it.
-- `Trajectory`, `Measurement` are what goes in and comes out; `MqslamError` is the base of all errors.
+- `Slam` is the method: it makes the optimised map of an open recording, in memory.
+- `psi_factors` and `loop_factors` return measurements and loop closures as factors for a GTSAM graph of your own; `refine`
+  adds factors of single scans that are registered on earlier passes.
+- `Work`, `Runner` and `LocalEngine` define where work is done and what reports on it.
+- `Trajectory` and `Measurement` are the types of inputs and results; `MqslamError` is the base of all errors.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 from mqslam.execution.kernel_cache import choose_cache
 
-if TYPE_CHECKING:  # each name as itself, which says that it is public
+if TYPE_CHECKING:  # importing a name as itself marks it as public for type checkers
     from mqslam.commands.audit import audit as audit
     from mqslam.commands.compare import compare as compare
     from mqslam.commands.localise import localise as localise
@@ -46,7 +46,7 @@ if TYPE_CHECKING:  # each name as itself, which says that it is public
     from mqslam.slam import Slam as Slam
     from mqslam.version import __version__ as __version__
 
-choose_cache()  # before any kernel is imported
+choose_cache()  # must be called before any kernel is imported
 
 _MODULES = {
     "audit": "commands.audit",
@@ -73,7 +73,7 @@ __all__ = sorted(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
-    """Returns a public name, and imports its module only now: `import mqslam` alone is to be quick."""
+    """Returns a public name; its module is imported only on first use, so that `import mqslam` alone is quick."""
     if name not in _MODULES:
         raise AttributeError(f"module 'mqslam' has no attribute '{name}'")
     value = getattr(import_module(f"mqslam.{_MODULES[name]}"), name)

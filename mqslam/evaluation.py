@@ -1,4 +1,4 @@
-"""How far an estimated trajectory is from ground truth. Nothing of this module may be used to estimate."""
+"""Measures how far an estimated trajectory is from ground truth. No code that estimates may use this module."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.trajectory import Trajectory
 
-# definitions of KITTI's drift; a segment begins at every fourth pose, about one second of a radar apart
+# KITTI's definition of drift; a segment begins at every fourth pose, which is about once per second for a radar
 _SEGMENT_LENGTHS_M: Final = np.arange(100.0, 801.0, 100.0)
 _SEGMENT_START_STEP: Final = 4
 SLACK_US: Final = 2_000
-"""A tolerance [us]: stamps that another program rounded to milliseconds still lie in the span."""
+"""Tolerance at both ends of a span [us], since another program may have rounded the stamps to milliseconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """Errors of an estimate, each taken at the stamps of the ground truth.
+    """Errors of an estimated trajectory, computed at the stamps of the ground truth.
 
     Args:
         ate_rmse_m: position error [m], root mean square after the best rigid alignment, without scale.
-        drift_percent: translation error [%] of KITTI's segments of 100 to 800 m, or None on a path under 100 m.
-        drift_deg_per_100m: rotation error [deg / 100 m] of the same segments, or None.
+        drift_percent: mean translation error [%] of KITTI's segments of 100 to 800 m; None on a path under 100 m.
+        drift_deg_per_100m: mean rotation error [deg / 100 m] of the same segments, or None.
         rpe_v_rms: forward speed error [m/s] from stamp to stamp, root mean square.
         rpe_w_rms: yaw rate error [rad/s] from stamp to stamp, root mean square.
         rpe_v_bias: mean forward speed error [m/s], positive where the estimate is too fast.
@@ -44,13 +44,13 @@ class Evaluation:
 
 
 def list_errors(estimate: Trajectory, truth: Trajectory | None) -> dict[str, Any] | None:
-    """Returns the errors of an estimate against ground truth by name; None where they cannot be had."""
+    """Returns the errors of an estimate against ground truth by name; None without ground truth or enough shared stamps."""
     errors = None if truth is None else evaluate(estimate, truth)
     return None if errors is None else asdict(errors)
 
 
 def evaluate(estimate: Trajectory, truth: Trajectory) -> Evaluation | None:
-    """Compares an estimate with ground truth at the truth's own stamps, as far as the estimate's span covers them.
+    """Compares an estimate with ground truth at those stamps of the truth that lie in the estimate's span.
 
     Args:
         estimate: the trajectory to judge.
@@ -81,12 +81,12 @@ def evaluate(estimate: Trajectory, truth: Trajectory) -> Evaluation | None:
 
 @dataclass(frozen=True, slots=True)
 class DriftByLength:
-    """Errors of KITTI's segments by their length.
+    """Mean errors of KITTI's segments, for each length of segment.
 
     Args:
-        lengths_m: (L,) lengths [m] of which there are segments.
+        lengths_m: (L,) lengths [m] for which there are segments.
         translation_percent: (L,) mean translation error [%] of the segments of each length.
-        rotation_deg_per_100m: (L,) their mean rotation error [deg / 100 m].
+        rotation_deg_per_100m: (L,) mean rotation error [deg / 100 m] of the same segments.
         counts: (L,) number of segments of each length.
     """
 
@@ -97,7 +97,7 @@ class DriftByLength:
 
 
 def measure_drift_by_length(estimate: Trajectory, truth: Trajectory) -> DriftByLength | None:
-    """Compares segments of an estimate with those of ground truth, apart for every length of segment.
+    """Measures KITTI's drift of an estimate against ground truth, separately for every length of segment.
 
     Args:
         estimate: the trajectory to judge.
@@ -117,14 +117,15 @@ def measure_drift_by_length(estimate: Trajectory, truth: Trajectory) -> DriftByL
 
 
 def trace_errors(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Returns how far an estimate is from ground truth along the path, after the best rigid alignment.
+    """Returns the position error of an estimate along the path, after the best rigid alignment with ground truth.
 
     Args:
         estimate: the trajectory to judge.
         truth: ground truth.
 
     Returns:
-        the path (M,) [m] by ground truth, and the position error (M,) [m]; None where the two share fewer than 3 stamps.
+        the length (M,) [m] of the true path up to each pose, and the position error (M,) [m] there; None where the two share
+        fewer than 3 stamps.
     """
     pair = pair_poses(estimate, truth)
     if pair is None:
@@ -134,17 +135,17 @@ def trace_errors(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.fl
 
 
 def measure_nees(measurements: Sequence[Measurement], truth: Trajectory, start_us: int) -> float | None:
-    """Returns the mean squared error of motions, normalised by their covariances, over its three degrees of freedom.
+    """Returns the NEES of motions: their mean squared error, normalised by their covariances, per degree of freedom.
 
-    It is 1 on average where the covariances are right, and more where they promise too much.
+    It is 1 on average where the covariances are right, and larger where they are too small.
 
     Args:
         measurements: the motions, each with its covariance.
         truth: ground truth.
-        start_us: stamp of the recording's start, from which the motions count their time [us].
+        start_us: stamp of the recording's start [us], which is time zero of the motions.
 
     Returns:
-        the mean over the motions within the truth's span; None without any, or where one states that it has no error.
+        the mean over the motions within the truth's span; None if there are none, or if a covariance allows no error.
     """
     spans = start_us + np.round(np.array([(m.t0, m.t1) for m in measurements]).reshape(-1, 2) * 1e6).astype(np.int64)
     inside = [k for k, (begin, end) in enumerate(spans.tolist()) if truth.covers(begin, end, SLACK_US)]
@@ -158,9 +159,9 @@ def measure_nees(measurements: Sequence[Measurement], truth: Trajectory, start_u
 
 
 def pair_poses(estimate: Trajectory, truth: Trajectory) -> tuple[Trajectory, Trajectory] | None:
-    """Returns the poses that are compared: those of the estimate at the truth's stamps in its span, and the truth's.
+    """Returns the estimate and the truth, both at those stamps of the truth that lie in the estimate's span.
 
-    Two poses at almost the same time show no speed; one of them is left out. None where fewer than 3 poses are left.
+    If two stamps almost coincide, the second is left out, since such a step shows no speed. None if fewer than 3 are left.
     """
     first, last = estimate.stamps_us[0] - SLACK_US, estimate.stamps_us[-1] + SLACK_US
     inside = np.flatnonzero((truth.stamps_us >= first) & (truth.stamps_us <= last))
@@ -172,19 +173,19 @@ def pair_poses(estimate: Trajectory, truth: Trajectory) -> tuple[Trajectory, Tra
 
 
 def align_positions(estimate: Trajectory, truth: Trajectory) -> se2.Array | None:
-    """Returns the rigid motion (3,) that lays the estimate's positions best on the truth's; None below 3 shared stamps."""
+    """Returns the rigid motion (3,) that best aligns the estimate's positions with the truth; None below 3 shared stamps."""
     pair = pair_poses(estimate, truth)
     return None if pair is None else _fit_rigid_motion(*(track.poses for track in pair))
 
 
 def _measure_distances(estimated: se2.Array, true: se2.Array) -> NDArray[np.float64]:
-    """Returns how far the positions (M,) [m] of poses (M, 3) are from the true ones after the best rigid alignment."""
+    """Returns the distances (M,) [m] of the positions of poses (M, 3) from the true ones after the best rigid alignment."""
     placed = se2.transform(_fit_rigid_motion(estimated, true), estimated[:, :2])
     return np.asarray(np.hypot(*(placed - true[:, :2]).T))
 
 
 def _fit_rigid_motion(estimated: se2.Array, true: se2.Array) -> se2.Array:
-    """Returns the rigid motion (3,) with the least sum of squared distances between positions of poses (M, 3)."""
+    """Returns the rigid motion (3,) of the estimate with the least sum of squared distances to the true positions."""
     centre, target = estimated[:, :2].mean(axis=0), true[:, :2].mean(axis=0)
     a, b = estimated[:, :2] - centre, true[:, :2] - target
     yaw = np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b))
@@ -195,7 +196,9 @@ def _fit_rigid_motion(estimated: se2.Array, true: se2.Array) -> se2.Array:
 def _measure_segments(
     estimated: se2.Array, true: se2.Array
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
-    """Returns length [m], translation [m/m] and rotation [rad/m] error (N,) of KITTI's segments; None where none fits.
+    """Returns the lengths [m], translation errors [m/m] and rotation errors [rad/m] (N,) of KITTI's segments, or None.
+
+    It returns None if the path is shorter than every segment.
 
     Source: A. Geiger et al., "Are we ready for autonomous driving? The KITTI vision benchmark suite", 2012.
     """

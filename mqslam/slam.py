@@ -40,13 +40,14 @@ PSI: Final = "psi"
 
 
 class Slam:
-    """The method: it takes a recording through front end, pose graph and map. A `Slam` runs once.
+    """The SLAM method: takes one recording through front end, pose graph and map. Every run needs a new `Slam`.
 
     Args:
         config: all settings; None takes the defaults.
         frontend: name of the front end.
-        runner: does the work, times it, keeps it and shows it; None works in this process, silently, and keeps nothing.
-        strict: whether a polar scan that cannot be read stops the run, rather than being left out.
+        runner: does and times the work, reports progress and keeps results; None works in this process, silently, and keeps
+            nothing.
+        strict: whether a polar scan that cannot be read stops the run instead of being left out.
 
     Raises:
         ConfigError: there is no front end of that name.
@@ -73,7 +74,7 @@ class Slam:
         config, runner = self._config, self._runner
         with runner.time_stage("total"):
             context = Context.of(recording, config, odometry, sensors)
-            frontends.create(self._name, context)  # raises before the recording is read, if it lacks anything
+            frontends.create(self._name, context)  # raises, before the recording is read, if the front end lacks an input
             scans, detected = detect_all(recording, config.detector, runner, strict=self._strict, with_velocities=True)
             runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
             try:
@@ -97,11 +98,11 @@ class Slam:
         )
 
     def solve(self, scans: Scans, context: Context) -> Solution:
-        """Takes scans to the optimised trajectory: tracks the motion, joins the sensors, closes loops, and optimises.
+        """Estimates the optimised trajectory of scans: tracks the motion, joins the sensors, closes loops, and optimises.
 
         Args:
             scans: scans of the recording.
-            context: what the front end may know besides the scans; its Doppler shift serves all stages.
+            context: what the front end may use besides the scans; all stages use its Doppler shift.
 
         Raises:
             EstimationError: no motion can be estimated from the data.
@@ -151,7 +152,7 @@ class Slam:
         )
 
     def _track(self, scans: Scans, context: Context, beam: Beam) -> list[Measurement]:
-        """Returns the front end's motions between successive scans; those of psi are held by ties along the path."""
+        """Returns the front end's motions between successive scans; psi's motions are corrected by ties along the path."""
         runner = self._runner
         with runner.time_stage("windows"):
             measurements = measure(self._name, scans, context, beam, runner)
@@ -161,7 +162,7 @@ class Slam:
         return measurements
 
     def _close_loops(self, scans: Scans, problem: Problem, beam: Beam) -> LoopSearch:
-        """Returns the loop closures that psi finds around the trajectory and the graph allows; none if none are wanted."""
+        """Searches for loop closures around the trajectory, unless the settings switch the search off."""
         runner, search = self._runner, LoopSearch([], 0)
         if self._config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):
@@ -170,7 +171,7 @@ class Slam:
         return search
 
     def _render(self, scans: Scans, solution: Solution) -> tuple[PointMap, PointMap]:
-        """Returns the map under the trajectory before optimisation, and the map."""
+        """Renders two maps: one under the trajectory before optimisation, and one under the optimised trajectory."""
         runner, estimator = self._runner, self._config.estimator
         with runner.time_stage("render"):
             tracks = {"the map before optimisation": solution.odometry, "the map": solution.optimised}
@@ -179,7 +180,7 @@ class Slam:
         return before, after
 
     def _audit(self, scans: Scans, solution: Solution) -> Audit | None:
-        """Returns the optimised map judged; None where that cannot be done, or there is a single scan."""
+        """Audits the optimised map; returns None if the audit fails or there is a single scan."""
         runner = self._runner
         with runner.time_stage("check"), runner.tolerate(CHECK):
             if len(scans) > 1:

@@ -30,31 +30,32 @@ from mqslam.mapping.keyframing import make_keyframes
 from mqslam.psi.place import Beam, beam_of
 
 CHECK = "the check of the map"
-"""Names that part of a run which judges its map."""
+"""Name of the part of a run that judges its map."""
 
 
 @dataclass(frozen=True)
 class Solution:
-    """The trajectory that was estimated from a recording's scans, and what it was estimated with.
+    """The trajectory estimated from a recording's scans, with the settings, measurements and factors behind it.
 
     Args:
         frontend: name of the front end.
         config: all settings, as they were given.
-        doppler_beta: range shift per closing speed [s], as the settings state it or as it was measured.
-        doppler_sigma: standard deviation of a shift that was measured [s]; zero elsewhere.
+        doppler_beta: range shift per closing speed [s], from the settings or as measured.
+        doppler_sigma: standard deviation of `doppler_beta` [s] if it was measured, else zero.
         measurements: the front end's relative motions, one per pair of successive scans.
-        odometry: trajectory before loops and sensors: the odometry given, or the measurements chained.
+        odometry: trajectory before loops and sensors, chained from the given odometry, or else from the measurements.
         optimised: trajectory after optimisation.
-        graph: all factors, and the values that the optimisation started from.
+        graph: all factors, with the starting values of the optimisation.
         values: the optimised values.
-        covariances: of all optimised poses, or why they are not known.
+        covariances: covariances of all optimised poses, or the reason why they are unknown.
         odometry_factors: number of odometry edges in the graph.
-        loops: loop closures that were found; where the refinement has measured the same passes, its ties replace them.
-        loops_rejected: number of loop candidates that psi, the graph or the map did not keep.
-        refined: the refinement after the loops, and psi across passes.
-        sensors: what became of the other sensors.
+        loops: all loop closures that were found; where the refinement measured the same passes, its ties replace them in the
+            graph.
+        loops_rejected: number of loop candidates that psi, the graph or the map rejected.
+        refined: result of the refinement after the loops, with psi across passes.
+        sensors: how each of the other sensors is used, or why it is not.
         unoptimised: why the graph could not be optimised and its starting values were kept, or None.
-        warnings: what could not be done, and why.
+        warnings: sentences on what could not be done, and why.
     """
 
     frontend: str
@@ -77,20 +78,20 @@ class Solution:
 
     @property
     def beam(self) -> Beam:
-        """The sensor model that the returns were placed with."""
+        """The sensor model by which the returns were placed."""
         return beam_of(self.config.estimator, self.doppler_beta)
 
     @property
     def georeference(self) -> Georeference | None:
-        """Where the optimised map lies on the Earth, if GNSS says so."""
+        """The pose of the optimised map on the Earth; None unless GNSS is in the graph."""
         fixes = self.sensors.fixes
         return None if fixes is None or fixes.edges is None else fixes.edges.find_place(self.values)
 
     def keep_map(self, scans: Scans, recording: Recording, engine: Engine) -> KeyframeMap:
-        """Returns the keyframes of the optimised map, and its places as they look.
+        """Makes the keyframes of the optimised map, and descriptors by which its places are recognised.
 
         Args:
-            scans: of the recording.
+            scans: scans of the recording.
             recording: the recording.
             engine: where places are described; the result does not depend on it.
         """
@@ -103,7 +104,7 @@ class Solution:
 
     @property
     def before(self) -> str:
-        """The trajectory before optimisation in words."""
+        """The name of the trajectory before optimisation, for tables."""
         return ODOMETRY if self.odometry_factors or self.frontend == ODOMETRY else f"{self.frontend}, chained"
 
 
@@ -115,12 +116,12 @@ class Run(Solution):
         map_odometry: the recording rendered under the trajectory before optimisation.
         map_optimised: the recording rendered under the optimised trajectory.
         kept: the keyframes of the optimised map; None where they could not be made.
-        checked: the optimised map judged, of its windows a sample; None where that could not be done.
+        checked: audit of the optimised map, with a sample of its windows; None where it could not be made.
         runtime_s: runtime of each stage [s].
-        unread: the error for each polar scan that could not be read and was left out, by its number.
-        crashes: the error, in words, of each part that could not be made, by the name of the part.
-        mount: where the radar sits on the vehicle, if trajectories, their covariances and maps are those of the vehicle, in
-            the frame of its first pose; None where they are those of the radar.
+        unread: the error for each polar scan that could not be read and was left out, by the number of the scan.
+        crashes: error message of each part that could not be made, by the name of the part.
+        mount: pose of the radar on the vehicle; trajectories, covariances and maps are then the vehicle's, in the frame of
+            its first pose. None if they are the radar's.
     """
 
     map_odometry: PointMap
@@ -134,16 +135,16 @@ class Run(Solution):
 
     @property
     def georeference(self) -> Georeference | None:
-        """Where the optimised map lies on the Earth, if GNSS says so."""
+        """The pose of the optimised map on the Earth; None unless GNSS is in the graph."""
         place = super().georeference
         return place if place is None or self.mount is None else place.carry(self.mount.pose)
 
     def carry_to_vehicle(self, mount: Mount) -> Run:
         """Returns the run with the trajectories, covariances and maps of the vehicle, in the frame of its first pose.
 
-        Graph, measurements, loops and checks stay those of the radar, and places on the Earth stay where they are.
+        Graph, measurements, loops and checks stay the radar's. Places on the Earth do not move.
         """
-        start = mount.pose  # of the radar's first pose, whose frame the run is in, in that of the vehicle's first pose
+        start = mount.pose  # pose of the run's frame, the radar's first pose, in the frame of the vehicle's first pose
         tracks = [mount.carry_to_vehicle(track) for track in (self.odometry, self.optimised)]
         odometry, optimised = (Trajectory(track.stamps_us, se2.compose(start, track.poses)) for track in tracks)
         return replace(
@@ -159,5 +160,5 @@ class Run(Solution):
 
     @property
     def checks(self) -> list[WindowAudit]:
-        """The windows of the optimised map that were judged, evenly spread over the run."""
+        """The windows of the optimised map that the audit judged, evenly spread over the run."""
         return self.checked.windows if self.checked else []

@@ -1,4 +1,4 @@
-"""The version of mqslam, as it was installed: that of a tag, or a development version with the commit."""
+"""The version of the installed mqslam: the version of a tag, or a development version with its commit."""
 
 from __future__ import annotations
 

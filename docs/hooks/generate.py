@@ -75,9 +75,9 @@ def describe_verdict() -> str:
 
 _VERDICT = """# The verdict
 
-The verdict on a map is `pass`, `warn`, `fail` or `not judged`. An audit and a run take the same tests, without ground
-truth: each compares parts of the map with each other, or with what another sensor says, and tells how far they are
-off, in metres and degrees.
+The verdict on a map is `pass`, `warn`, `fail` or `not judged`. Audits and runs take the same tests, except where the
+table says otherwise. No test needs ground truth: each compares parts of the map with each other, or with what another
+sensor says, and tells how far they are off, in metres and degrees.
 
 1. The first line is the *diagnosis*: what is most likely wrong and what mends it, or how many tests found no fault. A
    fault that explains others comes first: late stamps tear windows, so that the stamps are named and not the windows.
@@ -97,8 +97,8 @@ says that something smaller is off. A map that passes may hold what could not be
 |---|---|---|---|"""
 
 _AFTER_TABLE = """*Final psi* is how far psi is above the best that the same returns can have, over windows and
-across passes: 1.00 is as crisp as they can be. psi per point of a whole map is not part of the verdict, since
-it can prefer the wrong map.
+across passes: 1.00 is as crisp as they can be. psi per point of a whole map can prefer the wrong map: only a
+run's `graph` looks at it, and only to compare two maps of the same returns, before and after optimisation.
 [The tests of a map](map-tests.md) says how each test works. `audit.json` and `summary.json` hold the diagnosis, the
 reasons, and each test's verdict and p-value.
 """

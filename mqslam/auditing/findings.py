@@ -269,14 +269,14 @@ def _name_extrinsics(given: se2.Array, turned: float, lever: Lever | None) -> st
 
 
 def find_biases(pooled: Pooled, limits: VerdictConfig) -> list[int]:
-    """Returns the axes (forward 0, left 1, yaw 2) along which the bias of the whole map is worth a look."""
+    """Returns the axes (forward 0, left 1, yaw 2) along which the common error of all steps exceeds the limits."""
     largest = (SCALE_WARN, SCALE_WARN, TURN_WARN)
     found = (np.abs(pooled.bias) > largest) & (pooled.p_value < share_of_false_alarms(limits))
     return np.flatnonzero(found).tolist()
 
 
 def find_bias(pooled: Pooled, limits: VerdictConfig) -> NDArray[np.float64]:
-    """Returns the bias (3,) of the whole map, 0 along the axes where it is not worth a look."""
+    """Returns the common error (3,) of the trajectory's steps, with 0 along the axes where it is within the limits."""
     return np.where(np.isin(np.arange(3), find_biases(pooled, limits)), pooled.bias, 0.0)
 
 

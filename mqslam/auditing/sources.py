@@ -48,7 +48,7 @@ def find_relative_covariances(
     """
     if covariances is not None:
         if given is None:
-            raise ConfigError("covariances belong to a trajectory from a file", Remedy.GIVE_TRAJECTORY)
+            raise ConfigError("covariances can be given only together with a trajectory from a file", Remedy.GIVE_TRAJECTORY)
         return _read_covariances(Path(covariances), given, offset_us, sweeps), []
     if given is None or isinstance(origin, Trajectory):
         return None, []
@@ -62,7 +62,7 @@ def find_relative_covariances(
     try:
         return _read_covariances(beside, given, offset_us, sweeps), []
     except DataError as error:
-        return None, [f"revisits are not held against what the trajectory claims to know: {error}"]
+        return None, [f"revisits are not compared with the covariances of the trajectory: {error}"]
 
 
 def _read_covariances(path: Path, given: Trajectory, offset_us: int, sweeps: Sweeps) -> RelativeCovariances:

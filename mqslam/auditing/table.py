@@ -86,7 +86,7 @@ def tolerate_revisit(settings: AuditConfig) -> tuple[float, float]:
 
 
 def tolerate_row(settings: AuditConfig) -> float:
-    """Returns by how many metres the mean offset of revisits in a row that agree may be off."""
+    """Returns the tolerated mean offset [m] of several successive revisits whose offsets agree with each other."""
     return _ROW * settings.torn_m
 
 
@@ -99,8 +99,8 @@ TESTS: Final = (
     ),
     MapTest(
         "frame",
-        "the poses with the middles of a finished cloud's scans; a torn map with the maps under the mirrored trajectory and "
-        "under yaw counted the other way",
+        "in audits: the poses with the middles of a finished cloud's scans; a torn map with the maps under the mirrored "
+        "trajectory and under yaw counted the other way",
         "a frame that is off by less than the width of a street",
         rate="0.3 of the distance at which things are seen; half of the turning windows whole again",
     ),
@@ -177,7 +177,7 @@ TESTS: Final = (
     ),
     MapTest(
         "revisits",
-        "two passes of a place, and the mean of those in a row that agree",
+        "two passes of a place, and the mean of successive revisits that agree",
         "drift where no place is passed twice",
         tolerate_revisit,
         quantities=1,

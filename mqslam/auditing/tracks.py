@@ -182,7 +182,7 @@ def judge_doubt(doubt_m: NDArray[np.float64], settings: AuditConfig) -> list[Fin
     if not unsure:
         return []
     where = f"its poses are too sparse for its turns: in {count_of(unsure, 'scan')} interpolation may be off by up to"
-    reason = f"{where} {doubt_m.max():.2f} m, and nothing smaller is held against it there; {Remedy.GIVE_MORE_POSES}"
+    reason = f"{where} {doubt_m.max():.2f} m, and no smaller error can be seen there; {Remedy.GIVE_MORE_POSES}"
     return [Finding(VerdictStatus.PASS, reason, judged=False)]
 
 
@@ -273,7 +273,7 @@ def judge_part(track: Track) -> list[Finding]:
 
 
 def _list_spans(spans: Sequence[tuple[float, float]], last: float) -> str:
-    """Returns stretches [s] in words; only the begin is named of a stretch that reaches to the last scan."""
+    """Describes stretches of time [s] in words; a stretch that reaches to the last scan is named by its begin alone."""
     return _join([f"from {a:.1f} s on" if b >= last else f"from {a:.1f} s to {b:.1f} s" for a, b in spans])
 
 

@@ -1,4 +1,4 @@
-"""The command line: one file per command, heavy imports inside the commands."""
+"""The command line: one file per command. Heavy libraries are imported inside the commands, so that help is quick."""
 
 from __future__ import annotations
 

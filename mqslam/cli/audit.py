@@ -35,7 +35,7 @@ _OWN: Options = {
     "extrinsics": option(
         str | None,
         None,
-        r"Pose of the sensor in the frame of which the trajectory's file is, such as base_link: \[m] forward, \[m] "
+        r"Pose of the sensor in the frame whose trajectory the file holds, such as base_link: \[m] forward, \[m] "
         r"to the left, \[degrees] to the left.",
         metavar="X,Y,YAW",
     ),
@@ -45,21 +45,21 @@ _OWN: Options = {
     "covariances": option(
         Path | None,
         None,
-        "Covariances of the trajectory's poses, as a run's covariances.csv, which revisits are held against; "
-        "those beside a run's own trajectory.tum are found by themselves.",
+        "Covariances of the trajectory's poses, in the form of a run's covariances.csv, by which revisits are tested; "
+        "the file beside a run's own trajectory.tum is found by itself.",
         metavar="FILE",
     ),
     "false_alarms": option(
         float | None,
         None,
-        "Probability, below 0.5, with which steps, spans, sums, pooled corrections, shaking and revisits held against "
+        "Probability, below 0.5, with which steps, spans, sums, pooled corrections, shaking and revisits compared with "
         "covariances may together call a good recording's map bad; 0.01 by default.",
         metavar="RATE",
     ),
-    "mend": flag("Write the trajectory with the corrections put in as mended.tum, and judge that one, too.", "--mend"),
+    "mend": flag("Write the trajectory with the corrections put in as mended.tum, and judge it, too.", "--mend"),
 }
 
-_LISTED = 3  # of each kind
+_LISTED = 3  # number of the worst torn windows, and of the worst torn revisits, that are printed
 
 
 @command(
@@ -80,7 +80,7 @@ def audit(
 
     Each window, several consecutive scans, is compared with its own best map. Its inflation is the correction that psi would
     make, in units of that correction's covariance: a chi-square with 3 degrees of freedom where the map is right. Where the
-    sensor passes a place twice, the two passes are laid on each other.
+    sensor passes a place twice, psi registers the two passes on each other.
 
     Example: mqslam audit drive --trajectory result/trajectory.tum --out audited --fail-on fail
     """
@@ -124,7 +124,7 @@ def _parse_heights(text: str | None) -> tuple[float, float] | None:
 
 
 def _describe_final_psi(final: dict[str, float | None]) -> str:
-    """Returns in words how far psi of a map is above the best that the same returns can have."""
+    """Describes in words how far psi of a map is above the best psi of the same returns."""
     windows, passes = final["over_best_of_windows"], final["over_best_of_passes"]
     parts = [] if windows is None else [f"{windows:.2f} times the best of its windows"]
     parts += [] if passes is None else [f"{passes:.2f} times the best across passes"]
@@ -132,12 +132,12 @@ def _describe_final_psi(final: dict[str, float | None]) -> str:
 
 
 def _format_results(summary: dict[str, Any]) -> str:
-    """Returns the lines that a person reads first: the verdict, how crisp the map is, and what is torn worst."""
+    """Returns the main results as lines: the verdict, the final psi, the worst torn places, and mending."""
     rows = [*format_verdict(summary), ("final psi", _describe_final_psi(summary["final_psi"]))]
     if summary["verdict"]["status"] != "pass":
         rows += _list_worst(summary)
     verdict, can_mend = summary["verdict"], summary["trajectory"] is not None and "mended" not in summary
-    names_remedy = not {"give", "must"}.isdisjoint(verdict["diagnosis"].split())  # which mends it better
+    names_remedy = not {"give", "must"}.isdisjoint(verdict["diagnosis"].split())  # a better one than --mend
     if can_mend and verdict["status"] in ("warn", "fail") and not names_remedy:
         rows.append(("to mend it", "audit it with --mend, which writes the trajectory with the corrections put in"))
     if "mended" in summary:
@@ -147,7 +147,7 @@ def _format_results(summary: dict[str, Any]) -> str:
 
 
 def _list_worst(summary: dict[str, Any]) -> list[tuple[str, str]]:
-    """Returns the worst torn windows and revisits, as named lines."""
+    """Returns the worst torn windows and revisits as (name, text) rows."""
     windows = sorted((w for w in summary["per_window"] if w["torn"]), key=lambda w: -w["size_m"])[:_LISTED]
     rows = [("torn window", f"{_place(w, w['t0'], w['t1'])}: bent by {w['size_m']:.2f} m") for w in windows]
     revisits = [r for r in summary["per_revisit"] if r["torn"]]

@@ -1,4 +1,4 @@
-"""`mqslam batch`: runs many recordings and reports over all of them."""
+"""`mqslam batch`: runs many recordings and writes one report on all of them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _OWN: Options = {
 
 @command("plan out jobs cluster force as_json quiet verbose", _OWN)
 def batch(terminal: Terminal, **given: Any) -> None:
-    """Run many recordings and report over all of them.
+    """Run many recordings and write one report on all of them.
 
     They run one after the other, or on a cluster as many at a time as it has workers. If a run fails, its error is shown and
     the others go on. The same command called again keeps the runs that are finished and continues those that are not.

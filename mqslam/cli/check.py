@@ -1,4 +1,4 @@
-"""`mqslam check`: shows whether a recording contradicts what was assumed to read it."""
+"""`mqslam check`: shows whether a recording contradicts the assumptions by which it is read."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mqslam.errors import show
 
 @command("data config odometry format range_resolution as_json quiet verbose")
 def check(terminal: Terminal, **given: Any) -> None:
-    """Check a recording against what was assumed to read it: stamps, azimuths, rotation, length of a range bin.
+    """Check a recording against the assumptions by which it is read: stamps, azimuths, rotation, length of a range bin.
 
     The check reads three short stretches. With odometry it can also tell a mirrored recording, stamps that mean the other
     end of the turn, and a wrong length of a range bin; the map alone shows none of them. Ground truth is not used.

@@ -10,7 +10,7 @@ from mqslam.cli.remedies import name_options
 from mqslam.cli.terminal import Terminal, echo
 from mqslam.errors import show
 
-_ASCII_ARROWS = str.maketrans({"↓": "v", "↑": "^", "→": "->"})  # for terminals that know no other letters
+_ASCII_ARROWS = str.maketrans({"↓": "v", "↑": "^", "→": "->"})  # for terminals that show only ASCII
 _OWN: Options = {
     "frontends": option(
         str,
@@ -36,8 +36,8 @@ _OWN: Options = {
 def compare(terminal: Terminal, *, out: Path, trajectory: list[str] | None, **given: Any) -> None:
     """Run several front ends on the same returns with the same back end, and judge the maps they make.
 
-    Odometry is used by the row of that name only. The last line names the best row: the one with the least drift or ATE,
-    or without ground truth the one with the fewest torn windows and revisits. A window is torn if its inflation is too
+    Only the row `odometry` uses odometry. The last line names the best row: the row with the least drift or ATE,
+    or without ground truth the row with the fewest torn windows and revisits. A window is torn if its inflation is too
     large (its median is 2.37 for a right trajectory).
 
     Example: mqslam compare drive --out compared --frontends psi,kiss_icp
@@ -81,11 +81,11 @@ def _parse_trajectories(texts: list[str]) -> dict[str, Path | tuple[Path, Path]]
 
 
 def _print_table(cells: list[list[str]], marked: frozenset[tuple[int, int]]) -> None:
-    """Prints the table turned on its side, since a column per row of the comparison fits any terminal.
+    """Prints the table transposed, since a column for each row of the comparison fits any terminal.
 
     Args:
         cells: the lines of the table, its head first.
-        marked: line and column of the best values.
+        marked: (line, column) of the best values.
     """
     from rich.console import Console
     from rich.table import Table

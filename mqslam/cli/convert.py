@@ -89,7 +89,7 @@ def convert(
                 write_results(out, data, target.name)
             else:
                 instead = "end OUT in .bag or .mcap, or give --to rosbag2"
-                raise ConfigError(f"{data}: is a run, whose results become a bag; {instead}")
+                raise ConfigError(f"{data}: is a run; its results can only be converted to a bag; {instead}")
     if not terminal.quiet:
         terminal.print_notes(notes)
         terminal.print(f"wrote {out}")

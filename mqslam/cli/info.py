@@ -13,7 +13,7 @@ from mqslam.errors import show
 if TYPE_CHECKING:
     from mqslam.config import Config
 
-_LISTED = 5  # gaps that a person is shown one by one
+_LISTED = 5  # number of gaps that are shown one by one
 
 
 @command("data config format range_resolution topic as_json quiet verbose")
@@ -37,7 +37,7 @@ def info(terminal: Terminal, *, data: Path, config: Config, format: str | None, 
 
 
 def _list_radar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
-    """Returns the facts about a radar's recording as a person reads them: name and value of each."""
+    """Returns the facts about a radar's recording as (name, text) rows for people."""
     return [
         ("format", facts["format"]),
         ("path", facts["path"]),
@@ -58,7 +58,7 @@ def _list_radar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _describe_gaps(gaps: list[dict[str, Any]]) -> str:
-    """Returns the gaps of a recording in a line: the first ones, and how much is missing in total where there are many."""
+    """Describes the gaps of a recording in a line: the first ones, and the total of missing seconds if there are many."""
     if not gaps:
         return "none"
     first = ", ".join(f"{gap['missing_s']:.2f} s after scan {gap['after_revolution']}" for gap in gaps[:_LISTED])
@@ -69,7 +69,7 @@ def _describe_gaps(gaps: list[dict[str, Any]]) -> str:
 
 
 def _list_lidar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
-    """Returns the facts about a lidar's recording as a person reads them: name and value of each."""
+    """Returns the facts about a lidar's recording as (name, text) rows for people."""
     return [
         ("format", f"{facts['format']}, recorded by a lidar: mqslam audit judges its map"),
         ("path", facts["path"]),
@@ -84,14 +84,14 @@ def _list_lidar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _describe_extent(track: dict[str, Any] | None) -> str:
-    """Returns the size of a trajectory in words."""
+    """Describes the number of poses and the length of a trajectory in words."""
     from mqslam.core.wording import count_of
 
     return "none" if track is None else f"{count_of(track['poses'], 'pose')}, {track['length_m']:.1f} m"
 
 
 def _describe_sensor(sensor: dict[str, Any] | None, reading: str) -> str:
-    """Returns the readings of a sensor in words: their number, their rate, the time that they span and their source."""
+    """Describes the readings of a sensor in words: their number, their rate, the time that they span and their source."""
     if sensor is None:
         return "none"
     plural = "" if sensor["readings"] == 1 else "es" if reading == "fix" else "s"
@@ -101,7 +101,7 @@ def _describe_sensor(sensor: dict[str, Any] | None, reading: str) -> str:
 
 
 def _describe_mount(mount: dict[str, Any] | None) -> str:
-    """Returns where the radar sits on the vehicle in words."""
+    """Describes the pose of the radar on the vehicle in words."""
     if mount is None:
         return "not stated"
     place = f"{mount['x_m']:.3g} m forward, {mount['y_m']:.3g} m to the left, {mount['yaw_deg']:.3g} deg to the left"

@@ -40,8 +40,8 @@ _OWN: Options = {
 def localise(terminal: Terminal, *, map: Path, config: str | None, topic: list[str] | None, **given: Any) -> None:
     """Find the poses of a recording in the map of an earlier run, without a guess of where it begins.
 
-    Places of the map are recognised in the recording, and every scan is followed from there: psi lays it on the map around
-    it. Each pose has a covariance against the map around it, and a status: converged, degenerate, lost or outside.
+    Places of the map are recognised in the recording. From there on, psi registers every scan on the map around it. Each
+    pose has a covariance relative to the map around it, and a status: converged, degenerate, lost or outside.
 
     Example: mqslam localise second_drive --map result --out localised
     """
@@ -65,7 +65,7 @@ def localise(terminal: Terminal, *, map: Path, config: str | None, topic: list[s
 
 
 def _tabulate(summary: dict[str, Any]) -> Table:
-    """Returns the table that a person reads first: how many scans lie on the map, and how sure their poses are."""
+    """Returns the table of the main results: how many scans lie on the map, and how certain their poses are."""
     from rich.table import Table
     from rich.text import Text
 

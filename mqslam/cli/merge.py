@@ -19,7 +19,7 @@ _OWN: Options = {
 def merge(terminal: Terminal, *, out: Path, **given: Any) -> None:
     """Make one map of several recordings, and show what changed between them.
 
-    Places that the recordings share are found without a guess of where they are, and psi lays them on each other. Where
+    Places that the recordings share are found without a guess of where they are, and psi registers them on each other. Where
     several places fit, nothing is merged. The map is in the frame of the first result, and can be merged again.
 
     Example: mqslam merge monday friday --out both
@@ -37,7 +37,7 @@ def merge(terminal: Terminal, *, out: Path, **given: Any) -> None:
 
 
 def _format_results(summary: dict[str, Any]) -> str:
-    """Returns the lines that a person reads first."""
+    """Returns the main results as lines."""
     from mqslam.core.wording import count_of
 
     links, psi, changes = summary["links"], summary["psi"], summary["changes"]

@@ -30,9 +30,9 @@ _OWN: Options = {
 def optimise(terminal: Terminal, *, out: Path | None, **given: Any) -> None:
     """Optimise a pose graph in a file, and print its error before and after.
 
-    The edges of a .g2o have no losses: those with which a run keeps wrong loops and motions from bending its graph are not
-    in its file. The poses that FIX names stay where they are; without any, the first one does.
-    A run's graph.g2o holds the radar's poses and lacks gyroscope and GNSS, so that its optimum is the one without these.
+    The edges of a .g2o have no robust losses, by which a run keeps wrong loops and motions from bending its graph. The poses
+    that FIX names stay where they are; without FIX, the first pose stays.
+    A run's graph.g2o holds the radar's poses without gyroscope and GNSS, so that its optimum may differ from the run's.
 
     Example: mqslam optimise result/graph.g2o --out optimised.g2o
     """
@@ -43,7 +43,7 @@ def optimise(terminal: Terminal, *, out: Path | None, **given: Any) -> None:
 
 
 def _format_results(facts: dict[str, Any], out: Path | None) -> str:
-    """Returns the graph's size, its error and what was written as lines."""
+    """Returns the size of the graph, its error and the written file as lines."""
     from mqslam.core.wording import count_of
 
     where = {2: "in the plane", 3: "in space"}[facts["dimensions"]]

@@ -1,4 +1,4 @@
-"""The options of all commands, each declared once, and the decorator that gives a command those that it names."""
+"""Declares the options of all commands, and the decorator that makes a function a command with the options it names."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ if TYPE_CHECKING:
     from mqslam.config import Config
 
 Options = Mapping[str, tuple[Any, Any]]
-"""Type and declaration of options by the name of the argument that they become."""
+"""Type and declaration of each option, by the name of the function argument that it becomes."""
 
 _TOPICS: Final = {"radar": "radar_topic", "odometry": "odometry_topic", "truth": "truth_topic"}
 
 
 def argument(kind: Any, default: Any, metavar: str, help: str, **more: Any) -> tuple[Any, Any]:
-    """Declares an argument; more is what `typer.Argument` takes besides."""
+    """Declares an argument of a command; `more` is passed on to `typer.Argument`."""
     return kind, typer.Argument(default, metavar=metavar, help=help, **more)
 
 
 def option(kind: Any, default: Any, help: str, *names: str, **more: Any) -> tuple[Any, Any]:
-    """Declares an option, whose name is that of its argument where no names are given; more is as in `typer.Option`."""
+    """Declares an option, named after its function argument if no names are given; `more` is passed on to `typer.Option`."""
     return kind, typer.Option(default, *names, help=help, **more)
 
 
@@ -42,11 +42,11 @@ def flag(help: str, *names: str) -> tuple[Any, Any]:
 
 
 def command(names: str, own: Options | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Returns a decorator that gives a function options, by which it becomes a command.
+    """Returns a decorator that makes a function a command with the named options.
 
-    The function takes the command's terminal, and the value of each option by its name. Values that the terminal needs stay
-    with it: `jobs`, `cluster`, `as_json`, `quiet` and `verbose`. The topics of a bag go into the settings, unless a command
-    declares either of the two itself.
+    The function gets the command's terminal, and the value of each option by its name. It does not get `jobs`, `cluster`,
+    `as_json` and `quiet`, which are in the terminal, and `verbose`. The topics of a bag are put into the settings, unless
+    the command declares `topic` or `config` itself.
 
     Args:
         names: names of the options, in the order of the help.
@@ -75,7 +75,7 @@ def command(names: str, own: Options | None = None) -> Callable[[Callable[..., N
 
 
 def choose_exit_code(status: VerdictStatus, fail_on: Literal["warn", "fail"]) -> int:
-    """Returns the exit code of --fail-on; a map that could not be judged has a code of its own."""
+    """Returns the exit code of a verdict under --fail-on; a map that could not be judged has a code of its own."""
     from mqslam.auditing.verdict import VerdictStatus
 
     if status is VerdictStatus.NOT_JUDGED:
@@ -91,7 +91,7 @@ def state_topics(config: str | Config | None, topics: Sequence[str] | None) -> C
         topics: TOPIC for the radar's, or radar=TOPIC, odometry=TOPIC or truth=TOPIC; None names none.
 
     Raises:
-        ConfigError: a topic is of nothing known, is empty, or is named twice; or the settings are wrong.
+        ConfigError: a topic is given for an unknown name, is empty, or is given twice; or the settings are wrong.
     """
     from mqslam.config import Config, load_config, set_sensor
     from mqslam.errors import ConfigError, suggest
@@ -103,7 +103,7 @@ def state_topics(config: str | Config | None, topics: Sequence[str] | None) -> C
         if not equals:
             of, topic = "radar", text
         if of not in _TOPICS:
-            raise ConfigError(f"--topic {text}: is of nothing that is read; {suggest(of, _TOPICS)}")
+            raise ConfigError(f"--topic {text}: mqslam reads no topic '{of}'; {suggest(of, _TOPICS)}")
         if not topic or _TOPICS[of] in named:
             problem = "names the topic twice" if topic else "names no topic"
             raise ConfigError(f"--topic {text}: {problem}; give each as {of}=TOPIC, once")
@@ -112,7 +112,7 @@ def state_topics(config: str | Config | None, topics: Sequence[str] | None) -> C
 
 
 def _complete(module: str, find: Callable[[Any], Iterable[str]]) -> Callable[[str], list[str]]:
-    """Returns a function that completes names, for the shell; the module that knows them is imported when it is called."""
+    """Returns a function that completes names for the shell; it imports the module that lists them only when called."""
 
     def complete(incomplete: str) -> list[str]:
         return [name for name in find(import_module(module)) if name.startswith(incomplete)]
@@ -124,15 +124,15 @@ complete_config = _complete("mqslam.config", lambda module: module.list_shipped(
 
 
 class _Shown(logging.Formatter):
-    """Log lines in which nothing from a file can command the terminal."""
+    """A formatter of log lines that escapes control characters, so that text from a file cannot command the terminal."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Returns the lines of a record."""
+        """Returns the lines of a record, with control characters escaped."""
         return show_lines(super().format(record))
 
 
 def _set_verbosity(verbose: bool) -> bool:
-    """Sends the package's log lines to stderr, or keeps them back, and returns which of the two."""
+    """Shows the package's log lines on stderr, or only its warnings; returns `verbose`, as typer expects of a callback."""
     log = logging.getLogger("mqslam")
     for handler in [h for h in log.handlers if isinstance(h, logging.StreamHandler)]:
         log.removeHandler(handler)
@@ -163,7 +163,7 @@ OPTIONS: Final[Options] = {
         str | None,
         None,
         "Settings: a YAML file, or the name of one that ships with mqslam: boreas, default, lidar, mulran, oxford "
-        "or radiate. Without it the layout tells bins, stamps and direction, and psi measures the radar's Doppler shift.",
+        "or radiate. Without it the layout sets bins, stamps and direction, and psi measures the radar's Doppler shift.",
         "--config",
         "-c",
         metavar="FILE|NAME",
@@ -194,7 +194,7 @@ OPTIONS: Final[Options] = {
     "frame": option(
         str,
         "radar",
-        "Whose poses are written, in the frame of its first one; the vehicle's need --extrinsics, or DATA states them.",
+        "Whose poses are written, in the frame of the first pose; vehicle needs --extrinsics, unless DATA states them.",
         metavar="radar|vehicle",
     ),
     "format": option(
@@ -209,8 +209,8 @@ OPTIONS: Final[Options] = {
     "topic": option(
         list[str] | None,
         None,
-        "Topic of the radar in a bag, where its type and name do not tell; odometry=TOPIC and truth=TOPIC name "
-        "those of odometry and ground truth. Repeat it for several.",
+        "Topic of the radar in a bag, if its type and name do not show it; odometry=TOPIC and truth=TOPIC name "
+        "the topics of odometry and ground truth. Repeat the option for several topics.",
         "--topic",
         metavar="TOPIC",
     ),

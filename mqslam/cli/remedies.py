@@ -1,4 +1,4 @@
-"""The remedies in errors and notes in the words of the command line: which option to give."""
+"""Replaces the remedies in errors and notes by the words of the command line: which option to give."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _WORDS: dict[str, str] = {
     Remedy.NAME_TOPIC: "name the radar's with --topic TOPIC",
     Remedy.NAME_LAYOUT: "name its layout by --format",
     Remedy.NAME_TARGET: "name the layout to write by --to",
-    Remedy.MEND_FRONT_END: "mend it, whose traceback -v shows, or choose another --frontend",
+    Remedy.MEND_FRONT_END: "mend it (-v shows its traceback), or choose another --frontend",
     Remedy.OVERRIDE_RANGE_RESOLUTION: "--range-resolution overrides it",
     Remedy.READ_WITH_RANGE_RESOLUTION: "read the result with --range-resolution",
     Remedy.OPEN_MAP_ELSEWHERE: "look at report.html, or give --rerun and open map.rrd elsewhere",
@@ -46,10 +46,10 @@ _ANY = re.compile("|".join(re.escape(remedy) for remedy in sorted(_WORDS, key=le
 
 
 def name_options(text: str, command: str = "") -> str:
-    """Returns an error or a note with each remedy in it in the words of the command line.
+    """Replaces each remedy in an error or a note by the words of the command line.
 
     Args:
-        text: of the error or the note.
+        text: text of the error or the note.
         command: name of the command that it comes from.
     """
     output = "OUT" if command in _OUT_IS_ARGUMENT else "--out"

@@ -77,7 +77,7 @@ def run(
 
 @contextmanager
 def open_watch(live: str | None, *, force: bool) -> Iterator[Watch | None]:
-    """Yields what shows each scan in the way that --live asks for, or None.
+    """Yields a function that shows each scan in the way that --live asks for, or None without --live.
 
     Raises:
         ConfigError: the value of --live is neither `viewer` nor an .rrd file.
@@ -100,7 +100,7 @@ def open_watch(live: str | None, *, force: bool) -> Iterator[Watch | None]:
 
 
 def tabulate_summary(summary: dict[str, Any]) -> Table:
-    """Returns the table that a person reads first: psi, and the errors where there is ground truth."""
+    """Returns the table of the main results: psi, the verdict, and the errors if there is ground truth."""
     from rich.table import Table
     from rich.text import Text
 
@@ -145,7 +145,7 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
 
 
 def describe_pace(driven_s: float, computed_s: float) -> str:
-    """Returns how fast a run was, against the drive: how many times real time, or how long a second of driving took."""
+    """Describes the speed of a run as a multiple of real time, or as the time of computing per second of driving."""
     if computed_s > driven_s:
         return f"{computed_s / max(driven_s, 1e-9):.1f} s of computing per second of driving"
     return f"{driven_s / max(computed_s, 1e-9):.1f} times real time"

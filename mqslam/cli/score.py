@@ -24,14 +24,14 @@ _VARIANT: Options = {
     "unmatched": option(
         float | None,
         None,
-        "Charge for an unmatched point, in units of the dearest pair; 0 as printed. Default: the settings' value.",
+        "Cost of an unmatched point, in units of the largest cost of a pair; 0 as printed. Default: the settings' value.",
     ),
 }
 _OWN: Options = {
     "start": option(float, ..., r"The window begins with the first scan from this time on \[s since the start]."),
     "motion": option(str, ..., r"The motion: v,omega or vx,vy,omega \[m/s, rad/s]."),
     "revolutions": option(int, 3, "Length of the window, in scans.", min=2),
-    "minimise": flag("Estimate the motion as well, starting from the one given.", "--minimise"),
+    "minimise": flag("Estimate the motion as well, starting from the given one.", "--minimise"),
     **_VARIANT,
 }
 
@@ -44,7 +44,7 @@ _OWN: Options = {
 def score(terminal: Terminal, *, motion: str, revolutions: int, **given: Any) -> None:
     """Score a window of a recording under a motion: the published psi with its parts, and the estimator's psi.
 
-    Ranges are corrected for the Doppler shift if the settings state it, as those of --config oxford do.
+    Ranges are corrected for the Doppler shift if the settings state it, as --config oxford does.
 
     Example: mqslam score drive --start 2.0 --motion 9.1,0.05
     """
@@ -77,7 +77,7 @@ def parse_motion(text: str) -> se2.Array:
 
 
 def _format_results(scores: dict[str, Any]) -> str:
-    """Returns the scores as a person reads them."""
+    """Returns the scores as lines for people."""
     window, variant, published, estimator = (scores[key] for key in ("window", "variant", "published", "estimator"))
     rows = [
         (

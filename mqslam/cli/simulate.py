@@ -9,7 +9,7 @@ from mqslam.cli.options import Options, argument, command, flag, option
 from mqslam.cli.terminal import Terminal
 
 _MOVERS = {"street": 6, "yard": 6, "corridor": 0, "tunnel": 0}
-"""Usual number of moving vehicles; the scenes that are not named here know their own."""
+"""Default number of moving vehicles by scene; the simulator chooses it for other scenes."""
 _OWN: Options = {
     "out": argument(Path, ..., "OUT", "Folder for the recording; it must not exist yet."),
     "scene": option(str, "street", "The scene: street, yard, corridor, tunnel or city."),
@@ -27,7 +27,7 @@ _OWN: Options = {
     "doppler": option(
         float | None, None, r"Doppler shift: range error per closing speed \[s]; none by default, 0.0502 with --chirps."
     ),
-    "chirps": flag("Let chirps go up and down in turn, as those of Boreas-RT's radar.", "--chirps"),
+    "chirps": flag("Let chirps go up and down in turn, as the chirps of Boreas-RT's radar do.", "--chirps"),
     "imu": option(str, "mems", "Grade of the gyroscope: mems, good or none."),
     "imu_rate_hz": option(float, 100.0, r"Readings of the gyroscope per second, 50 to 200 \[1/s].", "--imu-rate"),
     "imu_late_s": option(float, 0.0, r"How late the gyroscope's clock is \[s].", "--imu-late"),

@@ -1,4 +1,4 @@
-"""The terminal of a command: its results, notes, warnings and progress, in which nothing from a file can command it."""
+"""Prints results, notes, warnings and progress of a command; text from files cannot command the terminal."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from mqslam.commands.work import Work
     from mqslam.execution.runner import Watch
 
-_STAGES = {  # what a terminal calls a stage, and what it counts
+_STAGES = {  # the title of each stage, and the unit that the stage counts
     "simulate": ("simulating", "scan"),
     "detect": ("reading and detecting", "scan"),
     "windows": ("measuring motion", "scan"),
-    "steps along": ("laying scans on those before", "place"),
-    "doubtful steps along": ("laying doubtful scans farther away", "place"),
-    "spans along": ("laying scans on earlier ones", "span"),
+    "steps along": ("registering scans on the scans before", "place"),
+    "doubtful steps along": ("searching wider for doubtful scans", "place"),
+    "spans along": ("registering scans on earlier scans", "span"),
     "loops": ("verifying loops", "place"),
     "recognise": ("recognising places", "place"),
     "localise": ("finding scans in the map", "scan"),
@@ -49,7 +49,7 @@ _STAGES = {  # what a terminal calls a stage, and what it counts
     "table1": ("making table 1", "trial"),
 }
 _LINE_EVERY_S = 10.0
-_LEAST_TIMED_S = 0.5  # a stage that reports only at its end has no rate
+_LEAST_TIMED_S = 0.5  # before this, a rate would be wrong: a stage may report only at its end
 
 
 class Terminal:
@@ -58,7 +58,7 @@ class Terminal:
     Args:
         quiet: whether only errors are printed.
         as_json: whether the results are printed as JSON, without progress.
-        jobs: processes to use on this machine.
+        jobs: number of processes to use on this machine.
         cluster: address of a cluster to work on instead, or None.
     """
 
@@ -67,14 +67,14 @@ class Terminal:
 
     @cached_property
     def console(self) -> Console:
-        """What prints on stderr."""
+        """The console that prints on stderr."""
         from rich.console import Console
 
         return Console(stderr=True, markup=False)
 
     @contextmanager
     def open_work(self, watch: Watch | None = None) -> Iterator[Work]:
-        """Yields where the command's work is done, and what reports about it here.
+        """Yields the `Work` of the command: where the work is done, with reports on this terminal.
 
         Args:
             watch: called with every scan once its motion is measured.
@@ -97,17 +97,17 @@ class Terminal:
         self.console.print(line, style=style, highlight=False, soft_wrap=True)
 
     def print_notes(self, notes: Iterable[str]) -> None:
-        """Prints what a user should know, one line per note, with remedies in the words of the command line."""
+        """Prints notes for the user, one line each, with remedies in the words of the command line."""
         for note in notes:
             self.print(f"note: {show(name_options(note))}")
 
     def print_warnings(self, warnings: Iterable[str]) -> None:
-        """Prints what a user should know before the numbers, like notes, in the colour of warnings."""
+        """Prints warnings that a user should read before the numbers, one line each, in yellow."""
         for warning in warnings:
             self.print(f"warning: {show(name_options(warning))}", style="yellow")
 
     def print_results(self, results: Any, print_for_people: Callable[[], None]) -> None:
-        """Prints results as JSON if that is asked for, or else as people read them, unless the command is to be quiet."""
+        """Prints results as JSON if the user asked for it, else in the form for people, unless the command is quiet."""
         if self.as_json:
             from mqslam.execution.files import to_json
 
@@ -117,14 +117,14 @@ class Terminal:
 
 
 def echo(text: str, *, end: str = "\n") -> None:
-    """Prints lines on stdout."""
+    """Prints lines on stdout, with control characters escaped."""
     typer.echo(show_lines(text) + end, nl=False)
 
 
 def format_rows(rows: Iterable[tuple[str, str]], width: int) -> str:
-    """Returns named values as lines, the values in a column of their own.
+    """Returns (name, value) rows as lines, with the values in one column.
 
-    A name that is the same as the one above is not repeated. On a terminal, lines are wrapped at words.
+    A name that is the same as the name above is not repeated. On a terminal, lines are wrapped at words.
     """
     columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
     lines, above = [], ""
@@ -137,7 +137,7 @@ def format_rows(rows: Iterable[tuple[str, str]], width: int) -> str:
 
 
 def format_verdict(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Returns a verdict as named lines: its status with the reasons, and apart from these what could not be judged.
+    """Returns a verdict as (name, text) rows: its status, its reasons, and what could not be judged.
 
     Args:
         summary: content of audit.json or summary.json.
@@ -174,7 +174,7 @@ def _bars(console: Console) -> Iterator[Progress]:
 
 @contextmanager
 def _lines(console: Console) -> Iterator[Progress]:
-    """Yields a callable that prints a line when a stage begins to show, every few seconds, and when it is done."""
+    """Yields a callable that prints a line of progress every ten seconds, and when a stage is done."""
     from rich.progress import Progress as Bars
 
     stages = _Stages(Bars(console=console, auto_refresh=False))  # never started: it measures the rates and draws nothing
@@ -195,7 +195,7 @@ def _lines(console: Console) -> Iterator[Progress]:
 
 
 class _Stages:
-    """The tasks of rich's progress, one per stage. A stage that comes in rounds counts, and is timed, anew in each.
+    """The tasks of rich's progress, one per stage. A stage that runs in rounds is counted and timed again in each round.
 
     Args:
         bars: rich's progress.
@@ -217,7 +217,7 @@ class _Stages:
         if done < task.completed or total != task.total:
             self._rounds[stage] += 1
             self._bars.reset(task.id, total=total, description=f"{title}, round {self._rounds[stage]}")
-        self._bars.update(task.id, completed=done)  # the rate holds what is done by now
+        self._bars.update(task.id, completed=done)  # first, so that the rate includes it
         elapsed = task.finished_time if task.finished_time is not None else task.elapsed
         timed = elapsed is not None and elapsed >= _LEAST_TIMED_S
         self._bars.update(task.id, rate=_describe_rate(task.finished_speed or task.speed, noun) if timed else "")

@@ -10,7 +10,7 @@ from mqslam.cli.terminal import Terminal, echo
 
 
 class Colour(StrEnum):
-    """What colours the points of a map."""
+    """The quantity that colours the points of a map."""
 
     psi = "psi"
     intensity = "intensity"
@@ -19,7 +19,7 @@ class Colour(StrEnum):
 
 _OWN: Options = {
     "out": argument(Path, ..., "OUT", "The folder of a finished run, or of keyframes."),
-    "colour": option(Colour, Colour.psi, "What colours the points at first."),
+    "colour": option(Colour, Colour.psi, "The quantity that colours the points at first."),
     "rerun": flag("Write OUT/map.rrd and open it in Rerun's viewer; this needs the extra `view`.", "--rerun"),
 }
 
@@ -29,8 +29,8 @@ def view(terminal: Terminal, *, out: Path, colour: Colour, rerun: bool) -> None:
     """Show the map of a run in a window, with its trajectory (white) and its loops (pink).
 
     Bright points have a high psi, a high intensity or a late time. In the window, the keys P, I and T choose between psi,
-    intensity and time; the wheel zooms, the mouse turns the map, and Q closes the window. Of a folder that holds keyframes
-    but no map.ply, the keyframes are shown; they have no psi, and are coloured by intensity instead.
+    intensity and time; the wheel zooms, the mouse turns the map, and Q closes the window. If a folder holds keyframes but no
+    map.ply, the keyframes are shown; they have no psi, and are coloured by intensity instead.
 
     Example: mqslam view result --colour time
     """

@@ -1,4 +1,4 @@
-"""The audit: takes a recording or a finished map to a verdict on it."""
+"""The audit: judges the map that a recording makes under a trajectory, or a finished map."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ from mqslam.results.audit_results import summarise, summarise_mended, write_audi
 from mqslam.results.files import add_warnings
 from mqslam.results.run_results import summarise_check
 
-_LONGEST_OFFSET_S = 1e11  # beyond any clock, three thousand years: such an offset is in another unit, or no number
+_LONGEST_OFFSET_S = 1e11  # three thousand years: a larger offset is in another unit, or not a number
 CARRIED = ("recording", ODOMETRY, "ground_truth")  # the names of trajectories that a recording may carry
 _OWN = CARRIED[0]
 
@@ -86,34 +86,34 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         out: folder for the results; it must not exist yet.
         trajectory: poses of the sensor, or the path of a file or of another SLAM's result, or the name of a trajectory that
             the recording carries: `recording`, `odometry` or `ground_truth`.
-        times: stamps of a KITTI trajectory, one per line.
+        times: file with the stamps of a KITTI trajectory, one per line.
         topic: topic of the trajectory in a bag.
-        frame: frame whose pose the transforms of a bag give.
-        time_offset_s: added to the stamps of the trajectory [s], if its clock is not that of the data.
-        extrinsics: x [m] forward, y [m] to the left and yaw [degrees] to the left of the sensor in the frame of which the
-            trajectory is, such as a vehicle's base, or the three as a text X,Y,YAW; None where the trajectory is the
+        frame: frame whose pose is read from the transforms of a bag.
+        time_offset_s: time that is added to the stamps of the trajectory [s], if its clock is not that of the data.
+        extrinsics: pose of the sensor in the frame whose trajectory is given, such as a vehicle's base: x [m] forward, y [m]
+            to the left and yaw [degrees] to the left, or the three as a text X,Y,YAW; None if the trajectory is the
             sensor's own.
-        heights: the lowest and highest points of a cloud to use [m]; None takes all.
-        covariances: file of the covariances of the trajectory's poses, as a run's covariances.csv, which revisits are held
-            against; None takes the one beside a run's own trajectory.tum.
-        false_alarms: probability with which an audit calls a good map bad, in (0, 0.5); None takes that of the settings.
-        tolerance: how far two passes may be apart [m]; all other tolerances follow in proportion. None takes those of the
-            settings.
+        heights: lowest and highest height of the points of a cloud that are used [m]; None takes all.
+        covariances: file with covariances of the trajectory's poses, in the form of a run's covariances.csv, by which
+            revisits are tested; None takes the file beside a run's own trajectory.tum.
+        false_alarms: probability with which an audit calls a good map bad, in (0, 0.5); None takes the settings' value.
+        tolerance: how far two passes may be apart [m]; all other tolerances change in proportion. None takes the tolerances
+            of the settings.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
         start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
         end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
-        mend: whether the trajectory is mended by what the audit finds, written as mended.tum with the stamps and in the
-            frame of the given one, and audited in turn; the verdict stays that on the given one.
+        mend: whether to mend the trajectory by the findings, write it as mended.tum with the stamps and in the frame of the
+            given one, and audit it too; the verdict is still on the given trajectory.
         force: whether what is at `out` is replaced.
         work: where the work is done, and what reports on it.
 
     Returns:
-        What the audit has left at `out`.
+        The result that was written to `out`.
 
     Raises:
-        MqslamError: the audit is impossible; it leaves nothing behind then.
+        MqslamError: the audit is impossible; nothing is written then.
 
     Example:
         >>> audited = mqslam.audit("drive", "audited", trajectory="theirs.tum")  # doctest: +SKIP
@@ -121,7 +121,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     """
     data, out = Path(data), Path(out)
     with claim_folder(out, force=force, sources=[data]):
-        _set_limits(Config(), false_alarms, tolerance)  # a mistake is raised before anything is read
+        _set_limits(Config(), false_alarms, tolerance)  # raises for a mistake before anything is read
         of_cloud = is_cloud(data)
         of_lidar = not of_cloud and format is None and data.exists() and lidars.recognises(data)
         if (of_cloud or of_lidar) and (start_s, end_s) != WHOLE:
@@ -129,7 +129,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         stated, mount = read_extrinsics(extrinsics)
         if mount is not None and covariances is not None:
             raise ConfigError(
-                "covariances are those of the sensor's poses; extrinsics say otherwise; leave out one of the two"
+                "covariances are of the sensor's poses, extrinsics are for poses of another frame; leave out one of the two"
             )
         given, understood = _read_given(
             trajectory, None if times is None else Path(times), topic, frame, time_offset_s, mount
@@ -211,16 +211,16 @@ def _set_limits(settings: Config, false_alarms: float | None, tolerance: float |
 
 @dataclass(frozen=True)
 class _Subject:
-    """What is audited.
+    """The recording or cloud that is audited, under a trajectory.
 
     Args:
         sweeps: its points under the trajectory.
         track: the trajectory of the sensor; None for a cloud that comes without it.
         settings: all settings, with the Doppler shift that was used.
         format: name of its layout.
-        notes: what a user should know about how it was understood.
-        place: returns its points under another trajectory with the same stamps.
-        warnings: what is wrong with it.
+        notes: what a user should know about how it was read.
+        place: function that returns its points under another trajectory with the same stamps.
+        warnings: its faults.
         source: the recording; None for a cloud.
     """
 
@@ -234,26 +234,26 @@ class _Subject:
     source: Source | None = None
 
     def place_poses(self, poses: se2.Array) -> Sweeps:
-        """Returns its points under other poses (M, 3) of its trajectory, which it must have."""
+        """Returns the points under other poses (M, 3) of the trajectory, which must not be None."""
         assert self.track is not None
         return self.place(Trajectory(self.track.stamps_us, poses))
 
     def check_turns(self, shown: Sweeps) -> GyroscopeCheck | None:
-        """Holds the recording's gyroscope, if it has one, against the trajectory that its points are shown under."""
+        """Compares the recording's gyroscope with the trajectory of the shown points; returns None if either is missing."""
         trajectory = self._find_shown(shown)
         if self.source is None or self.source.gyroscope is None or trajectory is None:
             return None
         return check_gyroscope(self.source.gyroscope, self.source.scans, trajectory)
 
     def check_odometry(self, shown: Sweeps) -> list[Finding]:
-        """Holds the recording's odometry, if it has one that is not judged itself, against the same trajectory."""
+        """Compares the recording's odometry, unless it is what is audited, with the trajectory of the shown points."""
         trajectory, odometry = self._find_shown(shown), None if self.source is None else self.source.tracks.get(ODOMETRY)
         if self.source is None or odometry is None or odometry is self.track or trajectory is None:
             return []
         return check_odometry(odometry, self.source.scans, trajectory, self.settings.odometry)
 
     def _find_shown(self, shown: Sweeps) -> Trajectory | None:
-        """Returns the trajectory that its points are shown under; None without one."""
+        """Returns the trajectory of the shown points; None if they have none."""
         if self.track is None or shown.track is None:
             return None
         return Trajectory(self.track.stamps_us, shown.track.poses)
@@ -267,15 +267,15 @@ def _judge_sweeps(
     turning: GyroscopeCheck | None,
     stated: RelativeCovariances | None = None,
 ) -> judge.Audit:
-    """Judges a subject as its points are shown.
+    """Judges the map that a subject makes under a trajectory.
 
     Args:
         subject: what is audited.
         shown: its points under a trajectory.
-        settings: all of them, with the limits of the verdict.
+        settings: all settings, with the limits of the verdict.
         work: where the work is done, and what reports on it.
-        turning: a gyroscope, held against that trajectory; None without one.
-        stated: how sure the trajectory is of itself; None where it does not say.
+        turning: comparison of the gyroscope with that trajectory; None without a gyroscope.
+        stated: covariances that the trajectory itself states; None where it states none.
     """
     sensors = [*([] if turning is None else [judge_gyroscope(turning)]), *subject.check_odometry(shown)]
     known = judge.Known(stated, None if subject.track is None else subject.place_poses, sensors)
@@ -284,7 +284,7 @@ def _judge_sweeps(
 
 
 def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config: Config | Path | str | None) -> _Subject:
-    """Returns a cloud as the trajectory, if there is one, divides it."""
+    """Makes the subject of an audit from a cloud, which is divided into sweeps by the trajectory if there is one."""
     settings = choose_settings(config, None if cloud.is_of_radar else LIDAR_CONFIG)
     beam = beam_of(settings.estimator, 0.0)
 
@@ -298,7 +298,7 @@ def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config
 def _place_recording(
     work: Work, source: Source, track: Trajectory, settings: Config, faults: Sequence[str] = ()
 ) -> _Subject:
-    """Returns a recording under a trajectory."""
+    """Makes the subject of an audit from a recording and a trajectory."""
     beam = beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
     sweeps, placing = place_source(source, track, beam)
     notes, warnings = [*source.notes, *placing], list(faults)
@@ -310,7 +310,7 @@ def _place_recording(
 
 
 def _describe_mount(mount: se2.Array) -> str:
-    """Returns the pose of a sensor on a vehicle in words."""
+    """Describes the pose of a sensor on a vehicle in words."""
     x, y, yaw = mount
     ahead = f"{abs(x):g} m {'behind' if x < 0.0 else 'ahead'}"
     aside = f"{abs(y):g} m to the {left_or_right(y)}"
@@ -325,13 +325,13 @@ def _read_given(
     time_offset_s: float,
     mount: se2.Array | None,
 ) -> tuple[Trajectory | None, list[str]]:
-    """Returns the sensor's trajectory that was given or that a file holds, or None if it is one that the recording carries.
+    """Returns the sensor's trajectory as it is given or read from a file, with notes for the user on how the file was read.
 
-    Besides, it returns what a user should know about how the file was understood.
+    The trajectory is None if it is one that the recording carries.
 
     Raises:
-        ConfigError: stamps, a topic, a frame, an offset or extrinsics are given without a file, or the offset is beyond any
-            clock.
+        ConfigError: stamps, a topic, a frame, an offset or extrinsics are given without a trajectory from a file, or the
+            offset is beyond any clock.
         DataError: the file is not a trajectory.
     """
     if isinstance(trajectory, str) and trajectory in CARRIED:
@@ -352,7 +352,7 @@ def _read_given(
 
 
 def _give_back(trajectory: Trajectory, time_offset_s: float, mount: se2.Array | None) -> Trajectory:
-    """Returns a trajectory of the sensor in the clock and the frame of the one that was given."""
+    """Converts a trajectory of the sensor to the clock and the frame of the trajectory that the user gave."""
     poses = trajectory.poses if mount is None else se2.compose(trajectory.poses, se2.inverse(mount))
     return Trajectory(trajectory.stamps_us - round(1e6 * time_offset_s), poses)
 
@@ -378,23 +378,26 @@ def detect_radar(
     settings: Config,
     work: Work,
 ) -> tuple[Source, Trajectory, Config, list[str]]:
-    """Returns the scans of a radar recording, the trajectory, the settings with the Doppler shift that was used, and faults.
+    """Detects the returns of a radar recording, and chooses the trajectory and the Doppler shift to audit it with.
 
     Args:
         recording: the recording.
-        given: poses of the sensor; None takes those that the recording carries.
-        name: of the trajectory that the recording carries.
-        settings: all of them.
+        given: poses of the sensor; None takes a trajectory that the recording carries.
+        name: name of that trajectory.
+        settings: all settings.
         work: where the returns are detected, and what reports on it.
 
+    Returns:
+        The recording with its scans, the trajectory, the settings with the Doppler shift, and the recording's faults.
+
     Raises:
-        MqslamError: a scan cannot be read, or the recording carries no such trajectory, or is not covered by it.
+        MqslamError: a scan cannot be read, the recording carries no such trajectory, or it covers fewer than two scans.
     """
     odometry = carry_to_radar(recording.odometry, recording.mount)
     carried = {ODOMETRY: odometry, "ground_truth": recording.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}
     track = given or _pick_carried(recording.path, tracks, name)
-    require_covered(make_scans(recording), track)  # a mistake is raised before the recording is read
+    require_covered(make_scans(recording), track)  # raises for a mistake before the recording is read
     scans, detected = detect_all(recording, settings.detector, Runner(work.engine, work.progress))
     source = Source(recording.path, recording.format, scans, tracks, recording.notes, recording.gyroscope)
     beta = choose_doppler(scans, settings, work.engine).beta

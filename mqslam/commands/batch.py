@@ -1,4 +1,4 @@
-"""The batch: runs many recordings and reports over all of them."""
+"""The batch: runs many recordings and writes one report on all of them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from mqslam.report.batch_page import write_batch_page
 from mqslam.results.batch_results import Order, RunOutcome, check_batch, summarise, write_batch
 from mqslam.results.files import add_warnings
 
-_CHOICES = ("auto", "none")  # instead of a file, or of extrinsics
+_CHOICES = ("auto", "none")  # may stand in place of a file or of extrinsics
 _AGAIN = "the same command continues the batch"
 
 
@@ -38,8 +38,8 @@ class PlannedRun(Section):
     frontend: str = Field("psi", description="name of the front end")
     odometry: str = Field("auto", description="auto (the recording's own, if it has one), none, or a file")
     imu: str = Field("auto", description="gyroscope: auto (the recording's own, if it has one), none, or a file")
-    gnss: str = Field("auto", description="auto (the recording's own, if its truth is not made from it), none, or a file")
-    extrinsics: str = Field("auto", description="of the radar: auto (what the recording states), none, or X,Y,YAW")
+    gnss: str = Field("auto", description="auto (the recording's own, if its truth was not made from it), none, or a file")
+    extrinsics: str = Field("auto", description="pose of the radar: auto (as the recording states), none, or X,Y,YAW")
     frame: Literal["radar", "vehicle"] = Field("radar", description="whose poses are written: radar or vehicle")
     config: str | None = Field(None, description="a YAML file of settings, or the name of one that ships")
 
@@ -51,7 +51,7 @@ class Plan(Section):
 
 
 def read_plan(path: Path) -> tuple[list[Order], str]:
-    """Reads the runs that a file asks for; returns them with the text of the file.
+    """Reads the runs that a file lists; returns them with the text of the file.
 
     Raises:
         ConfigError: the file cannot be read, holds a mistake, or gives two runs the same name.
@@ -72,11 +72,11 @@ def read_plan(path: Path) -> tuple[list[Order], str]:
 
 
 def _prepare_order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
-    """Returns a run with all paths resolved against a folder.
+    """Converts a planned run to an order, with all paths resolved against a folder.
 
     Raises:
-        ConfigError: its name cannot be that of a folder or is taken, its front end or settings are unknown, or its
-            extrinsics are no pose.
+        ConfigError: its name cannot be the name of a folder or is taken, its front end or settings are unknown, or its
+            extrinsics are not a pose.
     """
     data = folder / run.data
     name = run.name if run.name is not None else data.name
@@ -96,12 +96,12 @@ def _prepare_order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """The terms that all runs of a batch share.
+    """Options that all runs of a batch share.
 
     Args:
         out: folder of the batch.
-        jobs: processes that a run may use.
-        force: whether results that are there are replaced.
+        jobs: number of processes that a run may use.
+        force: whether results that exist already are replaced.
     """
 
     out: Path
@@ -110,16 +110,16 @@ class Terms:
 
 
 def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: Work = QUIET) -> Result:
-    """Runs many recordings and reports over all of them; if a run fails, the report says why and the others go on.
+    """Runs many recordings and writes one report on all; if a run fails, the report says why and the others go on.
 
     Args:
         plan: the YAML file that lists the runs.
-        out: folder of the results, one in it per run; what is finished there is kept.
-        force: whether results that are there are replaced.
+        out: folder of the results, with a folder for every run; runs that are finished there are kept.
+        force: whether results that exist already are replaced.
         work: where the work is done, and what reports on it.
 
     Returns:
-        What the batch has left at `out`.
+        The result that was written to `out`.
 
     Raises:
         ConfigError: the file holds a mistake.
@@ -163,7 +163,7 @@ def _run_all(orders: Sequence[Order], terms: Terms, work: Work) -> list[RunOutco
 
 
 def run_one(terms: Terms, order: Order) -> RunOutcome:
-    """Does a run in this process and returns its outcome, which is the error's text if it fails."""
+    """Does a run in this process and returns its outcome, with the error message if it fails."""
     out = terms.out / order.name
     try:
         kept = _find_kept(terms, order)  # a worker may have done it and died before it could report it
@@ -174,13 +174,13 @@ def run_one(terms: Terms, order: Order) -> RunOutcome:
             with LocalEngine(terms.jobs) as engine:
                 summary = execute(job, out, Work(engine), resume=not terms.force, how=_AGAIN)
         return RunOutcome(summary)
-    except Exception as error:  # a front end may be anyone's code, and the others are to go on
+    except Exception as error:  # a front end may be anyone's code, and the other runs must go on
         raise_interrupt(error)
         return RunOutcome(failure=describe_error(error))
 
 
 def _find_kept(terms: Terms, order: Order) -> RunOutcome | None:
-    """Returns the outcome of the same run if it was finished before, or None."""
+    """Returns the outcome of the same run if an earlier batch has finished it, else None."""
     path = terms.out / order.name / "summary.json"
     if terms.force or not path.exists():
         return None

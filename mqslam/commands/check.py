@@ -1,4 +1,4 @@
-"""The check: takes the path of a recording to the findings of its checks."""
+"""The check: tests whether a recording contradicts the assumptions by which it is read."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def check(
     range_resolution: float | None = None,
     work: Work = QUIET,
 ) -> Check:
-    """Checks whether a recording contradicts what was assumed to read it.
+    """Checks whether a recording contradicts the assumptions by which it is read.
 
     Args:
         data: the recording, of which a few short stretches are read.
@@ -29,7 +29,7 @@ def check(
         config: settings, or the path of a YAML file, or the name of one that ships; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
-        work: what reports on the work, which is done in this process.
+        work: reports on the work, which is done in this process.
 
     Raises:
         ConfigError: the format is unknown, or the range resolution is not a length.

@@ -60,16 +60,16 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     Args:
         data: the recording.
         out: folder for the results; it must not exist yet.
-        frontends: names of front ends, each once, with `+gyro` after those that the gyroscope joins in the pose graph; in a
-            list, or in a text with commas between them.
+        frontends: names of front ends, each once, as a list or as a text separated by commas; `+gyro` after a name adds the
+            gyroscope to the pose graph of that front end.
         trajectories: trajectories to compare with, by the name of their row: poses, the path of a file, or the paths of a
             KITTI trajectory's poses and times.
-        odometry_only: whether motions are only chained, without pose graph and loops.
+        odometry_only: whether the front ends' motions are only chained, without pose graph and loops.
         kiss_config: YAML file with KISS-ICP's own settings.
-        odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file; it serves row `odometry` only.
-        imu: `auto` (the recording's own gyroscope), `none`, or the path of a file; it serves rows `...+gyro` only.
-        tolerance: how far two passes of a good map may be apart [m]; all other tolerances of the verdict follow in
-            proportion. None takes those of the settings.
+        odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file; only row `odometry` uses it.
+        imu: `auto` (the recording's own gyroscope), `none`, or the path of a file; only rows `...+gyro` use it.
+        tolerance: how far two passes of a good map may be apart [m]; all other tolerances of the verdict change in
+            proportion. None takes the tolerances of the settings.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
@@ -80,10 +80,10 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         work: where the work is done, and what reports on it.
 
     Returns:
-        What the comparison has left at `out`.
+        The result that was written to `out`.
 
     Raises:
-        MqslamError: the comparison is impossible; it leaves at most what can be resumed.
+        MqslamError: the comparison is impossible; at most a part that can be resumed is kept.
 
     Example:
         >>> compared = mqslam.compare("drive", "compared", frontends=["psi", "kiss_icp"])  # doctest: +SKIP
@@ -103,9 +103,9 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         recording = replace(recording, notes=(*recording.notes, *understood, *chosen.notes))
         for note in recording.notes:
             work.tell(note)
-        if kiss_config is not None and _KISS in frontends:  # a file that KISS-ICP refuses is a mistake, not a row that fails
+        if kiss_config is not None and _KISS in frontends:  # a refused file stops the comparison, not only this row
             known_frontends.create(_KISS, Context.of(recording, settings))
-        take_common_scans(given, make_scans(recording))  # a mistake is raised before the recording is read
+        take_common_scans(given, make_scans(recording))  # raises for a mistake before the recording is read
         key = hash_run(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track, sensors)
         with keep_checkpoint(out, key, resume=resume) as checkpoint:
             runner = Runner(work.engine, work.progress, checkpoint)
@@ -136,7 +136,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
 
 
 def _set_kiss_config(settings: Config, kiss_config: Path | None) -> Config:
-    """Returns the settings with KISS-ICP's own file, if one is given.
+    """Returns the settings with the path of KISS-ICP's own file, if one is given.
 
     Raises:
         ConfigError: the file does not exist.
@@ -150,10 +150,10 @@ def _set_kiss_config(settings: Config, kiss_config: Path | None) -> Config:
 
 
 def _choose_gyroscope(recording: Recording, imu: str, frontends: Sequence[str]) -> Reading[Sensors]:
-    """Returns the gyroscope for the rows that it joins.
+    """Returns the gyroscope for the rows that use one, or no sensors if no row does.
 
     Raises:
-        ConfigError: there is such a row, and no gyroscope, or it is switched off.
+        ConfigError: a row uses the gyroscope, but there is none, or it is switched off.
         DataError: the file cannot be read, or shares no time with the recording.
     """
     joined = [name for name in frontends if split_row(name)[1]]
@@ -169,7 +169,7 @@ def _choose_gyroscope(recording: Recording, imu: str, frontends: Sequence[str]) 
 
 
 def _check_names(frontends: Sequence[str], *, odometry_only: bool) -> None:
-    """Raises ConfigError unless every front end exists, is named once, and has a graph that a gyroscope could join."""
+    """Raises ConfigError unless every front end exists, is named once, and has a pose graph if a gyroscope is added."""
     if not frontends or len(set(frontends)) < len(frontends):
         raise ConfigError(
             f"front ends '{','.join(frontends)}': give at least one name and each name once, such as psi,kiss_icp"
@@ -189,10 +189,10 @@ def _check_names(frontends: Sequence[str], *, odometry_only: bool) -> None:
 def _make_given_rows(
     trajectories: Mapping[str, Trajectory | Path | str | tuple[Path, Path]], frontends: Sequence[str]
 ) -> tuple[list[Row], list[str]]:
-    """Returns the rows of trajectories that other programs made, and what a user should know about how these were read.
+    """Returns the rows of trajectories that other programs made, with notes for the user on how their files were read.
 
     Raises:
-        ConfigError: a name cannot be that of a folder, or is that of a front end.
+        ConfigError: a name cannot be the name of a folder, or is already the name of a front end's row.
         DataError: a file is not a trajectory.
     """
     rows, understood = [], []

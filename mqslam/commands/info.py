@@ -1,4 +1,4 @@
-"""The description of a recording in values that JSON can hold."""
+"""Describes a recording in values that JSON can hold."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def describe_radar(recording: Recording) -> dict[str, Any]:
     Returns:
         format, path, revolutions, duration_s [s], turn_rate_hz [1/s], azimuths and bins of the first polar scan,
         range_resolution_m and max_range_m [m], odometry and ground_truth (None, or poses and length_m [m]), gyroscope and
-        gnss (None, or readings, rate_hz [1/s], span_s [s] and source; gnss has made_truth, too), mount (None, or x_m, y_m
+        gnss (None, or readings, rate_hz [1/s], span_s [s] and source; for gnss also made_truth), mount (None, or x_m, y_m
         [m], yaw_deg [degrees] and source), gaps (after_revolution, counted from 0, and missing_s [s]), notes and faults.
 
     Raises:
@@ -50,8 +50,8 @@ def describe_lidar(lidar: LidarRecording) -> dict[str, Any]:
     """Describes a lidar's recording in numbers and strings that JSON can hold.
 
     Returns:
-        format, path, scans, duration_s [s], scan_rate_hz [1/s], returns per scan, max_range_m [m] among them, odometry and
-        recording (the poses beside the scans), and notes.
+        format, path, scans, duration_s [s], scan_rate_hz [1/s], returns (mean number per scan), max_range_m [m] of the
+        farthest return, odometry and recording (the poses that come with the scans), and notes.
     """
     steps = np.diff(lidar.scans.stamps_us) * 1e-6
     return {
@@ -74,7 +74,7 @@ def _describe_extent(trajectory: Trajectory | None) -> dict[str, Any] | None:
 
 
 def _describe_sensor(sensor: Gyroscope | Fixes) -> dict[str, Any]:
-    """Returns how many readings a sensor has, how many a second (None of a single one), over which time, and from where."""
+    """Returns the number of a sensor's readings, their rate (None for a single one), their time span and their source."""
     return {
         "readings": len(sensor),
         "rate_hz": sensor.rate_hz if len(sensor) > 1 else None,
@@ -84,6 +84,6 @@ def _describe_sensor(sensor: Gyroscope | Fixes) -> dict[str, Any]:
 
 
 def _describe_mount(mount: Mount) -> dict[str, Any]:
-    """Returns where the radar sits on the vehicle, and who says so."""
+    """Returns the pose of the radar on the vehicle, and the source of this pose."""
     x, y, yaw = mount.pose.tolist()
     return {"x_m": x, "y_m": y, "yaw_deg": float(np.degrees(yaw)), "source": mount.source}

@@ -1,4 +1,4 @@
-"""What a command was given: the recording, the settings, odometry and sensors, and where the radar sits on the vehicle."""
+"""Opens and checks the inputs of a command: recording, settings, odometry, sensors, and pose of the radar on the vehicle."""
 
 from __future__ import annotations
 
@@ -26,19 +26,20 @@ from mqslam.formats.trajectories import read_odometry
 
 S = TypeVar("S", Gyroscope, Fixes)
 Extrinsics = tuple[float, float, float]  # [m] forward, [m] to the left, [degrees] to the left
-_LARGEST = np.array([100.0, 100.0, 360.0])  # beyond any vehicle [m, m, degrees]: in other units, or no numbers
+_LARGEST = np.array([100.0, 100.0, 360.0])  # [m, m, degrees]; larger values are in other units, or not numbers
 _FORM = f"{Remedy.GIVE_EXTRINSICS} as metres forward, metres to the left and degrees to the left"
 
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """What a run takes beside the radar: `auto` (what the recording carries, if anything), `none`, or what is named.
+    """The choice of a run's inputs besides the radar: `auto` (from the recording, if it has one), `none`, or a given one.
 
     Args:
-        odometry: or the path of a file.
-        imu: of the gyroscope, or the path of a file.
-        gnss: or the path of a file.
-        extrinsics: where the radar sits on the vehicle, or X,Y,YAW: metres forward, metres and degrees to the left.
+        odometry: `auto`, `none`, or the path of a file.
+        imu: the same for the gyroscope.
+        gnss: the same for the GNSS fixes.
+        extrinsics: pose of the radar on the vehicle: `auto`, `none`, or X,Y,YAW: metres forward, metres and degrees to the
+            left.
         frame: `radar` or `vehicle`: whose poses a run writes.
     """
 
@@ -50,16 +51,16 @@ class Inputs:
 
 
 USUAL_INPUTS = Inputs()
-Span = tuple[float | None, float | None]  # begin and end of a stretch [s] since the recording's start; None: the recording's
+Span = tuple[float | None, float | None]  # begin and end [s] since the recording's start; None takes the recording's own
 WHOLE: Span = (None, None)
 
 
 def choose_settings(config: Config | Path | str | None, default: str | None = None) -> Config:
-    """Returns the settings that a command was given, or the default ones.
+    """Returns the settings that a command was given, or default settings.
 
     Args:
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam.
-        default: the name to take if `config` is None.
+        default: name of the settings to take if `config` is None; None takes the defaults.
 
     Raises:
         ConfigError: the file does not exist or holds a mistake.
@@ -84,7 +85,7 @@ def open_data(
         range_resolution: length of a range bin [m], or None.
         settings: all settings.
         strict: whether a recording with any fault is refused.
-        span: the stretch that is used.
+        span: begin and end of the part that is used.
 
     Raises:
         ConfigError: the format is unknown, the range resolution is not a length, or the stretch holds no scan.
@@ -107,9 +108,9 @@ def open_data(
 
 
 def choose_odometry(recording: Recording, choice: str, mount: Mount | None) -> tuple[Trajectory | None, list[str]]:
-    """Returns the odometry that a run uses, as the motion of the radar, and what the user should know about the choice.
+    """Returns the odometry that a run uses, as the motion of the radar, and notes for the user on the choice.
 
-    Odometry moves the vehicle's frame. Where it is not known how the radar is mounted, it is taken as the radar's motion.
+    Odometry is the motion of the vehicle. If the mount of the radar is unknown, it is taken as the motion of the radar.
 
     Args:
         recording: the recording.
@@ -137,12 +138,12 @@ def choose_odometry(recording: Recording, choice: str, mount: Mount | None) -> t
 
 
 def carry_to_radar(vehicle: Trajectory | None, mount: Mount | None) -> Trajectory | None:
-    """Returns the poses of the radar on a vehicle; those of the vehicle where it is not known how the radar is mounted."""
+    """Converts poses of a vehicle to poses of its radar; returns them unchanged if the mount of the radar is unknown."""
     return vehicle if vehicle is None or mount is None else mount.carry_to_radar(vehicle)
 
 
 def check_frame(frame: str, mount: Mount | None, data: Path) -> None:
-    """Checks that a run can write poses of what is asked for.
+    """Checks that a run can write the poses of the radar or the vehicle, whichever is asked for.
 
     Args:
         frame: `radar` or `vehicle`.
@@ -150,7 +151,7 @@ def check_frame(frame: str, mount: Mount | None, data: Path) -> None:
         data: the recording, for the message.
 
     Raises:
-        ConfigError: the frame is neither, or the vehicle's and the mount is not known.
+        ConfigError: the frame is neither of the two, or it is the vehicle's and the mount is unknown.
     """
     if frame not in (RADAR, VEHICLE):
         raise ConfigError(f"frame {frame}: unknown; {suggest(frame, [RADAR, VEHICLE])}")
@@ -162,17 +163,17 @@ def check_frame(frame: str, mount: Mount | None, data: Path) -> None:
 
 
 def place_truth(recording: Recording, mount: Mount | None) -> Recording:
-    """Returns a recording whose ground truth is carried to the radar, if it is of the vehicle and the mount is known."""
+    """Returns the recording with ground truth of the vehicle converted to the radar, unless the mount is unknown."""
     if mount is None or recording.ground_truth is None or not recording.truth_on_vehicle:
         return recording
     return replace(recording, ground_truth=mount.carry_to_radar(recording.ground_truth), truth_on_vehicle=False)
 
 
 def read_extrinsics(given: Extrinsics | str | None) -> tuple[Extrinsics | None, se2.Array | None]:
-    """Returns extrinsics that are given as three numbers or as a text X,Y,YAW, and the pose (3,) [m, m, rad] that they are.
+    """Reads extrinsics given as three numbers or as a text X,Y,YAW; returns the numbers, and the pose (3,) [m, m, rad].
 
     Raises:
-        ConfigError: the text is not made of three numbers, or they are beyond any vehicle or turn.
+        ConfigError: the text is not made of three numbers, or they are larger than any vehicle or turn.
     """
     if given is None:
         return None, None
@@ -190,15 +191,15 @@ def read_extrinsics(given: Extrinsics | str | None) -> tuple[Extrinsics | None, 
 
 
 def name_extrinsics(given: Extrinsics | str) -> str:
-    """Returns extrinsics as a text X,Y,YAW; `auto` and `none` are one already."""
+    """Returns extrinsics as a text X,Y,YAW; a text, such as `auto` or `none`, is returned unchanged."""
     return given if isinstance(given, str) else ",".join(repr(float(value)) for value in given)
 
 
 def choose_sensors(recording: Recording, inputs: Inputs) -> Reading[Sensors]:
-    """Returns the sensors that a run uses, how files that were named are understood, and what is not used of them.
+    """Returns the sensors that a run uses, notes on how given files were read, and faults that say what is not used.
 
     Raises:
-        ConfigError: the extrinsics are no pose on a vehicle.
+        ConfigError: the extrinsics are not a pose on a vehicle.
         DataError: a file cannot be read, or shares no time with the recording.
     """
     gyroscope = choose_gyroscope(recording, inputs.imu)
@@ -208,7 +209,7 @@ def choose_sensors(recording: Recording, inputs: Inputs) -> Reading[Sensors]:
 
 
 def choose_gyroscope(recording: Recording, choice: str) -> Reading[Gyroscope | None]:
-    """Returns the gyroscope that a run uses; the notes and faults of the recording's own are with the recording.
+    """Returns the gyroscope that a run uses; notes and faults of the recording's own gyroscope are with the recording.
 
     Args:
         recording: the recording.
@@ -224,8 +225,8 @@ def choose_gyroscope(recording: Recording, choice: str) -> Reading[Gyroscope | N
 def choose_fixes(recording: Recording, choice: str) -> Reading[Fixes | None]:
     """Returns the GNSS fixes that a run uses, as `choose_gyroscope` does.
 
-    Fixes that the ground truth was made from are used only if their file is named: an evaluation of what they have a part in
-    would prove nothing.
+    Fixes that the ground truth was made from are used only if the user names their file: an evaluation of a result that uses
+    them would prove nothing.
 
     Raises:
         DataError: the file cannot be read, or shares no time with the recording.
@@ -241,7 +242,7 @@ def choose_fixes(recording: Recording, choice: str) -> Reading[Fixes | None]:
 def _choose_sensor(
     recording: Recording, choice: str, read: Callable[[Path], Reading[S]], own: S | None, unused: str
 ) -> Reading[S | None]:
-    """Returns the readings of a file, the recording's own, or none."""
+    """Returns the readings of a given file, the recording's own readings, or none."""
     if choice == "none":
         return Reading(None)
     if choice != "auto":
@@ -254,7 +255,7 @@ def _choose_sensor(
 
 
 def choose_mount(recording: Recording, choice: str) -> Mount | None:
-    """Returns where the radar sits on the vehicle, or None where it is not known.
+    """Returns the pose of the radar on the vehicle, or None if it is unknown.
 
     Args:
         recording: the recording.
@@ -262,7 +263,7 @@ def choose_mount(recording: Recording, choice: str) -> Mount | None:
             degrees to the left.
 
     Raises:
-        ConfigError: the choice is neither, or no pose on a vehicle.
+        ConfigError: the choice is none of these, or not a pose on a vehicle.
     """
     if choice == "auto":
         return recording.mount
@@ -277,7 +278,7 @@ def _overlaps(recording: Recording, stamps_us: NDArray[np.int64]) -> bool:
 
 
 def _explain_clock(recording: Recording, stamps_us: NDArray[np.int64]) -> str:
-    """Returns by which usual time the stamps (N,) [us] of a sensor are off a recording, in words; "" where by none."""
+    """Describes by which known delay the stamps (N,) [us] of a sensor miss a recording; returns "" if none explains it."""
     late_s = find_offset(int(stamps_us[0]), int(stamps_us[-1]), recording.start_us, recording.end_us)
     return "" if late_s is None else f": the stamps seem to be {describe_offset(late_s)}; add {-late_s:.0f} s to them"
 
@@ -288,8 +289,8 @@ def _require_overlap(recording: Recording, stamps_us: NDArray[np.int64], name: s
         return
     first, last = int(stamps_us[0]), int(stamps_us[-1])
     problem = f"spans {first} to {last} us, which shares no time with the recording"
-    span = f"{recording.start_us} to {recording.end_us} us in the radar's clock"
+    span = f"{recording.start_us} and {recording.end_us} us in the radar's clock"
     unit = guess_stated_unit(first, last, recording.start_us, recording.end_us)
     if not unit:
-        raise DataError(name, f"{problem}{_explain_clock(recording, stamps_us)}", f"give one of {span}")
-    raise DataError(name, f"{problem}: its stamps look like {unit}", f"give them in microseconds, of {span}")
+        raise DataError(name, f"{problem}{_explain_clock(recording, stamps_us)}", f"give a file with stamps between {span}")
+    raise DataError(name, f"{problem}: its stamps look like {unit}", f"give them in microseconds, between {span}")

@@ -1,4 +1,4 @@
-"""The keyframes of a map as one point cloud."""
+"""Writes the keyframes of a map as one point cloud."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from mqslam.formats.ply import MapClock, write_ply
 from mqslam.mapping.keyframing import render_keyframes
 
 SUFFIX: Final = ".ply"
-"""How the name of a point cloud ends."""
+"""The suffix of the file of a point cloud."""
 
 
 def write_keyframe_cloud(out: Path, folder: Path, *, force: bool = False) -> None:
-    """Writes the points of keyframes, where their map has them, as a PLY like the map of a run; psi is not a number.
+    """Writes the points of keyframes, in the frame of their map, as a PLY like the map of a run; psi is not a number.
 
     Args:
-        out: the file.
+        out: the file to write.
         folder: the keyframes, or the result that holds them.
-        force: whether what is there may be replaced.
+        force: whether an existing file may be replaced.
 
     Raises:
         DataError: the folder holds no keyframes, or they are damaged.
-        OutputError: something is there and may not be replaced, or the file cannot be written.
+        OutputError: the file exists and may not be replaced, is a folder, or cannot be written.
     """
     if out.is_dir():
         raise OutputError(f"{out}: exists already and is a folder", Remedy.CHOOSE_OUTPUT)

@@ -1,4 +1,4 @@
-"""Localisation: takes a recording and the map of an earlier run to the recording's poses in that map."""
+"""Localisation: finds the poses of a recording in the map of an earlier run."""
 
 from __future__ import annotations
 
@@ -58,22 +58,22 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
         imu: `auto` (the recording's own gyroscope, if it has one), `none`, or the path of a file.
         extrinsics: where the radar sits on the vehicle, as for `run`.
-        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes those that the
-            map was made with.
+        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the settings
+            that the map was made with.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
         start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
         end_s: scans that begin then or later are left out, counted likewise.
-        strict: whether a polar scan that cannot be read is an error, rather than being left out.
+        strict: whether a polar scan that cannot be read is an error instead of being left out.
         force: whether what is at `out` is replaced.
         work: where the work is done, and what reports on it.
 
     Returns:
-        What the localisation has left at `out`.
+        The result that was written to `out`.
 
     Raises:
         NotInMapError: no place of the map was recognised in the recording.
-        MqslamError: the localisation is impossible; it leaves nothing behind then.
+        MqslamError: the localisation is impossible; nothing is written then.
 
     Example:
         >>> localised = mqslam.localise("second_drive", "localised", map="result")  # doctest: +SKIP
@@ -105,7 +105,7 @@ def _open_map(path: Path) -> KeyframeMap:
     """Opens the map of a result.
 
     Raises:
-        DataError: there is none, it is damaged, or its places are described in a way that is not known.
+        DataError: there is no map, it is damaged, or its descriptors of places are of an unknown kind.
     """
     made = read_keyframes(path)
     if not len(made.keyframes) or not len(made.places.keyframes):
@@ -116,9 +116,9 @@ def _open_map(path: Path) -> KeyframeMap:
 
 
 def read_map_settings(map: Path) -> Config:
-    """Returns the settings that a map was made with, or the default ones where they are not kept with it.
+    """Returns the settings that a map was made with, or default settings if they are not kept with it.
 
-    The topics of the bag that the map was made from are no topics of another recording.
+    Topics are left out: they belong to the bag that the map was made from, not to another recording.
 
     Raises:
         ConfigError: the file holds a mistake.
@@ -130,7 +130,7 @@ def read_map_settings(map: Path) -> Config:
 
 
 def _find(job: Job, made: KeyframeMap, runner: Runner) -> tuple[Localised, dict[int, DataError]]:
-    """Returns where a recording lies in a map, and why some of its scans cannot be read.
+    """Localises a recording in a map; returns the result, and the error of each unreadable scan by the scan's number.
 
     Raises:
         NotInMapError: no place of the map was recognised in the recording.
@@ -140,7 +140,7 @@ def _find(job: Job, made: KeyframeMap, runner: Runner) -> tuple[Localised, dict[
     beta = settings.sensor.doppler_beta or 0.0
     beam = beam_of(settings.estimator, beta)
     context = Context.of(recording, settings, job.odometry, job.sensors, doppler_beta=beta)
-    frontends.create(job.frontend, context)  # raises before the recording is read, if it lacks anything
+    frontends.create(job.frontend, context)  # raises, before the recording is read, if the front end lacks an input
     scans, detected = detect_all(recording, settings.detector, runner, strict=job.strict, with_velocities=True)
     runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
     try:

@@ -1,4 +1,4 @@
-"""The merge: takes the results of several recordings to one map."""
+"""The merge: makes one map from the results of several recordings."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ def merge(
     force: bool = False,
     work: Work = QUIET,
 ) -> MergeResult:
-    """Makes one map of the results of several recordings, and says what changed between them.
+    """Makes one map from the results of several recordings, and finds what changed between them.
 
-    Places that the recordings share are recognised without a guess of where they are, and psi lays them on each other. The
-    graphs of all results are optimised as one, with these links between them. The map is in the frame of the first result.
+    Places that the recordings share are recognised without a guess of where they are, and registered on each other by psi.
+    The graphs of all results are optimised as one, with these links between them. The map is in the first result's frame.
 
     Args:
         results: folders of results of `run` or `merge`, two or more.
         out: folder for the merged result; it must not exist yet.
-        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes those of the
-            first result.
+        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the settings
+            of the first result.
         force: whether what is at `out` is replaced.
         work: where the work is done, and what reports on it.
 
     Returns:
-        What the merge has left at `out`; it can be merged again.
+        The result that was written to `out`; it can be merged again.
 
     Raises:
-        MqslamError: a result cannot be used, or shares no place with the others for sure; nothing is left.
+        MqslamError: a result cannot be used, or is not sure to share a place with the others; nothing is written then.
 
     Example:
         >>> merged = mqslam.merge(["monday", "friday"], "both")  # doctest: +SKIP
@@ -113,7 +113,7 @@ def _require_distinct(folders: Sequence[Path]) -> None:
 
 
 def _check_recordings(parts: Sequence[Session]) -> None:
-    """Raises DataError if two results hold the same recording, whose returns would confirm themselves."""
+    """Raises DataError if two results hold the same recording, since its returns would be matched with themselves."""
     known: dict[tuple[str, int], Path] = {}
     for part in parts:
         for recording in part.map.keyframes.recordings:

@@ -1,4 +1,4 @@
-"""The optimisation of a pose graph in a file: a run's, or anyone's."""
+"""Optimises a pose graph in a file, from a run or from any other program."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ _SUFFIXES = (".g2o", ".tum")
 def optimise_file(
     graph: Path, out: Path | None = None, *, values: Path | None = None, force: bool = False
 ) -> dict[str, Any]:
-    """Optimises a pose graph in a file, by the losses that the file has, and writes its poses.
+    """Optimises a pose graph in a file, with the robust losses that the file states, and writes its poses.
 
     Args:
         graph: a graph in g2o's form, of planar poses or of poses in space, such as a run's `graph.g2o`; or one that GTSAM
             has written (`serialize`).
-        out: the file to write: `.g2o`, or `.tum` for a run's graph, whose `trajectory.tum` beside it tells the stamps. None
+        out: the file to write: `.g2o`, or `.tum` for a run's graph, with the stamps of the `trajectory.tum` beside it. None
             writes nothing.
-        values: what GTSAM has written of the values, for a graph that it has written.
+        values: file of the values that GTSAM has written, for a graph that GTSAM has written.
         force: whether what is at `out` is replaced.
 
     Returns:
         `poses`, `factors` and `dimensions` of the graph, its `error_before` and `error_after` (half of the sum of squared
-        residuals, in standard deviations, as their losses weight them), and `left_out`, the number of factors that are no
-        edges between poses and that the file therefore lacks.
+        residuals, in standard deviations, weighted by their losses), and `left_out`, the number of factors that a written
+        .g2o lacks, because they are not edges between poses.
 
     Raises:
         DataError: a file cannot be read.
@@ -83,7 +83,7 @@ def _check_out(out: Path, *, force: bool) -> None:
     """Checks that a file may be written, before the graph is optimised.
 
     Raises:
-        ConfigError: its suffix is none that can be written.
+        ConfigError: no format with its suffix can be written.
         OutputError: it exists and may not be replaced, or its folder may not be written to.
     """
     if out.suffix not in _SUFFIXES:
@@ -94,10 +94,10 @@ def _check_out(out: Path, *, force: bool) -> None:
 
 
 def _read(graph: Path, values: Path | None) -> StoredGraph:
-    """Reads a graph in either form.
+    """Reads a graph that is in g2o's form or was written by GTSAM.
 
     Raises:
-        DataError: it cannot be read, or lacks its values, or has them already.
+        DataError: it cannot be read, its values are missing, or values are given for a graph that holds its own.
     """
     if not graph.exists():
         raise DataError(graph, "does not exist", "check the path")
@@ -111,10 +111,10 @@ def _read(graph: Path, values: Path | None) -> StoredGraph:
 
 
 def _read_stamps(graph: Path, stored: StoredGraph) -> Trajectory:
-    """Reads the trajectory beside a run's graph, which tells the stamps of its first poses.
+    """Reads the trajectory beside a run's graph, which has the stamps of the graph's first poses.
 
     Raises:
-        DataError: there is none, or the graph is another's.
+        DataError: there is none, or it does not fit the graph.
     """
     beside = graph.with_name("trajectory.tum")
     if not beside.is_file():
@@ -126,7 +126,7 @@ def _read_stamps(graph: Path, stored: StoredGraph) -> Trajectory:
 
 
 def _hold(values: gtsam.Values, key: int) -> gtsam.NonlinearFactor:
-    """Returns a factor that keeps a pose where it is."""
+    """Returns a factor that fixes a pose at its value."""
     if values.dims()[key] == 6:
         return gtsam.NonlinearEqualityPose3(key, values.atPose3(key))
     return gtsam.NonlinearEqualityPose2(key, values.atPose2(key))

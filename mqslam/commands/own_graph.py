@@ -1,4 +1,4 @@
-"""Factors of a recording for a GTSAM graph of one's own: of its measurements, its loops, and its single scans."""
+"""Makes factors of a recording for a GTSAM graph of the user's own: from measurements, loop closures and single scans."""
 
 from __future__ import annotations
 
@@ -50,13 +50,13 @@ class PsiFactors(list[Stated]):
     """The factors of a recording's measurements, each with the measurement that it states.
 
     Args:
-        pairs: the factors, and what each states about the pose of its second key in the frame of its first.
-        scans: of the recording, for `loop_factors` and `refine`, which then need not detect them again.
-        config: all settings, with the Doppler shift that was used, which then need not be measured again.
+        pairs: the factors, each with the motion that it states: the pose of its second key in the frame of its first.
+        scans: scans of the recording; `loop_factors` and `refine` take them, and need not detect them again.
+        config: all settings, with the Doppler shift that was used, so that it need not be measured again.
         chained: (N, 3) pose of every scan in the frame of the first one, by the measurements alone [m, m, rad].
         scan_keys: (N,) key of every scan.
         submap_keys: (J,) key of every submap.
-        first_scans: (J,) scan at whose start each submap has its frame.
+        first_scans: (J,) number of each submap's first scan; the pose at its start is the frame of the submap.
     """
 
     def __init__(
@@ -79,14 +79,14 @@ class PsiFactors(list[Stated]):
         return f"PsiFactors({count_of(len(self), 'factor')} of {scans} in {submaps}, {degenerate} of them degenerate)"
 
     def make_initial(self, values: gtsam.Values | None = None) -> gtsam.Values:
-        """Returns starting values for the keys of all factors that a graph has no values for so far.
+        """Returns starting values for those keys of the factors that have no value in the graph so far.
 
-        A scan without a value lies where the measurements lead from the scan with one before it, or behind it where there is
-        none before it; without any, the first scan lies at the origin. A submap has the pose of its first scan.
+        The pose of such a scan follows by the measurements from the nearest earlier scan with a value, or from the first
+        later one if there is none. Without any value, the first scan lies at the origin. A submap has its first scan's pose.
 
         Args:
-            values: what the graph has so far; None stands for nothing. It is not changed, and holds poses of the factors'
-                own kind.
+            values: values that the graph has so far, None for none. They are not changed, and must be poses of the same kind
+                as in the factors.
         """
         values = gtsam.Values() if values is None else values
         is_planar = not self or isinstance(self[0][0], gtsam.BetweenFactorPose2)
@@ -123,35 +123,35 @@ def psi_factors(
     submap_keys: Callable[[int], int] = M,
     work: Work = QUIET,
 ) -> PsiFactors:
-    """Measures the motion in a recording and returns the factors of a run for a GTSAM graph of one's own.
+    """Measures the motion in a recording and returns it as the factors of a run, for a GTSAM graph of the user's own.
 
-    The factors are those of the graph of a run without loops, so that the same optimum and the same marginals come out. A
-    gyroscope and a GNSS receiver that the recording has take no part: those are for factors of one's own.
+    A run without loops has the same factors, and therefore the same optimum and marginals. The recording's gyroscope and
+    GNSS receiver are not used: their factors are left to the user.
     A scan is measured in a *submap*, a piece of the running map, and not against the scan before it: if one scan is placed
-    too far ahead, the motion to it is too long and the next one too short by as much. A factor between each two successive
-    scans would take these errors for independent and be far too unsure of the way as a whole. The submaps are therefore
-    poses of the graph, with keys of their own and factors to their scans and to each other; to eliminate them instead would
-    tie every scan to all others of the drive, and would have no place for the robust losses. No factor holds the trajectory
+    too far ahead, the motion to it is too long, and the next motion is too short by as much. Factors between successive
+    scans would treat these errors as independent, and make the path as a whole far too uncertain. The submaps are therefore
+    poses of the graph, with keys of their own and factors to their scans and to each other. If they were eliminated, every
+    scan would be tied to all others of the drive, and the robust losses would have no place. No factor holds the trajectory
     as a whole: that is left to a prior, or to other factors.
 
     Args:
         recording: a recording's path, the open recording, or the scans that were detected in it before.
         keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
-            each; by default `gtsam.symbol("x", k)`.
-            The pose is the sensor's at the start of the scan (`scans.stamps_us` of the result), REP 103.
+            each; by default `gtsam.symbol("x", k)`. The pose is the sensor's at the start of the scan (`scans.stamps_us` of
+            the result), REP 103.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         frontend: name of the front end.
         odometry: dead-reckoned poses that cover the recording, or None. They guide the front end, and their motions,
-            calibrated by psi, come as factors too, as in a run. Leave them out of a graph with factors of the same wheels.
-        pose: `gtsam.Pose2`, or `gtsam.Pose3` for a graph of poses in space. There the factors state weak noise on z
-            (0.1 m), roll and pitch (0.03 rad).
-        submap_keys: returns the key of a submap by its number (0, 1, ...); by default `gtsam.symbol("m", j)`.
+            calibrated by psi, become factors too, as in a run. Leave them out if the graph has factors of the same wheels.
+        pose: `gtsam.Pose2`, or `gtsam.Pose3` for a graph of poses in space. In space the factors have standard deviations of
+            0.1 m in z, and of 0.03 rad in roll and pitch.
+        submap_keys: function that returns the key of a submap by its number (0, 1, ...); by default `gtsam.symbol("m", j)`.
         work: where the work is done, and what reports on it.
 
     Returns:
         A sequence of (factor, measurement). The measurement is what the factor states: the pose of its second key in the
         frame of its first [m, m, rad], with the covariance (3, 3) of x, y and yaw in that frame. `make_initial` returns
-        starting values, those of the submaps among them.
+        starting values, also for the submaps.
 
     Raises:
         ConfigError: a key or a setting is wrong, or there is no such front end.
@@ -208,12 +208,12 @@ def loop_factors(
 ) -> LoopFactors:
     """Searches a recording for loop closures around a trajectory, as a run does, and returns their factors.
 
-    Passes of a place are compared as far around the trajectory as it may be wrong. A loop is a match by psi that the
-    trajectory allows, that fits nowhere else, that agrees with its neighbours, and that makes the map of its two passes
-    better. The graph whose optimum the trajectory is says how far that may be wrong. Without a graph its steps are taken
-    to be as good as odometry states itself (`odometry.sigma_travel`, `sigma_yaw_rate` and `sigma_rest_m` of the settings),
-    as in a run with the front end `odometry`. A good trajectory is surer than that over a long way, and passes are left out
-    that odometry would not know well enough.
+    Passes of a place are compared within the uncertainty of the trajectory. A loop is a match by psi that the trajectory
+    allows, that fits nowhere else, that agrees with its neighbours, and that makes the map of its two passes better. The
+    uncertainty comes from the graph whose optimum the trajectory is. Without a graph, the steps of the trajectory get the
+    errors of odometry in the settings (`odometry.sigma_travel` and `odometry.sigma_yaw_rate`), as in a run with the front
+    end `odometry`. Over a long way, a good trajectory is more certain than that, so that without a graph some passes are
+    left out.
 
     Args:
         recording: a recording's path, the open recording, or its scans, such as those of `psi_factors`.
@@ -221,17 +221,17 @@ def loop_factors(
             `gtsam.Pose3`) for the start of every scan.
         keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
             each; by default `gtsam.symbol("x", k)`.
-        graph: all factors of the values but those of loops; they determine every variable. It is not changed.
+        graph: all factors of the values except the factors of loops; they must determine every variable. It is not changed.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
-            Loops are looked for whatever `loops.enabled` says.
-        pose: what the poses of the graph are, where no values tell it: `gtsam.Pose2`, or `gtsam.Pose3`, whose factors state
-            weak noise on z (0.1 m), roll and pitch (0.03 rad).
-        work: where the work is done, and what reports on it, also on pairs of passes that could not be tied.
+            `loops.enabled` has no effect.
+        pose: type of the graph's poses, if no values show it: `gtsam.Pose2`, or `gtsam.Pose3`, whose factors have standard
+            deviations of 0.1 m in z, and of 0.03 rad in roll and pitch.
+        work: where the work is done, and what reports on it, also on pairs of passes that were left out.
 
     Returns:
         A list with a (factor, loop) for each loop. The loop holds the numbers of its two scans, and the pose of the later
-        one in the frame of the earlier one with its covariance [m, m, rad]. To that the factor adds what submaps bend
-        (0.05 m, 0.0015 rad), and a Cauchy loss that keeps a wrong loop from bending the graph.
+        one in the frame of the earlier one with its covariance [m, m, rad]. To this covariance the factor adds the bend of
+        submaps (0.05 m, 0.0015 rad). Its Cauchy loss keeps a wrong loop from bending the graph.
 
     Raises:
         ConfigError: a key, a value or a setting is wrong.
@@ -252,7 +252,7 @@ def loop_factors(
         problem: GraphProblem
         if graph is None:
             track = Trajectory(scans.stamps_us, poses) if isinstance(trajectory, gtsam.Values) else trajectory
-            motions = measure_motions(ODOMETRY, radar.make_context(track), scans)  # its steps err as odometry does
+            motions = measure_motions(ODOMETRY, radar.make_context(track), scans)  # its steps get the errors of odometry
             problem = Problem(list(motions), [])
         elif isinstance(trajectory, gtsam.Values):
             problem = GivenGraph(graph, trajectory, listed, lift)
@@ -269,15 +269,15 @@ class RefinedGraph:
     """A graph whose passes are tied scan by scan, and its optimum.
 
     Args:
-        graph: the given factors, those of the loops that stay, and those of the ties.
+        graph: the given factors, with the factors of the ties and of the loops that stay.
         values: the optimum of this graph.
-        loops: the loops that stay, since no tie measures their returns, each with its factor.
-        ties: poses of single scans among the earlier passes around them, in the frame of the nearest scan of these, each
-            with its factor.
-        psi_before: psi per point of the later passes' returns among those of the earlier ones, at the given values; None
-            where no place is passed twice.
-        psi_loops: the same at the optimum with all loops, before any scan was measured.
-        psi_after: the same at the optimum of this graph.
+        loops: the loops that stay, because no tie measures their returns, each with its factor.
+        ties: registrations of single scans on the earlier passes around them, as poses in the frame of the nearest scan of
+            these passes, each with its factor.
+        psi_before: psi across passes (of later passes' returns among earlier passes' returns, per point) at the given
+            values; None where no place is passed twice.
+        psi_loops: the same psi at the optimum with all loops, before any scan was registered.
+        psi_after: the same psi at the optimum of this graph.
     """
 
     graph: gtsam.NonlinearFactorGraph
@@ -300,23 +300,23 @@ def refine(
     config: Config | Path | str | None = None,
     work: Work = QUIET,
 ) -> RefinedGraph:
-    """Measures every scan anew by psi among the earlier passes around it, where a graph of one's own has them.
+    """Registers every scan by psi on the earlier passes around it, at the poses of the user's own graph.
 
-    The factors of these measurements, *ties*, stand in the place of the loops between the same passes, which lay one rigid
-    submap on another; a return counts once. Only passes that a loop ties are looked at. The graph is optimised again, and
-    the scans are measured once more where they have come to lie. The ties stay only if psi across passes becomes no larger:
-    otherwise the graph comes back with its loops.
+    The factors of these registrations, *ties*, replace the loops between the same passes, since a loop registers one rigid
+    submap on another, and no return may count twice. Only passes that a loop ties are looked at. The graph is optimised
+    again, and the scans are registered once more at their new poses. The ties stay only if psi across passes does not become
+    larger: otherwise the graph is returned with its loops.
 
     Args:
-        graph: all factors but those of loops; they determine every variable. It is not changed.
-        values: of all variables, with a pose (`gtsam.Pose2` or `gtsam.Pose3`) for the start of every scan. The optimisation
-            starts from them. They are not changed.
+        graph: all factors except the factors of loops; they must determine every variable. It is not changed.
+        values: values of all variables, with a pose (`gtsam.Pose2` or `gtsam.Pose3`) for the start of every scan. The
+            optimisation starts from them. They are not changed.
         recording: a recording's path, the open recording, or its scans, such as those of `psi_factors`.
         keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
             each; by default `gtsam.symbol("x", k)`.
         loops: the loops and their factors, as `loop_factors` returns them.
-        rounds: most rounds in which every scan is measured; it takes the place of `refinement.rounds` of the settings, with
-            which a run leaves the refinement out by default.
+        rounds: largest number of rounds in which every scan is registered; it replaces `refinement.rounds` of the settings,
+            which is 0 by default.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         work: where the work is done, and what reports on it.
 
@@ -351,10 +351,10 @@ def refine(
 
 @dataclass(frozen=True)
 class _Radar:
-    """What the radar of a recording saw, and how it is looked at.
+    """The scans of a recording, with the settings and the runner for work on them.
 
     Args:
-        scans: of the recording.
+        scans: scans of the recording.
         config: all settings.
         doppler_beta: range shift per closing speed [s], as the settings state it or as psi measured it.
         runner: does the work.
@@ -367,18 +367,18 @@ class _Radar:
 
     @property
     def beam(self) -> Beam:
-        """The sensor model that returns are placed with."""
+        """The sensor model by which returns are placed."""
         return beam_of(self.config.estimator, self.doppler_beta)
 
     def make_context(self, odometry: Trajectory | None) -> Context:
-        """Returns what a front end may know besides the scans."""
+        """Returns the settings and measurements that a front end may use besides the scans."""
         start_us, turn_s, engine = self.scans.start_us, self.scans.revolution_s, self.runner.engine
         return Context(self.config, turn_s, start_us, odometry, doppler_beta=self.doppler_beta, engine=engine)
 
 
 @contextmanager
 def _look_at(recording: Source, config: Config | Path | str | None, work: Work) -> Iterator[_Radar]:
-    """Yields what the radar of a recording saw.
+    """Yields the scans of a recording, detected if need be; scans with too few returns raise an error with a remedy.
 
     Args:
         recording: its path, the open recording, or its scans.
@@ -388,7 +388,7 @@ def _look_at(recording: Source, config: Config | Path | str | None, work: Work) 
     Raises:
         ConfigError: the settings hold a mistake.
         DataError: the recording cannot be used.
-        EstimationError: the scans hold too few returns, for the block too.
+        EstimationError: the scans hold too few returns to measure the Doppler shift, or for the block.
     """
     settings, runner, remedy = choose_settings(config), Runner(work.engine, work.progress), ""
     if isinstance(recording, Path | str):
@@ -407,7 +407,7 @@ def _look_at(recording: Source, config: Config | Path | str | None, work: Work) 
 
 
 def _list_keys(keys: Keys, count: int) -> list[int]:
-    """Returns the keys of a number of scans.
+    """Returns the keys of all scans.
 
     Raises:
         ConfigError: there are too few, or two of them are the same.
@@ -434,13 +434,13 @@ def _require_distinct(keys: Sequence[int]) -> None:
 
 
 def _choose_lift(pose: Pose) -> Callable[[gtsam.BetweenFactorPose2], Between]:
-    """Returns what makes a factor between planar poses one between poses of the graph.
+    """Returns the function that converts a factor between planar poses to a factor between poses of the graph.
 
     Args:
-        pose: what the poses of the graph are.
+        pose: type of the graph's poses.
 
     Raises:
-        ConfigError: they are neither planar poses nor poses in space.
+        ConfigError: the type is neither `gtsam.Pose2` nor `gtsam.Pose3`.
     """
     if pose is gtsam.Pose2:
         return lambda factor: factor
@@ -450,10 +450,10 @@ def _choose_lift(pose: Pose) -> Callable[[gtsam.BetweenFactorPose2], Between]:
 
 
 def _read_poses(values: gtsam.Values, keys: Sequence[int]) -> se2.Array:
-    """Returns the poses (N, 3) of keys, x [m], y [m], yaw [rad], the yaw unwrapped; those in space as seen from above.
+    """Returns the poses (N, 3) of keys, x [m], y [m], yaw [rad], the yaw unwrapped; poses in space are seen from above.
 
     Raises:
-        ConfigError: a key has no value, or one that is no pose.
+        ConfigError: a key has no value, or its value is not a pose.
     """
     poses = np.empty((len(keys), 3))
     for k, key in enumerate(keys):
@@ -469,5 +469,5 @@ def _read_poses(values: gtsam.Values, keys: Sequence[int]) -> se2.Array:
 
 
 def _find_pose_kind(values: gtsam.Values, key: int) -> Pose:
-    """Returns whether a pose is planar or one in space."""
+    """Returns the type of the pose of a key: planar or in space."""
     return gtsam.Pose3 if values.dims()[key] == 6 else gtsam.Pose2

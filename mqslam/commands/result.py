@@ -1,4 +1,4 @@
-"""The results that commands return: the folder that was written, and the numbers in it."""
+"""The results that commands return: the folder that they have written, and the numbers in it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Result:
     """The result of a command.
 
     Args:
-        folder: holds the result files, as the README lists them.
+        folder: the folder with the result files, which the README lists.
         summary: the numbers, as `summary.json`, `audit.json` or `compare.json` holds them.
     """
 
@@ -26,7 +26,7 @@ class Result:
 
     @property
     def report(self) -> Path:
-        """The report, a page for a browser."""
+        """The path of the report, a page for a browser."""
         return self.folder / "report.html"
 
     @property
@@ -50,7 +50,7 @@ class JudgedResult(Result):
 
 
 class TrajectoryResult(Result):
-    """A result with a trajectory: a run's optimised one, or the poses in the frame of a map."""
+    """A result with a trajectory: the optimised one of a run, or the poses of a localisation in the frame of a map."""
 
     @property
     def evo_command(self) -> str:
@@ -93,7 +93,7 @@ class CompareResult(Result):
 
     Args:
         table: the numbers as text: a line of column heads, and a line per front end or trajectory.
-        marked: line and column in the table of the best values, several in a column if they read the same.
+        marked: (line, column) of the best values in the table; a column has several if they look the same there.
     """
 
     table: list[list[str]]
@@ -101,6 +101,6 @@ class CompareResult(Result):
 
     @property
     def conclusion(self) -> str:
-        """The sentences that name the best row and why; empty where there are not two rows to compare."""
+        """The sentences that name the best row and why; empty where there are fewer than two rows to compare."""
         best = self.summary["best"]
         return best["sentence"] if best else ""

@@ -1,4 +1,4 @@
-"""The run: takes the path of a recording to the folder of its results."""
+"""The run: makes the trajectory and the map of a recording, and writes them with a report to a folder."""
 
 from __future__ import annotations
 
@@ -73,25 +73,25 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
         gnss: `auto` (the recording's own fixes, unless its ground truth was made from them), `none`, or the path of a file.
         extrinsics: where the radar sits on the vehicle: `auto` (what the recording states, if it does), `none`, or
             metres forward, metres to the left and degrees to the left, as numbers or as a text X,Y,YAW.
-        frame: whose poses are written, in the frame of its first one: `radar` or `vehicle`, for which it must be known where
-            the radar sits.
-        tolerance: how far two passes of a good map may be apart [m]; all other tolerances of the verdict follow in
-            proportion. None takes those of the settings.
+        frame: whose poses are written, in the frame of the first pose: `radar` or `vehicle`. For `vehicle`, the pose of the
+            radar on the vehicle must be known.
+        tolerance: how far two passes of a good map may be apart [m]; all other tolerances of the verdict change in
+            proportion. None takes the tolerances of the settings.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
         start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
         end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
-        strict: whether a polar scan that cannot be read is an error, rather than being left out.
+        strict: whether a polar scan that cannot be read is an error instead of being left out.
         resume: whether an unfinished run at `out` is continued.
         force: whether what is at `out` is replaced.
         work: where the work is done, and what reports on it.
 
     Returns:
-        What the run has left at `out`.
+        The result that was written to `out`.
 
     Raises:
-        MqslamError: the run is impossible; it leaves at most what can be resumed.
+        MqslamError: the run is impossible; at most a part that can be resumed is kept.
 
     Example:
         >>> result = mqslam.run("drive", "result")  # doctest: +SKIP
@@ -117,7 +117,7 @@ class Job:
         settings: all settings.
         frontend: name of the front end.
         strict: whether a polar scan that cannot be read is an error.
-        warnings: what is not used of odometry and sensors, and why.
+        warnings: which odometry and sensors are not used, and why.
         sensors: the other sensors it uses.
         frame: `radar` or `vehicle`: whose poses it writes.
     """
@@ -160,8 +160,8 @@ def open_job(
     """Opens a recording and chooses its odometry and sensors; the arguments are those of `run`.
 
     Raises:
-        ConfigError: the format is unknown, the range resolution is not a length, the extrinsics are no pose, or the frame is
-            unknown or that of a vehicle on which nobody says where the radar sits.
+        ConfigError: the format is unknown, the range resolution is not a length, the extrinsics are not a pose, or the frame
+            is unknown, or is the vehicle's while the pose of the radar on it is unknown.
         DataError: the recording, the odometry or a sensor's file cannot be used.
     """
     recording = open_data(data, format, range_resolution, settings, strict=strict, span=span)
@@ -179,15 +179,15 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
     Args:
         job: the run.
         out: folder of the results.
-        work: where it is done, and what reports on it.
-        resume: whether to go on where an unfinished run has stopped.
-        how: how to go on after an error, for its message.
+        work: where the run is done, and what reports on it.
+        resume: whether to continue where an unfinished run has stopped.
+        how: how to continue after an error, for the error's message.
 
     Returns:
         The content of summary.json.
 
     Raises:
-        MqslamError: the run is impossible; it leaves at most what can be resumed.
+        MqslamError: the run is impossible; at most a part that can be resumed is kept.
     """
     with keep_checkpoint(out, job.key, resume=resume, how=how) as checkpoint:
         runner = Runner(work.engine, work.progress, checkpoint, work.watch)
@@ -206,7 +206,7 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
 
 
 def _write_for_leaderboard(folder: Path, recording: Recording, trajectory: Trajectory) -> None:
-    """Writes the odometry of a sequence of Boreas as its leaderboard takes it, named after the sequence; nothing of others.
+    """Writes the odometry of a Boreas sequence in the leaderboard's form, named after the sequence; skips other formats.
 
     Raises:
         OutputError: the file cannot be written.

@@ -1,4 +1,4 @@
-"""The score of a window under a motion: the published psi with its parts, and the estimator's psi."""
+"""Scores a window under a motion: by the published psi with its parts, and by the estimator's psi."""
 
 from __future__ import annotations
 
@@ -38,20 +38,20 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
 
     Args:
         data: the recording.
-        start: the window begins with the first scan from this time on [s since the recording's start].
+        start: time at or after which the first scan of the window begins [s since the recording's start].
         motion: (2,) v, omega or (3,) vx, vy, omega [m/s, rad/s].
         scans: number of scans in the window.
         variant: values that replace settings of the published score, by name; None keeps a setting.
-        minimise: whether the motion is estimated as well, starting from the one given.
+        minimise: whether the motion is estimated as well, starting from the given motion.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
 
     Returns:
-        The scores as a tree: the window, the motion, the published score with its parts, and the estimator's.
+        The scores as a tree: the window, the motion, the published score with its parts, and the estimator's score.
 
     Raises:
-        ConfigError: the variant has a value that is not offered, or the recording does not hold the window.
+        ConfigError: the variant has an unknown value, or the recording does not hold the window.
         DataError: a polar scan cannot be read.
         EstimationError: the window holds no returns.
     """
@@ -81,7 +81,7 @@ def _change_variant(settings: PsiConfig, chosen: dict[str, str | float | None]) 
     """Returns the settings of the published score with the given ones changed.
 
     Raises:
-        ConfigError: a value is not offered.
+        ConfigError: a value is unknown.
     """
     try:
         return PsiConfig.model_validate(
@@ -93,12 +93,12 @@ def _change_variant(settings: PsiConfig, chosen: dict[str, str | float | None]) 
 
 
 def read_window(recording: Recording, detector: DetectorConfig, start: float, scans: int) -> tuple[Returns, float]:
-    """Returns the returns of some scans, and when the first of them begins [s]; no other scans are read.
+    """Returns the returns of successive scans, and the start of the first scan [s]; no other scans are read.
 
     Args:
         recording: the recording.
         detector: settings of the detector.
-        start: the first scan from this time on is the first one [s].
+        start: time at or after which the first of them begins [s since the recording's start].
         scans: number of scans.
 
     Raises:
@@ -126,7 +126,7 @@ def read_window(recording: Recording, detector: DetectorConfig, start: float, sc
 
 
 def _score_motion(window: Window, theta: se2.Array, model: MotionModel, variant: PsiConfig) -> dict[str, Any]:
-    """Returns the published score of a window under a motion with its parts, and the estimator's at its final widths."""
+    """Returns the published score of a window with its parts, and the estimator's score at its final widths."""
     points, count = window.render(theta, model), len(window.returns)
     whole = published(points.points, points.times, window.kernel.revolution_s, variant, points.jacobians)
     own = window.score(theta, model, final_scale(window.config))

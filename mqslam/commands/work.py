@@ -1,4 +1,4 @@
-"""Where a command does its work, and what reports on it."""
+"""Defines where a command does its work, and what reports on it."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ def ignore(note: str) -> None:
 
 @dataclass(frozen=True)
 class Work:
-    """Where a command's work is done and what reports on it; the defaults work in this process, silently.
+    """Where a command's work is done, and what reports on it; by default this process works, silently.
 
     Args:
         engine: where the work is done; no result depends on it.
         progress: called with a stage, the number of steps done and their total, as stages go on.
-        tell: called with what a user should know about the data, as soon as it is known.
+        tell: called with every note for the user about the data, as soon as it is known.
         watch: called by a run with every scan once its motion is measured.
     """
 
@@ -40,7 +40,7 @@ QUIET = Work()
 
 @contextmanager
 def choose_engine(cluster: str | None, jobs: int) -> Iterator[Engine]:
-    """Yields the workers of a cluster, or this machine's if no cluster is given.
+    """Yields the engine of a cluster, or of this machine if no cluster is given.
 
     Args:
         cluster: address of a cluster, or None.

@@ -1,4 +1,4 @@
-"""All settings as one tree; each setting is defined with its unit and its reason."""
+"""Defines all settings as one tree, each with its unit and a description, and reads and writes them as YAML."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from mqslam.config.yaml_file import parse_yaml
 from mqslam.errors import ConfigError, suggest, untrusted
 
-# Marks a setting that only an expert would touch; it is shown on request, or where a file changes it.
+# Marks a setting that only an expert would touch; it is shown only on request, or if a file changes it.
 EXPERT: Final[dict[str, Any]] = {"expert": True}
 
 
 class Section(BaseModel):
-    """Settings that belong together: others than these are refused, and none changes."""
+    """A group of settings: unknown names are refused, and values cannot be changed once they are read."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class ReadingConfig(Section):
-    """How a recording is understood where it does not say so itself."""
+    """Settings for reading recordings that do not state these values themselves."""
 
     lidar_fov_deg: float | None = Field(
         None,
         gt=0.0,
         le=360.0,
-        description="Angle [degrees] that the readings of a CARMEN log's FLASER lines sweep, centred ahead. null takes what "
-        "the log's parameters state, else 180 degrees where there are 180, 181, 360 or 361 readings, as of SICK's lidars.",
+        description="Angle [degrees] that the readings of a CARMEN log's FLASER lines sweep, centred ahead. null takes the "
+        "angle in the log's parameters, else 180 degrees if there are 180, 181, 360 or 361 readings, as from SICK's lidars.",
     )
 
 
 USUAL_READING = ReadingConfig()
-"""The settings where nobody states others."""
+"""The default settings for reading recordings."""
 
 
 class SensorConfig(Section):
@@ -46,19 +46,19 @@ class SensorConfig(Section):
     range_resolution_m: float | None = Field(
         None,
         gt=0.0,
-        description="Length of a range bin [m]. null takes what the recording states, else what is usual for its format.",
+        description="Length of a range bin [m]. null takes what the recording states, else the usual length of its format.",
     )
     doppler_beta: float | None = Field(
         None,
         ge=-1.0,
         le=1.0,
-        description="Range shift per closing speed [s], signed by the chirp, about 0.049 on the Oxford unit. Known radars "
-        "are within 0.1 s: a value beyond 1 s is a mistake of the unit. Null measures it by psi.",
+        description="Range shift per closing speed [s]; its sign depends on the chirp. It is about 0.049 on Oxford's radar, "
+        "and within 0.1 s on all known radars: a value beyond 1 s is in another unit. null measures it by psi.",
     )
     clockwise: bool | None = Field(
         None,
-        description="Whether the radar turns clockwise, seen from above. false mirrors what a radar sees that is mounted "
-        "upside down. null takes what azimuths say, or clockwise where they carry no angles.",
+        description="Whether the radar turns clockwise, seen from above. false mirrors the scans of a radar that is mounted "
+        "upside down. null takes the direction of the azimuths' angles, or clockwise if azimuths carry no angles.",
     )
     stamp: Literal["start", "end"] | None = Field(
         None,
@@ -71,8 +71,8 @@ class SensorConfig(Section):
         None,
         ge=2,
         le=65536,
-        description="Ticks of the encoder in a turn, where azimuths carry encoder values. null takes what the recording "
-        "states, else what Navtech's radars have: 5600, or 16000 in messages of its driver that show it.",
+        description="Ticks of the encoder per turn, if azimuths carry encoder values. null takes the number that the "
+        "recording states, else the number of Navtech's radars: 5600, or 16000 if messages of Navtech's driver show it.",
     )
     radar_topic: str | None = Field(
         None, description="Topic of a bag's polar scans. null chooses it by type and name, or by the shape of its images."
@@ -82,10 +82,10 @@ class SensorConfig(Section):
 
 
 class DetectorConfig(Section):
-    """Settings of the detector."""
+    """Settings of the detector, which finds the returns in a polar scan."""
 
     threshold: float = Field(
-        40.0, ge=0.0, le=255.0, description="Smoothed power above which a peak is a target in any data [0..255]."
+        40.0, ge=0.0, le=255.0, description="Smoothed power above which a peak is a return, whatever the noise [0..255]."
     )
     contrast: float = Field(
         7.0,
@@ -96,10 +96,10 @@ class DetectorConfig(Section):
     most_returns: int = Field(
         1000,
         ge=1,
-        description="Number of returns that are kept per scan, the strongest. All that stand out of the noise by "
-        "`contrast` are kept, however many they are.",
+        description="Number of returns that are kept per scan, the strongest first. Returns that stand out of the noise "
+        "by `contrast` are all kept, even beyond this number.",
     )
-    min_range_m: float = Field(2.5, ge=0.0, description="Nearer returns are of the vehicle itself and are dropped [m].")
+    min_range_m: float = Field(2.5, ge=0.0, description="Nearer returns are dropped [m]: they are from the vehicle itself.")
     max_range_m: float = Field(
         150.0, gt=0.0, description="Farther returns are dropped [m]: they are too blurred across the beam to help."
     )
@@ -112,7 +112,7 @@ class DetectorConfig(Section):
 
 
 class PsiConfig(Section):
-    """Parameters of the published score, named as in the paper, which gives no values: these are ours."""
+    """Parameters of the published score, named as in the paper. The paper gives no values: the defaults are ours."""
 
     s: float = Field(2.0, gt=0.0, description="Radius of a point's neighbourhood [m].")
     beta_s: float = Field(1.0, gt=0.0, description="Width of the spatial kernel [m].")
@@ -124,7 +124,7 @@ class PsiConfig(Section):
     beta_t: float = Field(0.06, gt=0.0, description="Width of the temporal kernel [s].")
     tau: float = Field(0.5, gt=0.0, description="Width of the Lorentzian [m].")
     temporal: Literal["plateau", "gaussian"] = Field(
-        "plateau", description="Temporal kernel: plateau is 1 from alpha_t on; gaussian is as printed in (8)."
+        "plateau", description="Temporal kernel: plateau is 1 for time differences of alpha_t or more; gaussian is (8)."
     )
     numerator: Literal["tau/2", "tau"] = Field(
         "tau/2", description="Numerator of the Lorentzian: tau/2 as in (9), or tau as in Algorithm 1."
@@ -135,7 +135,7 @@ class PsiConfig(Section):
     unmatched: float = Field(
         1.0,
         ge=0.0,
-        description="Charge of a point without a neighbour, in units of the most that one pair can cost; 0 is as printed.",
+        description="Cost of a point without a neighbour, in units of the largest cost of a pair; 0 is as in the paper.",
     )
 
     @property
@@ -145,18 +145,18 @@ class PsiConfig(Section):
 
 
 class EstimatorConfig(Section):
-    """Settings of the score that the estimator minimises, and of the way it does so."""
+    """Settings of the score that the estimator minimises, and of its minimisation."""
 
-    s: float = Field(0.6, gt=0.0, description="Distance beyond which neighbours take no part, at the end of annealing [m].")
+    s: float = Field(0.6, gt=0.0, description="Distance beyond which neighbours do not count, at the end of annealing [m].")
     s_start: float = Field(
-        2.5, gt=0.0, description="Distance beyond which neighbours take no part, at the start of annealing [m]."
+        2.5, gt=0.0, description="Distance beyond which neighbours do not count, at the start of annealing [m]."
     )
     beta_s: float = Field(0.25, gt=0.0, description="Width of the spatial kernel at the end of annealing [m].")
     beta_s_start: float = Field(1.25, gt=0.0, description="Width of the spatial kernel at the start of annealing [m].")
     blur_m: float = Field(
         0.15,
         ge=0.0,
-        description="Standard deviation by which the returns of one object scatter between views, in any direction [m].",
+        description="Standard deviation, in any direction, of the scatter of one object's returns between views [m].",
     )
     sigma_range_m: float = Field(0.15, gt=0.0, description="Standard deviation of a return along the ray [m].")
     sigma_azimuth: float = Field(0.008, gt=0.0, description="Standard deviation of a return across the ray [rad].")
@@ -165,37 +165,37 @@ class EstimatorConfig(Section):
         gt=0.0,
         json_schema_extra=EXPERT,
         description="Side of the cells [m] within which returns count as one object in the covariance of a minimum, "
-        "because their errors are common.",
+        "because their errors are not independent.",
     )
 
 
-# Number of scans before a segment that its track begins with, so that its own scans meet a map that has grown. Where there
-# are not as many in a row that hold enough returns, no segment begins.
+# Number of scans on which the track of a segment warms up, so that the segment's own scans are matched to a map that has
+# grown. A segment begins only where this many scans in a row hold enough returns.
 WARM_UP_SCANS = 36
 
 
 class TrackerConfig(Section):
-    """Settings of odometry by psi over a running map."""
+    """Settings of the front end psi, which matches every scan to a running map."""
 
     sigma_omega: float = Field(
-        0.03, gt=0.0, description="Change of yaw rate per 0.25 s that yaw acceleration does not explain [rad/s]."
+        0.03, gt=0.0, description="Usual change of yaw rate per 0.25 s that yaw acceleration does not explain [rad/s]."
     )
-    sigma_alpha: float = Field(0.2, gt=0.0, description="Change of yaw acceleration per 0.25 s [rad/s^2].")
+    sigma_alpha: float = Field(0.2, gt=0.0, description="Usual change of yaw acceleration per 0.25 s [rad/s^2].")
     speed_max: float = Field(40.0, gt=0.0, description="Fastest speed that the cold start tries [m/s].")
 
     stamp_sigma_s: float | None = Field(
         None,
         ge=0.0,
-        description="Standard deviation of a scan's stamp [s]. null takes what the reader has found where scans are stamped "
-        "as they arrive, and 0 where stamps are the radar's own.",
+        description="Standard deviation of a scan's stamp [s]. null takes the reader's estimate if scans are stamped as "
+        "they arrive, and 0 if stamps are the radar's own.",
     )
 
     segment_scans: int = Field(
         0,
         ge=0,
-        description="Number of scans of a segment: segments are tracked on their own, so that several workers can do so at "
-        "a time. 300 is a good one for long recordings. With 0 a recording is one segment. Of two drives of a thousand "
-        "scans, one drifted by 3 % less in segments and one by 30 % more, in a bend in which either track errs.",
+        description="Number of scans per segment. Segments are tracked independently, so that several workers can track at "
+        "the same time; 300 suits long recordings. With 0 a recording is one segment. Of two drives of a thousand scans, "
+        "one drifted by 3 % less in segments, and one by 30 % more, in a bend where both tracks err.",
     )
 
     @field_validator("segment_scans")
@@ -207,10 +207,10 @@ class TrackerConfig(Section):
 
 
 class ScanMatchingConfig(Section):
-    """Settings that the front ends share which match scan after scan to a map of their own."""
+    """Settings shared by the front ends KISS-ICP and Open3D ICP, which match every scan to a map of their own."""
 
     voxel_size_m: float = Field(
-        1.0, gt=0.0, description="Side of the voxels of its map [m]. Values of 0.5 to 2.0 measure alike on radar returns."
+        1.0, gt=0.0, description="Side of the map's voxels [m]. Values of 0.5 to 2.0 give similar results on radar returns."
     )
     max_range_m: float = Field(100.0, gt=0.0, description="Farther returns are dropped [m].")
 
@@ -218,11 +218,11 @@ class ScanMatchingConfig(Section):
 class KissIcpConfig(ScanMatchingConfig):
     """Settings of the KISS-ICP front end."""
 
-    deskew: bool = Field(True, description="Whether each return is moved by the last motion to the end of its scan.")
+    deskew: bool = Field(True, description="Whether the last motion moves each return to the end of its scan.")
     config_file: Path | None = Field(
         None,
-        description="YAML file of KISS-ICP's own settings, which takes the place of voxel_size_m, max_range_m and "
-        "deskew; null takes those.",
+        description="YAML file of KISS-ICP's own settings, which replaces voxel_size_m, max_range_m and deskew; null "
+        "uses these three.",
     )
 
 
@@ -236,12 +236,12 @@ class Open3dIcpConfig(ScanMatchingConfig):
 
 
 class OdometryConfig(Section):
-    """Settings of the odometry front end: the errors of an odometry that does not state its own."""
+    """Errors of odometry that does not state its own, for the front end odometry and for the pose graph."""
 
     sigma_travel: float = Field(
         0.05,
         ge=0.0,
-        description="Standard deviation of travel, as a share of it. The graph estimates it better where it can.",
+        description="Standard deviation of the travel, as a share of it. A run replaces it by a better estimate if it can.",
     )
     sigma_yaw_rate: float = Field(0.02, gt=0.0, description="Standard deviation of the yaw rate [rad/s].")
 
@@ -249,7 +249,7 @@ class OdometryConfig(Section):
 class LoopConfig(Section):
     """Settings of loop closures."""
 
-    enabled: bool = Field(True, description="Whether loops are looked for.")
+    enabled: bool = Field(True, description="Whether to search for loops.")
 
 
 class RefinementConfig(Section):
@@ -258,9 +258,9 @@ class RefinementConfig(Section):
     rounds: int = Field(
         0,
         ge=0,
-        description="Most rounds in which every scan is measured against the other passes around it; each starts from the "
-        "trajectory that the round before has refined. 0 leaves the trajectory as the loops have made it: passes lie "
-        "better on each other after two rounds, but the trajectory as a whole was not always nearer to the truth.",
+        description="Largest number of rounds in which every scan is registered on the earlier passes around it. Each round "
+        "starts from the result of the round before. 0 leaves the refinement out: after two rounds, passes lie better "
+        "on each other, but the trajectory as a whole was not always nearer to the truth.",
     )
 
 
@@ -271,22 +271,22 @@ class MapConfig(Section):
 
 
 class MergeConfig(Section):
-    """How several recordings become one map."""
+    """Settings of the merge of several recordings to one map."""
 
-    changes: bool = Field(True, description="Whether changes between the recordings are looked for.")
+    changes: bool = Field(True, description="Whether to search for changes between the recordings.")
 
 
 class AuditConfig(Section):
-    """How a map is judged."""
+    """Settings of the audit, which judges a map."""
 
-    # an audited trajectory, which anyone may have made, may drift more than our own does before loops are closed
+    # An audited trajectory may come from any program, and may drift more than our own does before loops are closed.
     spacing_m: float = Field(
-        10.0, gt=0.0, description="Path [m] between the scans for which an earlier pass of the same place is looked for."
+        10.0, gt=0.0, description="Path [m] between the scans for which the audit looks for an earlier pass of the place."
     )
     least_path_m: float = Field(
         60.0, gt=0.0, description="Two scans with less path between them [m] are not two passes: odometry ties them already."
     )
-    reach_m: float = Field(12.0, gt=0.0, description="Distance [m] at which two passes still see the same things.")
+    reach_m: float = Field(12.0, gt=0.0, description="Largest distance [m] at which two passes see the same things.")
     search_m: float = Field(3.0, gt=0.0, description="Least half width of the search for the later pass's position [m].")
     search_rad: float = Field(0.05, gt=0.0, description="Least half width of the search in yaw [rad].")
     gate_m: float = Field(40.0, gt=0.0, description="Largest half width of the search for the later pass's position [m].")
@@ -307,40 +307,40 @@ class AuditConfig(Section):
     radius_m: float = Field(
         1.0,
         gt=0.0,
-        description="Radius [m] of the neighbourhoods of the entropies and plane variance; cells of the evidence grid are "
-        "half as wide.",
+        description="Radius [m] of the neighbourhoods in which entropies and plane variance are computed. Cells of the "
+        "evidence grid are half as wide.",
     )
     submap_spacing_m: float = Field(5.0, gt=0.0, description="Path [m] between the scans that a submap is rendered from.")
     torn_m: float = Field(0.5, gt=0.0, description="Two passes are torn if they are farther apart than this [m].")
     torn_rad: float = Field(
         0.0175, gt=0.0, description="Two passes are torn, too, if one is turned against the other by more than this [rad]."
     )
-    drift: float = Field(0.02, ge=0.0, description="Drift of the trajectory to reckon with, per length of path [m/m].")
-    drift_rad: float = Field(1e-4, ge=0.0, description="Drift of the yaw to reckon with, per length of path [rad/m].")
+    drift: float = Field(0.02, ge=0.0, description="Drift per length of path that the search allows for [m/m].")
+    drift_rad: float = Field(1e-4, ge=0.0, description="Yaw drift per length of path that the search allows for [rad/m].")
     scan_matched: float = Field(
         0.6,
         gt=0.0,
         le=1.0,
         json_schema_extra=EXPERT,
-        description="Scans beside each other must match at least this share of what two passes must (audit.matched): single "
-        "scans, each with noise of its own, share fewer points than maps of many scans do.",
+        description="Factor on audit.matched where single scans are compared: each has noise of its own, so that they "
+        "share fewer points than maps of many scans do.",
     )
 
 
 class VerdictConfig(Section):
-    """How often a verdict may be wrong about a good map, and how large a fault matters."""
+    """Settings of the verdict: how often it may call a good map bad, and which faults it tolerates."""
 
     false_alarms: float = Field(
         0.01,
         gt=0.0,
         lt=0.5,
-        description="Probability with which all tests that give p-values together call a good map bad.",
+        description="Probability that any of the tests with p-values calls a good map bad.",
     )
     tolerance_m: float | None = Field(
         None,
         gt=0.0,
-        description="Two passes may be this far apart [m]; all other tolerances of the verdict (in section audit) follow in "
-        "proportion. null takes audit.torn_m, and leaves the others as they are.",
+        description="Tolerated distance of two passes [m]. The other tolerances (bend_m, jump_m and torn_rad of section "
+        "audit) change in proportion. null takes audit.torn_m, and leaves the others as they are.",
     )
 
 
@@ -365,10 +365,10 @@ class Config(Section):
 
 
 def load_config(name: str | Path | None = None) -> Config:
-    """Returns the default settings, changed by a YAML file or by one that ships with mqslam.
+    """Loads settings: the defaults, changed by a YAML file or by a configuration that ships with mqslam.
 
     Args:
-        name: path of a YAML file, or the name of one that ships, such as `oxford`; None takes the defaults.
+        name: path of a YAML file, or name of a shipped configuration, such as `oxford`; None takes the defaults.
 
     Raises:
         ConfigError: the file does not exist or is not YAML, or a setting is unknown or out of range.
@@ -398,12 +398,12 @@ def list_shipped() -> list[str]:
 
 
 def set_doppler_beta(config: Config, doppler_beta: float) -> Config:
-    """Returns the settings with the Doppler shift [s] that was used, as the config.yaml of a result states them."""
+    """Returns the settings with the Doppler shift [s] that was used, as in the config.yaml of a result."""
     return set_sensor(config, doppler_beta=doppler_beta)
 
 
 def set_sensor(config: Config, **changed: float | str | None) -> Config:
-    """Returns the settings with others of the section `sensor`, which are taken as they are."""
+    """Returns the settings with some values of the section `sensor` replaced; the new values are not checked."""
     return config.model_copy(update={"sensor": config.sensor.model_copy(update=changed)})
 
 
@@ -432,11 +432,11 @@ def dump_yaml(config: Config) -> str:
 
 
 def explain_yaml(config: Config, *, everything: bool = True) -> str:
-    """Returns the settings as YAML, each under a comment with its reason and unit.
+    """Returns the settings as YAML, each under a comment with its description and unit.
 
     Args:
         config: the settings.
-        everything: whether settings that only an expert would touch are listed even if they have their default.
+        everything: whether settings that only an expert would touch are listed even at their defaults.
     """
     lines = []
     for name, section in config:
@@ -458,7 +458,7 @@ def explain_yaml(config: Config, *, everything: bool = True) -> str:
 
 
 def list_changes(before: Config, after: Config) -> list[tuple[str, Any, Any]]:
-    """Returns the settings that differ, each as its name, the value before and the value after, as JSON has them."""
+    """Returns the settings that differ, each as (name, value before, value after) with the values as in JSON."""
     differing = []
     for name, section in before:
         old, new = section.model_dump(mode="json"), getattr(after, name).model_dump(mode="json")

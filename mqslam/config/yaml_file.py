@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from mqslam.errors import ConfigError, suggest, untrusted
 
 M = TypeVar("M", bound=BaseModel)
-_NAMED: Final = 5  # unknown settings that an error names
+_NAMED: Final = 5  # largest number of unknown settings that an error names
 _FORMER: Final = "most settings of former versions are constants now, since nobody had a reason to change them"
 
 
@@ -31,7 +31,7 @@ def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
     except yaml.MarkedYAMLError as error:
         where = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
         raise ConfigError(f"{name}: is not a readable YAML file ({where}{error.problem or error.context})") from error
-    except Exception as error:  # PyYAML lets through what making numbers, dates and keys raises
+    except Exception as error:  # PyYAML does not catch the errors of making numbers, dates and keys
         first = (str(error) or type(error).__name__).splitlines()[0]
         raise ConfigError(f"{name}: is not a readable YAML file ({first})") from error
     if tree is None:
@@ -45,7 +45,7 @@ def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
 
 
 def _explain(error: ValidationError, model: type[BaseModel]) -> str:
-    """Returns the first fault of a settings tree in one line, or all unknown names, which may explain a missing one."""
+    """Describes faults in one line: all unknown names, of which one may be a misspelt setting, or else the first fault."""
     faults = error.errors()
     unknown = [".".join(map(str, fault["loc"])) for fault in faults if fault["type"] == "extra_forbidden"]
     if len(unknown) > 1:
@@ -56,11 +56,11 @@ def _explain(error: ValidationError, model: type[BaseModel]) -> str:
         hint = suggest(str(loc[-1]), _list_settings(model, loc[:-1]))
         return f"unknown setting {unknown[0]}; {hint}{' Or' if hint.endswith('?') else ', or'} leave it out: {_FORMER}"
     where = ".".join(map(str, faults[0]["loc"]))
-    return f"{where}: {faults[0]['msg'].removeprefix('Value error, ')}"  # pydantic's prefix of what our own checks raise
+    return f"{where}: {faults[0]['msg'].removeprefix('Value error, ')}"  # pydantic puts this before our messages
 
 
 def _list_settings(model: type[BaseModel], parents: tuple[int | str, ...]) -> list[str]:
-    """Returns the names of the settings below some parents; a number among the parents is a place in a list."""
+    """Returns the names of the settings below a path of parents; a number in the path is an index in a list."""
     node: Any = model
     for parent in parents:
         node = get_args(node)[0] if isinstance(parent, int) else node.model_fields[parent].annotation

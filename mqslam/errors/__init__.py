@@ -12,14 +12,14 @@ from pathlib import Path
 
 _log = logging.getLogger(__name__)
 _COMMANDS = r"\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ufff9-\ufffb\ud800-\udfff"
-"""Control characters, those without width, those of direction, and bytes of a path that are no UTF-8."""
+"""Control characters, characters without width or of text direction, and bytes of a path that are not UTF-8."""
 _IN_LINE = re.compile(f"[\\t\\n{_COMMANDS}]")
 _IN_TEXT = re.compile(f"(?!\\r\\n)[{_COMMANDS}]")
-_LONGEST = 800  # characters of a message; what it quotes from a damaged file may be of any length
+_LONGEST = 800  # characters of a message, which may quote a text of any length from a damaged file
 
 
 class Remedy(StrEnum):
-    """The remedies that a user has, in errors and notes, in plain words; the command line names its options instead."""
+    """Remedies that errors and notes offer to a user, in plain words; the command line names its options instead."""
 
     CHOOSE_OUTPUT = "choose another output"
     CHOOSE_OR_REMOVE_OUTPUT = "choose another output or remove this one"
@@ -46,7 +46,7 @@ class Remedy(StrEnum):
     NAME_LAYOUT = "name its layout"
     NAME_TARGET = "name the layout to write"
     NAME_TOPIC = "name the radar's topic"
-    MEND_FRONT_END = "mend it, whose traceback is in the log, or choose another front end"
+    MEND_FRONT_END = "mend it (its traceback is in the log), or choose another front end"
     OVERRIDE_RANGE_RESOLUTION = "sensor.range_resolution_m overrides it"
     READ_WITH_RANGE_RESOLUTION = "read the result with sensor.range_resolution_m:"
     OPEN_MAP_ELSEWHERE = "look at report.html, or write the map for Rerun's viewer and open it elsewhere"
@@ -117,19 +117,19 @@ class FewReturnsError(EstimationError):
 
 
 class NotInMapError(EstimationError):
-    """A recording of which no place was recognised in a map."""
+    """A recording that shows no place that is recognised in a map."""
 
 
 class FrontEndError(MqslamError):
-    """A front end that stopped by a fault of its own."""
+    """A front end that failed by a fault of its own."""
 
 
 class ViewerError(MqslamError):
-    """Nothing to show a map with: no display, or a viewer that is not installed."""
+    """A map that cannot be shown, because there is no display or the viewer is not installed."""
 
 
 class Interrupted(BaseException):
-    """The interrupt that a signal has asked for; its notes say how to go on.
+    """An interrupt that a signal has requested; its notes tell the user how to continue.
 
     Args:
         number: number of the signal.
@@ -144,14 +144,14 @@ class Interrupted(BaseException):
 
 
 def describe_error(error: Exception) -> str:
-    """Returns an error in one line: the message of one of mqslam's, or the type and first line of any other."""
+    """Describes an error in one line: by its message if mqslam raised it on purpose, else by its type and first line."""
     if isinstance(error, MqslamError):
         return str(error)
     return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}".rstrip(": ")
 
 
 def find_interrupt(error: BaseException) -> BaseException | None:
-    """Returns the interrupt that has led to an exception: itself, or one that compiled code has turned into an error.
+    """Finds the interrupt behind an exception: the exception itself, or one that compiled code turned into an error.
 
     Args:
         error: the exception.
@@ -170,35 +170,35 @@ def find_interrupt(error: BaseException) -> BaseException | None:
 
 
 def raise_interrupt(error: Exception) -> None:
-    """Raises the interrupt that has led to an error, if there is one, so that whoever handles errors does not swallow it."""
+    """Raises the interrupt behind an error, if there is one, so that handlers of errors do not swallow it."""
     interrupt = find_interrupt(error)
     if interrupt is not None:
         raise interrupt
 
 
 def find_near(name: str, known: Collection[str]) -> str | None:
-    """Returns the known name that is nearest to an unknown one; None where none is near."""
+    """Returns the known name that is most similar to an unknown one; None if none is similar."""
     return next(iter(difflib.get_close_matches(name.lower(), known, 1)), None)
 
 
 def suggest(name: str, known: Collection[str]) -> str:
-    """Returns what to write in place of an unknown name: the nearest known one, or all of them where none is near."""
+    """Suggests a replacement for an unknown name: the most similar known one, or all known names if none is similar."""
     near = find_near(name, known)
     return f"did you mean {near}?" if near else f"choose one of {', '.join(known)}"
 
 
 def show(name: str) -> str:
-    """Returns a text in one line, fit to be shown."""
+    """Returns a text in one line, with control characters escaped, so that it is safe to print."""
     return _IN_LINE.sub(_escape, name)
 
 
 def show_lines(text: str) -> str:
-    """Returns a text of lines, fit to be shown."""
+    """Returns a text of several lines, with control characters escaped, so that it is safe to print."""
     return _IN_TEXT.sub(_escape, text)
 
 
 def _escape(match: re.Match[str]) -> str:
-    """Returns a character as Python writes it in a text."""
+    """Returns the escape sequence by which Python writes a character."""
     return match[0].encode("unicode_escape").decode("ascii")
 
 
@@ -210,12 +210,12 @@ def _shorten(message: str) -> str:
 
 @contextmanager
 def tolerate(what: str, warnings: list[str], crashes: dict[str, str] | None = None) -> Iterator[None]:
-    """Turns an error of the block into a warning, because the other results are worth more than what the block makes.
+    """Turns an error of the block into a warning, so that the other results are not lost.
 
     Args:
-        what: names what the block makes, for the warning.
+        what: name of the result that the block makes, for the warning.
         warnings: the list that the warning is added to.
-        crashes: takes the error in words by the name of what the block makes; None takes none.
+        crashes: receives the error message under that name; None keeps no messages.
 
     Raises:
         OutputError: nothing can be written any more, for example because the disk is full.

@@ -1,4 +1,4 @@
-"""Files of unknown origin: only files of bounded shape are opened, and whatever goes wrong is an error about the file."""
+"""Opens files of unknown origin: checks their kind and bounds, and turns every failure into an error about the file."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from typing import Concatenate, ParamSpec, Protocol, TextIO, TypeVar
 
 from mqslam.errors import DataError, MqslamError, raise_interrupt
 
-_ALWAYS_BYTES = 16_000_000  # whatever is packed may unpack to this size
-_MOST_EXPANSION = 20  # what is larger may unpack to this many times its size: measurements hardly pack
-YAML_BYTES = 300_000  # size of a text in YAML, whose parsing takes five hundred times as much memory, and seconds
-_LONGEST_LINE = 1_000_000  # bytes; no table, log or listing has longer ones
-_UTF_16 = re.compile(rb"\xff\xfe[\x01-\x7f]\0|\xfe\xff\0[\x01-\x7f]")  # the mark, and a first character that is ASCII
-_DAMAGED = "copy it anew, or leave it out"
+_ALWAYS_BYTES = 16_000_000  # compressed data of any size may unpack to this many bytes
+_MOST_EXPANSION = 20  # and to this many times their own size on top: measurements hardly compress
+YAML_BYTES = 300_000  # largest YAML text, since parsing takes seconds and five hundred times as much memory
+_LONGEST_LINE = 1_000_000  # bytes; no table, log or listing has longer lines
+_UTF_16 = re.compile(rb"\xff\xfe[\x01-\x7f]\0|\xfe\xff\0[\x01-\x7f]")  # byte order mark, then an ASCII character
+_DAMAGED = "copy the file again, or leave it out"
 _KINDS = {
     stat.S_ISFIFO: "a pipe",
     stat.S_ISSOCK: "a socket",
@@ -37,16 +37,16 @@ T = TypeVar("T")
 class _Recording(Protocol):
     @property
     def path(self) -> Path:
-        """Where the recording lies."""
+        """The file or folder of the recording."""
 
 
 def bound_unpacked(packed_bytes: int) -> int:
-    """Returns to how many bytes at most something packed may unpack."""
+    """Returns the largest number of bytes that compressed data may unpack to, given their own size."""
     return _ALWAYS_BYTES + _MOST_EXPANSION * packed_bytes
 
 
 def check_file(path: Path) -> Path:
-    """Returns the path of a file if it may be opened; what opens it says so if it is not there or a folder.
+    """Returns the path of a file if it may be opened; a missing file or a folder raises only when it is opened.
 
     Raises:
         DataError: it is a pipe, a socket or a device, or a link out of the folder that is being read.
@@ -67,10 +67,10 @@ def check_file(path: Path) -> Path:
 
 
 def check_link(path: Path, *inside: Path) -> None:
-    """Checks that a link leads nowhere but below one of some folders.
+    """Checks that a link leads to a place in one of the given folders.
 
     Raises:
-        DataError: it leads out of it.
+        DataError: it leads out of them.
     """
     target = path.resolve()
     if not any(target.is_relative_to(folder) for folder in inside):
@@ -79,7 +79,7 @@ def check_link(path: Path, *inside: Path) -> None:
 
 @contextmanager
 def stay_within(folder: Path) -> Iterator[None]:
-    """Refuses files of a folder that are links out of it, while the block lasts; files that are elsewhere do not count."""
+    """Makes `check_file` refuse links that lead out of a folder, while the block lasts; links elsewhere are allowed."""
     before = _folder.set(folder.absolute())
     try:
         yield
@@ -88,10 +88,10 @@ def stay_within(folder: Path) -> Iterator[None]:
 
 
 def open_text(path: Path, encoding: str = "utf-8", errors: str | None = None) -> TextIO:
-    """Opens a text file whose lines are of bounded length; a byte order mark says how it is encoded, and is left out.
+    """Opens a text file whose lines are of bounded length; a byte order mark sets the encoding and is skipped.
 
     Raises:
-        DataError: it is no file, or has a line that is too long.
+        DataError: it is not a regular file, or has a line that is too long.
         OSError: it cannot be opened.
     """
     _check_lines(check_file(path))
@@ -101,7 +101,7 @@ def open_text(path: Path, encoding: str = "utf-8", errors: str | None = None) ->
 
 
 def decode(content: bytes) -> str:
-    """Decodes a text in UTF-8, or as its byte order mark says.
+    """Decodes a text in UTF-8, or in the encoding that its byte order mark states.
 
     Raises:
         UnicodeDecodeError: it is in another encoding.
@@ -113,7 +113,7 @@ def read_text(path: Path, encoding: str = "utf-8") -> str:
     """Reads a text file whose lines are of bounded length.
 
     Raises:
-        DataError: it is no file, or has a line that is too long.
+        DataError: it is not a regular file, or has a line that is too long.
         OSError: it cannot be read.
         UnicodeDecodeError: it is not in the encoding.
     """
@@ -122,10 +122,10 @@ def read_text(path: Path, encoding: str = "utf-8") -> str:
 
 
 def read_document(path: Path, most_bytes: int = _ALWAYS_BYTES) -> str:
-    """Reads a text in JSON, or in YAML with its own bound, which takes many times its size once it is parsed.
+    """Reads a JSON or YAML file of bounded size; YAML needs the bound `YAML_BYTES`, since parsing takes much memory.
 
     Raises:
-        DataError: it is no file, or is too large.
+        DataError: it is not a regular file, or is too large.
         OSError: it cannot be read.
         UnicodeDecodeError: it is not UTF-8.
     """
@@ -136,10 +136,10 @@ def read_document(path: Path, most_bytes: int = _ALWAYS_BYTES) -> str:
 
 @contextmanager
 def blame_file(path: Path) -> Iterator[None]:
-    """Turns whatever goes wrong in the block into an error about a file; the log has its traceback.
+    """Turns any error of the block into an error about a file; the log gets the traceback of unforeseen errors.
 
     Raises:
-        DataError: something has gone wrong.
+        DataError: the block has failed.
     """
     try:
         yield
@@ -149,7 +149,7 @@ def blame_file(path: Path) -> Iterator[None]:
         raise DataError(path, "does not fit into the memory", _DAMAGED) from error
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror or error})", "check its permissions") from error
-    except Exception as error:  # damaged files meet code of many libraries, and no list of what that raises is complete
+    except Exception as error:  # damaged files reach many libraries, and no list of the errors they raise is complete
         raise_interrupt(error)
         _log.info("%s cannot be read", path, exc_info=error)
         reason = (str(error).splitlines() or [""])[0][:160]
@@ -158,9 +158,9 @@ def blame_file(path: Path) -> Iterator[None]:
 
 
 def reads_file(read: Callable[Concatenate[Path, P], T]) -> Callable[Concatenate[Path, P], T]:
-    """Returns a function that reads the file or folder of its first argument, with all of its errors about that.
+    """Decorates a function that reads the file or folder in its first argument: all its errors become errors about that.
 
-    Files of a folder must not be links out of it.
+    If it is a folder, links that lead out of it are refused.
     """
 
     @wraps(read)
@@ -172,7 +172,7 @@ def reads_file(read: Callable[Concatenate[Path, P], T]) -> Callable[Concatenate[
 
 
 def reads_recording(read: Callable[Concatenate[R, P], Iterator[T]]) -> Callable[Concatenate[R, P], Iterator[T]]:
-    """Returns a method that reads parts of a recording, with all of its errors about that recording."""
+    """Decorates a method that reads parts of a recording: all its errors become errors about that recording."""
 
     @wraps(read)
     def read_and_blame(recording: R, /, *arguments: P.args, **named: P.kwargs) -> Iterator[T]:
@@ -191,10 +191,12 @@ def _read_mark(content: bytes) -> str | None:
 
 def _check_lines(path: Path) -> None:
     """Raises DataError if a file has a line that is too long."""
-    begin = 0  # bytes of the line that the block continues
+    begin = 0  # bytes so far of the line that the next block continues
     with path.open("rb") as file:
         while block := file.read(_LONGEST_LINE):
             first = block.find(b"\n")
             if begin + (first if first >= 0 else len(block)) > _LONGEST_LINE:
-                raise DataError(path, f"has a line of over {_LONGEST_LINE} bytes", "give a text file, or copy it anew")
+                raise DataError(
+                    path, f"has a line of over {_LONGEST_LINE} bytes", "give a text file, or copy the file again"
+                )
             begin = begin + len(block) if first < 0 else len(block) - 1 - block.rfind(b"\n")

@@ -127,7 +127,7 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
         if isinstance(error, KeyError) and error.args and (kind := _OTHER_SCHEMAS.get(error.args[0])):
             raise DataError(path, f"holds messages {kind}, not of ROS 2", _GIVE_ROS) from error
         reason = (str(error) or type(error).__name__).splitlines()[0]
-        remedy = "copy it anew, or repair it with 'rosbag reindex' or 'mcap recover'"
+        remedy = "copy the file again, or repair it with 'rosbag reindex' or 'mcap recover'"
         raise DataError(path, f"is not a readable bag ({reason})", remedy) from error
 
 

@@ -54,7 +54,7 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
     """
     load = _LOADERS.get(path.suffix.lower())
     if load is None:
-        raise DataError(path, "is no cloud in a known format", f"give one of {', '.join(_LOADERS)}")
+        raise DataError(path, "is no cloud in a known format", f"give a file of one of these kinds: {', '.join(_LOADERS)}")
     try:
         columns = load(untrusted.check_file(path))
         clock = read_clock(path) if load is _load_ply else None
@@ -62,12 +62,12 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
         raise
     except Exception as error:  # each library raises errors of its own besides NumPy's and the system's
         reason = (getattr(error, "strerror", None) or str(error) or type(error).__name__).splitlines()[0][:160]
-        raise DataError(path, f"is not a readable {path.suffix} ({reason})", "write it anew") from error
+        raise DataError(path, f"is not a readable {path.suffix} ({reason})", "write the file again") from error
     cloud = _make_cloud(path, columns, z_range)
     if clock is None:
         return cloud
     if clock.start_us + int(cloud.stamps_us[-1]) > LATEST_US:
-        raise DataError(path, "states a start beyond any clock", "write it anew")
+        raise DataError(path, "states a start beyond any clock", "write the file again")
     notes = [f"they are counted from {clock.start_us} us, as the file states"] if clock.start_us else []
     return replace(cloud, stamps_us=cloud.stamps_us + clock.start_us, notes=(*cloud.notes, *notes), scan_us=clock.scan_us)
 
@@ -88,7 +88,7 @@ def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | Non
         name, unit = f"{name} and {stamps_at[1][0]}", "ns"
     z = _read_column(path, columns, "z") if z_range is not None else None
     if len({len(x), len(y), len(times)}) > 1 or (z is not None and len(z) != len(x)):
-        raise DataError(path, f"has {len(x)} x, {len(y)} y and {len(times)} times", "write it anew")
+        raise DataError(path, f"has {len(x)} x, {len(y)} y and {len(times)} times", "write the file again")
     notes = [_note_precision(path, name, times)] if times.dtype == np.float32 and len(times) else []
     with np.errstate(invalid="ignore"):  # damaged numbers may be NaNs of a kind that NumPy warns about
         whole = mark_places(np.column_stack([x, y]).astype(np.float64)) & np.isfinite(times)
@@ -105,7 +105,7 @@ def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | Non
         raise DataError(path, f"{name} {error}", _WANTED) from error
     begin, end = np.quantile(stamps, [0.05, 0.95])
     if end - begin > _LONGEST_US:
-        raise DataError(path, f"{name} runs over {(end - begin) / _YEAR_US:.0f} years", "write it anew")
+        raise DataError(path, f"{name} runs over {(end - begin) / _YEAR_US:.0f} years", "write the file again")
     order = np.argsort(stamps, kind="stable")
     points = np.column_stack([x[whole], y[whole]]).astype(np.float64)
     notes.append(f"times are {name} in {unit}")
@@ -164,13 +164,15 @@ def _load_pcd(path: Path) -> Columns:
         if (
             min(header.count, default=1) < 1 or sum(header.count) > _MOST_NUMBERS
         ):  # pypcd4 would make a list of all that the header claims
-            raise DataError(path, f"claims {sum(header.count)} numbers per point", "write it anew")
+            raise DataError(path, f"states {sum(header.count)} numbers per point", "write the file again")
         claimed = header.points * header.build_dtype().itemsize
         if claimed > untrusted.bound_unpacked(path.stat().st_size):
-            raise DataError(path, f"claims {header.points} points in {path.stat().st_size} bytes", "write it anew")
+            raise DataError(
+                path, f"states {header.points} points, but has only {path.stat().st_size} bytes", "write the file again"
+            )
     points = PointCloud.from_path(path).pc_data
     if len(points) != header.points:
-        raise DataError(path, f"holds {len(points)} of {header.points} points", "copy it anew")
+        raise DataError(path, f"holds {len(points)} of {header.points} points", "copy the file again")
     return {name: points[name] for name in header.fields if name in (points.dtype.names or ())}
 
 
@@ -185,7 +187,7 @@ def _load_las(path: Path) -> Columns:
     with unpack(path) as unpacked, laspy.open(unpacked, read_evlrs=False) as file:
         count, cloud = file.header.point_count, file.read()
     if len(cloud.points) != count:
-        raise DataError(path, f"holds {len(cloud.points)} of {count} points", "copy it anew")
+        raise DataError(path, f"holds {len(cloud.points)} of {count} points", "copy the file again")
     fields = [name for name in cloud.point_format.dimension_names if name not in "XYZ"]
     return {"x": cloud.x, "y": cloud.y, "z": cloud.z, **{name: cloud[name] for name in fields}}
 
@@ -229,9 +231,11 @@ def unpack(path: Path) -> Iterator[Path]:
     """
     compressed, points_bytes = _read_covariances(path)
     if points_bytes > untrusted.bound_unpacked(path.stat().st_size):
-        raise DataError(path, f"claims {points_bytes} bytes of points in {path.stat().st_size} bytes", "write it anew")
+        raise DataError(
+            path, f"states {points_bytes} bytes of points, but has only {path.stat().st_size} bytes", "write the file again"
+        )
     if not _is_plausible(path):
-        raise DataError(path, "has a damaged header or chunk table", "copy it anew")
+        raise DataError(path, "has a damaged header or chunk table", "copy the file again")
     if not compressed:
         yield path
         return
@@ -241,7 +245,7 @@ def unpack(path: Path) -> Iterator[Path]:
             words = [str(path.absolute()), str(copy)]
             call_apart(write_unpacked, words, most_bytes=_ALWAYS_BYTES + _COPIES * untrusted.bound_unpacked(points_bytes))
         except ProcessFailed as error:
-            raise DataError(path, f"is not a readable {path.suffix} ({error})", "write it anew") from error
+            raise DataError(path, f"is not a readable {path.suffix} ({error})", "write the file again") from error
         yield copy
 
 

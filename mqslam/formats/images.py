@@ -41,7 +41,7 @@ def read_grey(path: Path) -> NDArray[np.uint8]:
     except NotGreyError as error:
         raise DataError(path, str(error), CONVERT_IMAGES) from error
     except ValueError as error:
-        raise DataError(path, str(error), "copy it anew, or leave it out of the recording") from error
+        raise DataError(path, str(error), "copy the file again, or leave it out of the recording") from error
 
 
 def decode_grey(source: Path | BinaryIO, formats: tuple[str, ...]) -> NDArray[np.uint8]:

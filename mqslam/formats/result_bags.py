@@ -63,7 +63,7 @@ def _find_moved(summary: Path) -> str:
         stated = json.loads(untrusted.read_document(summary))
         of_vehicle = stated.get("frame") == VEHICLE  # runs of earlier versions have the radar's poses
     except (OSError, ValueError, AttributeError) as error:
-        raise DataError(summary, "is no summary of a run", "run the recording anew") from error
+        raise DataError(summary, "is no summary of a run", "run the recording again") from error
     return VEHICLE_FRAME if of_vehicle else RADAR_FRAME
 
 

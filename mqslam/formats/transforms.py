@@ -228,7 +228,7 @@ class Transforms:
         first, last = max(stamps[0] for stamps in moving), min(stamps[-1] for stamps in moving)
         stamps = np.array([s for s in max(moving, key=len) if first <= s <= last], dtype=np.int64)
         if len(stamps) < 2:
-            raise ValueError(f"has no two transforms of all of {', '.join(chain)} at the same time")
+            raise ValueError(f"holds fewer than two times at which all of {', '.join(chain)} have a transform")
         places, turn = np.zeros((len(stamps), 3)), Rotation.identity(len(stamps))
         for name in chain:
             move, step = self._interpolate(name, stamps)

@@ -20,7 +20,7 @@ from mqslam.psi.minimiser import annealed_scale
 from mqslam.psi.place import Beam, PointSet
 from mqslam.psi.score import References, make_references
 
-# The keyframes around the vehicle are chosen anew once it has moved this far [m]. A longer way is faster, but registers
+# The keyframes around the vehicle are chosen again once it has moved this far [m]. A longer way is faster, but registers
 # scans on keyframes that are less well centred around them.
 _RENEW_M = 2.5
 
@@ -75,7 +75,7 @@ class Registered(NamedTuple):
 
 
 class MapAround:
-    """The keyframes around the vehicle, as references for its scans; they are chosen anew once it has moved on.
+    """The keyframes around the vehicle, as references for its scans; they are chosen again once it has moved on.
 
     Args:
         keyframes: keyframes of the map.
@@ -91,9 +91,13 @@ class MapAround:
         self._references: References | None = None
 
     def find(self, pose: se2.Array) -> tuple[se2.Array, References] | None:
-        """Returns an unturned frame (3,) near a scan's pose (3,) in the map, and the map's points around it in this frame.
+        """Returns the map's points around a scan in a local frame, or None if the map has no keyframe within reach.
 
-        It returns None if the map has no keyframe within reach.
+        Args:
+            pose: (3,) of the scan in the map's frame [m, m, rad].
+
+        Returns:
+            The local frame (3,), near the scan and with axes parallel to the map's, and the points in this frame.
         """
         if np.hypot(*(pose - self._frame)[:2]) > _RENEW_M:
             self._frame = np.array([pose[0], pose[1], 0.0])

@@ -78,10 +78,10 @@ def curvature_by_differences(
 ) -> NDArray[np.float64]:
     """Returns the curvature (Q, Q) of psi from central differences of its gradient.
 
-    Where all points move with the state, the evaluation's own curvature is up to four times too large.
+    Where all points move with the state, the curvature that `evaluate` returns is up to four times too large.
 
     Args:
-        gradient: returns the sum (Q,) of the scores at a state, with neighbours selected anew.
+        gradient: returns the sum (Q,) of the scores at a state, with the neighbours selected again.
         state: (Q,) state at which the curvature is computed.
         steps: (Q,) step of the differences to either side.
     """

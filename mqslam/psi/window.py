@@ -160,7 +160,7 @@ class Window:
     def find(
         self, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64], model: MotionModel = CONSTANT_TWIST
     ) -> WindowMotion:
-        """Finds the motion without an initial guess: searches exhaustively over two turns, then refines the best basins.
+        """Finds the motion without an initial guess: searches with the returns of two scans, then refines the best basins.
 
         Args:
             speeds: (V,) m/s that the search tries, in steps within the annealing's reach.

@@ -264,7 +264,7 @@ def list_unknown_scale(run: Run, recording: Recording) -> list[str]:
         return []
     known = "assumed" if recording.is_resolution_assumed else "stated"
     length = f"range bins of {recording.range_resolution:.4g} m, as is {known}"
-    return [f"the scale of the map rests on {length}: neither odometry nor GNSS is held against it"]
+    return [f"the scale of the map rests on {length}: neither odometry nor GNSS checks it"]
 
 
 def measure_ratio(run: Run) -> float | None:

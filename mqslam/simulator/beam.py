@@ -287,7 +287,7 @@ def _cast_plant(
 
 @nb.njit(cache=True, nogil=True)
 def _add_echoes(hits: Hits, radar: SimulatedRadar, beta: float, row: Array) -> None:
-    """Adds all hits of a beam to its row of power (B,), each attenuated by the hits in front of it in its cell."""
+    """Adds all hits of a beam to its row of power (B,); hits in the same cell that are nearer weaken those behind them."""
     for c in range(len(hits.counts)):
         through = 1.0
         for h in np.argsort(hits.table[c, : hits.counts[c], NEAR]):

@@ -235,7 +235,7 @@ def _block(rng: np.random.Generator, centre: Array, half: Array, parts: ScenePar
 
 
 def _streets() -> Iterator[tuple[Array, float, float]]:
-    """Yields the middle of every street that bounds one of the nine blocks: start (2,) [m], heading [rad], length [m]."""
+    """Yields the centre line of each street around the nine blocks: start (2,) [m], heading [rad], length [m]."""
     for k in (-1.5, -0.5, 0.5, 1.5):
         yield np.array([-1.5 * BLOCK[0], k * BLOCK[1]]), 0.0, 3.0 * BLOCK[0]
         yield np.array([k * BLOCK[0], -1.5 * BLOCK[1]]), np.pi / 2.0, 3.0 * BLOCK[1]

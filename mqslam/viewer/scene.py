@@ -94,7 +94,7 @@ def _read_loops(path: Path, scans: int) -> NDArray[np.int64]:
     """Reads the loop closures (L, 2) of a pose graph, which are its edges between scans that do not follow each other."""
     edges, poses = read_edges(path)
     if poses < scans or any(not 0 <= k < poses for edge in edges for k in edge):
-        raise DataError(path, f"does not fit the {scans} poses of trajectory.tum", "run the recording anew")
+        raise DataError(path, f"does not fit the {scans} poses of trajectory.tum", "run the recording again")
     loops = [edge for edge in edges if max(edge) < scans and abs(edge[1] - edge[0]) > 1]
     return np.array(loops, dtype=np.int64).reshape(-1, 2)
 

@@ -213,7 +213,11 @@ def test_who_comes_late_still_gets_the_map(finished: Path, tmp_path: Path) -> No
 @pytest.mark.parametrize("name", ["out", "out.npz"])
 def test_results_become_bags_only(finished: Path, tmp_path: Path, name: str) -> None:
     shown = mqslam("convert", finished, tmp_path / name)
-    assert shown.code == 2 and "is a run, whose results become a bag" in shown.err and read_contents(tmp_path) == {}
+    assert (
+        shown.code == 2
+        and "is a run; its results can only be converted to a bag" in shown.err
+        and read_contents(tmp_path) == {}
+    )
 
 
 @pytest.mark.parametrize(

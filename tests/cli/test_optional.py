@@ -203,7 +203,7 @@ class Broken:
         ("covariance", "the motion from 1.25 s to 1.50 s has a covariance with negative variances"),
         ("number", "gave 5 motions for 20 scans"),
         ("shape", "gave a pose of shape (3,) and a covariance of shape (2, 2); it must give (3,) and (3, 3)"),
-        ("exception", "stopped with KeyError: 'ranges'; mend it, whose traceback -v shows"),
+        ("exception", "stopped with KeyError: 'ranges'; mend it (-v shows its traceback)"),
     ],
 )
 def test_a_front_end_whose_numbers_are_none_is_named(

@@ -97,7 +97,7 @@ def test_stamps_since_another_zero_look_like_no_other_unit(recording: Recording,
     from_zero = replace(recording, stamps_us=recording.stamps_us - recording.start_us)
     for start_us in (3_000_000, 1_000_000_000):
         file = write_imu_csv(tmp_path / "mine.csv", *(f"{t},0,0,0" for t in stamps(40, 10_000, start_us).tolist()))
-        with pytest.raises(DataError, match=r"with the recording; give one of"):
+        with pytest.raises(DataError, match=r"with the recording; give a file with stamps between"):
             choose_gyroscope(from_zero, str(file))
 
 
@@ -155,7 +155,7 @@ def test_a_clock_that_is_off_by_a_usual_time_is_said(recording: Recording, tmp_p
     for choose, file in ((choose_gyroscope, imu), (choose_fixes, gnss)):
         with pytest.raises(DataError) as caught:
             choose(recording, str(file))
-        assert f"the stamps seem to be {said}; give one of" in str(caught.value)
+        assert f"the stamps seem to be {said}; give a file" in str(caught.value)
     own = Fixes(np.array(late), np.full(9, 43.0), np.full(9, -79.0), np.full(9, 2.5), "gps")
     (fault,) = choose_fixes(replace(recording, fixes=own), "auto").faults
     assert fault.endswith(f"are not used: the stamps seem to be {said}")

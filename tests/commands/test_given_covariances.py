@@ -71,13 +71,13 @@ def test_covariances_of_half_of_the_drive_are_refused_or_said_not_to_be_used(tmp
     with pytest.raises(DataError, match="of 28 of 60 scans"):
         find_relative_covariances(path, "any.tum", given, 0, sweeps)
     claims, (note,) = find_relative_covariances(None, tmp_path / "trajectory.tum", given, 0, sweeps)
-    assert claims is None and "revisits are not held against what the trajectory claims to know: " in note
+    assert claims is None and "revisits are not compared with the covariances of the trajectory: " in note
 
 
 def test_covariances_need_a_trajectory_from_a_file(tmp_path: Path) -> None:
     sweeps, given = turned_walls()
     path = written(tmp_path, given.stamps_us, given.poses)
-    with pytest.raises(ConfigError, match="covariances belong to a trajectory from a file"):
+    with pytest.raises(ConfigError, match="covariances can be given only together with a trajectory from a file"):
         find_relative_covariances(path, "ground_truth", None, 0, sweeps)
     with pytest.raises(DataError, match="does not exist"):
         find_relative_covariances(tmp_path / "nowhere.csv", "any.tum", given, 0, sweeps)
@@ -86,5 +86,5 @@ def test_covariances_need_a_trajectory_from_a_file(tmp_path: Path) -> None:
 def test_covariances_of_a_sensor_are_not_those_of_what_extrinsics_move(tmp_path: Path) -> None:
     _, given = turned_walls()
     path = written(tmp_path, given.stamps_us, given.poses)
-    with pytest.raises(ConfigError, match="covariances are those of the sensor's poses"):
+    with pytest.raises(ConfigError, match="covariances are of the sensor's poses"):
         mqslam.audit(tmp_path / "drive", tmp_path / "out", trajectory=given, covariances=path, extrinsics=(1.0, 0.0, 0.0))

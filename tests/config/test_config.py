@@ -137,7 +137,8 @@ def test_what_is_shown_is_read_back_the_same_and_explains_itself(tmp_path: Path)
     (tmp_path / "mine.yaml").write_text(shown.out)
     assert load_config(tmp_path / "mine.yaml") == load_config("oxford")
     assert (
-        f"  # Change of yaw acceleration per 0.25 s [rad/s^2].\n  sigma_alpha: {Config().tracker.sigma_alpha}\n" in shown.out
+        f"  # Usual change of yaw acceleration per 0.25 s [rad/s^2].\n  sigma_alpha: {Config().tracker.sigma_alpha}\n"
+        in shown.out
     )
     assert json.loads(mqslam("config", "show", "--json").out) == Config().model_dump(mode="json")
 

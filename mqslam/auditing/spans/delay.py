@@ -1,7 +1,7 @@
 """The delay: by how much the stamps of a trajectory are late, estimated where the speed or the rate of turn changes.
 
-As long as a sensor moves steadily, a late clock only shifts the begin of the whole trajectory. Where the speed or the rate
-of turn changes between two places, the motion between them differs from the trajectory's.
+While a sensor moves steadily, a late clock only shifts the start of the whole trajectory. Where the speed or the rate of
+turn changes between two places, the motion that is measured from the returns differs from the motion in the trajectory.
 """
 
 from __future__ import annotations

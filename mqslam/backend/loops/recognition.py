@@ -69,7 +69,7 @@ def describe_places(drive: Passes, beam: Beam, engine: Engine) -> PlaceTable:
 
 
 def describe_map(made: KeyframeMap, beam: Beam, engine: Engine) -> KeyframeMap:
-    """Returns a map with the descriptors of this version of mqslam; they are computed anew if the map has others."""
+    """Returns a map with the descriptors of this version of mqslam; they are computed again if the map has others."""
     if made.places.made_with == DESCRIBED_WITH:
         return made
     return replace(made, places=describe_places(MappedDrive.of(made.keyframes), beam, engine))

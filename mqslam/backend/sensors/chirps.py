@@ -150,7 +150,7 @@ def _find_fault(found: Calibration, residuals: NDArray[np.float64], variances: N
 
 
 def _make_edges(motions: Sequence[Measurement], poses: se2.Array, variances: NDArray[np.float64]) -> TravelEdges:
-    """Returns the motions that velocities measured as edges, without information about the turn."""
+    """Makes edges of the pose graph from measured velocities; the edges hold no information about the turn."""
     edges = TravelEdges()
     for k in np.flatnonzero(np.isfinite(poses[:, 0])).tolist():
         covariance = np.diag([*variances[k, :2], _UNKNOWN**2])

@@ -218,7 +218,7 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
     """
     use = FixUse(fixes.source, ())
     if not motions or not len(fixes):
-        return use.refuse("there is no motion that they could be held against" if not motions else "there are none")
+        return use.refuse("there is no motion that they could be compared with" if not motions else "there are none")
     chain, starts = se2.chain(m.pose for m in motions), np.array([*(m.t0 for m in motions), motions[-1].t1])
     times: NDArray[np.float64] = np.asarray((fixes.stamps_us - start_us) * 1e-6)
     plane = TangentPlane.at_middle(fixes)

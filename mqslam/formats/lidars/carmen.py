@@ -143,7 +143,7 @@ def _parse_stamps(path: Path, words: list[str]) -> NDArray[np.int64]:
     try:
         return parse_stamps(words, "s")
     except ValueError as error:
-        raise DataError(path, str(error), "remove the lines, or copy the log anew") from error
+        raise DataError(path, str(error), "remove the lines, or copy the log again") from error
 
 
 def _drop_clipped(
@@ -193,7 +193,7 @@ def _find_mount(sensor: se2.Array, robot: se2.Array, parameters: dict[str, float
 def _chain_odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]) -> tuple[Trajectory | None, list[str]]:
     """Returns the robot's odometry, or None where it has fewer than two poses, and notes on what was done to it.
 
-    In a log that a SLAM run wrote, the odometry starts anew from the corrected pose after every scan. The wheels measured
+    In a log that a SLAM run wrote, the odometry starts again from the corrected pose after every scan. The wheels measured
     only the steps in between: these are chained, and the jumps to the corrected poses are left out.
     """
     poses = np.array([line.pose for line in lines])
@@ -203,7 +203,7 @@ def _chain_odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]
         steps = se2.wrapped_between(poses[:-1], poses[1:])
         steps[anchored[1:]] = 0.0
         poses = se2.compose(poses[0], se2.integrate_steps(steps))
-        notes.append(f"the odometry starts anew from {anchored.sum()} corrected poses: its steps are chained instead")
+        notes.append(f"the odometry starts again from {anchored.sum()} corrected poses: its steps are chained instead")
     measured = np.flatnonzero(~anchored)
     stamps = np.zeros(len(lines), dtype=np.int64)
     stamps[measured] = _parse_stamps(path, [lines[row].stamp for row in measured])
@@ -318,7 +318,7 @@ def read_log(path: Path) -> CarmenLog:
                 with suppress(ValueError):  # other parameters are words
                     log.parameters[words[1]] = float(_parse_finite(words[2:3], 1)[0])
         except (ValueError, IndexError):
-            remedy = "remove the line, or copy the log anew"
+            remedy = "remove the line, or copy the log again"
             raise DataError(path, f"line {number} is no whole {kind} message of numbers", remedy) from None
     return log
 
@@ -342,7 +342,9 @@ def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
                     raise DataError(path, f"line {number} does not end", "give a CARMEN log")
                 yield number, line.decode("ascii", errors="replace")
     except (OSError, EOFError, zlib.error) as error:
-        raise DataError(path, f"is not a readable log ({str(error) or type(error).__name__})", "copy it anew") from error
+        raise DataError(
+            path, f"is not a readable log ({str(error) or type(error).__name__})", "copy the file again"
+        ) from error
 
 
 def _parse_flaser(words: list[str], above: int) -> ScanLine:

@@ -129,7 +129,7 @@ def _describe_damaged(numbers: NDArray[np.int64], damaged: NDArray[np.bool_]) ->
 
 
 def _find_takes(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Finds the usual duration (N - 1,) of a turn [us] between increasing stamps (N,) [us]; places (N,) count the turns."""
+    """Finds the usual duration (N - 1,) of a turn [us] in each gap of stamps (N,) [us]; places (N,) number the turns."""
     steps = np.maximum(1, np.diff(stamps_us) // np.diff(places))
     return find_usual_turns(np.append(0, np.cumsum(steps)))
 

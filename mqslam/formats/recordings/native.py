@@ -26,7 +26,7 @@ from mqslam.formats.tables import SensorTable
 
 _MOST_TURNED = 1e6  # azimuths beyond this are damaged [rad]
 _LONGEST_TURN_S = 30.0  # turns that claim to last longer are damaged
-_REMEDY = "write it anew"
+_REMEDY = "write the file again"
 
 
 @dataclass(frozen=True, slots=True)

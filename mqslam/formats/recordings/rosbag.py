@@ -50,7 +50,7 @@ _Entry = tuple[int, "Connection", Any]  # stamp [us], topic, message
 
 @dataclass(frozen=True, kw_only=True)
 class RosbagRecording(Recording):
-    """A recording in a ROS bag; the bag is opened anew by every call of `polar_scans`.
+    """A recording in a ROS bag; the bag is opened again by every call of `polar_scans`.
 
     Args:
         radar: the radar's topic.

@@ -34,7 +34,7 @@ _VALIDITY_SHARE = 0.75
 # the rows. Below this share it says nothing about single azimuths.
 _CHIRP_SHARE = 0.25
 _MOST_STAMP_ERROR_US = 1_000_000  # an image whose name is a stamp further than this outside its turn is damaged
-_REMEDY = "copy it anew, or leave it out of the recording"
+_REMEDY = "copy the file again, or leave it out of the recording"
 
 _Rows = tuple[Azimuths, NDArray[np.uint8]]  # azimuths (A,) and their power (A, B)
 

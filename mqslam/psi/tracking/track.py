@@ -1,6 +1,6 @@
 """Tracks a recording by psi: matches every scan, bridges gaps and losses, and measures the scans of young maps again.
 
-A track begins with scans whose motion is found from these scans alone. After a gap or a loss it begins anew in the same
+A track begins with scans whose motion is found from these scans alone. After a gap or a loss it begins again in the same
 way, so that the scans after it never depend on a prediction alone.
 """
 
@@ -31,8 +31,8 @@ class Track:
     Args:
         scans: all scans of the recording.
         tracker: a new tracker.
-        find_twist: returns the mean twist (3,) between two times [s] as other sensors measure it, NaN where they do not,
-            or None. It is used where psi alone does not find or observe the motion.
+        find_twist: returns the mean twist (3,) between two times [s] by other sensors, NaN for components that they do not
+            measure, and None where they measure nothing. It is used where psi alone does not find or observe the motion.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Track:
             self._tracked[n] = self._tracker.look_back(self._scans[n])
 
     def _step(self, k: int) -> int:
-        """Tracks scan k, or begins anew after a gap or a loss, and returns the next scan to track."""
+        """Tracks scan k, or begins again after a gap or a loss, and returns the next scan to track."""
         scan = self._scans[k]
         if not self._lost and self._tracker.loses(scan):
             self._measure_again()
