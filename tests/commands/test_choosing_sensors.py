@@ -89,7 +89,7 @@ def test_stamps_in_another_unit_than_microseconds_are_said_to_look_like_it(
     imu = write_imu_csv(tmp_path / "mine.csv", *(f"{t:.6f},0,0,0" for t in times))
     gnss = write_gnss_csv(tmp_path / "gnss.csv", *(f"{t:.6f},43.0,-79.0,2.5" for t in times))
     for choose, file in ((choose_gyroscope, imu), (choose_fixes, gnss)):
-        with pytest.raises(DataError, match=f"recording: its stamps look like {unit}; give them in microseconds, of"):
+        with pytest.raises(DataError, match=f"recording: its stamps look like {unit}; give them in microseconds, between"):
             choose(recording, str(file))
 
 
