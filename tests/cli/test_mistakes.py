@@ -35,7 +35,7 @@ ODOMETRY = {
 SMALL = "simulate drive --duration 1.5 --azimuths 90 --range-resolution 0.5 --max-range 60"
 KEPT = {"kept.bag": "kept", "kept/mine": "kept"}
 GRAPHS = {"poses.tum": "# a trajectory\n1600000000.022921 0 0 0 0 0 0 1\n", "table.txt": "1 2 3\n", "prose.txt": "Poses.\n"}
-FROM_FILE = "belong to a trajectory from a file"
+FROM_FILE = "can be given only together with a trajectory from a file"
 
 # the words of a command, in which OXFORD is a small recording and STREET a simulated one, what it says, and files beside it
 MISTAKES: list[tuple[str, str, dict[str, str]]] = [
