@@ -90,9 +90,9 @@ def audit(
     of_file = ("times", "topic", "frame", "extrinsics")
     if trajectory is None and (any(given[name] is not None for name in of_file) or given["time_offset_s"] != 0.0):
         options = "--times, --topic, --frame, --time-offset and --extrinsics"
-        raise ConfigError(f"{options} belong to a trajectory from a file; give --trajectory FILE")
+        raise ConfigError(f"{options} can be given only together with a trajectory from a file; give --trajectory FILE")
     if trajectory is None and given["covariances"] is not None:
-        raise ConfigError("--covariances belongs to a trajectory from a file; give --trajectory FILE")
+        raise ConfigError("--covariances can be given only together with a trajectory from a file; give --trajectory FILE")
     heights = _parse_heights(z_range)
     with terminal.open_work() as work:
         result = do(out=out, trajectory=trajectory or "recording", heights=heights, work=work, **given)

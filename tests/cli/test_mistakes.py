@@ -73,7 +73,7 @@ MISTAKES: list[tuple[str, str, dict[str, str]]] = [
     ("audit STREET --out out -t odometry --times t.txt", FROM_FILE, {}),
     ("audit STREET --out out -t ground_truth --extrinsics 0,0,1", f"{FROM_FILE}; give --trajectory", {}),
     ("audit STREET --out out -t odometry --frame base_link", f"{FROM_FILE}; give --trajectory", {}),
-    ("audit STREET --out out --covariances c.csv", "belongs to a trajectory from a file", {}),
+    ("audit STREET --out out --covariances c.csv", FROM_FILE, {}),
     ("audit STREET --out out -t ground_truth --covariances c.csv", FROM_FILE, {}),
     ("audit STREET --out out -t ground_truth --config nothing", "no such configuration", {}),
     ("audit STREET --out out -t ground_truth --false-alarms 0", "a rate of false alarms of 0 is not between 0 and 0.5", {}),
