@@ -103,7 +103,6 @@ def _make_config(settings: KissIcpConfig) -> Any:
     config.mapping.voxel_size = settings.voxel_size_m
     config.data.max_range = settings.max_range_m
     config.data.min_range = 0.0
-    config.data.deskew = settings.deskew
     return _make_repeatable(config)
 
 

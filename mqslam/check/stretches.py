@@ -102,7 +102,7 @@ def read_stretches(
             if isinstance(polar_scan, DataError):
                 returns[k], unread[k], before = Returns.none(), str(polar_scan), None
             else:
-                returns[k] = detect(polar_scan, recording.range_resolution, detector)
+                returns[k] = detect(polar_scan, recording.range_resolution, detector, recording.range_offset)
                 turns[k] = _describe_turn(recording, k, polar_scan, before)
                 before = polar_scan
             progress(len(returns), total)

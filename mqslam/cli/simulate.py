@@ -27,6 +27,11 @@ _OWN: Options = {
     "doppler": option(
         float | None, None, r"Doppler shift: range error per closing speed \[s]; none by default, 0.0502 with --chirps."
     ),
+    "range_offset": option(
+        float,
+        0.0,
+        r"Range offset that the recording does not state: true range minus range of the bin's centre \[m].",
+    ),
     "chirps": flag("Let chirps go up and down in turn, as the chirps of Boreas-RT's radar do.", "--chirps"),
     "imu": option(str, "mems", "Grade of the gyroscope: mems, good or none."),
     "imu_rate_hz": option(float, 100.0, r"Readings of the gyroscope per second, 50 to 200 \[1/s].", "--imu-rate"),
@@ -51,6 +56,7 @@ def simulate(
     max_range: float,
     movers: int | None,
     doppler: float | None,
+    range_offset: float,
     chirps: bool,
     **given: Any,
 ) -> None:
@@ -66,7 +72,9 @@ def simulate(
         write(
             out,
             scene=scene,
-            sensor=SensorModel(turn_rate, azimuths, range_resolution, max_range, doppler_beta=beta, chirps=chirps),
+            sensor=SensorModel(
+                turn_rate, azimuths, range_resolution, max_range, doppler_beta=beta, chirps=chirps, range_offset=range_offset
+            ),
             movers=_MOVERS.get(scene) if movers is None else movers,
             jobs=terminal.jobs,
             progress=lambda done, total: show("simulate", done, total),

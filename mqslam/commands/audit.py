@@ -336,7 +336,8 @@ def _read_given(
     """
     if isinstance(trajectory, str) and trajectory in CARRIED:
         if any(option is not None for option in (times, topic, frame, mount)) or time_offset_s != 0.0:
-            problem = "stamps, topics, frames, time offsets and extrinsics can be given only together with a trajectory from a file"
+            which = "stamps, topics, frames, time offsets and extrinsics"
+            problem = f"{which} can be given only together with a trajectory from a file"
             raise ConfigError(problem, Remedy.GIVE_TRAJECTORY)
         return None, []
     if isinstance(trajectory, str) and not Path(trajectory).exists() and (near := find_near(trajectory, CARRIED)):

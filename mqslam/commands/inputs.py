@@ -97,6 +97,7 @@ def open_data(
         data,
         format,
         resolution,
+        range_offset=sensor.range_offset_m,
         clockwise=sensor.clockwise,
         stamp=sensor.stamp,
         topics=Topics(sensor.radar_topic, sensor.odometry_topic, sensor.truth_topic),

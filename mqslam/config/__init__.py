@@ -48,6 +48,13 @@ class SensorConfig(Section):
         gt=0.0,
         description="Length of a range bin [m]. null takes what the recording states, else the usual length of its format.",
     )
+    range_offset_m: float | None = Field(
+        None,
+        ge=-10.0,
+        le=10.0,
+        description="True range of an object at rest less the range of its bin's centre [m]: about -0.3 on Navtech's. "
+        "null takes what the recording states, else 0.",
+    )
     doppler_beta: float | None = Field(
         None,
         ge=-1.0,
@@ -218,11 +225,10 @@ class ScanMatchingConfig(Section):
 class KissIcpConfig(ScanMatchingConfig):
     """Settings of the KISS-ICP front end."""
 
-    deskew: bool = Field(True, description="Whether the last motion moves each return to the end of its scan.")
     config_file: Path | None = Field(
         None,
-        description="YAML file of KISS-ICP's own settings, which replaces voxel_size_m, max_range_m and deskew; null "
-        "uses these three.",
+        description="YAML file of KISS-ICP's own settings, which replaces voxel_size_m and max_range_m; null uses "
+        "these two.",
     )
 
 

@@ -57,6 +57,7 @@ class Recording(ABC):
         stamps_us: (N,) int64 [us], stamp of the first azimuth of every polar scan, strictly increasing.
         turns_us: (N,) int64 [us], duration of each turn: the time until the next one begins, unless a gap follows.
         range_resolution: length of a range bin [m].
+        range_offset: true range of an object at rest minus the range of the bin's centre [m].
         is_resolution_assumed: whether the recording does not state that length, and the layout's usual one is taken.
         stamp_sigma_s: standard deviation of a turn's stamp [s] where stamps are arrival times corrected for their
             delays; 0 where stamps are exact.
@@ -77,6 +78,7 @@ class Recording(ABC):
     stamps_us: NDArray[np.int64]
     turns_us: NDArray[np.int64]
     range_resolution: float
+    range_offset: float = field(default=0.0, kw_only=True)
     is_resolution_assumed: bool = field(default=False, kw_only=True)
     stamp_sigma_s: float = field(default=0.0, kw_only=True)
     odometry: Trajectory | None = None

@@ -52,26 +52,29 @@ _NOISE_AZIMUTHS = 8
 _SPREAD = (10.0, 50.0)  # the percentiles between which the spread of the noise lies: the definition of detector.contrast
 
 
-def detect(polar_scan: PolarScan, range_resolution: float, config: DetectorConfig) -> Returns:
+def detect(polar_scan: PolarScan, range_resolution: float, config: DetectorConfig, range_offset: float = 0.0) -> Returns:
     """Finds the returns of a polar scan, as `detect_and_count` does."""
-    return detect_and_count(polar_scan, range_resolution, config)[0]
+    return detect_and_count(polar_scan, range_resolution, config, range_offset)[0]
 
 
-def detect_and_count(polar_scan: PolarScan, range_resolution: float, config: DetectorConfig) -> tuple[Returns, PeakCounts]:
+def detect_and_count(
+    polar_scan: PolarScan, range_resolution: float, config: DetectorConfig, range_offset: float = 0.0
+) -> tuple[Returns, PeakCounts]:
     """Finds the returns of a polar scan, and counts the azimuths and peaks that the steps of the detector dropped.
 
     Args:
         polar_scan: times (A,) s, azimuths (A,) rad, power (A, B), valid (A,).
         range_resolution: length of a range bin [m]; bin b is centred at (b + 0.5) times this length.
         config: settings of the detector.
+        range_offset: true range minus the range of the bin's centre [m]; the limits of the detector are true ranges.
 
     Returns:
         Returns in the order of their times, and the counts.
     """
     power = np.ascontiguousarray(polar_scan.power)
     bins = power.shape[1]
-    first = max(1, math.floor(config.min_range_m / range_resolution))
-    last = min(bins - 1, math.ceil(config.max_range_m / range_resolution))
+    first = max(1, math.floor((config.min_range_m - range_offset) / range_resolution))
+    last = min(bins - 1, math.ceil((config.max_range_m - range_offset) / range_resolution))
     half = min(round(_SMOOTHING_M / range_resolution), max(0, (bins - 3) // 2))
     usable = polar_scan.valid & ~_find_saturated(power)
     above_noise = _threshold_above_noise(power[usable, first:last], half, config)
@@ -103,6 +106,7 @@ def detect_and_count(polar_scan: PolarScan, range_resolution: float, config: Det
     kept = max(config.most_returns, np.count_nonzero(rows[:, 3] >= above_noise))
     rows = rows[np.argsort(-rows[:, 3], kind="stable")[:kept]]
     rows = rows[np.argsort(rows[:, 2], kind="stable")]
+    rows[:, 0] += range_offset
     return Returns(*(np.ascontiguousarray(rows[:, column]) for column in range(4))), counts
 
 

@@ -61,7 +61,7 @@ def detect_stretch(
     for k, polar_scan in read_polar_scans(recording, start, stop):
         read = time.perf_counter()
         if not isinstance(polar_scan, DataError):
-            returns, counted = detect_and_count(polar_scan, recording.range_resolution, config)
+            returns, counted = detect_and_count(polar_scan, recording.range_resolution, config, recording.range_offset)
             scans.append(returns)
             counts += counted
             if with_velocities:

@@ -39,8 +39,8 @@ def hash_run(
 ) -> str:
     """Returns a hash of everything that a run's result depends on; a run only resumes a checkpoint with the same hash."""
     digest = hashlib.sha256()
-    path, resolution = str(recording.path.resolve()), str(recording.range_resolution)
-    for text in (__version__, dump_yaml(config), frontend, path, resolution):
+    path, ranges = str(recording.path.resolve()), f"{recording.range_resolution} {recording.range_offset}"
+    for text in (__version__, dump_yaml(config), frontend, path, ranges):
         digest.update(text.encode(errors="surrogateescape") + b"\0")
     digest.update(recording.stamps_us.tobytes())
     if odometry is not None:

@@ -92,6 +92,7 @@ class SimulatedRadar(NamedTuple):
     roughness: float
     saturation: float
     clutter: float
+    range_offset: float
 
 
 class Hits(NamedTuple):
@@ -298,7 +299,12 @@ def _add_echoes(hits: Hits, radar: SimulatedRadar, beta: float, row: Array) -> N
             for j in range(parts):
                 gain = 1.0 - radar.speckle + radar.speckle * np.random.exponential(1.0)
                 r = hit[NEAR] + (j + 0.5) / parts * depth + shift
-                _deposit(row, r / radar.resolution - 0.5, through * gain * hit[ENERGY] / parts, radar.spread)
+                _deposit(
+                    row,
+                    (r - radar.range_offset) / radar.resolution - 0.5,
+                    through * gain * hit[ENERGY] / parts,
+                    radar.spread,
+                )
             through *= 1.0 - hit[OPACITY]
 
 

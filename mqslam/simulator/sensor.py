@@ -40,6 +40,7 @@ class SensorModel:
         doppler_beta: range shift per closing speed [s]: measured range = true range - doppler_beta * closing speed.
         chirps: whether chirps go up and down in turn, up at the first azimuth; a chirp that goes down has the opposite
             range shift.
+        range_offset: true range of an object at rest minus the range of the centre of its bin [m].
     """
 
     turn_rate_hz: float = 4.0
@@ -58,6 +59,7 @@ class SensorModel:
     clutter_probability: float = 5e-5
     doppler_beta: float = 0.0
     chirps: bool = False
+    range_offset: float = 0.0
 
     def __post_init__(self) -> None:
         positive = ("turn_rate_hz", "range_resolution", "max_range", "beam_width_deg", "spread_bins")
@@ -136,6 +138,7 @@ def render_polar_scan(
         sensor.roughness,
         sensor.saturation_probability,
         sensor.clutter_probability,
+        sensor.range_offset,
     )
     power = render_power(
         _keep_near(scene, poses, sensor.bins * sensor.range_resolution),

@@ -124,6 +124,16 @@ def test_targets_apart_in_range_or_azimuth_are_returns_in_the_order_of_their_tim
     assert np.all(np.diff(returns.times) >= 0.0)
 
 
+def test_the_range_offset_moves_returns_and_the_limits_are_true_ranges() -> None:
+    power = quiet()
+    for azimuth, range_m in ((10, 20.0), (20, 2.7), (30, 2.2)):
+        add(power, azimuth, range_m)
+    near = DetectorConfig(min_range_m=2.5)
+    np.testing.assert_allclose(np.sort(detect(polar_scan(power), BIN_M, near).ranges), [2.7, 20.0], atol=0.02)
+    np.testing.assert_allclose(detect(polar_scan(power), BIN_M, near, -0.4).ranges, [19.6], atol=0.02)
+    np.testing.assert_allclose(np.sort(detect(polar_scan(power), BIN_M, near, 0.4).ranges), [2.6, 3.1, 20.4], atol=0.02)
+
+
 def test_noise_and_what_is_too_near_or_too_far_give_no_returns() -> None:
     assert len(detect_in(quiet())) == 0
     power = with_echoes((17, 1.5), (30, 55.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -11,7 +12,16 @@ from mqslam.errors import ConfigError, DataError, Remedy, suggest, untrusted
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.formats.bags import explain_packed
 from mqslam.formats.recordings.derived import turn_as_told
-from mqslam.formats.recordings.layout import USUAL_TOPICS, Layout, Sensing, Stamp, Target, Topics, is_bin_length
+from mqslam.formats.recordings.layout import (
+    USUAL_TOPICS,
+    Layout,
+    Sensing,
+    Stamp,
+    Target,
+    Topics,
+    is_bin_length,
+    is_range_offset,
+)
 
 __all__ = ["FORMATS", "list_targets", "open_recording"]
 
@@ -32,6 +42,7 @@ def open_recording(
     format: str | None = None,
     range_resolution: float | None = None,
     *,
+    range_offset: float | None = None,
     clockwise: bool | None = None,
     stamp: Stamp | None = None,
     topics: Topics = USUAL_TOPICS,
@@ -43,6 +54,8 @@ def open_recording(
         path: a file or folder in one of the layouts of `FORMATS`.
         format: name of the layout; None guesses it from the path.
         range_resolution: length of a range bin [m]; None takes it from the recording or the layout's default.
+        range_offset: true range of an object at rest minus the range of the bin's centre [m]; None takes what the recording
+            states, else 0.
         clockwise: whether the radar turns clockwise, seen from above; None takes the direction in which the azimuths turn,
             or the layout's default.
         stamp: whether the stamp of a polar scan is its start or its end, where azimuths carry no stamps; None takes the
@@ -60,6 +73,8 @@ def open_recording(
         raise ConfigError(f"range resolution {range_resolution}: is no length of a range bin; give metres, such as 0.0438")
     if format is not None and format not in FORMATS:
         raise ConfigError(f"format '{format}': is unknown; {suggest(format, FORMATS)}")
+    if range_offset is not None and not is_range_offset(range_offset):
+        raise ConfigError(f"range offset {range_offset}: is none that a radar has; give metres, such as -0.33")
     with untrusted.blame_file(path), untrusted.stay_within(_find_root(path)):
         if not path.exists():
             raise DataError(path, "does not exist", "check the path")
@@ -69,7 +84,9 @@ def open_recording(
         layout = _load(format) if format else _guess_layout(path)
         if topics != USUAL_TOPICS and layout is not _load("rosbag"):
             raise DataError(path, "is no bag, and has no topics", "leave the topics out")
-        opened = layout.open_recording(path, Sensing(range_resolution, clockwise, stamp, topics, encoder_size))
+        opened = layout.open_recording(path, Sensing(range_resolution, clockwise, stamp, topics, encoder_size, range_offset))
+        if range_offset is not None:
+            opened = replace(opened, range_offset=range_offset)
         return turn_as_told(opened, clockwise)
 
 

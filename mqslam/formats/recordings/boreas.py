@@ -1,9 +1,9 @@
 """Reads and writes the layouts Boreas and Boreas-RT: `radar/<t>.png` of Oxford rows, with `calib/` or `applanix/` beside it.
 
 Source: github.com/utiasASRL/pyboreas, DATA_REFERENCE.md, DATA_RT_REFERENCE.md, pyboreas/utils, and issue 44. An image and
-its pose are stamped in the middle of the turn (row floor(A / 2) - 1). Poses lie in `applanix/radar_poses.csv`, calibrations
-in `calib/`: `T_a_b` takes points of frame b to frame a. The Applanix frame is x right, y forward, z up; the radar's is x
-forward, y right, z down.
+its pose are stamped in the middle of the turn (row floor(A / 2) - 1). Bin b is at the range b * resolution + radar_offset.
+Poses lie in `applanix/radar_poses.csv`, calibrations in `calib/`: `T_a_b` takes points of frame b to frame a. The Applanix
+frame is x right, y forward, z up; the radar's is x forward, y right, z down.
 
 Readings of other sensors lie in `applanix/` and `imu/`. In Boreas, applanix/imu.csv holds the post-processed solution, from
 which the ground truth comes, too; for Boreas-RT, the authors advise against it for the same reason. So it is read only
@@ -12,22 +12,25 @@ where a user names it.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.recording import Recording
 from mqslam.core.sensors import Mount
 from mqslam.core.trajectory import Trajectory
+from mqslam.errors import DataError, Remedy, untrusted
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.images import list_stamps, write_png
 from mqslam.formats.poses import make_trajectory
 from mqslam.formats.recordings import oxford
 from mqslam.formats.recordings.azimuths import azimuth_stamps, make_rows_of_chirps
-from mqslam.formats.recordings.layout import Sensing, Target
+from mqslam.formats.recordings.layout import Sensing, Target, is_range_offset
 from mqslam.formats.recordings.row_images import RowImageRecording, open_rows
 from mqslam.formats.sensors.csv_files import DMU_NAMES, TO_FORWARD, read_fixes_table, read_gyroscope_table, read_transform
 from mqslam.formats.sensors.reading import add_beside
@@ -36,6 +39,8 @@ from mqslam.formats.tables import read_header, read_stamped
 UPGRADE_US = 1_632_182_400_000_000
 """2021-09-21, when another radar was mounted."""
 _RADAR = "Boreas's radar at that date"
+_RADAR_OFFSET_M = -0.31  # range of the near end of bin 0, by Navtech and the data set's own experiment
+_MISC = "misc_calibrations.yaml"  # file in calib/ that states the range offset, among others
 RANGE_RESOLUTION_BEFORE_M = 0.0596
 RANGE_RESOLUTION_M = 0.04381
 """Lengths of a range bin [m] that the data set publishes for the two radars."""
@@ -65,14 +70,35 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
     imu = next((file for file in imus if file.exists()), None)  # the one that the ground truth depends on least
     unread = root / "applanix" / "imu.csv"
     dependent = f"{unread} comes from the same solution as the ground truth, and is not read as a gyroscope"
+    offset, notes = (0.0, []) if sensing.range_offset is not None else _read_radar_offset(root / "calib" / _MISC)
+    offset -= 0.5 * recording.range_resolution
     return add_beside(
-        recording,
+        replace(recording, range_offset=offset, notes=(*recording.notes, *notes)),
         lambda: read_gyroscope_table(imu) if imu else None,
         lambda: read_fixes_table(fixes) if (fixes := _find_fixes(root)) else None,
         lambda: _read_mount(root / "calib"),
         truth=lambda: _read_poses(poses) if poses.exists() else None,
         notes=[f"{dependent}; name it to use it"] if imu is None and unread.exists() else [],
     )
+
+
+def _read_radar_offset(file: Path) -> tuple[float, list[str]]:
+    """Reads the range [m] of the near end of bin 0; returns the usual one, with a note, if no file states it.
+
+    Raises:
+        DataError: the file cannot be read, or states an offset that no radar has.
+    """
+    if not file.exists():
+        note = f"a range offset of {_RADAR_OFFSET_M:g} m is assumed, as the devkit has it: {Remedy.OVERRIDE_RANGE_OFFSET}"
+        return _RADAR_OFFSET_M, [note]
+    try:
+        stated = yaml.safe_load(untrusted.read_document(file, untrusted.YAML_BYTES)) or {}
+        offset = float(stated.get("radar_offset", _RADAR_OFFSET_M))
+        if not is_range_offset(offset):
+            raise ValueError(offset)
+    except (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError, yaml.YAMLError) as error:
+        raise DataError(file, "states no radar_offset in metres that a radar has", "repair or remove it") from error
+    return offset, []
 
 
 def _find_fixes(root: Path) -> Path | None:
@@ -124,8 +150,10 @@ def write(out: Path, recording: Recording) -> list[str]:
     """Writes a recording as a folder; see `Target`."""
     middles = np.empty(len(recording), dtype=np.int64)
     with write_folder_aside(out) as folder:
-        for name in ("radar", "applanix"):
+        for name in ("radar", "applanix", "calib"):
             (folder / name).mkdir()
+        offset = recording.range_offset + 0.5 * recording.range_resolution
+        write_text(folder / "calib" / _MISC, f"radar_offset: {offset:.9g}\n")
         for k, polar_scan in enumerate(recording.polar_scans()):
             middles[k] = azimuth_stamps(recording, polar_scan)[len(polar_scan.times) // 2 - 1]
             write_png(folder / "radar" / f"{middles[k]}.png", make_rows_of_chirps(recording, k, polar_scan))
@@ -151,4 +179,6 @@ def _write_poses(folder: Path, truth: Trajectory, middles: NDArray[np.int64]) ->
     return ["ground truth is carried to the middles of the turns, as Boreas has it"]
 
 
-TARGETS = (Target("boreas", write, assumed_resolution=lambda recording: _find_resolution(recording.start_us)),)
+TARGETS = (
+    Target("boreas", write, range_offset=True, assumed_resolution=lambda recording: _find_resolution(recording.start_us)),
+)

@@ -11,6 +11,7 @@ from mqslam.core.recording import Recording
 from mqslam.errors import Remedy
 
 Stamp = Literal["start", "end"]
+_FARTHEST_OFFSET_M = 10.0  # no radar's ranges are off by more: other numbers are mistakes
 _FINEST_M, _COARSEST_M = 1e-3, 100.0  # no radar has shorter or longer range bins: other numbers are mistakes
 Message = Literal["image", "b_scan"]
 """Types of messages in which a bag holds polar scans: images of Oxford rows, or b-scans of Navtech's driver."""
@@ -19,6 +20,11 @@ Message = Literal["image", "b_scan"]
 def is_bin_length(metres: float) -> bool:
     """Returns whether a number can be the length of a range bin [m]."""
     return _FINEST_M <= metres <= _COARSEST_M
+
+
+def is_range_offset(metres: float) -> bool:
+    """Returns whether a number can be the range offset of a radar [m]."""
+    return abs(metres) <= _FARTHEST_OFFSET_M
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +55,7 @@ class Sensing:
         stamp: whether a polar scan's stamp, where it has only one, is its start or its end.
         topics: topics of a bag to read.
         encoder_size: encoder ticks per turn, where azimuths carry encoder values.
+        range_offset: true range of an object at rest minus the range of the bin's centre [m].
     """
 
     range_resolution: float | None = None
@@ -56,6 +63,7 @@ class Sensing:
     stamp: Stamp | None = None
     topics: Topics = USUAL_TOPICS
     encoder_size: int | None = None
+    range_offset: float | None = None
 
     def choose_resolution(self, usual_m: float, whose: str) -> tuple[float, list[str]]:
         """Returns the length of a range bin [m], with a note where the layout's usual length is assumed.
@@ -113,6 +121,7 @@ class Target:
         truth: whether it holds ground truth.
         sensors: whether it holds the gyroscope, GNSS fixes and the radar's mount.
         validity: whether it can mark an azimuth as not measured.
+        range_offset: whether it holds the radar's range offset.
         assumed_resolution: length of a range bin [m] that readers assume for a recording; None where the layout states it.
         message: type of the messages in which a bag holds polar scans; it has no meaning for other layouts.
         is_bag: whether it is a ROS bag, which can also hold the results of a run.
@@ -125,6 +134,7 @@ class Target:
     truth: bool = True
     sensors: bool = False
     validity: bool = True
+    range_offset: bool = False
     assumed_resolution: Callable[[Recording], float] | None = None
     message: Message = "image"
     is_bag: bool = False

@@ -19,7 +19,7 @@ from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_aside
 from mqslam.formats import npz
 from mqslam.formats.poses import make_trajectory
-from mqslam.formats.recordings.layout import Sensing, Target, is_bin_length
+from mqslam.formats.recordings.layout import Sensing, Target, is_bin_length, is_range_offset
 from mqslam.formats.recordings.turns import find_usual_turns, measure_turn, place_turns
 from mqslam.formats.sensors.reading import Reading, add_beside, make_fixes, make_gyroscope
 from mqslam.formats.tables import SensorTable
@@ -97,6 +97,7 @@ def open_recording(path: Path, sensing: Sensing) -> NativeRecording:
             stamps_us=stamps,
             turns_us=turns,
             range_resolution=sensing.range_resolution or resolution,
+            range_offset=_read_range_offset(archive),
             odometry=_read_trajectory(archive, "odometry"),
             ground_truth=_read_trajectory(archive, "ground_truth"),
             notes=(*archive.read("notes", np.str_, (-1,)).tolist(), *sensing.note_unused()),
@@ -104,6 +105,14 @@ def open_recording(path: Path, sensing: Sensing) -> NativeRecording:
         return add_beside(
             recording, lambda: _read_gyroscope(archive), lambda: _read_fixes(archive), lambda: _read_mount(archive)
         )
+
+
+def _read_range_offset(archive: _Archive) -> float:
+    """Reads the range offset [m]; older files state none, which means 0."""
+    offset = float(archive.read("range_offset", np.float64, ())) if "range_offset" in archive else 0.0
+    if not is_range_offset(offset):
+        raise archive.refuse(f"has a range offset of {offset} m")
+    return offset
 
 
 def _read_turns(archive: _Archive, stamps_us: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -184,11 +193,11 @@ def _read_mount(archive: _Archive) -> Mount | None:
 def write(path: Path, recording: Recording) -> list[str]:
     """Writes a recording as a native `.npz`; see `Target`.
 
-    Members: `stamps_us`, `turns_us`, `range_resolution`, `notes`; where the recording has them, `odometry_stamps_us` and
-    `odometry_poses`, and the same for `ground_truth`; `gyroscope_stamps_us` and `gyroscope_rates`; `fixes_stamps_us`,
-    `fixes_places` (latitude and longitude [degrees], standard deviation [m]) and `fixes_made_truth`; `mount_pose`; and the
-    source of each of these three, such as `mount_source`. For polar scan k there are `times_k`, `azimuths_k`, `power_k` and
-    `valid_k` with k in six digits at least. Nothing is compressed.
+    Members: `stamps_us`, `turns_us`, `range_resolution`, `range_offset`, `notes`; where the recording has them,
+    `odometry_stamps_us` and `odometry_poses`, and the same for `ground_truth`; `gyroscope_stamps_us` and `gyroscope_rates`;
+    `fixes_stamps_us`, `fixes_places` (latitude and longitude [degrees], standard deviation [m]) and `fixes_made_truth`;
+    `mount_pose`; and the source of each of these three, such as `mount_source`. For polar scan k there are `times_k`,
+    `azimuths_k`, `power_k` and `valid_k` with k in six digits at least. Nothing is compressed.
     """
     with write_aside(path) as aside, zipfile.ZipFile(aside, "w", zipfile.ZIP_STORED) as archive:
         for name, array in _list_members(recording):
@@ -203,6 +212,7 @@ def _list_members(recording: Recording) -> Iterator[tuple[str, Any]]:
     yield "stamps_us", recording.stamps_us
     yield "turns_us", recording.turns_us
     yield "range_resolution", np.float64(recording.range_resolution)
+    yield "range_offset", np.float64(recording.range_offset)
     yield "notes", np.array(recording.notes, dtype=np.str_)
     for name, trajectory in (("odometry", recording.odometry), ("ground_truth", recording.ground_truth)):
         if trajectory is not None:
@@ -225,4 +235,4 @@ def _list_members(recording: Recording) -> Iterator[tuple[str, Any]]:
             yield f"{name}_{k:06d}", getattr(polar_scan, name)
 
 
-TARGETS = (Target("native", write, ".npz", odometry=True, sensors=True),)
+TARGETS = (Target("native", write, ".npz", odometry=True, sensors=True, range_offset=True),)

@@ -29,7 +29,7 @@ from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.images import list_stamps, write_png
 from mqslam.formats.poses import make_trajectory
 from mqslam.formats.recordings.azimuths import azimuth_stamps, make_rows_of_chirps
-from mqslam.formats.recordings.layout import Sensing, Target, is_bin_length, note_resolution
+from mqslam.formats.recordings.layout import Sensing, Target, is_bin_length, is_range_offset, note_resolution
 from mqslam.formats.recordings.row_images import RowImageRecording, open_rows
 from mqslam.formats.sensors.csv_files import read_fixes_table, read_gyroscope_table, write_fixes_csv, write_gyroscope_csv
 from mqslam.formats.sensors.reading import Reading, add_beside
@@ -38,7 +38,7 @@ from mqslam.formats.trajectories import read_odometry, write_twists
 from mqslam.formats.tum import read_tum, write_tum
 
 RANGE_RESOLUTION_M = 0.0438  # fits Oxford's radar best; 0.0432 m is published
-_RECORDING = "recording.json"  # file in which a converted recording states the length of a range bin and the radar's mount
+_RECORDING = "recording.json"  # file in which a converted recording states the radar's range bins, range offset and mount
 _MOUNT, _MOUNT_KEYS = "radar_on_vehicle", ("x_m", "y_m", "yaw_rad")
 _GNSS, _TRUTH_GNSS = "gnss.csv", "gt/gnss.csv"
 _COLUMNS = "source_timestamp,destination_timestamp,x,y,z,roll,pitch,yaw,source_radar_timestamp,destination_radar_timestamp"
@@ -61,7 +61,7 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
     odometry = root / "odom.csv"
     broken: list[str] = []
     recording = add_beside(
-        replace(recording, notes=(*unlisted, *recording.notes)),
+        replace(recording, range_offset=_find_range_offset(root), notes=(*unlisted, *recording.notes)),
         lambda: _read_gyroscope(root),
         lambda: _read_fixes(root),
         lambda: _read_mount(root),
@@ -109,13 +109,29 @@ def _list_names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str],
     return np.unique(np.array(kept, dtype=np.int64)), notes, faults
 
 
+def _list_descriptions(root: Path) -> list[Path]:
+    """Lists the files beside the images that state properties of the radar."""
+    return [file for name in (_RECORDING, "twin.json", "simulation.json") if (file := root / name).exists()]
+
+
+def _find_range_offset(root: Path) -> float:
+    """Finds the range offset [m] that a file beside the images states; 0 if none does."""
+    for file in _list_descriptions(root):
+        try:
+            value = float(json.loads(untrusted.read_document(file)).get("range_offset_m", 0.0))
+            if not is_range_offset(value):
+                raise ValueError(value)
+        except (OSError, ValueError, AttributeError, TypeError, RecursionError) as error:
+            raise DataError(file, "states a range_offset_m that no radar has", "repair or remove it") from error
+        return value
+    return 0.0
+
+
 def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]:
     """Finds the length of a range bin [m]; returns it with a note where it is assumed."""
     if given is not None:
         return given, []
-    for file in (root / _RECORDING, root / "twin.json", root / "simulation.json"):
-        if not file.exists():
-            continue
+    for file in _list_descriptions(root):
         try:
             value = float(json.loads(untrusted.read_document(file))["range_resolution_m"])
             if not is_bin_length(value):
@@ -194,10 +210,12 @@ def write(out: Path, recording: Recording) -> list[str]:
 
 
 def _write_sensors(folder: Path, recording: Recording) -> None:
-    """Writes the gyroscope and the GNSS fixes, and in a file of their own the length of range bins and the radar's mount."""
+    """Writes the gyroscope and the GNSS fixes, and the radar's range bins, range offset and mount."""
     stated: dict[str, Any] = {}
     if recording.mount is not None:
         stated[_MOUNT] = dict(zip(_MOUNT_KEYS, recording.mount.pose.tolist(), strict=True))
+    if recording.range_offset:
+        stated["range_offset_m"] = recording.range_offset
     if stated or recording.range_resolution != RANGE_RESOLUTION_M:
         stated = {"range_resolution_m": recording.range_resolution, **stated}
         write_text(folder / _RECORDING, json.dumps(stated) + "\n")
@@ -238,4 +256,4 @@ def _format_moves(truth: Trajectory) -> str:
     return "\n".join(lines) + "\n"
 
 
-TARGETS = (Target("oxford", write, odometry=True, sensors=True),)
+TARGETS = (Target("oxford", write, odometry=True, sensors=True, range_offset=True),)

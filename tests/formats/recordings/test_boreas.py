@@ -26,11 +26,33 @@ def note_of(folder: Path, word: str) -> str:
 def test_a_drive_in_boreas_layout_is_the_drive(boreas: Path) -> None:
     recording = open_recording(boreas)
     assert recording.format == "boreas" and recording.is_resolution_assumed
-    (note,) = recording.notes
-    assert note.startswith("range resolution 0.0596 m is assumed, as Boreas's radar at that date has it")
-    stated = open_recording(recording.path, range_resolution=0.06)
+    bins, offset = recording.notes
+    assert bins.startswith("range resolution 0.0596 m is assumed, as Boreas's radar at that date has it")
+    assert offset.startswith("a range offset of -0.31 m is assumed")
+    stated = open_recording(recording.path, range_resolution=0.06, range_offset=0.0)
     assert not stated.notes and not stated.is_resolution_assumed
     assert_alike(recording, left_turn())
+
+
+def test_the_range_offset_counts_from_the_near_end_of_a_bin(boreas: Path) -> None:
+    assert open_recording(boreas).range_offset == pytest.approx(-0.31 - 0.5 * 0.0596)
+    (boreas / "calib").mkdir()
+    stated = boreas / "calib" / "misc_calibrations.yaml"
+    stated.write_text("wheel_radius: 0.34\nradar_offset: -0.2\nradar_doppler_beta: 0.049\n")
+    recording = open_recording(boreas, range_resolution=0.06)
+    assert recording.range_offset == pytest.approx(-0.23) and not recording.notes
+    assert open_recording(boreas, range_offset=0.1).range_offset == 0.1
+    for text in (
+        "radar_offset: near",
+        "radar_offset: .nan",
+        "radar_offset: 30",
+        "- 1",
+        "radar_offset: [1",
+        "radar_offset: null",
+    ):
+        stated.write_text(text)
+        with pytest.raises(DataError, match=r"misc_calibrations.yaml: states no radar_offset in metres that a radar has"):
+            open_recording(boreas)
 
 
 def test_poses_are_those_of_the_middle_of_the_turns_in_rep_103(boreas: Path) -> None:
@@ -99,7 +121,7 @@ def test_falling_chirps_only_or_an_unused_byte_are_all_kept(tmp_path: Path) -> N
 def test_a_few_unmarked_rows_were_not_measured(tmp_path: Path) -> None:
     measured = np.arange(AZIMUTHS) != 7
     recording = open_recording(write_boreas(tmp_path / "drive", left_turn(), measured))
-    assert len(recording.notes) == 1  # that the length of a range bin is assumed
+    assert len(recording.notes) == 2  # that the length of a range bin and the range offset are assumed
     np.testing.assert_array_equal(recording[2].valid, measured)
 
 

@@ -2,14 +2,16 @@ from __future__ import annotations
 
 import pickle
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.recordings import START_US, TURN_US, assert_same, assert_same_polar_scan
 
-from mqslam.errors import DataError
-from mqslam.formats.recordings import open_recording
+from mqslam.errors import ConfigError, DataError
+from mqslam.formats.conversion import write_recording
+from mqslam.formats.recordings import list_targets, open_recording
 from mqslam.formats.recordings.native import write as write_native
 
 
@@ -45,6 +47,27 @@ def test_odometry_and_ground_truth_are_kept(oxford: Path, tmp_path: Path) -> Non
 
 def test_range_resolution_can_be_overridden(native: Path) -> None:
     assert open_recording(native, range_resolution=0.1).range_resolution == 0.1
+
+
+def test_the_range_offset_is_kept_or_named_as_lost(oxford: Path, tmp_path: Path) -> None:
+    recording = open_recording(oxford, range_offset=-0.25)
+    for number, target in enumerate(list_targets()):
+        out = tmp_path / f"kept{number}{target.suffix}"
+        notes = write_recording(recording, out, target, lambda done, total: None)
+        (lost,) = [note for note in notes if "does not hold the range offset" in note] or [""]
+        assert open_recording(out).range_offset == (pytest.approx(-0.25, abs=1e-5) if target.range_offset else 0.0)
+        assert lost.endswith("sensor.range_offset_m: -0.25") == (not target.range_offset)
+
+
+def test_a_range_offset_that_no_radar_has_is_refused(oxford: Path, native: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"range offset 31.0: is none that a radar has; give metres"):
+        open_recording(native, range_offset=31.0)
+    (oxford / "recording.json").write_text('{"range_resolution_m": 0.0438, "range_offset_m": -31}')
+    with pytest.raises(DataError, match=r"recording.json: states a range_offset_m that no radar has"):
+        open_recording(oxford)
+    write_native(tmp_path / "far.npz", replace(open_recording(native), range_offset=31.0))
+    with pytest.raises(DataError, match=r"has a range offset of 31.0 m"):
+        open_recording(tmp_path / "far.npz")
 
 
 def test_a_recording_that_cannot_be_read_leaves_no_file(oxford: Path, tmp_path: Path) -> None:
