@@ -33,6 +33,7 @@ from mqslam.execution.kept import LOOPS, REFINED
 from mqslam.execution.runner import Runner
 from mqslam.mapping.render import render_track
 from mqslam.psi.place import Beam, beam_of
+from mqslam.psi.ranging import RangeErrors, measure_range_errors
 from mqslam.solution import CHECK, Run, Solution
 
 PSI: Final = "psi"
@@ -84,7 +85,7 @@ class Slam:
             except FewReturnsError as error:
                 raise EstimationError(f"{error}: {detected.counts.remedy}") from error
             before, after = self._render(scans, solution)
-            checked, kept = self._audit(scans, solution), None
+            checked, range_errors, kept = self._audit(scans, solution), self._measure_ranges(scans, solution), None
             with runner.time_stage("render"), runner.tolerate("the keyframes of the map"):
                 kept = solution.keep_map(scans, recording, runner.engine)
         return Run(
@@ -93,6 +94,7 @@ class Slam:
             map_optimised=after,
             kept=kept,
             checked=checked,
+            range_errors=range_errors,
             runtime_s=runner.runtime_s,
             unread=detected.unread,
         )
@@ -187,3 +189,11 @@ class Slam:
                 optimum = None if solution.covariances.failure else (solution.graph, solution.values)
                 return audit_trajectory(scans, solution.optimised, self._config, solution.beam, runner, optimum)
         return None
+
+    def _measure_ranges(self, scans: Scans, solution: Solution) -> RangeErrors | None:
+        """Measures the errors of the radar's ranges by psi; returns None if that fails or the drive does not show them."""
+        runner, estimator = self._runner, self._config.estimator
+        found: RangeErrors | None = None
+        with runner.time_stage("check"), runner.tolerate("the errors of the ranges"):
+            found = measure_range_errors(scans, solution.optimised.poses, estimator, solution.beam, runner.engine)
+        return found

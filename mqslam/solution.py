@@ -28,6 +28,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.mapping.keyframing import make_keyframes
 from mqslam.psi.place import Beam, beam_of
+from mqslam.psi.ranging import RangeErrors
 
 CHECK = "the check of the map"
 """Name of the part of a run that judges its map."""
@@ -117,6 +118,7 @@ class Run(Solution):
         map_optimised: the recording rendered under the optimised trajectory.
         kept: the keyframes of the optimised map; None where they could not be made.
         checked: audit of the optimised map, with a sample of its windows; None where it could not be made.
+        range_errors: errors of the returns' ranges that psi shows under the optimised trajectory; None where it shows none.
         runtime_s: runtime of each stage [s].
         unread: the error for each polar scan that could not be read and was left out, by the number of the scan.
         crashes: error message of each part that could not be made, by the name of the part.
@@ -128,6 +130,7 @@ class Run(Solution):
     map_optimised: PointMap
     kept: KeyframeMap | None
     checked: Audit | None
+    range_errors: RangeErrors | None
     runtime_s: dict[str, float]
     unread: dict[int, DataError]
     crashes: Mapping[str, str]

@@ -59,6 +59,7 @@ def describe_delay(delay_s: float) -> str:
     return f"{abs(delay_s):.2f} s {'late' if delay_s >= 0.0 else 'early'}"
 
 
+_SURE = 3.0  # standard deviations by which a range offset has to differ from the one in use to be worth a setting
 _NAMES = {"gyroscope": "the gyroscope", "gnss": "GNSS"}
 
 
@@ -74,7 +75,22 @@ def list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
     parts = [*sensors.values(), summary.get("mount")]
     found = (part for part in parts if part is not None and part.get("used", True))
     used = [_NAMES[name] for name, part in sensors.items() if name in _NAMES and part and part.get("used")]
-    return [statement for part in found for statement in part["statements"]] + _doubt_sensors(summary, used)
+    statements = [statement for part in found for statement in part["statements"]]
+    return statements + _describe_range_errors(summary) + _doubt_sensors(summary, used)
+
+
+def _describe_range_errors(summary: Mapping[str, Any]) -> list[str]:
+    """Returns a note on the range offset and the Doppler shift that psi shows, if it shows them."""
+    found = summary.get("range_errors")
+    if found is None:
+        return []
+    offset, sigma, used = (found[f"range_offset_{name}"] for name in ("m", "sigma_m", "used_m"))
+    shift = f"a Doppler shift of {found['doppler_beta']:.3f} ± {found['doppler_sigma']:.3f} s"
+    lengths = f"{sigma:.2g} m of it change lengths by {abs(found['length_per_offset']) * sigma:.2%}"
+    shown = f"psi shows a range offset of {offset:.2f} ± {sigma:.2f} m ({used:.2f} m is used; {lengths}) and {shift}"
+    if abs(offset - used) <= _SURE * sigma:
+        return [shown]
+    return [f"{shown}: sensor.range_offset_m states the offset, if the radar's maker or calibration gives one"]
 
 
 def _doubt_sensors(summary: Mapping[str, Any], used: Sequence[str]) -> list[str]:

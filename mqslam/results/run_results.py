@@ -38,6 +38,7 @@ from mqslam.formats.maps.nav2_map import write_nav2_map
 from mqslam.formats.ply import MapClock, write_ply
 from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
+from mqslam.psi.ranging import RangeErrors
 from mqslam.results.audit_results import list_unjudged, share_to_numbers, summarise_audit, summarise_tests
 from mqslam.results.files import TRUTH, format_csv, format_log, list_notes, list_stages, list_verdict, write_truth
 from mqslam.results.run_verdict import judge_run, list_unknown_scale
@@ -66,6 +67,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         "frame": RADAR if run.mount is None else VEHICLE,
         "doppler_beta": run.doppler_beta,
         "doppler_sigma": run.doppler_sigma,
+        "range_errors": None if run.range_errors is None else _summarise_ranges(run.range_errors, recording),
         "dataset": {
             "format": recording.format,
             "path": str(recording.path),
@@ -107,6 +109,21 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         "evaluation_odometry": list_errors(run.odometry, truth),
         "runtime_s": {name: run.runtime_s.get(name, 0.0) for name in _STAGES},
         "peak_rss_mb": find_peak_mb(children=True),
+    }
+
+
+def _summarise_ranges(errors: RangeErrors, recording: Recording) -> dict[str, Any]:
+    """Returns the errors of the ranges that psi shows as JSON data, for summary.json."""
+    sigmas = np.sqrt(np.diag(errors.covariance))
+    return {
+        "range_offset_m": recording.range_offset + errors.offset,
+        "range_offset_sigma_m": float(sigmas[0]),
+        "range_offset_used_m": recording.range_offset,
+        "doppler_beta": errors.beta,
+        "doppler_sigma": float(sigmas[1]),
+        "correlation": float(errors.covariance[0, 1] / (sigmas[0] * sigmas[1])),
+        "length_per_offset": errors.lengthening,
+        "stretches": errors.stretches,
     }
 
 

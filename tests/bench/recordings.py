@@ -18,7 +18,9 @@ from pathlib import Path
 from bench.benchmark import MissingData
 from worlds.writing import simulate_hard
 
+from mqslam.simulator import SensorModel
 from mqslam.simulator import simulate as simulate_kind
+from mqslam.simulator.write import COARSE_SENSOR
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared"
@@ -45,7 +47,7 @@ def simulate_short_city(world: str, seed: int) -> Path:
     return simulate("city", world, seed, _SHORT_S)
 
 
-def simulate(scene: str, world: str, seed: int, duration_s: float) -> Path:
+def simulate(scene: str, world: str, seed: int, duration_s: float, sensor: SensorModel = COARSE_SENSOR) -> Path:
     """Returns a simulated drive.
 
     Args:
@@ -53,10 +55,12 @@ def simulate(scene: str, world: str, seed: int, duration_s: float) -> Path:
         world: `kind` or `hard`.
         seed: of the scene and of the noise.
         duration_s: how long the drive is [s].
+        sensor: the radar; its range offset and Doppler shift are part of the recording's name.
     """
     write = simulate_hard if world == "hard" else simulate_kind
-    out = cache() / f"{scene}-{world}-{duration_s:g}s-seed{seed}-{_digest_simulator(world)}"
-    return _make(partial(write, scene=scene, seed=seed, duration_s=duration_s, jobs=os.cpu_count() or 1), out)
+    errors = "" if sensor == COARSE_SENSOR else f"-offset{sensor.range_offset:g}-shift{sensor.doppler_beta:g}"
+    out = cache() / f"{scene}-{world}-{duration_s:g}s-seed{seed}{errors}-{_digest_simulator(world)}"
+    return _make(partial(write, scene=scene, seed=seed, duration_s=duration_s, sensor=sensor, jobs=os.cpu_count() or 1), out)
 
 
 def twin(

@@ -7,6 +7,7 @@ from bench.benchmarks import (
     maps,
     own_graph,
     places,
+    ranges,
     real,
     robustness,
     runs,
@@ -15,6 +16,6 @@ from bench.benchmarks import (
     worlds,
 )
 
-_MODULES = (audits, costs, front_ends, maps, own_graph, places, real, robustness, runs, sensors, workers, worlds)
+_MODULES = (audits, costs, front_ends, maps, own_graph, places, ranges, real, robustness, runs, sensors, workers, worlds)
 _KNOWN = {name: benchmark for module in _MODULES for name, benchmark in module.BENCHMARKS.items()}
 BENCHMARKS = {name: _KNOWN[name] for name in sorted(_KNOWN, key=lambda name: (_KNOWN[name].data != "simulated", name))}

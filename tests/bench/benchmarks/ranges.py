@@ -1,0 +1,153 @@
+"""Range offset and Doppler shift that psi shows, on drives of radars that have them, and what they cost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from bench.benchmark import Benchmark, Bound, Cell, Column, Goal, Row, label
+from bench.recordings import SHARED, TRUTH, shared, simulate
+from bench.scorer import score
+
+from mqslam.backend.measuring import find_doppler
+from mqslam.config import Config, LoopsConfig, SensorConfig
+from mqslam.core.frontend import Context
+from mqslam.core.trajectory import Trajectory
+from mqslam.detection.stage import detect_all
+from mqslam.execution.local_engine import LocalEngine
+from mqslam.execution.runner import Runner
+from mqslam.formats.recordings import open_recording
+from mqslam.formats.tum import write_tum
+from mqslam.psi.ranging import RangeErrors, measure_range_errors
+from mqslam.simulator.write import COARSE_SENSOR
+from mqslam.slam import Slam
+
+_SEEDS = (41, 42, 43)  # of cities of a minute; nothing was tuned on them
+_CASES = ((0.0, 0.0), (-0.31, 0.0), (0.2, 0.0), (0.0, 0.05), (-0.31, 0.05))  # range offset [m], Doppler shift [s]
+
+
+def _measure_simulated(out: Path) -> list[Row]:
+    rows = []
+    for world in ("kind", "hard"):
+        for seed in _SEEDS:
+            for offset, beta in _CASES:
+                radar = replace(COARSE_SENSOR, range_offset=offset, doppler_beta=beta)
+                data = simulate("city", world, seed, 60.0, radar)
+                track, found = _solve(data)
+                cells: dict[str, Cell] = {
+                    "world": world,
+                    "seed": f"{seed}",
+                    "offset": f"{offset:.2f}",
+                    "beta": f"{beta:.2f}",
+                    **_list_cells(found),
+                    "drift": _score(out, track, data),
+                    "mended": _score(out, _solve(data, offset)[0], data),
+                }
+                if found is not None:
+                    cells |= {"offset_error": found.offset - offset, "beta_error": found.beta - beta}
+                rows.append(Row(cells))
+    return [*_average(rows), *rows]
+
+
+def _average(rows: list[Row]) -> Iterator[Row]:
+    """Yields the root mean square of the errors, and the mean of the drifts, over the drives of each world."""
+    for world in ("kind", "hard"):
+        cells = [row.cells for row in rows if row.cells["world"] == world]
+        table = {key: np.array([c[key] for c in cells if c.get(key) is not None], dtype=float) for key in _NUMBERS}
+        squares = {key: float(np.sqrt(np.mean(table[key] ** 2))) for key in ("offset_error", "beta_error")}
+        means = {key: float(np.mean(table[key])) for key in ("drift", "mended")}
+        yield Row({"world": world, "seed": "all", "offset": "all", "beta": "all", **squares, **means})
+
+
+_NUMBERS = ("offset_error", "beta_error", "drift", "mended")
+
+
+def _measure_real(_: Path) -> list[Row]:
+    drive = shared(SHARED / "data" / "radiate_1533")
+    rows = []
+    for bins in (0.1736, 0.175):
+        found = _solve(drive, resolution=bins)[1]
+        rows.append(Row({"bins": f"{bins:g}", **_list_cells(found)}))
+    return rows
+
+
+def _list_cells(found: RangeErrors | None) -> dict[str, Cell]:
+    if found is None:
+        return {}
+    sigmas = np.sqrt(np.diag(found.covariance))
+    return {
+        "found": found.offset,
+        "sigma": float(sigmas[0]),
+        "found_beta": found.beta,
+        "beta_sigma": float(sigmas[1]),
+        "length": found.lengthening,
+        "stretches": float(found.stretches),
+    }
+
+
+def _solve(data: Path, offset: float = 0.0, resolution: float | None = None) -> tuple[Trajectory, RangeErrors | None]:
+    """Tracks a drive by psi alone, without loops, and measures the errors of its ranges."""
+    config = Config(sensor=SensorConfig(range_offset_m=offset), loops=LoopsConfig(enabled=False))
+    recording = open_recording(data, range_resolution=resolution, range_offset=offset)
+    with LocalEngine(2) as engine:
+        runner = Runner(engine)
+        scans, _ = detect_all(recording, config.detector, runner)
+        beta, sigma = find_doppler(scans, config, runner)
+        context = replace(Context.of(recording, config), doppler_beta=beta, doppler_sigma=sigma, engine=engine)
+        solution = Slam(config, runner=runner).solve(scans, context)
+        found = measure_range_errors(scans, solution.optimised.poses, config.estimator, solution.beam, engine)
+        return solution.optimised, found
+
+
+def _score(out: Path, track: Trajectory, data: Path) -> float:
+    write_tum(out / "trajectory.tum", track)
+    return score(out / "trajectory.tum", data / TRUTH).drift_percent
+
+
+_FOUND = (
+    Column("found", "offset by psi [m]", "{:+.3f}"),
+    Column("sigma", "± [m]", "{:.2f}"),
+    Column("found_beta", "shift by psi [s]", "{:+.4f}"),
+    Column("beta_sigma", "± [s]", "{:.4f}"),
+)
+
+BENCHMARKS = {
+    "ranges": Benchmark(
+        what="Cities of a minute, by radars with a range offset and a Doppler shift that the recording does not state: what "
+        "psi shows of them, and the drift before loops of a run that corrects no offset and of one that is given the right "
+        "one. The shift is measured by every run.",
+        data="simulated",
+        seeds=_SEEDS,
+        columns=(
+            label("world", "world"),
+            label("seed", "seed"),
+            label("offset", "offset [m]"),
+            label("beta", "shift [s]"),
+            *_FOUND,
+            Column("offset_error", "error [m]", "{:+.3f}"),
+            Column("beta_error", "error [s]", "{:+.4f}"),
+            Column("drift", "drift [%]", "{:.3f}", Goal.LOW),
+            Column("mended", "drift, offset given [%]", "{:.3f}", Goal.LOW),
+        ),
+        measure=_measure_simulated,
+        bounds=(
+            Bound("offset_error", {"world": "kind"}, least=-0.03, most=0.03),
+            Bound("offset_error", {"world": "hard"}, least=-0.2, most=0.2),
+            Bound("beta_error", {}, least=-0.005, most=0.005),
+        ),
+    ),
+    "ranges_real": Benchmark(
+        what="The whole real drive, radar alone: range offset and Doppler shift that psi shows, with two lengths of its "
+        "range bins, and by how much a metre of offset lengthens the trajectory.",
+        data="real",
+        columns=(
+            label("bins", "bins [m]"),
+            *_FOUND,
+            Column("length", "length per offset [1/m]", "{:.4f}"),
+            Column("stretches", "stretches", "{:.0f}"),
+        ),
+        measure=_measure_real,
+    ),
+}
