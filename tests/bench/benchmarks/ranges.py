@@ -12,7 +12,7 @@ from bench.recordings import SHARED, TRUTH, shared, simulate
 from bench.scorer import score
 
 from mqslam.backend.measuring import find_doppler
-from mqslam.config import Config, LoopsConfig, SensorConfig
+from mqslam.config import Config
 from mqslam.core.frontend import Context
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
@@ -89,7 +89,7 @@ def _list_cells(found: RangeErrors | None) -> dict[str, Cell]:
 
 def _solve(data: Path, offset: float = 0.0, resolution: float | None = None) -> tuple[Trajectory, RangeErrors | None]:
     """Tracks a drive by psi alone, without loops, and measures the errors of its ranges."""
-    config = Config(sensor=SensorConfig(range_offset_m=offset), loops=LoopsConfig(enabled=False))
+    config = Config.model_validate({"sensor": {"range_offset_m": offset}, "loops": {"enabled": False}})
     recording = open_recording(data, range_resolution=resolution, range_offset=offset)
     with LocalEngine(2) as engine:
         runner = Runner(engine)
