@@ -28,7 +28,7 @@ _OWN: Options = {
     "time_offset_s": option(
         float,
         0.0,
-        "Added to the stamps of the trajectory's file, if its clock is not that of DATA.",
+        "Time to add to the stamps of the trajectory's file, if the clock of the file is not that of DATA.",
         "--time-offset",
         metavar="SECONDS",
     ),
@@ -90,9 +90,9 @@ def audit(
     of_file = ("times", "topic", "frame", "extrinsics")
     if trajectory is None and (any(given[name] is not None for name in of_file) or given["time_offset_s"] != 0.0):
         options = "--times, --topic, --frame, --time-offset and --extrinsics"
-        raise ConfigError(f"{options} belong to a trajectory from a file; give --trajectory FILE")
+        raise ConfigError(f"{options} can be given only together with a trajectory from a file; give --trajectory FILE")
     if trajectory is None and given["covariances"] is not None:
-        raise ConfigError("--covariances belongs to a trajectory from a file; give --trajectory FILE")
+        raise ConfigError("--covariances can be given only together with a trajectory from a file; give --trajectory FILE")
     heights = _parse_heights(z_range)
     with terminal.open_work() as work:
         result = do(out=out, trajectory=trajectory or "recording", heights=heights, work=work, **given)
@@ -107,7 +107,7 @@ def audit(
 
 
 def _parse_heights(text: str | None) -> tuple[float, float] | None:
-    """Returns the lowest and the highest height [m] of a text LOW,HIGH.
+    """Returns the lowest and the highest height [m] that a text LOW,HIGH states; None without a text.
 
     Raises:
         ConfigError: the text has another form.

@@ -25,7 +25,7 @@ _OWN: Options = {
         min=0,
     ),
     "doppler": option(
-        float | None, None, r"Doppler shift: range error per closing speed \[s]; none by default, 0.0502 with --chirps."
+        float | None, None, r"Doppler shift: range error per closing speed \[s]; 0 by default, 0.0502 with --chirps."
     ),
     "chirps": flag("Let chirps go up and down in turn, as the chirps of Boreas-RT's radar do.", "--chirps"),
     "imu": option(str, "mems", "Grade of the gyroscope: mems, good or none."),

@@ -35,7 +35,7 @@ ODOMETRY = {
 SMALL = "simulate drive --duration 1.5 --azimuths 90 --range-resolution 0.5 --max-range 60"
 KEPT = {"kept.bag": "kept", "kept/mine": "kept"}
 GRAPHS = {"poses.tum": "# a trajectory\n1600000000.022921 0 0 0 0 0 0 1\n", "table.txt": "1 2 3\n", "prose.txt": "Poses.\n"}
-FROM_FILE = "belong to a trajectory from a file"
+FROM_FILE = "can be given only together with a trajectory from a file"
 
 # the words of a command, in which OXFORD is a small recording and STREET a simulated one, what it says, and files beside it
 MISTAKES: list[tuple[str, str, dict[str, str]]] = [
@@ -73,7 +73,7 @@ MISTAKES: list[tuple[str, str, dict[str, str]]] = [
     ("audit STREET --out out -t odometry --times t.txt", FROM_FILE, {}),
     ("audit STREET --out out -t ground_truth --extrinsics 0,0,1", f"{FROM_FILE}; give --trajectory", {}),
     ("audit STREET --out out -t odometry --frame base_link", f"{FROM_FILE}; give --trajectory", {}),
-    ("audit STREET --out out --covariances c.csv", "belongs to a trajectory from a file", {}),
+    ("audit STREET --out out --covariances c.csv", "--covariances can be given only together with", {}),
     ("audit STREET --out out -t ground_truth --covariances c.csv", FROM_FILE, {}),
     ("audit STREET --out out -t ground_truth --config nothing", "no such configuration", {}),
     ("audit STREET --out out -t ground_truth --false-alarms 0", "a rate of false alarms of 0 is not between 0 and 0.5", {}),
@@ -81,16 +81,16 @@ MISTAKES: list[tuple[str, str, dict[str, str]]] = [
     ("audit STREET --out out -t ground_truth --false-alarms nan", "alarms of nan is not between 0 and 0.5", {}),
     ("audit STREET --out out -t TRUTH --extrinsics 1,2", "1,2: are not three numbers; give --extrinsics as metres", {}),
     ("audit STREET --out out -t TRUTH --extrinsics 1,2,left", "extrinsics 1,2,left: are not three numbers", {}),
-    ("audit STREET --out out -t TRUTH --extrinsics 1500,0,0", "extrinsics of 1500, 0, 0 are beyond any vehicle; give", {}),
-    ("audit STREET --out out -t TRUTH --extrinsics 0,0,nan", "extrinsics of 0, 0, nan are beyond any vehicle", {}),
+    ("audit STREET --out out -t TRUTH --extrinsics 1500,0,0", "extrinsics of 1500, 0, 0 are not a pose on a vehicle", {}),
+    ("audit STREET --out out -t TRUTH --extrinsics 0,0,nan", "extrinsics of 0, 0, nan are not a pose on a vehicle", {}),
     ("audit STREET --out out -t TRUTH --frame base_link", "is no bag, and holds neither topics nor frames", {}),
-    ("audit map.ply --out out -t t.tum --start 1", "map.ply: a stretch can be chosen of a radar's", {"map.ply": "ply\n"}),
+    ("audit map.ply --out out -t t.tum --start 1", "map.ply: only a radar's recording can be", {"map.ply": "ply\n"}),
     ("compare STREET --out out --frontends psi,kis_icp", "front end kis_icp: unknown; did you mean kiss_icp?", {}),
     ("compare STREET --out out --frontends psi,psi", "each name once", {}),
     ("compare STREET --out out --frontends psi+gps", "+gyro is the only sensor that can be added; name psi or psi+gyro", {}),
     ("compare STREET --out out --frontends psi+gyro --imu none", "is switched off; give --imu auto", {}),
     ("compare STREET --out out --trajectory mine", "give NAME=FILE", {}),
-    ("compare STREET --out out --trajectory ../mine=a.tum", "give it a name in letters and digits", {"a.tum": ""}),
+    ("compare STREET --out out --trajectory ../mine=a.tum", "cannot be the name of a folder", {"a.tum": ""}),
     ("compare STREET --out out --trajectory psi=a.tum", "there is a row psi already", {}),
     ("compare STREET --out out --trajectory mine=nowhere.tum", "nowhere.tum", {}),
     ("check nowhere", "nowhere: does not exist", {}),
@@ -132,7 +132,7 @@ MISTAKES: list[tuple[str, str, dict[str, str]]] = [
     ),
     ("optimise table.txt", "table.txt: is no g2o graph, but looks like a table of numbers; give a graph of", GRAPHS),
     ("optimise prose.txt", "prose.txt: is no g2o graph; give a graph of", GRAPHS),
-    ("optimise GRAPH --out poses.csv", "poses.csv: ends in none of .g2o, .tum; name the output so", {}),
+    ("optimise GRAPH --out poses.csv", "poses.csv: has an unknown suffix; give an output that ends in one of .g2o", {}),
     ("optimise GRAPH --out graph.g2o", "graph.g2o: exists already; choose another --out or give --force to replace it", {}),
     ("optimise GRAPH --out none/poses.g2o", "none/poses.g2o: cannot be written", {}),
     ("optimise GRAPH --out other.tum", "graph.g2o: has no trajectory.tum beside it", {}),
