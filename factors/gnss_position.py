@@ -1,4 +1,4 @@
-"""Factors of GNSS fixes: positions in a tangent plane of the Earth, whose own pose in the map is a variable."""
+"""Factors of GNSS fixes. Fixes are positions in a tangent plane of the Earth, and its pose in the map is a variable."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from mqslam.core import se2
 
 # Residual [standard deviations] beyond which a fix counts as a jump and gets very little weight.
 REACH = 3.0
-_NO_TURN: Final = 1e-6  # numerical: the plane wanders and does not turn [rad]
-_UNKNOWN_YAW: Final = 1e3  # far more than a turn [rad], since a fix does not measure the yaw
+_NO_TURN: Final = 1e-6  # numerical: the plane wanders and does not rotate [rad]
+_UNKNOWN_YAW: Final = 1e3  # far more than a full rotation [rad], since a fix does not measure the yaw
 
 
 def gnss_position(plane: int, key: int, pose: se2.Array, sigma_m: float) -> gtsam.BetweenFactorPose2:
@@ -20,9 +20,9 @@ def gnss_position(plane: int, key: int, pose: se2.Array, sigma_m: float) -> gtsa
 
     Args:
         plane: key of the tangent plane's pose in the map (Pose2).
-        key: key of the pose whose position was fixed (Pose2).
-        pose: (3,) this pose in the tangent plane: the fixed position [m], and an approximate yaw [rad].
-        sigma_m: standard deviation along each axis [m].
+        key: key of the pose whose position the fix measures (Pose2).
+        pose: (3,) this pose in the tangent plane: the measured position [m], and an approximate yaw [rad].
+        sigma_m: standard deviation of the fix along each axis [m].
     """
     sigmas = gtsam.noiseModel.Diagonal.Sigmas(np.array([sigma_m, sigma_m, _UNKNOWN_YAW]))
     robust = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.GemanMcClure.Create(REACH), sigmas)

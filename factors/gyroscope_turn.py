@@ -1,8 +1,9 @@
-"""The factor of a gyroscope's turn between two poses. The gyroscope's bias and scale error are variables of the graph.
+"""The factor of the rotation that a gyroscope measures between two poses.
 
-    error = yaw of b - yaw of a - (1 + scale error) turn + bias x duration
+    error = yaw of b - yaw of a - (1 + scale error) x angle + bias x duration
 
-The error is linear in all variables, so that a single linearisation is valid for all their values.
+The bias and the scale error of the gyroscope are variables of the graph. The error is linear in all variables, so that a
+single linearisation is valid for all their values.
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ _YAW = np.array([[0.0, 0.0, 1.0]])
 
 
 class GyroscopeTurn(NamedTuple):
-    """A turn that a gyroscope measured.
+    """A rotation of the vehicle that a gyroscope measured.
 
     Args:
-        angle: measured angle, counter-clockwise [rad]; it is less than half a turn off.
+        angle: measured angle, counter-clockwise [rad]; its error is less than half a rotation.
         duration_s: time between the two poses [s].
         sigma: standard deviation of the angle by white noise [rad].
     """
@@ -34,14 +35,14 @@ class GyroscopeTurn(NamedTuple):
 def gyroscope_turn(
     a: int, b: int, calibration: int, turn: GyroscopeTurn, yaws: tuple[float, float]
 ) -> gtsam.LinearContainerFactor:
-    """Returns the factor of a turn.
+    """Returns the factor of a measured rotation of the vehicle.
 
     Args:
-        a: key of the pose (Pose2) at the beginning of the turn.
-        b: key of the pose (Pose2) at the end of the turn.
+        a: key of the pose (Pose2) at the beginning of the rotation.
+        b: key of the pose (Pose2) at the end of the rotation.
         calibration: key of the gyroscope's calibration, a vector (2,): bias [rad/s] and error of the scale [1].
         turn: the measurement.
-        yaws: approximate yaws of both poses [rad]; each is right to within half a turn.
+        yaws: approximate yaws of both poses [rad]; the error of each is less than half a rotation.
     """
     by_calibration = np.array([[turn.duration_s, -turn.angle]])
     miss = turn.angle - se2.wrap(yaws[1] - yaws[0])

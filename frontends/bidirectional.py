@@ -2,9 +2,9 @@
 
 Forward, a scan is matched to the scans before it; backward, to the scans after it. The two maps hold different views, so
 that the errors of the two matches are nearly independent. Their difference shows how large these errors are, and their
-mean is better than either. Where one direction loses the track or does not observe the motion, the other often still
-measures it, and counts alone until both agree again. A recording played backward is a valid recording, too, in which the
-vehicle drives in reverse.
+mean is better than either. Where one direction loses the track or does not observe the motion, the other direction
+often still measures the motion, and is used alone until both agree again. A recording played backward is a valid
+recording, too, in which the vehicle drives in reverse.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from mqslam.frontends.calibration import Twice, learn_scale
 SHARED = 0.2
 _TRUST = (Status.LOST, Status.DEGENERATE, Status.AMBIGUOUS, Status.CONVERGED)  # from the least to the most trusted
 _CHANCE = float(chi2.ppf(0.999, 3))  # squared difference over covariance beyond which two measurements contradict each other
-_PAUSE = 0.5  # time between two scans, in turns, beyond which the end of one is not the start of the next
+_PAUSE = 0.5  # time between two scans, in durations of a scan, beyond which the end of one is not the start of the next
 
 
 class DirectedMotion(NamedTuple):
@@ -36,8 +36,8 @@ class DirectedMotion(NamedTuple):
 
     Args:
         motion: the motion.
-        unseen: (3, 3) the part of its covariance that does not come from errors of matches, but from directions that psi
-            does not observe, from lost scans and from gaps.
+        unseen: (3, 3) the part of the motion's covariance that does not come from errors of matches, but from directions
+            that psi does not observe, from lost scans and from gaps.
     """
 
     motion: Measurement
@@ -73,12 +73,12 @@ class ReversedScans(Sequence[Scan]):
 
 
 def follows_at_once(scan: Scan, after: Scan) -> bool:
-    """Returns whether a scan follows another one at once, so that the end of one is the start of the other."""
+    """Returns whether the scan `after` follows another scan at once, so that `after` starts where the other scan ends."""
     return abs(after.t0 - scan.t1) <= _PAUSE * (scan.t1 - scan.t0)
 
 
 def turn_back(scans: Sequence[Scan], backward: Sequence[DirectedMotion]) -> list[DirectedMotion | None]:
-    """Turns motions that were measured backward into the driven motions, in the order of the recording.
+    """Converts motions that were measured backward to the driven motions, in the order of the recording.
 
     A motion is None where no backward motion connects the starts of the two scans: at the first scan and next to a pause.
 
@@ -101,14 +101,14 @@ def turn_back(scans: Sequence[Scan], backward: Sequence[DirectedMotion]) -> list
 def join(
     forward: Sequence[DirectedMotion | None], backward: Sequence[DirectedMotion | None], shared: float = SHARED
 ) -> list[Measurement]:
-    """Joins motions that were measured in both directions of time, and scales covariances by how far the two are apart.
+    """Joins motions measured in both directions of time, and scales their covariances by how far the directions differ.
 
     Only the part of a covariance that psi's curvature shows is scaled. The uncertainty along directions that psi did not
     observe does not come from errors of matches.
 
     Args:
-        forward: the N - 1 motions between successive scans.
-        backward: the same motions, measured backward, or None.
+        forward: the N - 1 motions between successive scans; motions that are None are left out.
+        backward: the same motions, measured backward; None where there is no backward measurement.
         shared: share of the variance of a motion that both of its measurements have in common.
     """
     pairs = [(f, b) for f, b in zip(forward, backward, strict=True) if f is not None]
@@ -138,13 +138,13 @@ def _scale(match: DirectedMotion, scale: NDArray[np.float64]) -> Measurement:
 
 
 def _find_regaining(motions: Sequence[tuple[Measurement, Measurement | None]], shared: float) -> list[tuple[bool, bool]]:
-    """Finds the motions over which one direction of time is still on its way back from a wrong place to the right one.
+    """Finds the motions over which one direction of time is still on its way back from a wrong position to the right one.
 
     A scan whose pose psi does not observe is put where it was predicted, and joins the map there. The scans after it, in
-    the order of the track, are matched to a map that is partly wrong, and come back to their right places only step by
-    step. These steps compensate for motions that do not count, so that they must not count either, until both directions
-    agree. The result states for each motion whether the forward direction and whether the backward direction is still
-    coming back.
+    the order of the track, are matched to a map that is partly wrong, and come back to their right positions only step
+    by step. These steps undo errors of motions that are not used, so the steps must not be used either, until both
+    directions agree. The result states for each motion whether the forward direction and whether the backward direction
+    is still coming back.
     """
     agree = [b is not None and f.on_map and b.on_map and not _contradict(f, b, shared) for f, b in motions]
     there = _spread([not f.on_map for f, _ in motions], agree)
@@ -153,7 +153,7 @@ def _find_regaining(motions: Sequence[tuple[Measurement, Measurement | None]], s
 
 
 def _spread(held: Sequence[bool], agree: Sequence[bool]) -> list[bool]:
-    """Marks the motions that come, in the given order, after a held motion and before one on which both directions agree."""
+    """Marks the motions after a held motion, in the given order, up to the next motion on which both directions agree."""
     spread, after = [], False
     for is_held, both_agree in zip(held, agree, strict=True):
         spread.append(after and not is_held and not both_agree)
@@ -168,9 +168,9 @@ def _contradict(forward: Measurement, backward: Measurement, shared: float) -> b
 
 
 def _join_motions(forward: Measurement, backward: Measurement, regains: tuple[bool, bool], shared: float) -> Measurement:
-    """Joins two measurements of one motion; if only one of them has both scans matched, it counts alone.
+    """Joins two measurements of one motion; if only one measurement has both scans matched, only that one is used.
 
-    A direction that is still coming back to its right place does not count, unless the other one is coming back, too.
+    A direction that is still coming back to its right position is not used, unless the other direction is coming back, too.
     """
     there, back = forward.on_map, backward.on_map
     if there and back and regains[0] != regains[1]:
@@ -187,8 +187,8 @@ def _join_motions(forward: Measurement, backward: Measurement, regains: tuple[bo
 def _average(forward: Measurement, backward: Measurement, shared: float) -> Measurement:
     """Returns the mean of two measurements whose errors have a share of their variance in common.
 
-    Each counts as much as the other, whatever its covariance: weights that change from motion to motion would keep errors
-    of successive motions from cancelling. If the two contradict each other, their difference enlarges the covariance.
+    Both have the same weight, whatever their covariances: weights that change from motion to motion would keep errors of
+    successive motions from cancelling. If the two contradict each other, their difference enlarges the covariance.
     """
     apart = se2.subtract(backward.pose, forward.pose)
     covariance = 0.25 * (1.0 + shared) * (forward.covariance + backward.covariance)
@@ -198,7 +198,7 @@ def _average(forward: Measurement, backward: Measurement, shared: float) -> Meas
 
 
 def _intersect(forward: Measurement, backward: Measurement) -> Measurement:
-    """Joins two measurements whose errors may be the same: half of the information of each counts.
+    """Joins two measurements whose errors may be the same: half of the information of each measurement is used.
 
     This is covariance intersection (Julier and Uhlmann, 1997). The errors are the same, for example, where both
     measurements rest on the same odometry along a direction that psi does not observe.

@@ -1,8 +1,8 @@
 """Estimates how large the errors of a front end are, from two measurements of the same motions.
 
 The returns of one scan have common errors, so that their residuals alone hardly show how far a match is off. Two matches
-of the scan to different maps do show it: they differ by the errors of both, except for the errors that both have in
-common.
+of the scan to different maps show this: they differ by the errors of both matches, except for the errors that both have
+in common.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def learn_scale(motions: Iterable[Twice]) -> NDArray[np.float64]:
     """Returns the factors (3,) by which the variances of x, y and yaw are larger than a front end states.
 
     Args:
-        motions: motions that were measured twice; if none is usable, the factors are one.
+        motions: motions that were measured twice; if no motion is usable, the factors are 1.
     """
     telling = (m.apart**2 / m.variances for m in motions if np.hypot(m.pose[0], m.pose[1]) >= _MOVED_M)
     squares = np.asarray(np.fromiter(telling, np.dtype((np.float64, 3))), dtype=np.float64)

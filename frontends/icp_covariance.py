@@ -1,4 +1,4 @@
-"""Covariance of a scan matched to a map of points, from the residuals of its own correspondences."""
+"""Covariance of the pose of a scan that is matched to a map of points, from the residuals of the correspondences."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Surface:
 
     Args:
         points: (M, 2) m, map frame.
-        cell_m: side of the cells in which they are searched [m].
+        cell_m: side of the cells in which points are searched [m].
     """
 
     def __init__(self, points: NDArray[np.float64], cell_m: float) -> None:
@@ -35,7 +35,7 @@ class Surface:
         return cKDTree(self._points, balanced_tree=False, compact_nodes=False)  # builds three times as fast
 
     def count_matched(self, scan: NDArray[np.float64], pose: se2.Array, reach: float) -> int:
-        """Returns how many points (N, 2) [m] of a scan at a pose (3,) have a map point within reach [m]."""
+        """Returns how many points (N, 2) [m] of a scan at a pose (3,) have a map point within `reach` [m]."""
         return int(np.count_nonzero(mark_near(self._grid, se2.transform(pose, scan), reach)))
 
     def find_nearest(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -62,12 +62,12 @@ class Surface:
     def compute_covariance(
         self, scan: NDArray[np.float64], pose: se2.Array, reach: float, kernel: float
     ) -> NDArray[np.float64]:
-        """Returns the covariance s^2 H^-1 (3, 3) of a scan's pose, matched point to point, in its own frame [m, m, rad].
+        """Returns the covariance s^2 H^-1 (3, 3) [m, m, rad] of a scan's pose in its own frame, after point-to-point ICP.
 
         H is the Gauss-Newton Hessian of the residuals over x, y, yaw under Geman-McClure weights, s^2 their weighted mean
         square. When a wall is moved along itself, its points find neighbours as near as before. Residuals along a surface
         therefore count only in proportion to its flatness (variance across over variance along); otherwise ICP would
-        claim to know its place along a corridor.
+        claim to know the position along a corridor.
 
         Args:
             scan: (N, 2) m, sensor frame at the pose.

@@ -31,7 +31,7 @@ class KissIcpFrontEnd:
     KISS-ICP begins at rest and predicts by its last motion, so that it loses the first scans of a recording that begins
     on the move. Here it finds its first motion itself, from the first scans (`scan_matching.match_scans`): it runs over
     them forwards and then backwards in time, from several speeds, and starts with the motion whose scans fitted best. It
-    takes nothing from psi except the radar's Doppler shift, which is removed from the ranges with the help of its last
+    takes nothing from psi except the radar's Doppler shift, which is removed from the ranges with the help of the last
     motion.
 
     KISS-ICP deskews a scan to the scan's end, so that its pose is the sensor's pose where the next scan begins.
@@ -62,14 +62,14 @@ class _KissIcpMatcher:
 
         self._kiss = KissICP(config)
         self._settings = settings
-        self.reference = 1.0 if config.data.deskew else 0.5  # a scan that is not deskewed fits best in its middle
+        self.reference = 1.0 if config.data.deskew else 0.5  # a scan that is not deskewed fits best at half its duration
 
     def match(
         self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
     ) -> PlacedScan | None:
         """Matches a scan, and adds it to the map; see `ScanMatcher`."""
         kiss, settings = self._kiss, self._settings
-        # KISS-ICP takes the first and the last time of a scan for its ends: two points too far to be kept mark these
+        # KISS-ICP takes its earliest and latest point for the ends of a scan: two points too far to be kept mark these ends
         frame = lift(np.vstack([points, [[_FAR_M, 0.0], [_FAR_M, 0.0]]]))
         deskewed = kiss.preprocessor.preprocess(frame, np.r_[fractions, 0.0, 1.0], to_matrix(motion))
         source, joining = kiss.voxelize(deskewed)
@@ -77,7 +77,7 @@ class _KissIcpMatcher:
         kernel = kiss.adaptive_threshold.get_threshold()
         reach = _REACH * kernel
         surface = None if kiss.local_map.empty() else Surface(kiss.local_map.point_cloud()[:, :2], settings.voxel_size_m)
-        # with only a few correspondences its linear system is singular, and KISS-ICP aborts the process
+        # with only a few correspondences the linear system is singular, and KISS-ICP aborts the process
         if surface is None or surface.count_matched(scan, predicted, reach) < FEWEST_MATCHED:
             kiss.local_map.update(joining, to_matrix(predicted))
             return None
@@ -94,7 +94,7 @@ class _KissIcpMatcher:
 
 
 def _make_config(settings: KissIcpConfig) -> Any:
-    """Makes the KISSConfig from the settings, or from the file of KISS-ICP's own settings that they name."""
+    """Makes the KISSConfig from the settings, or from the file of KISS-ICP's own settings that the settings name."""
     from kiss_icp.config import KISSConfig
 
     if settings.config_file is not None:
@@ -107,9 +107,9 @@ def _make_config(settings: KissIcpConfig) -> Any:
 
 
 def _make_repeatable(config: Any) -> Any:
-    """Sets the threads of a KISSConfig to one if they are 0 (any number), because several threads add up in any order.
+    """Sets the number of threads of a KISSConfig to 1 if it is 0 (any number), because several threads add in any order.
 
-    The first KISS-ICP of a process decides how many threads all of them have.
+    The first KISS-ICP object of a process decides how many threads all its KISS-ICP objects have.
     """
     config.registration.max_num_threads = config.registration.max_num_threads or 1
     return config
@@ -119,7 +119,7 @@ def _load_config(path: Path) -> Any:
     """Reads a file of KISS-ICP's settings by its own loader, and refuses unknown settings, which the loader ignores.
 
     Raises:
-        ConfigError: the file cannot be read, or it is not one of KISS-ICP's.
+        ConfigError: the file cannot be read, or does not hold valid settings of KISS-ICP.
     """
     from kiss_icp.config import KISSConfig, load_config
     from kiss_icp.kiss_icp import KissICP

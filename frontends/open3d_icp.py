@@ -20,17 +20,17 @@ from mqslam.execution.extras import describe_missing
 from mqslam.frontends.icp_covariance import Surface
 from mqslam.frontends.scan_matching import FEWEST_MATCHED, PlacedScan, from_matrix, lift, match_scans, to_matrix
 
-# Longest distance between corresponding points [m], the side of the map's voxels by default.
+# Longest distance between corresponding points [m]: the default side of the map's voxels.
 _REACH_M = 1.0
 # Number of scans that the map holds.
 _KEYFRAMES = 20
-# A scan joins the map after this much travel [m].
+# A scan joins the map when the sensor has travelled this far since the last keyframe [m].
 _KEYFRAME_M = 2.0
 # Most iterations of one registration.
 _ITERATIONS = 30
 # Squared residual at which generalized ICP gives a pair a quarter of the weight [m^2].
 _LOSS = 1.0
-# A scan also joins the map after this much turning [rad].
+# A scan also joins the map when the sensor has rotated by this much since the last keyframe [rad].
 _KEYFRAME_RAD = 0.1
 # Reach of the first registration of a scan, in units of _REACH_M, the reach of the second.
 _FIRST_REACH = 3.0
@@ -88,7 +88,7 @@ class _Open3dMatcher:
         return match
 
     def _register(self, placed: NDArray[np.float64], predicted: se2.Array) -> PlacedScan | None:
-        """Places a scan in the map, at first with a wide reach; returns None where hardly anything matches."""
+        """Places a scan in the map, at first with a wide reach; returns None if hardly any of its points match."""
         reach, first_reach = _REACH_M, _FIRST_REACH * _REACH_M
         if self._map is None:
             return None
@@ -119,7 +119,7 @@ class _Open3dMatcher:
         return np.asarray(result.transformation)
 
     def _join(self, placed: NDArray[np.float64], pose: se2.Array) -> None:
-        """Adds a scan to the map if the last keyframe is far away."""
+        """Adds a scan to the map if it is far from the last keyframe, or rotated relative to it."""
         if self._last_keyframe is not None:
             moved = se2.between(self._last_keyframe, pose)
             near = np.hypot(moved[0], moved[1]) < _KEYFRAME_M
@@ -133,7 +133,7 @@ class _Open3dMatcher:
         self._map = cloud, Surface(np.asarray(cloud.points)[:, :2], self._settings.voxel_size_m)
 
     def _cloud(self, points: NDArray[np.float64], voxel_size: float) -> Any:
-        """Returns points (N, 2) [m] as a downsampled cloud with z = 0, and covariances where the method needs them."""
+        """Returns points (N, 2) [m] as a downsampled cloud with z = 0, with covariances if the method needs them."""
         vectors = self._open3d.utility.Vector3dVector(lift(points))
         cloud = self._open3d.geometry.PointCloud(vectors).voxel_down_sample(voxel_size)
         if self._settings.method == "generalized" and len(cloud.points):
@@ -163,14 +163,14 @@ def _import_open3d() -> Any:
     """Imports Open3D, which takes a second.
 
     Raises:
-        ConfigError: it cannot be imported.
+        ConfigError: Open3D cannot be imported.
     """
     try:
         import open3d
     except ModuleNotFoundError as error:
         missing, remedy = describe_missing("open3d")
         raise ConfigError(f"front end open3d_icp: {missing}", remedy) from error
-    except (ImportError, OSError) as error:  # it is there, but a system library that it loads is not
+    except (ImportError, OSError) as error:  # Open3D is installed, but a system library that it loads is not
         raise ConfigError(
             f"front end open3d_icp: Open3D cannot be imported ({error}); it needs the system library libusb-1.0-0 "
             "(apt-get install libusb-1.0-0)"

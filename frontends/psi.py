@@ -1,8 +1,8 @@
 """The psi front end: the motion that makes the map crispest is the measurement.
 
 Motion that the model cannot follow (potholes, a gear change, a jittering ground truth) shows as jumps of the relative
-motions from scan to scan, larger than their covariances explain. The jumps are third differences of the poses: steady
-speed, acceleration and turning drop out of these. A model that cannot follow a jump errs by as much as the jump.
+motions from scan to scan, larger than their covariances explain. The jumps are third differences of the poses, in which
+steady speed, acceleration and turning cancel. A model that cannot follow a jump errs by as much as the jump.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _UNSTEADY_SCANS = 40
 # With fewer such scans, the process noise stands in for part of what the motion model leaves out.
 _UNSTEADY_LEAST = 8
 
-_GAIN = 10.0  # variance of a third difference of poses over a first difference's, for poses that err independently: 20 / 2
+_GAIN = 10.0  # variance of a third difference of poses over that of a first difference, for independent errors: 20 / 2
 
 Motions = list[DirectedMotion | None]
 
@@ -58,14 +58,14 @@ class PsiFrontEnd:
         scans = scans if isinstance(scans, Sequence) else list(scans)
         settings = self._context.config.tracker
         segments = split_into_segments(scans, settings)
-        is_whole = len(segments) == 2  # one in each direction
+        is_whole = len(segments) == 2  # one segment in each direction
         joined = join(*(self._track_at_once(scans, *segments) if is_whole else self._track_segments(scans, segments)))
         left_out = _estimate_unsteadiness(joined, settings, self._context.revolution_s)
         for motion, variances in zip(joined, left_out, strict=True):
             yield replace(motion, covariance=motion.covariance + np.diag(variances))
 
     def _track_at_once(self, scans: Sequence[Scan], _: Segment, backward: Segment) -> tuple[Motions, Motions]:
-        """Tracks a recording as a whole, forward and backward in parallel, and shows each motion as it is measured."""
+        """Tracks a recording as a whole, forward and backward in parallel, and shows each forward motion at once."""
         context = self._context
         forward: Motions = []
         back: list[DirectedMotion] = []
@@ -104,7 +104,7 @@ def _track_segment(shared: tuple[Context, Sequence[Scan]], segment: Segment) -> 
 
 
 def track(scans: Sequence[Scan], context: Context, *, is_backward: bool = False) -> Iterator[DirectedMotion]:
-    """Yields the motions between successive scans, each scan matched to earlier scans, or to later ones if backward.
+    """Yields the motions between successive scans, each scan matched to earlier scans, or to later scans if backward.
 
     Raises:
         EstimationError: there are fewer than two scans.
@@ -141,8 +141,8 @@ def track(scans: Sequence[Scan], context: Context, *, is_backward: bool = False)
 def _bridge(begin: Tracked, then: list[Tracked]) -> list[DirectedMotion]:
     """Returns the motions from a matched scan through the scans after it.
 
-    If the scans before the last one were lost, the motion to the last one is spread over the time between as a constant
-    twist. It replaces the blind predictions of the lost scans.
+    If the last scan is matched and the scans before it were lost, the motion to the last scan is spread over the time
+    between the two matched scans as a constant twist. It replaces the blind predictions of the lost scans.
     """
     steps = [begin, *then]
     if then and then[-1].is_found:
@@ -191,8 +191,8 @@ def _estimate_unsteadiness(
 ) -> NDArray[np.float64]:
     """Estimates for each motion the variance (N, 3) of x [m^2], y [m^2], yaw [rad^2] that the motion model leaves out.
 
-    It is zero for a lost motion, whose covariance is larger anyway. Where too few of the N successive motions show the
-    variance, the process noise is used in its place: an acceleration that changes as much as it can within a scan.
+    The variance is zero for a lost motion, whose covariance is larger anyway. Where too few of the N successive motions show
+    the variance, the process noise is used in its place: an acceleration that changes as much as it can within a scan.
     """
     left_out = np.zeros((len(motions), 3))
     followed = [k for k, motion in enumerate(motions) if motion.status is not Status.LOST]

@@ -1,4 +1,4 @@
-"""The common part of front ends that match each scan to a map of their own: the start, and the way across gaps."""
+"""The common part of front ends that match each scan to a map of their own: how they start, and how they bridge gaps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError
 from mqslam.frontends.calibration import Twice, learn_scale
 
-# A longer gap is a pause or a jump of the clock [s]. After it the sensor is taken to be at rest.
+# A gap longer than this [s] is a pause or a jump of the clock. After such a gap the sensor is taken to be at rest.
 _LONGEST_COAST_S = 60.0
 # Standard deviation of the forward speed, of the sideways speed [m/s] and of the yaw rate [rad/s] where they are only
 # predicted.
@@ -29,7 +29,7 @@ _START_SCANS = 10
 FEWEST_MATCHED = 20
 # Fewest returns in all scans from which a front end finds its first motion.
 _START_RETURNS = 20
-# Travel per turn between the speeds that a start tries [m].
+# Step between the speeds that a start tries, as travel per revolution of the radar [m].
 _START_STEP_M = 2.0
 # A start at a slower speed is as good if it matches this share of the points that the best start matches.
 _START_AS_GOOD = 0.95
@@ -37,9 +37,9 @@ _START_AS_GOOD = 0.95
 _BACKWARD_SCANS = 80
 # One such stretch is followed per this number of scans; errors are as large everywhere.
 _BACKWARD_EVERY = 1000
-# Number of further scans at the start of such a stretch that do not count, because its map is still thin.
+# Number of further scans at the start of such a stretch that are not used, because its map is still thin.
 _BACKWARD_WARM_UP = 20
-# Missing time between two scans from which it counts as a gap, in turns of the radar.
+# Missing time between two scans, in durations of a scan, beyond which it is a gap.
 _GAP_TURNS = 0.5
 
 
@@ -48,7 +48,7 @@ class PlacedScan:
     """A scan placed in the map.
 
     Args:
-        pose: (3,) in the map's frame.
+        pose: (3,) pose of the sensor in the map's frame.
         compute_covariance: returns the covariance (3, 3) of the pose, in the pose's own frame [m, m, rad]. It takes about
             as long as the match, and not every track needs it.
         matched: share of the scan's points with a map point near them.
@@ -73,7 +73,7 @@ class ScanMatcher(Protocol):
         Args:
             points: (N, 2) m, each in the sensor's frame at its own time.
             fractions: (N,) time of each point: 0 at the scan's beginning, 1 at its end.
-            before: (3,) pose one scan earlier.
+            before: (3,) pose of the sensor one scan earlier, map frame.
             motion: (3,) predicted motion over the scan.
 
         Returns:
@@ -88,7 +88,7 @@ class Step:
 
     Args:
         time: time of the pose [s].
-        pose: (3,) in the map's frame.
+        pose: (3,) pose of the sensor in the map's frame.
         covariance: (3, 3) covariance in the pose's own frame; zero where the scan did not match or nobody asked for it.
         matched: share of the scan's points with a map point near them.
         coasted_s: time since the last scan that matched [s].
@@ -108,7 +108,7 @@ class ScanTrack:
         matcher: a matcher that has seen no scan yet.
         time: when the track begins [s].
         twist: (3,) twist with which the track begins [m/s, m/s, rad/s].
-        doppler_beta: range shift per closing speed [s], which is taken out of the ranges.
+        doppler_beta: range shift per closing speed [s]; the shift is removed from the ranges.
     """
 
     def __init__(self, matcher: ScanMatcher, time: float, twist: se2.Array, doppler_beta: float) -> None:
@@ -144,8 +144,8 @@ class ScanTrack:
         self.twist = se2.log(se2.wrapped_between(self.last.pose, match.pose)) / elapsed
         covariance = np.zeros((3, 3))
         if with_covariance:
-            # a scan that is deskewed by the predicted motion fits in its middle; its end is off by half the error of that
-            # motion
+            # a scan that is deskewed by the predicted motion fits at half its duration; its end is off by half the error of
+            # that motion
             off = 0.5 * se2.wrapped_between(predicted, match.pose)
             covariance = match.compute_covariance() + np.diag(off**2)
         self.last = Step(time, match.pose, covariance, match.matched, 0.0)
@@ -162,8 +162,8 @@ def match_scans(scans: Iterable[Scan], new_matcher: Callable[[], ScanMatcher], c
     over the first scans forwards and then backwards in time, and arrives at the start with the speed at the start.
 
     The residuals of a scan have common errors, so that they do not show how far a match is off. When all scans are
-    matched, other matchers therefore follow some stretches of them backwards. Their motions are not part of the result:
-    their differences from the forward motions show how large the errors of both are.
+    matched, other matchers therefore follow some stretches of them backwards. The backward motions are not part of the
+    result: their differences from the forward motions show how large the errors of both are.
 
     Args:
         scans: the scans in order.
@@ -197,7 +197,7 @@ def match_scans(scans: Iterable[Scan], new_matcher: Callable[[], ScanMatcher], c
 
 
 def _follow(scans: Sequence[Scan], track: ScanTrack, start: Step) -> Iterator[tuple[Measurement, NDArray[np.float64]]]:
-    """Yields the motions between scans along a new track, with their covariances, and the times [s] without a match."""
+    """Yields the motions between scans along a new track, and for each motion the times (3,) [s] without a match."""
     before, begin, coasted_s = scans[0], np.zeros(3), 0.0
     step = replace(start, time=track.follow(before).time, pose=track.last.pose)
     for scan in scans[1:]:
@@ -220,7 +220,7 @@ def _follow(scans: Sequence[Scan], track: ScanTrack, start: Step) -> Iterator[tu
 
 
 def _measure_backwards(scans: Sequence[Scan], motions: Sequence[Measurement], new_track: NewTrack) -> list[se2.Array | None]:
-    """Returns the motions (3,) that new tracks backwards in time measure on some stretches; None for all others."""
+    """Returns the motions (3,) that new tracks backwards in time measure on some stretches; None for all other motions."""
     backward: list[se2.Array | None] = [None] * len(motions)
     length = _BACKWARD_SCANS + _BACKWARD_WARM_UP
     stretches = [(0, len(motions))]  # numbers of the first and the last scan of each, evenly spread over all scans
@@ -252,9 +252,9 @@ def _follow_backwards(scans: Sequence[Scan], track: ScanTrack) -> list[se2.Array
 def _find_start(scans: Sequence[Scan], new_track: NewTrack, context: Context) -> tuple[ScanTrack, Step]:
     """Returns a new track with the twist over the first scan, and the match of that scan to the scans after it.
 
-    If there is odometry, its twist is the first guess. Otherwise several speeds are tried, because from rest a matcher
-    catches up with three metres per scan, but not with more. The best fit wins, or the slowest speed of those that fit
-    about as well.
+    If there is odometry, its twist is the first guess. Otherwise several speeds are tried, because a matcher that starts at
+    rest catches up with a speed of three metres per scan, but not with more. The best fit wins, or the slowest speed of
+    those that fit about as well.
 
     Raises:
         EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
@@ -277,7 +277,8 @@ def _find_start(scans: Sequence[Scan], new_track: NewTrack, context: Context) ->
 def _run_back_and_forth(head: Sequence[Scan], new_track: NewTrack, begin: se2.Array) -> tuple[float, se2.Array, Step]:
     """Follows the first scans from a twist (3,), and then backwards in time.
 
-    Returns the sum of the matched shares backwards, the twist (3,) at the start, and the step of the first scan there.
+    Returns the sum of the shares that are matched backwards, the twist (3,) at the start, and the backward step of the first
+    scan.
     """
     forwards = new_track(head[0].t0, begin)
     for scan in head:
@@ -294,7 +295,7 @@ def to_matrix(pose: se2.Array) -> NDArray[np.float64]:
 
 
 def from_matrix(matrix: NDArray[np.float64]) -> se2.Array:
-    """Returns the planar part (3,) of a (4, 4) matrix."""
+    """Returns the planar pose (3,) of a (4, 4) matrix; z, roll and pitch are dropped."""
     return np.array([matrix[0, 3], matrix[1, 3], np.arctan2(matrix[1, 0], matrix[0, 0])])
 
 

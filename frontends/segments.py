@@ -4,7 +4,7 @@ A track goes scan by scan, which keeps a single processor busy; segments are tra
 warms up on scans of the segment before it, so that its own scans meet a map that has grown. Over the last scans of the
 warm-up the motions pass gradually from one track to the next: a passage at one scan would add that scan's error in both
 maps, whereas a passage over many scans adds only the mean of their errors. The borders of the segments of one direction
-lie midway between the borders of the other, so that the two directions never begin anew at the same place.
+lie midway between those of the other direction, so that the two directions never begin anew at the same place.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ class Segment:
     """Motions between successive scans, and the scans that are tracked to measure them.
 
     Args:
-        begin, end: numbers of the first motion and of the one after the last; motion k leads from scan k to scan k + 1. The
-            motions of successive segments overlap.
+        begin, end: number of the first motion, and number of the last motion plus 1; motion k leads from scan k to scan
+            k + 1. The motions of successive segments overlap.
         first, last: numbers of the first and the last scan that are tracked, in the order of the recording.
-        is_backward: whether they are tracked from the last to the first.
+        is_backward: whether these scans are tracked from the last to the first.
     """
 
     begin: int
@@ -68,13 +68,13 @@ def split_into_segments(scans: Sequence[Scan], settings: TrackerConfig) -> list[
 
 
 def _choose_borders(count: int, first: int, able: Sequence[int], size: int) -> list[tuple[int, int]]:
-    """Returns the first motion of each segment and the one after its last.
+    """Returns for each segment the number of its first motion, and the number of its last motion plus 1.
 
     Args:
         count: number of motions.
         first: earliest motion at which the second segment may begin.
         able: motions at which segments can begin, in increasing order.
-        size: fewest motions of a segment; the last one has at least half as many.
+        size: fewest motions of a segment; the last segment has at least half as many.
     """
     borders = [0]
     for k in able:
@@ -84,11 +84,11 @@ def _choose_borders(count: int, first: int, able: Sequence[int], size: int) -> l
 
 
 def extend(track: list[DirectedMotion | None], begin: int, more: Sequence[DirectedMotion | None]) -> None:
-    """Extends the motions of a track by the motions of the next one, and passes gradually where the two overlap.
+    """Extends the motions of a track by those of the next track, and passes gradually between them where they overlap.
 
     Args:
         track: motions from the recording's first scan on; None where there is no measurement.
-        begin: number of the first motion of the next track; the first track may have measured it, too.
+        begin: number of the first motion of the next track; the first track may have measured this motion, too.
         more: motions of the next track.
     """
     shared = len(track) - begin
@@ -97,7 +97,10 @@ def extend(track: list[DirectedMotion | None], begin: int, more: Sequence[Direct
 
 
 def _blend(earlier: DirectedMotion | None, later: DirectedMotion | None, share: float) -> DirectedMotion | None:
-    """Averages a motion of two tracks, with a share of the later one; if only one matched both scans, it counts alone."""
+    """Averages a motion measured by two tracks; the later track has the weight `share`.
+
+    If only one of the tracks matched both scans, its measurement is used alone.
+    """
     if earlier is None or later is None:
         return earlier or later
     a, b = earlier.motion, later.motion

@@ -104,7 +104,7 @@ class Slam:
 
         Args:
             scans: scans of the recording.
-            context: what the front end may use besides the scans; all stages use its Doppler shift.
+            context: what the front end may use besides the scans; all stages use the Doppler shift of the context.
 
         Raises:
             EstimationError: no motion can be estimated from the data.
@@ -164,7 +164,7 @@ class Slam:
         return measurements
 
     def _close_loops(self, scans: Scans, problem: Problem, beam: Beam) -> LoopSearch:
-        """Searches for loop closures around the trajectory, unless the settings switch the search off."""
+        """Searches for loop closures of the trajectory; returns an empty result if the settings switch the search off."""
         runner, search = self._runner, LoopSearch([], 0)
         if self._config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):
@@ -182,7 +182,7 @@ class Slam:
         return before, after
 
     def _audit(self, scans: Scans, solution: Solution) -> Audit | None:
-        """Audits the optimised map; returns None if the audit fails or there is a single scan."""
+        """Audits the optimised map; returns None if the audit fails or there is only one scan."""
         runner = self._runner
         with runner.time_stage("check"), runner.tolerate(CHECK):
             if len(scans) > 1:

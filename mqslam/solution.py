@@ -53,7 +53,7 @@ class Solution:
         loops: all loop closures that were found; where the refinement measured the same passes, its ties replace them in the
             graph.
         loops_rejected: number of loop candidates that psi, the graph or the map rejected.
-        refined: result of the refinement after the loops, with psi across passes.
+        refined: result of the refinement that follows the loop closures, including psi across passes.
         sensors: how each of the other sensors is used, or why it is not.
         unoptimised: why the graph could not be optimised and its starting values were kept, or None.
         warnings: sentences on what could not be done, and why.
@@ -116,8 +116,8 @@ class Run(Solution):
     Args:
         map_odometry: the recording rendered under the trajectory before optimisation.
         map_optimised: the recording rendered under the optimised trajectory.
-        kept: the keyframes of the optimised map; None where they could not be made.
-        checked: audit of the optimised map, with a sample of its windows; None where it could not be made.
+        kept: the keyframes of the optimised map; None if the keyframes could not be made.
+        checked: audit of the optimised map, with a sample of its windows; None if the audit could not be made.
         range_errors: errors of the returns' ranges that psi shows under the optimised trajectory; None where it shows none.
         runtime_s: runtime of each stage [s].
         unread: the error for each polar scan that could not be read and was left out, by the number of the scan.

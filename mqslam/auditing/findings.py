@@ -1,4 +1,4 @@
-"""Turns the results of the tests of a map into findings: each has a verdict and its reason in words."""
+"""Converts the results of the tests of a map into findings; each finding has a verdict and gives its reason in words."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ from mqslam.core.statistics import correct_for_places, find_smallest
 from mqslam.core.wording import count_of, is_or_are, join_words, left_or_right
 from mqslam.errors import Remedy
 
-# A map with a larger share of torn revisits than this is worth a look; a few may be places that only look alike.
+# A map with a larger share of torn revisits than this is worth a look; a few torn revisits may join places that only look
+# alike.
 _REVISITS_WARN = 0.02
 # A larger share of torn revisits than this shows that the whole map drifts.
 _REVISITS_FAIL = 0.1
@@ -69,9 +70,9 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int) -> list[Finding]:
     if not torn.total:
         reason = f"none of {count_of(len(windows), 'window')} could be decided"
     elif status is VerdictStatus.NOT_JUDGED:
-        reason += f", too few to judge the map by: the share of torn ones may be {torn.describe_range()}"
+        reason += f", too few to judge the map by: the share of torn windows may be {torn.describe_range()}"
     elif status is VerdictStatus.PASS and torn.count:
-        reason += f", which is no evidence of more than {WINDOWS_WARN:.0%}"
+        reason += f", which is no evidence that more than {WINDOWS_WARN:.0%} are torn"
     if 0 < torn.total < len(windows):
         reason += f", {len(windows) - torn.total} undecided"
     p_value = find_smallest(window.p_value for window in windows)
@@ -123,7 +124,7 @@ def judge_steps(
         return Finding(VerdictStatus.WARN, reason, p_value=p_value, cause=Cause.JUMP, explanation=reason)
     shown = [step for step in steps if step.judged and step.registration.doubt_m <= settings.jump_m]
     if len(shown) < STEP_FEWEST:
-        reason = f"jumps: too few steps could be measured, so that one of up to {settings.torn_m:g} m could hide"
+        reason = f"jumps: too few steps could be measured, so that a jump of up to {settings.torn_m:g} m could hide"
         return Finding(VerdictStatus.PASS, reason, judged=False)
     tolerated_m, _ = tolerate_step(settings)
     reason = f"no jump of more than {tolerated_m:g} m at any of {count_of(len(shown), 'step')}"
@@ -131,7 +132,7 @@ def judge_steps(
 
 
 def _list_places(said: str, times: Sequence[float]) -> str:
-    """Returns the other times [s] at which a map is wrong, in words that begin with `said`; an empty text without any."""
+    """Returns other times [s] at which a map is wrong, as a text that begins with `said`; empty if there are no times."""
     named = [f"{t:.1f} s" for t in times[:_NAMED]]
     if len(times) > _NAMED:
         named.append(count_of(len(times) - _NAMED, "more place"))
@@ -139,7 +140,7 @@ def _list_places(said: str, times: Sequence[float]) -> str:
 
 
 def _describe_jump(step: StepAudit) -> str:
-    """Returns the size of a jump in words; if most of what moves the points is a turn, the turn is named, too."""
+    """Returns the size of a jump in words; if mainly a rotation moves the points, the text names the rotation, too."""
     offset, size_m = step.registration.offset, step.registration.size_m
     moved_m = float(np.hypot(offset[0], offset[1]))
     if moved_m > 0.5 * size_m:
@@ -149,7 +150,7 @@ def _describe_jump(step: StepAudit) -> str:
 
 
 def _is_bump(step: StepAudit, settings: AuditConfig, limits: VerdictConfig) -> bool:
-    """Returns whether only a few scans are off, by more than twice the tolerance of a lasting jump."""
+    """Returns whether only a few scans at a step are off, by more than twice the tolerance of a lasting jump."""
     is_large = step.registration.size_m > max(2.0 * settings.jump_m, step.registration.doubt_m)
     return is_large and not step.lasts and _fits_better_moved(step, limits)
 
@@ -164,10 +165,10 @@ def _fits_better_moved(step: StepAudit, limits: VerdictConfig) -> bool:
 def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> list[StepAudit]:
     """Returns the steps at which a map jumps, one per jump: the step whose two sides fit best with the offset corrected.
 
-    The two sides of a step must fit better with the offset corrected than as the trajectory has them, and nowhere else as
-    well: scans that share little, such as those of a lidar that turns on the spot, fit many places by chance. A jump that is
-    too small to tear the map must last, since a few scans that are off alone are a bump. A jump between poses that are too
-    sparse for a turn must last, too.
+    The two sides of a step must fit better with the offset corrected than as the trajectory has them, and they must not fit
+    elsewhere about as well: scans that share little, such as those of a lidar that turns on the spot, fit at many places by
+    chance. A jump that is too small to tear the map must last, since a few scans that are off alone are a bump. Where the
+    poses are too sparse for the rotation of the vehicle, a jump must last, too.
 
     Args:
         steps: the judged steps in the order of time.
@@ -186,7 +187,7 @@ def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: V
     off = [step for step in steps if is_off(step)]
     jumps: list[StepAudit] = []
     for step in off:
-        if jumps and step.registration.later - jumps[-1].registration.later <= 2 * STEP_SCANS:  # both share scans
+        if jumps and step.registration.later - jumps[-1].registration.later <= 2 * STEP_SCANS:  # the two steps share scans
             jumps[-1] = min(jumps[-1], step, key=lambda s: s.registration.psi_best)
         else:
             jumps.append(step)
@@ -245,7 +246,7 @@ def judge_pooled(
 
 
 def find_lever(pooled: Pooled, limits: VerdictConfig) -> Lever | None:
-    """Returns the lever arm that the turns of a map ask for, or None if it is within the tolerance or may be chance."""
+    """Returns the lever arm that shows in turns of the vehicle; None if the arm is within the tolerance or may be chance."""
     lever = pooled.lever
     if lever is None:
         return None
@@ -254,7 +255,7 @@ def find_lever(pooled: Pooled, limits: VerdictConfig) -> Lever | None:
 
 
 def find_delay(pooled: Pooled, limits: VerdictConfig) -> Delay | None:
-    """Returns the delay of the stamps that a map shows, or None if it is within the tolerance or may be chance."""
+    """Returns the delay of the stamps that a map shows; None if the delay is within the tolerance or may be chance."""
     delay = pooled.delay
     found = abs(delay.seconds) > DELAY_WARN_S and delay.p_value < share_of_false_alarms(limits)
     return delay if found else None
@@ -315,7 +316,7 @@ _SIDE, _YAW = 1, 2  # indices of the biases to the side and in yaw
 
 
 def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: VerdictConfig) -> Finding:
-    """Returns the finding that single spans of a map give; the limit on torn windows holds for the share of torn spans.
+    """Returns the finding that single spans of a map give; the limit on the share of torn windows also holds here.
 
     Args:
         spans: spans of the map.
@@ -361,7 +362,7 @@ def _describe_span(span: SpanAudit) -> str:
 
 
 def judge_sums(sums: Sequence[SumAudit], path_m: float, settings: AuditConfig, limits: VerdictConfig) -> Finding:
-    """Returns the finding that sums of spans give; the limit on torn windows holds for the bent share of the path.
+    """Returns the finding that sums of spans give; the limit on torn windows also holds for the bent share of the path.
 
     Args:
         sums: sums of successive spans.
@@ -371,7 +372,7 @@ def judge_sums(sums: Sequence[SumAudit], path_m: float, settings: AuditConfig, l
     """
     if not sums:
         each_m, _ = tolerate_span(settings)
-        reason = f"bends: too few spans follow each other, so that one of up to {each_m:.2g} m in each span could hide"
+        reason = f"bends: too few spans follow each other, so that a bend of up to {each_m:.2g} m in each span could hide"
         return Finding(VerdictStatus.PASS, reason, judged=False)
     tolerated_m, tolerated_rad = tolerate_sum(settings)
     p_value = find_smallest(one.p_value for one in sums)
@@ -415,13 +416,16 @@ def judge_locally(windows: Sequence[WindowAudit]) -> Finding:
 def judge_revisits(
     revisits: Sequence[RevisitAudit], settings: AuditConfig, limits: VerdictConfig, path_m: float | None = None
 ) -> Finding:
-    """Returns the finding that the revisits of a map give. A map without any passes: many drives come back to no place.
+    """Returns the finding that the revisits of a map give.
+
+    A map without sure revisits passes, since many drives come back to no place.
 
     Args:
         revisits: revisits of the map in the order of time.
         settings: settings of the audit, which say what is tolerated.
         limits: settings of the verdict.
-        path_m: length of the path [m], if its sums of spans are all within the tolerance; None if not, or without sums.
+        path_m: length of the path [m] if all its sums of spans are within the tolerance; None if a sum is not, or if there
+            are no sums.
     """
     sure = [r for r in revisits if r.revisit.sure]
     if not sure:
@@ -442,7 +446,7 @@ def judge_revisits(
         if status is not VerdictStatus.FAIL and any(a.torn and b.torn for a, b in itertools.pairwise(sure)):
             status = VerdictStatus.WARN
         if status is VerdictStatus.NOT_JUDGED:
-            reason += f", too few to judge drift by: the share of torn ones may be {torn.describe_range()}"
+            reason += f", too few to judge drift by: the share of torn revisits may be {torn.describe_range()}"
     beside = _find_beside(sure, settings, limits)
     if beside:
         apart_m = float(np.median([one.revisit.distance_m for one in beside]))
@@ -465,9 +469,9 @@ def judge_revisits(
 
 
 def _find_beside(sure: Sequence[RevisitAudit], settings: AuditConfig, limits: VerdictConfig) -> list[RevisitAudit]:
-    """Returns the longest row of revisits that are all off alike, by more than chance explains; an empty list if none.
+    """Returns the longest row of revisits that are all off by a similar offset, larger than chance explains; may be empty.
 
-    The offset may change slowly along a row, so that only those revisits need to agree that follow each other.
+    The offset may change slowly along a row, so only revisits that directly follow each other need to agree.
     """
     rare = [bool(one.p_value < share_of_false_alarms(limits)) for one in sure]
     agree = [
@@ -480,7 +484,7 @@ def _find_beside(sure: Sequence[RevisitAudit], settings: AuditConfig, limits: Ve
 
 
 def _measure_mean(row: Sequence[RevisitAudit]) -> float:
-    """Returns the length of the mean offset of revisits in the world's directions [m]."""
+    """Returns the norm [m] of the mean of the offsets of revisits, each in the world's directions."""
     return float(np.hypot(*np.mean([one.revisit.moved for one in row], axis=0)))
 
 

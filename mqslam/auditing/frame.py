@@ -1,10 +1,10 @@
-"""Tests whether a trajectory is in the frame of its cloud, and whether a torn map is whole under another reading of it.
+"""Tests whether a trajectory is in the frame of its cloud, and whether another reading of the poses makes a torn map whole.
 
 A finished cloud keeps its shape wherever its trajectory lies. But a sensor sees what is around it: in the right frame the
 points of every sweep lie around its pose.
 
-A mirrored trajectory, or one that counts yaw the other way, tears a map in every turn. If undoing one of these errors makes
-the torn windows whole, that error is the cause. Missing headings show in the poses themselves.
+A mirrored trajectory, or one that counts yaw the other way, tears a map wherever the vehicle turns. If undoing one of these
+errors makes the torn windows whole, that error is the cause. Missing headings show in the poses themselves.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ _FAR: Final = 0.3  # a wrong frame is off by more than this share of a sweep's s
 _SIGMAS: Final = 5.0  # a wrong frame is also off by more than this many standard deviations
 _FEWEST: Final = 40  # fewest sweeps with points that show where the sensor was
 
-_TURNS: Final = 0.1  # windows that turn by less than this [rad] are much the same in a mirror
-_TRIED: Final = 20  # number of windows, those that turn the most, in which other readings are tried
+_TURNS: Final = 0.1  # a window in which the trajectory turns by less than this [rad] looks much the same in a mirror
+_TRIED: Final = 20  # other readings are tried in this many windows: those with the largest rotations
 _LEAST_TORN: Final = 4  # with fewer torn windows than this no other reading is tried
 _WHOLE: Final = 0.5  # share of the tried windows that the right reading makes whole and crisper
 _NOT_MIRRORED: Final = "the map has no tears such as a mirrored trajectory, or one without headings, makes"
-_LEAST_TURN: Final = 0.02  # headings that all lie within this [rad] are missing if the path turns
+_LEAST_TURN: Final = 0.02  # if all headings lie within this [rad] although the path turns, they are missing
 _PATH_TURNS: Final = 0.5  # a path turns if its directions differ by more than this [rad]
 
 
@@ -75,10 +75,11 @@ def judge_frame(sweeps: Sweeps) -> Finding:
 def _fit_frame(middles: NDArray[np.float64], poses: se2.Array) -> se2.Array:
     """Returns the motion (3,) of a cloud that brings its sweeps around the poses from which they were seen.
 
-    A sensor may always see more on one side of itself. That is no fault of the frame, so this offset is fitted as well.
+    A sensor may always see more on one side of itself. That is no fault of the frame, so the offset of the points from the
+    sensor is fitted as well.
 
     Args:
-        middles: (N, 2) middle of the points of each sweep [m].
+        middles: (N, 2) median position of the points of each sweep [m].
         poses: (N, 3) poses from which the sweeps were seen.
     """
     centre, towards = middles.mean(axis=0), poses[:, :2].mean(axis=0)
@@ -168,7 +169,7 @@ def judge_readings(
     for reading in _READINGS:
         whole = sum(engine.map(_is_whole, (place(reading.read(track.poses)), settings, estimator), tried))
         if whole >= _WHOLE * len(tried):
-            reason = f"{whole} of the {len(tried)} windows that turn the most are whole once that is undone"
+            reason = f"{whole} of the {len(tried)} windows that turn the most are whole once this error is undone"
             said = f"{reading.name}: {reading.remedy}"
             return Finding(VerdictStatus.FAIL, f"{reading.name}: {reason}", cause=Cause.MIRROR, explanation=said)
     return Finding(VerdictStatus.PASS, "the map is whole under no other reading (mirrored, yaw counted the other way)")

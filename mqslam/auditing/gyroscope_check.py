@@ -29,14 +29,14 @@ _LIKELY_SCALE = 0.03
 
 # A turn over a few scans that the gyroscope does not show is tolerated up to this [rad]: half a degree.
 _KINK_RAD: Final = 0.0087
-# A difference between the turns of both is a contradiction only if it exceeds the usual difference over as many steps by
-# this factor: a gyroscope's bias wanders.
+# A difference between the turns of the trajectory and of the gyroscope is a contradiction only if it is more than this many
+# times the usual difference over as many steps: a gyroscope's bias wanders.
 _KINK_SIGMAS: Final = 8.0
 # Numbers of steps over which turns are added up. A difference that lasts longer may be the bias of the gyroscope.
 _KINK_STEPS: Final = (1, 4, 16)
 
-_SPARSE: Final = 0.7  # with fewer poses per scan than this (one and a half turns apart), a trajectory is interpolated
-_LEAST_VARIANCE: Final = 1e-12  # numerical: a trajectory that agrees exactly [rad^2]
+_SPARSE: Final = 0.7  # with fewer poses per scan than this (1.5 revolutions apart), a trajectory is interpolated
+_LEAST_VARIANCE: Final = 1e-12  # numerical: variance [rad^2] of the turns of a trajectory that agrees exactly
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,10 +45,10 @@ class GyroscopeCheck:
 
     Args:
         source: where the gyroscope's readings come from.
-        statement: whether both agree, in words.
-        agrees: whether both agree; None where that cannot be told.
+        statement: whether the gyroscope and the trajectory agree, in words.
+        agrees: whether the gyroscope and the trajectory agree; None where that cannot be told.
         rotation: calibration that converts the gyroscope's readings to the trajectory's turns, or None.
-        differ_rad: robust standard deviation of the remaining difference over a scan [rad]; None where it is unknown.
+        differ_rad: robust standard deviation of the difference that remains over a scan [rad]; None where it is unknown.
     """
 
     source: str
@@ -62,7 +62,7 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory) 
     """Compares a gyroscope with the turns of a trajectory from scan to scan.
 
     A trajectory does not state the errors of its turns. The gyroscope is calibrated on the turns, and the remaining
-    differences are taken as their errors.
+    differences are taken as the errors of the turns.
 
     Args:
         gyroscope: readings of the gyroscope.
@@ -111,7 +111,7 @@ def judge_gyroscope(check: GyroscopeCheck) -> Finding:
 def pick_stamps(scans_us: NDArray[np.int64], poses_us: NDArray[np.int64]) -> NDArray[np.int64]:
     """Returns the stamps [us] between which turns are compared: those of the scans, or of the poses if these are sparser.
 
-    Between sparse poses the turns of a trajectory are interpolated, and not those of the sensor.
+    Between sparse poses a trajectory is interpolated, so its turns there are not those of the sensor.
     """
     first, last = max(scans_us[0], poses_us[0]), min(scans_us[-1], poses_us[-1])
     scans, poses = (np.asarray(us[(first <= us) & (us <= last)], dtype=np.int64) for us in (scans_us, poses_us))
@@ -162,7 +162,7 @@ def _find_kink(times: NDArray[np.float64], residuals: NDArray[np.float64]) -> li
 def _describe_bias(rotation: Rotation) -> str:
     """Returns the estimated bias of a gyroscope in words: a constant error of the trajectory's yaw rate can hide in it."""
     rate = abs(float(np.rad2deg(rotation.bias)))
-    return f"it does not show a steady drift of yaw, since a constant {rate:.2g} deg/s is taken as its bias"
+    return f"it cannot show a steady drift of yaw, since a constant {rate:.2g} deg/s is taken as its bias"
 
 
 def _describe_scale(rotation: Rotation) -> str:
@@ -175,4 +175,4 @@ def _describe_scale(rotation: Rotation) -> str:
 
 def _compare_turns(off: float) -> str:
     """Returns in words how much farther or less a trajectory turns than a gyroscope."""
-    return f"the trajectory turns {abs(off):.1%} {'farther' if off > 0.0 else 'less'} than it"
+    return f"the trajectory turns {abs(off):.1%} {'farther' if off > 0.0 else 'less'} than the gyroscope"

@@ -108,8 +108,10 @@ class Known(NamedTuple):
     """What is known of a trajectory besides its poses.
 
     Args:
-        stated: covariances that the trajectory itself states, by the numbers of the sweeps; None where it states none.
-        place: returns the points under other poses, so that other readings of the trajectory can be tried; None tries none.
+        stated: covariances that the trajectory itself states, looked up by the numbers of sweeps; None where it states no
+            covariances.
+        place: returns the points under other poses, so that other readings of the trajectory can be tried; if None, no other
+            reading is tried.
         sensors: findings of other sensors about the trajectory.
     """
 
@@ -146,7 +148,7 @@ def audit(
         limits: settings of the verdict.
         engine: where windows and revisits are judged; the result does not depend on it.
         progress: called as parts of the map are done.
-        sampled: how many windows at most are judged, evenly spread; None takes all.
+        sampled: how many windows at most are judged, evenly spread; None judges all windows.
         known: what is known of the trajectory besides its poses.
     """
     settings = apply_tolerance(settings, limits)
@@ -219,7 +221,7 @@ def audit_trajectory(
 def _expect(
     spans: Sequence[Registration], twists: NDArray[np.float64], pooled: Pooled | None, limits: VerdictConfig
 ) -> NDArray[np.float64]:
-    """Returns the parts (N, 3) of the offsets of spans that the pooled corrections explain, which another test reports."""
+    """Returns the parts (N, 3) of the spans' offsets that the pooled corrections explain; another test reports these."""
     if pooled is None:
         return np.zeros((len(spans), 3))
     return predict_offsets(spans, twists, find_bias(pooled, limits), find_lever(pooled, limits), find_delay(pooled, limits))
@@ -241,7 +243,7 @@ def _judge_frame(
     estimator: EstimatorConfig,
     engine: Engine,
 ) -> list[Finding]:
-    """Judges a finished cloud's trajectory against the cloud's frame, and other readings of it where they can be tried."""
+    """Returns findings on the frame of a finished cloud's trajectory, and on other readings of it if `place` is given."""
     findings = [judge_frame(sweeps)] if sweeps.is_finished else []
     if place is not None:
         findings.append(judge_readings(sweeps, windows, place, settings, estimator, engine))

@@ -25,11 +25,11 @@ _FEWEST: Final = 5  # fewest stretches that show a scale
 # A speed that differs from odometry's by a larger share shows a wrong scale. Worn tyres and slip are a few percent.
 _WRONG_SCALE: Final = 0.1
 _UNITS: Final = {"km/h": 1.0 / 3.6, "miles per hour": 0.44704, "mm/s": 1e-3, "cm/s": 1e-2}  # [m/s]
-_SAME_UNIT: Final = 0.1  # a unit is recognised up to this share: the scale of wheels or range bins may be off as well
+_SAME_UNIT: Final = 0.1  # a ratio within this share of a unit shows it: the scale of wheels or range bins may be off, too
 
 
 def check_odometry(odometry: Trajectory, scans: Scans, trajectory: Trajectory, stated: OdometryConfig) -> list[Finding]:
-    """Compares odometry with a trajectory; returns their contradictions, or one finding that there are none.
+    """Compares odometry with a trajectory; returns one finding per contradiction, or one finding that there is none.
 
     Args:
         odometry: poses of the sensor, or of the vehicle: only turns and speeds are compared, not places.
@@ -60,7 +60,7 @@ def check_odometry(odometry: Trajectory, scans: Scans, trajectory: Trajectory, s
 
 
 def measure_speed_ratio(own: Trajectory, given: Trajectory) -> float | None:
-    """Returns the speed of a trajectory over that of odometry; None where they hardly move.
+    """Returns the speed of a trajectory over that of odometry; None if both hardly move or one of them stands still.
 
     Args:
         own: the trajectory.
@@ -77,7 +77,7 @@ def measure_speed_ratio(own: Trajectory, given: Trajectory) -> float | None:
 
 
 def _find_speeds(track: Trajectory, begins: NDArray[np.int64], ends: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Returns the mean speeds (N,) [m/s] along the straight lines between poses."""
+    """Returns the mean speeds (N,) [m/s] along straight lines from the poses `begins` (N,) to the poses `ends` (N,)."""
     moved = track.poses[ends, :2] - track.poses[begins, :2]
     return np.asarray(np.hypot(moved[:, 0], moved[:, 1]) / ((track.stamps_us[ends] - track.stamps_us[begins]) * 1e-6))
 
@@ -88,6 +88,6 @@ def is_wrong_scale(ratio: float) -> bool:
 
 
 def name_unit(ratio: float) -> str:
-    """Returns in words the unit that odometry's speeds seem to be in, after a comma; an empty text if no unit fits."""
+    """Returns ", as if its speeds were in" and the unit that explains a ratio of speeds; an empty text if no unit does."""
     units = (unit for unit, size in _UNITS.items() if abs(ratio / size - 1.0) < _SAME_UNIT)
     return next((f", as if its speeds were in {unit}" for unit in units), "")

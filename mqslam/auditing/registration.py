@@ -28,7 +28,7 @@ class Registration:
     Args:
         earlier, later: the sweeps in whose frames the two stretches are given.
         between: (3,) pose of the later sweep in the frame of the earlier one by the trajectory.
-        path_m: length of the path between the two [m].
+        path_m: length of the path between the two sweeps [m].
         offset: (3,) pose of the later stretch by psi relative to its pose by the trajectory, in the frame of the later sweep
             [m, m, rad].
         covariance: (3, 3) covariance of the offset from psi's curvature.
@@ -37,9 +37,9 @@ class Registration:
         matched: share of the points of the later stretch that lie on the earlier one.
         psi, psi_best: score per point without and with the offset corrected.
         observed: whether the two stretches constrain every direction.
-        unrivalled: whether they are observed, match well enough, and fit nowhere else as well.
-        doubt_m: how far the two may be off each other because poses are interpolated [m].
-        rivals: (R, 3) other offsets at which the stretches fit about as well; none where rivals were not asked for.
+        unrivalled: whether `observed` holds, the two stretches match well enough, and they fit nowhere else as well.
+        doubt_m: how far the two stretches may be off each other because poses are interpolated [m].
+        rivals: (R, 3) other offsets at which the stretches fit about as well; empty where rivals were not asked for.
         repeats: (L, 3) repeated measurements of the offset with other scans; `offset` is their median. Empty without any.
     """
 
@@ -90,7 +90,7 @@ def measure_span(sweeps: Sweeps, begin: int) -> float:
 
 
 def compute_far_reach(span_s: float, settings: AuditConfig) -> tuple[float, float]:
-    """Returns the reach [m], [rad] of a wide search: as far as any plausible error of the speed leads in a time [s]."""
+    """Returns the reach [m], [rad] of a wide search: as far as any plausible error of the speed leads in a time `span_s`."""
     return min(SPEED_ERROR_MPS * span_s, settings.gate_m), settings.search_rad
 
 

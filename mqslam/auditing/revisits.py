@@ -1,4 +1,4 @@
-"""Revisits: places that a trajectory comes back to, and how far the two passes of each are off each other by psi.
+"""Revisits: places that a trajectory comes back to, and how far psi shows the two passes of each place to be off.
 
 A later pass is off the earlier one by the same rigid motion for a while. Each measured offset can therefore be carried to
 the place of the next one and compared with it there.
@@ -58,17 +58,17 @@ class Offsets:
         return Offsets(self.offsets[chosen], self.covariances[chosen], self.poses[chosen], self.places[chosen])
 
     def carry(self, i: int, k: int) -> NDArray[np.float64]:
-        """Returns the matrix (3, 3) that carries an offset at place i to place k."""
+        """Returns the matrix (3, 3) that converts the i-th offset to the frame of the k-th later pose."""
         return se2.adjoint(se2.between(self.poses[k], self.poses[i]))
 
     def differ(self, i: int, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Returns the difference (3,) between two offsets at place k, and its covariance (3, 3)."""
+        """Returns offset k minus offset i in the frame of the k-th later pose (3,), and its covariance (3, 3)."""
         lever = self.carry(i, k)
         off = self.offsets[k] - lever @ self.offsets[i]
         return off, self.covariances[k] + lever @ self.covariances[i] @ lever.T
 
     def pair(self, least_m: float, most_m: float) -> list[tuple[int, int]]:
-        """Returns pairs (i, k) of places that are from `least_m` to `most_m` apart on the path of both passes [m]."""
+        """Returns pairs (i, k) of offsets that are `least_m` to `most_m` [m] of path apart on both passes."""
         pairs = []
         for i, place in enumerate(self.places):
             apart = np.abs(self.places[i + 1 :] - place)
@@ -101,7 +101,7 @@ def find_agreeing(
     same_m: float,
     probability: float,
 ) -> NDArray[np.bool_]:
-    """Finds rows of successive offsets that agree with each other, which chance would hardly make them do.
+    """Finds rows of successive offsets that agree with each other, and hardly do so by chance.
 
     If the passes could also agree on another offset, as in streets that repeat, nothing tells which one is right, and the
     row ends there.
@@ -114,7 +114,7 @@ def find_agreeing(
         most_m: longest path between two successive offsets of a row [m].
         same_m: distance at which two offsets count as one [m].
         probability: a row counts if its chance of agreeing by accident is below 1 minus this; also the probability of the
-            quantile up to which two offsets agree.
+            chi-square quantile up to which two offsets agree.
 
     Returns:
         (N,) which offsets belong to such a row.
@@ -172,7 +172,8 @@ class Revisit:
         earlier, later: the two sweeps.
         offset: (3,) pose of the later pass by psi relative to its pose by the trajectory, in the frame of the later sweep
             [m, m, rad].
-        covariance: (3, 3) covariance of the offset by the measurement, plus the one that the trajectory states, if any.
+        covariance: (3, 3) covariance of the offset by the measurement, plus the covariance that the trajectory states, if
+            any.
         heading: yaw of the later sweep's pose [rad].
         inflation: offset^T covariance^-1 offset.
         matched: share of the later pass's points that lie on the earlier pass.
@@ -199,7 +200,7 @@ class Revisit:
 
     @property
     def moved(self) -> NDArray[np.float64]:
-        """The offset (2,) of the later pass in the world's directions [m]: one pass beside the other keeps it in turns."""
+        """The offset (2,) [m] in the world's directions, which stays the same in turns if one pass lies beside the other."""
         return np.asarray(se2.transform([0.0, 0.0, self.heading], self.offset[None, :2])[0])
 
 
@@ -213,7 +214,7 @@ class RevisitAudit:
         p_value: probability that an offset as large shows at any revisit of a good map; NaN where the revisit is not sure or
             too few revisits show how far off they usually are.
         stated_covariance: (3, 3) covariance that the trajectory itself states of the later pose relative to the earlier one,
-            which is part of the revisit's covariance; None where it states none.
+            which is part of the revisit's covariance; None where the trajectory states no covariance.
         excused: whether the passes would be torn if the trajectory did not state so large a covariance.
     """
 
@@ -357,7 +358,7 @@ def share_torn_revisits(revisits: Sequence[RevisitAudit]) -> Share:
 
 
 def find_revisit_pairs(sweeps: Sweeps, settings: AuditConfig) -> list[tuple[int, int]]:
-    """Finds pairs (earlier, later) of sweeps that may show one place: one every spacing_m, with the nearest earlier pass."""
+    """Finds pairs (earlier, later) of sweeps that may show one place: one pair every `spacing_m`, with the nearest pass."""
     passes = find_passes(
         sweeps.travelled,
         sweeps.poses,

@@ -14,5 +14,6 @@ STEP_SCANS: Final = 3
 STEP_FEWEST = 20
 # Probability of the chi-square quantile above which the inflation of a window or a revisit shows that it is torn.
 PROBABILITY: Final = 0.999
-# A window or a revisit with a larger inflation than this is off by more than chance. It has three degrees of freedom.
+# A window or a revisit with a larger inflation than this is off by more than chance. The inflation has three degrees of
+# freedom.
 TORN_INFLATION: Final = float(chi2.ppf(PROBABILITY, 3))

@@ -26,8 +26,8 @@ from mqslam.formats.covariances import read_covariances
 from mqslam.psi.place import Beam
 
 _TRAJECTORY, _COVARIANCES = "trajectory.tum", "covariances.csv"  # a run writes both into one folder
-_SLACK_SWEEPS: Final = 2.0  # covariances hardly change over so few sweeps; ones farther off are of another trajectory
-_REMEDY: Final = "give those that were written together with the trajectory"
+_SLACK_SWEEPS: Final = 2.0  # covariances hardly change over so few sweeps; farther off, they are another trajectory's
+_REMEDY: Final = "give the covariances that were written together with the trajectory"
 
 
 def find_relative_covariances(
@@ -36,8 +36,9 @@ def find_relative_covariances(
     """Returns the covariances that a trajectory states of its poses, or None if it states none, and notes for the user.
 
     Args:
-        covariances: file of the covariances of its poses; None takes the one beside a run's own trajectory.tum.
-        origin: the trajectory as the user named it: poses, a file, or the name of one that the recording carries.
+        covariances: file of the covariances of the trajectory's poses; None takes the file beside a run's own
+            trajectory.tum.
+        origin: the trajectory as the user named it: poses, a file, or the name of a trajectory that the recording carries.
         given: the trajectory; None if the recording carries it.
         offset_us: time that was added to the trajectory's stamps [us]; it is added to those of the covariances, too.
         sweeps: points under the trajectory to judge.
@@ -122,7 +123,7 @@ class Source:
 
 
 def is_cloud(path: Path) -> bool:
-    """Returns whether a path is a file with a finished cloud; an .npz file is one unless it holds a radar's power."""
+    """Returns whether a path is a file with a finished cloud; an .npz file is a cloud unless it holds a radar's power."""
     if path.suffix.lower() != ".npz":
         return path.is_file() and path.suffix.lower() in CLOUDS
     try:
@@ -168,7 +169,7 @@ def divide_cloud(
     trajectory: Trajectory | None,
     beam: Beam,
 ) -> Sweeps:
-    """Divides a finished cloud into sweeps; without a trajectory the middle of a sweep's points stands for the sensor.
+    """Divides a finished cloud into sweeps; without a trajectory, a sweep's mean point stands for the sensor's position.
 
     Args:
         cloud: points with the times they were measured at.
@@ -240,5 +241,5 @@ def _check_cover(cloud: TimedCloud, trajectory: Trajectory) -> None:
     first, last = int(cloud.stamps_us[0]), int(cloud.stamps_us[-1])
     if not trajectory.covers(first, last):
         raise DataError(
-            cloud.path, f"spans {first} to {last} us, which the trajectory does not", Remedy.GIVE_FITTING_TRAJECTORY
+            cloud.path, f"spans {first} to {last} us, which the trajectory does not cover", Remedy.GIVE_FITTING_TRAJECTORY
         )

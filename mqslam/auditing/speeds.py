@@ -1,4 +1,4 @@
-"""Checks the speed of a trajectory with pairs of successive scans, which shows errors too large for a window to measure.
+"""Checks the speed of a trajectory with pairs of successive scans: they show errors too large for a window to measure.
 
 A window's correction is searched for near the trajectory. If the trajectory is farther off, the search ends in another
 minimum of psi, and the window's inflation means nothing. Two successive scans are registered over all plausible speeds, so
@@ -60,7 +60,7 @@ class SpeedCheck:
     Args:
         error: (3,) mean velocity that the trajectory's motion lacks, in the frame of the later scan [m/s, m/s, rad/s].
         sure: whether the two scans constrain every direction and fit nowhere else as well. If the error is beyond the
-            capture range, they must fit clearly worse where the trajectory has them, too.
+            capture range, the scans must also fit clearly worse where the trajectory has them.
     """
 
     error: se2.Array
@@ -103,7 +103,8 @@ def check_speeds(
 ) -> list[SpeedCheck | None]:
     """Compares the motions from given sweeps to the next ones with the trajectory's.
 
-    Where they contradict an interpolated speed, the check is sure only if the scans of the whole gap contradict it, too.
+    Where two scans contradict an interpolated speed, the check is sure only if the scans of the whole gap contradict it,
+    too.
 
     Args:
         sweeps: points under the trajectory to judge.
@@ -213,7 +214,7 @@ def _check_from(shared: _Shared, begin: int) -> SpeedCheck | None:
 
 
 def check_speed(sweeps: Sweeps, begin: int, settings: AuditConfig, estimator: EstimatorConfig) -> SpeedCheck | None:
-    """Compares the motion from a sweep to the next one with the trajectory's; None where either holds too few points."""
+    """Compares the motion from a sweep to the next with the trajectory's; None where either sweep has too few points."""
     return _check_from((sweeps, settings, estimator), begin)
 
 
@@ -239,7 +240,9 @@ def contradicts(check: SpeedCheck | None, capture: CaptureRange) -> bool:
 
 
 def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange) -> list[Finding]:
-    """Returns the finding that the speeds of a map give, none if no speed is sure. The limits are those on torn windows.
+    """Returns the finding that the speeds of a map give; an empty list if no speed is sure.
+
+    The limits on the share of wrong speeds are those on the share of torn windows.
 
     Args:
         checks: the speed checks of all windows.

@@ -43,12 +43,13 @@ class StepAudit:
     """The judgement of one step.
 
     Args:
-        registration: the scans after the step on those before it; its later sweep is the first scan after the step.
+        registration: registration of the scans after the step on those before it; its later sweep is the first scan after
+            the step.
         t: time of the step [s] since the recording's start.
-        p_value: probability that a step as far off as this shows somewhere in a map without a jump; NaN where its scans do
+        p_value: probability that a step as far off as this shows somewhere in a map without a jump; NaN where the scans do
             not constrain every direction or too few steps show what is usual.
-        lasts: whether the scans farther from the step fit better with its offset corrected, too; if they fit worse, only a
-            few scans are off and the map does not jump.
+        lasts: whether the scans farther from the step also fit better with the offset of the step corrected; if they fit
+            worse, only a few scans are off and the map does not jump.
     """
 
     registration: Registration
@@ -111,7 +112,7 @@ def audit_steps(
 
 
 def _lasts(step: Registration, p_value: float, shared: _Shared, chance: float) -> bool:
-    """Returns whether the offset of a step shows between the scans farther from it, too; true where it may be chance.
+    """Returns whether the offset of a step shows between the scans farther from it, too; True if it may be chance.
 
     Args:
         step: the step.
@@ -140,7 +141,7 @@ def compute_p_values(steps: Sequence[Registration]) -> NDArray[np.float64]:
 
     psi's curvature gives a covariance that is too small for so few scans, by a factor that depends on the world. And a
     trajectory that is noisy everywhere has no jump. The median step allows for both: the variances are scaled per axis until
-    they explain how far off it is. They are never made smaller.
+    they explain how far off the median step is. They are never made smaller.
 
     Args:
         steps: all steps of the map.
@@ -169,7 +170,7 @@ def scale_covariances(steps: Sequence[Registration]) -> NDArray[np.float64]:
 def _pick_doubtful(near: Mapping[int, Registration | None]) -> list[int]:
     """Returns the places, in order, to search again in a wider region: a jump may be larger than the near search reaches.
 
-    They are the places whose two sides match poorly or fit elsewhere as well, and the places between them and the next
+    These are the places whose two sides match poorly or fit elsewhere as well, and the places between them and the next
     steps, since the scans on one side of a step may lie on both sides of a jump.
 
     Args:
@@ -236,7 +237,7 @@ def _register_beside(shared: _Shared, item: tuple[int, tuple[float, float]]) -> 
 
 
 def _register_step(shared: _Shared, place: int, reach: tuple[float, float]) -> Registration | None:
-    """Registers the scans from a place onwards on the scans before it; they may be off by a reach [m], [rad]."""
+    """Registers the scans from a place onwards on the scans before it; the search covers a reach [m], [rad]."""
     sweeps, settings, estimator = shared
     return register(sweeps, (place - 1, place), pick_sides(place), reach, ask_of_scans(settings), estimator)
 

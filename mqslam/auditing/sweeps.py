@@ -18,7 +18,8 @@ from mqslam.errors import EstimationError, Remedy
 from mqslam.mapping.render import place_scans
 from mqslam.psi.place import Beam, PointSet, rotate_covariances
 
-# A scan may begin before or end after the trajectory by this many turns and still counts as covered.
+# A scan counts as covered even if it begins before or ends after the trajectory by up to this many revolutions of the
+# sensor.
 _COVERAGE_SLACK = 1.5
 
 
@@ -31,7 +32,7 @@ class Sweeps:
         covariances: (N, 3) xx, xy, yy [m^2] of each point.
         turns: (N,) time at which each point was seen, in sweeps: the same direction is seen again 1 later.
         begins: (S + 1,) index of every sweep's first point; the last entry is N.
-        numbers: (S,) turn at which each sweep starts.
+        numbers: (S,) time at which each sweep starts, in sweeps like `turns`.
         times: (S,) start of each sweep [s] since the recording's start.
         poses: (S, 3) pose of the sensor at the start of each sweep.
         travelled: (S,) length of the path up to each sweep [m].
@@ -67,7 +68,7 @@ class Sweeps:
         return float(sum(self.doubt_m[list(stretch)].max() for stretch in stretches))
 
     def local(self, chosen: Sequence[int], frame: se2.Array) -> PointSet:
-        """Returns the points of some sweeps in a frame (3,), with their turns as times."""
+        """Returns the points of the `chosen` sweeps in a frame (3,), with `turns` as their times."""
         parts = [np.arange(self.begins[k], self.begins[k + 1]) for k in chosen]
         picked = np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
         covariances = rotate_covariances(self.covariances[picked], -frame[2])
@@ -100,7 +101,7 @@ def place_sweeps(scans: Scans, trajectory: Trajectory, beam: Beam) -> tuple[Swee
     placed = place_scans(kept, track.times, track.poses, beam)
     times = kept.start_times
     numbers = np.array(inside, dtype=np.float64)
-    turns = placed.points.times  # changed from seconds to turns in place
+    turns = placed.points.times  # changed in place from seconds to sweeps
     begins = np.concatenate([[0], np.cumsum(counts)])
     for k, (begin, end) in enumerate(pairwise(begins.tolist())):
         turns[begin:end] = numbers[k] + (turns[begin:end] - times[k]) / scans.revolution_s
@@ -135,8 +136,8 @@ def require_covered(scans: Scans, trajectory: Trajectory) -> list[int]:
     inside = find_covered(scans, trajectory)
     if len(inside) == 1:
         raise EstimationError(
-            "the trajectory covers one scan only, which shows nothing of it; give a recording of at least two scans and a "
-            "trajectory that covers them"
+            "the trajectory covers one scan only, which shows nothing about its errors; give a recording of at least two "
+            "scans and a trajectory that covers them"
         )
     if not inside:
         spans = ((trajectory.stamps_us[0], trajectory.stamps_us[-1]), _stamp_spans(scans)[[0, -1], [0, 1]])
@@ -149,7 +150,7 @@ def require_covered(scans: Scans, trajectory: Trajectory) -> list[int]:
 
 
 def find_covered(scans: Scans, trajectory: Trajectory) -> list[int]:
-    """Returns the indices of the scans that a trajectory covers, with a slack of `_COVERAGE_SLACK` turns at either end."""
+    """Returns the indices of the scans that a trajectory covers, with a slack of `_COVERAGE_SLACK` at either end."""
     slack_us = round(1e6 * _COVERAGE_SLACK * scans.revolution_s)
     spans = _stamp_spans(scans).tolist()
     return [k for k, (t0, t1) in enumerate(spans) if trajectory.covers(t0, t1, slack_us)]

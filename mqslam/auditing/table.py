@@ -48,7 +48,7 @@ class MapTest:
 
 
 _SPAN: Final = 1.5  # tolerance of a span over that of a step: its ends are farther apart
-_ROW: Final = 0.4  # tolerance of the mean of revisits that agree, as a share of the tolerance of a single revisit
+_ROW: Final = 0.4  # tolerance of the mean offset of revisits that agree, as a share of the tolerance of a single revisit
 
 SCALE_WARN: Final = 0.002
 """Distances or directions that are off by a larger share than this are worth a look [m/m]."""
@@ -71,12 +71,12 @@ def tolerate_step(settings: AuditConfig) -> tuple[float, None]:
 
 
 def tolerate_span(settings: AuditConfig) -> tuple[float, None]:
-    """Returns by how many metres the points at either end of a span may be off each other."""
+    """Returns by how many metres the points at one end of a span may be off those at the other end."""
     return _SPAN * settings.jump_m, None
 
 
 def tolerate_sum(settings: AuditConfig) -> tuple[float, float]:
-    """Returns by how many metres and radians the end of several spans in a row may be off from their begin."""
+    """Returns by how many metres and radians the end of several spans in a row may be off relative to their begin."""
     return settings.torn_m, 0.5 * settings.torn_rad
 
 
@@ -133,8 +133,8 @@ TESTS: Final = (
     ),
     MapTest(
         "windows",
-        "six scans with their own best under a correction of the speed",
-        "what lies between windows, and drift",
+        "the map of six scans with its best under a correction of the speed",
+        "faults between windows, and drift",
         tolerate_window,
         rate=", in 5 % of the windows",
     ),
@@ -149,7 +149,7 @@ TESTS: Final = (
     MapTest(
         "steps",
         "the three scans before a place with the three after it",
-        "what grows slowly",
+        "errors that grow slowly",
         tolerate_step,
         quantities=1,
     ),
@@ -183,7 +183,7 @@ TESTS: Final = (
         quantities=1,
     ),
 )
-"""All tests, in such an order that a fault that one test finds may explain the faults that later ones find."""
+"""All tests, in such an order that a fault that one test finds may explain the faults that later tests find."""
 
 _ORDER: Final = {test.name: number for number, test in enumerate(TESTS)}
 _QUANTITIES: Final = sum(test.quantities for test in TESTS)

@@ -39,8 +39,8 @@ _PART_WARN = 0.1
 
 _LISTED: Final = 3  # a sentence names at most this many stretches or jumps, so that it stays readable
 _MOST: Final = 0.5  # by definition: most scans are more than half of them
-_CLOSE_TURNS: Final = 0.5  # by definition: a scan has a pose of its own if one lies within half a turn of it
-_LONGEST_TURNS: Final = 1.5  # by definition: poses of all scans lie one turn apart, poses of every second scan two
+_CLOSE_TURNS: Final = 0.5  # by definition: a scan has its own pose if a pose lies within half a revolution of its start
+_LONGEST_TURNS: Final = 1.5  # by definition: poses of all scans lie one revolution apart, those of every second scan two
 _INSIDE: Final = np.array([0.25, 0.5, 0.75])  # numerical: shares of the way between two poses at which the curve is checked
 _SIDE: Final = 2  # a step is compared with this many steps on either side: their median survives one wrong step
 
@@ -84,7 +84,7 @@ class Jump:
 
 
 def judge_track(track: Track, times: NDArray[np.float64], revolution_s: float, settings: AuditConfig) -> list[Finding]:
-    """Returns the findings about a trajectory itself: missing poses and jumps. There are none if it has no such fault.
+    """Returns the findings about a trajectory itself: missing poses and jumps; an empty list if it has no such fault.
 
     Args:
         track: the trajectory.
@@ -118,7 +118,7 @@ def judge_track(track: Track, times: NDArray[np.float64], revolution_s: float, s
 def mark_interpolated(track: Track, times: NDArray[np.float64], revolution_s: float) -> NDArray[np.bool_]:
     """Marks the scans (S,) in gaps: between two poses farther apart than a window is long, and close to neither pose.
 
-    A gap of the recording itself contains no scan, so none is marked there.
+    A gap of the recording itself contains no scan, so no scan is marked there.
 
     Args:
         track: the trajectory.
@@ -138,8 +138,8 @@ def measure_doubt(track: Track, times: NDArray[np.float64], revolution_s: float,
     """Returns how far off (S,) the points of each scan may be because poses are interpolated [m].
 
     Between two poses the sensor is taken to move on a smooth curve (`se2.smooth`). How far this curve differs from a motion
-    with a constant twist (`se2.interpolate`) shows how much of it is a guess. No motion is a guess where every scan has a
-    pose, or across a pause of the recording that has a pose at either end.
+    with a constant twist (`se2.interpolate`) shows how much of the curve is a guess. No motion is a guess where every scan
+    has a pose, or across a pause of the recording that has a pose at either end.
 
     Args:
         track: the trajectory.
@@ -165,14 +165,14 @@ def measure_doubt(track: Track, times: NDArray[np.float64], revolution_s: float,
 
 
 def _have_own_pose(track: Track, times: NDArray[np.float64], revolution_s: float) -> NDArray[np.bool_]:
-    """Returns which scans (S,) have a pose within half a turn."""
+    """Returns which scans (S,) have a pose within half a revolution of the sensor."""
     before = _find_steps(track, times)
     apart = np.minimum(np.abs(times - track.times[before]), np.abs(track.times[before + 1] - times))
     return np.asarray(apart <= _CLOSE_TURNS * revolution_s)
 
 
 def judge_doubt(doubt_m: NDArray[np.float64], settings: AuditConfig) -> list[Finding]:
-    """Returns a finding on what cannot be judged if poses are too sparse for the turns of a trajectory; else none.
+    """Returns a finding on what cannot be judged if poses are too sparse for the vehicle's turns; else an empty list.
 
     Args:
         doubt_m: (S,) how far off the points of each scan may be because poses are interpolated [m].
@@ -234,7 +234,7 @@ def find_jumps(track: Track, longest_s: float, settings: AuditConfig) -> list[Ju
 
 
 def _stand_out(sizes: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Returns which sizes (N,) stand out: those above the first wide gap between successive sizes among the largest."""
+    """Returns which sizes (N,) stand out: those above the first wide gap between the largest sizes in order."""
     ordered = np.sort(sizes)
     largest = ordered[int(_JUMP_QUANTILE * (len(ordered) - 1)) :]
     gaps = np.flatnonzero(largest[1:] > _JUMP_FACTOR * largest[:-1])
@@ -242,18 +242,18 @@ def _stand_out(sizes: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _find_steps(track: Track, times: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Returns the steps (S,) of the trajectory in which times (S,) [s] lie; times outside belong to the first or last."""
+    """Returns the steps (S,) of the trajectory in which times (S,) [s] lie; times outside get the first or last step."""
     return np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, len(track.times) - 2)
 
 
 def _judge_cover(track: Track) -> list[Finding]:
-    """Returns a finding if a trajectory covers less than half of the scans: `not judged` if they make no window."""
+    """Returns a finding if a trajectory covers less than half of the scans: `not judged` if these make no whole window."""
     if track.uncovered <= _UNCOVERED_WARN * track.scans:
         return []
     begin, end = float(track.times[0]), float(track.times[-1])
     reason = (
         f"the trajectory covers only {track.scans - track.uncovered} of {count_of(track.scans, 'scan')}, from {begin:.1f} s "
-        f"to {end:.1f} s: the others were not judged, and its stamps may not fit the recording's"
+        f"to {end:.1f} s: the other scans were not judged, and its stamps may not fit the recording's"
     )
     too_few = track.scans - track.uncovered < WINDOW
     status = VerdictStatus.NOT_JUDGED if too_few else VerdictStatus.WARN
@@ -261,13 +261,13 @@ def _judge_cover(track: Track) -> list[Finding]:
 
 
 def judge_part(track: Track) -> list[Finding]:
-    """Returns a finding if a trajectory covers only a part of the scans; none if almost all, or less than half of them."""
+    """Returns a finding if a trajectory covers at least half of the scans, but not almost all; otherwise an empty list."""
     if not _PART_WARN * track.scans < track.uncovered <= _UNCOVERED_WARN * track.scans:
         return []
     begin, end = float(track.times[0]), float(track.times[-1])
     reason = (
         f"the trajectory covers only a part of the recording, {track.scans - track.uncovered} of "
-        f"{count_of(track.scans, 'scan')} from {begin:.1f} s to {end:.1f} s: the others were not judged"
+        f"{count_of(track.scans, 'scan')} from {begin:.1f} s to {end:.1f} s: the other scans were not judged"
     )
     return [Finding(VerdictStatus.WARN, reason, cause=Cause.PART, explanation=reason)]
 

@@ -1,4 +1,4 @@
-"""The verdict on a map and the evidence it needs: a verdict says so if a share of faults among few windows is uncertain."""
+"""The verdict on a map and the evidence for it: if few windows leave the share of faults uncertain, the verdict says so."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ GRAVEST_FIRST: Final = (VerdictStatus.FAIL, VerdictStatus.WARN, VerdictStatus.NO
 class Share:
     """The share of windows, revisits or scans that have a fault.
 
-    Each of them is taken as an independent sample of all that the sensor could have recorded there.
+    Each window, revisit or scan is taken as an independent sample of all that the sensor could have recorded there.
 
     Args:
         count: number of windows, revisits or scans with the fault.
@@ -53,13 +53,13 @@ class Share:
     total: int
 
     def lower_bound(self, confidence: float) -> float:
-        """Returns the lower bound of the share at a confidence (Clopper and Pearson, 1934), 0 where none is faulty."""
+        """Returns the lower bound of the share at a confidence (Clopper and Pearson, 1934); 0 if `count` is 0."""
         if self.count == 0:
             return 0.0
         return float(betaincinv(self.count, self.total - self.count + 1, 1.0 - confidence))
 
     def upper_bound(self, confidence: float) -> float:
-        """Returns the upper bound of the share at a confidence (Clopper and Pearson, 1934), 1 where all are faulty."""
+        """Returns the upper bound of the share at a confidence (Clopper and Pearson, 1934); 1 if all are faulty."""
         if self.count == self.total:
             return 1.0
         return float(betaincinv(self.count + 1, self.total - self.count, confidence))
@@ -134,7 +134,8 @@ class Verdict(NamedTuple):
     Args:
         status: the gravest of all findings.
         diagnosis: what is most likely wrong and how to mend it; for a map that passes, how many tests found no fault.
-        reasons: the reasons of the findings, the gravest first; for a map that does not pass, only of findings that did not.
+        reasons: the reasons of the findings, the gravest first; for a map that does not pass, only those of findings that
+            are not `pass`.
     """
 
     status: VerdictStatus
@@ -177,7 +178,7 @@ def _is_correction(finding: Finding) -> bool:
 
 
 def _rank_cause(finding: Finding) -> tuple[int, int, int]:
-    """Returns the rank of a finding that has a cause; the finding of the lowest rank explains the others.
+    """Returns the rank of a finding that has a cause; the finding of the lowest rank explains the other findings.
 
     Jumps, bends and drift do not explain one another, so the gravest finding among them comes first.
     """

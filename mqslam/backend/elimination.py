@@ -5,9 +5,9 @@ variable x_k results in
 
     R x_k + T x_s = z_k + noise of unit variance,
 
-and in rows without x_k, which are kept for the next variables. Here x_s are the other variables in those rows. But for a
-constant, x_k = R^-1 (noise - T x_s): the covariance of x_k follows from the covariance of x_s, from the last variable back
-to the first.
+and in rows without x_k, which are kept for the next variables. Here x_s are the other variables in the rows that involve
+x_k. Up to a constant, x_k = R^-1 (noise - T x_s): the covariance of x_k follows from the covariance of x_s, from the last
+variable back to the first.
 
 Rows are never squared, and a covariance is kept as a square root L, with L L^T the covariance. Where edges measure some
 directions to a millimetre and others not at all, the squares exceed the precision of floating-point numbers: GTSAM's own
@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from mqslam.errors import EstimationError
 
 _Array = NDArray[np.float64]
-Derivative = tuple[tuple[int, _Array], ...]  # of a vector (3,) by some variables: key and block (3, d) of each
+Derivative = tuple[tuple[int, _Array], ...]  # of a vector (3,) with respect to some variables: key and block (3, d) of each
 UNDETERMINED: Final = "the graph leaves a direction undetermined"  # the reason why covariances are not known
 # numerical tolerance, which changes no exact result
 _LAST_DIGITS: Final = 8.0 * float(np.finfo(np.float64).eps)  # relative change of numbers that makes rounding errors visible
@@ -164,7 +164,7 @@ def _stack(
     column: NDArray[np.int64],
     tied: NDArray[np.int64],
 ) -> NDArray[np.float64]:
-    """Stacks the rows of all blocks that wait for one variable, with the columns of the variables `tied`, in their order.
+    """Stacks the rows of all blocks that wait for one variable, with the columns of the variables `tied`, in this order.
 
     `column` is scratch space: all negative before and after the call.
     """
@@ -339,8 +339,8 @@ class Elimination:
     def compute_marginals(self, poses: Sequence[int]) -> _Array:
         """Returns the covariances (K, 3, 3) of poses, given their keys.
 
-        They are computed from the last variable back to the first. A square root of the joint covariance of a variable and
-        the variables that it depends on is held only as long as other variables need it.
+        The covariances are computed from the last variable back to the first. A square root of the joint covariance of a
+        variable and the variables that it depends on is held only as long as other variables need it.
         """
         following: list[list[int]] = [[] for _ in self._conditionals]
         waiting = list[tuple[int, tuple[int, ...], _Array]]()  # a variable, variables with a known joint root, and this root
@@ -362,7 +362,7 @@ class Elimination:
     def _extend(self, known: tuple[int, ...], root: _Array, variable: int) -> _Array:
         """Extends a square root of a joint covariance by a variable.
 
-        The result covers this variable and those that it depends on, which are among the known ones.
+        The result covers this variable and the variables that it depends on, which are all among the `known` variables.
         """
         conditional, width = self._conditionals[variable], self._widths[variable]
         ends = np.cumsum([0, *(self._widths[one] for one in known)])
@@ -382,7 +382,7 @@ class Elimination:
         """Returns the covariances (K, 3, 3) of K functions of the variables, given their derivatives.
 
         In the eliminated system, R x is noise of unit variance, so that D x has the covariance of D R^-1 noise. Only the
-        variables of D, and those that these depend on up to the last one, take part.
+        variables in D take part, and the variables that they depend on, directly or through others.
         """
         begins = np.concatenate([[0], np.cumsum(self._widths)])
         blocks = [(begins[self._numbers[key]], block) for derivative in derivatives for key, block in derivative]

@@ -31,7 +31,7 @@ class PoseCovariances:
     Args:
         indices: (K,) numbers of the poses; empty where the covariances cannot be computed.
         covariances: (K, 3, 3) in the poses' own frames [m, m, rad].
-        failure: why the covariances cannot be computed, or None.
+        failure: why the covariances cannot be computed; None if they are computed.
     """
 
     indices: NDArray[np.int64]
@@ -40,7 +40,7 @@ class PoseCovariances:
 
     @classmethod
     def unknown(cls, why: str) -> PoseCovariances:
-        """Returns the result without any covariances, with the reason."""
+        """Returns a result without any covariances, with the reason why they cannot be computed."""
         return cls(np.empty(0, dtype=np.int64), np.empty((0, 3, 3)), why)
 
     def carry(self, mount: se2.Array) -> PoseCovariances:
@@ -50,7 +50,7 @@ class PoseCovariances:
 
     @property
     def warnings(self) -> list[str]:
-        """Warnings for the user: one line about a failure, or none."""
+        """Warnings for the user: one line if the covariances cannot be computed; else an empty list."""
         if self.failure is None:
             return []
         return [f"the covariances of the poses are not known ({self.failure}): the results and the report go without them"]
@@ -61,7 +61,7 @@ def compute_all_marginals(graph: PoseGraph, values: gtsam.Values) -> PoseCovaria
 
     Args:
         graph: the graph, whose factors may involve other variables than the poses, too.
-        values: where it is linearised.
+        values: the values at which the graph is linearised.
     """
     keys = [graph.key(k) for k in range(graph.size)]
     try:
@@ -73,11 +73,11 @@ def compute_all_marginals(graph: PoseGraph, values: gtsam.Values) -> PoseCovaria
 
 
 class Uncertainty:
-    """The uncertainty of the poses of a graph. The graph is eliminated when a covariance is first asked for, and then kept.
+    """The uncertainty of the poses of a graph. The graph is eliminated only when a covariance is first asked for.
 
     Args:
         graph: the graph, whose factors may involve other variables than the poses, too.
-        values: where it is linearised.
+        values: the values at which the graph is linearised.
     """
 
     def __init__(self, graph: PoseGraph, values: gtsam.Values) -> None:
@@ -135,7 +135,7 @@ class Uncertainty:
 
     @cached_property
     def _eliminations(self) -> tuple[Elimination, Elimination]:
-        """The graph eliminated towards its first pose, and towards its last pose with other last digits of all numbers."""
+        """The graph eliminated twice: towards its first pose, and, with the last digits changed, towards its last pose."""
         linear = self._graph.factors.linearize(self._values)
         keys = [self._graph.key(k) for k in range(self._graph.size)]
         if not set(linear.keyVector()) >= set(keys):
@@ -156,7 +156,7 @@ def _differentiate_motion(a: int, b: int, motion: se2.Array, widths: Mapping[int
 
 
 class RelativeCovariances(Protocol):
-    """A source of the covariances of pairs of poses of a trajectory."""
+    """A source of the covariances of poses of a trajectory relative to other poses of it."""
 
     def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64] | None:
         """Computes the covariance of the second pose of each pair relative to the first.
@@ -177,7 +177,7 @@ class GraphCovariances:
         graph: the graph whose optimum the trajectory is.
         values: the optimised values.
         numbers: (S,) number of each pose in the graph.
-        poses: (S, 3).
+        poses: (S, 3) poses of the trajectory [m, m, rad].
     """
 
     graph: PoseGraph
@@ -186,7 +186,7 @@ class GraphCovariances:
     poses: se2.Array
 
     def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64] | None:
-        """Computes the covariances of pairs of poses by the graph, as `RelativeCovariances` says."""
+        """Computes the relative covariances of pairs of poses from the graph, as `RelativeCovariances` says."""
         inside = [(self.numbers[a], self.numbers[b]) for a, b in pairs]
         try:
             covariances = Uncertainty(self.graph, self.values).relate(inside)
@@ -199,22 +199,22 @@ class GraphCovariances:
 
 @dataclass(frozen=True)
 class SingleCovariances:
-    """Relative covariances of a trajectory of which only the covariances of the single poses are known: they are too large.
+    """Relative covariances, too large ones, of a trajectory of which only the covariances of the single poses are known.
 
     The correlation of two poses is then unknown, and their errors are taken as independent. In truth both errors have grown
     from the same first pose, and the error of the relative pose is smaller. A trajectory is therefore never taken to be more
     accurate than it states.
 
     Args:
-        covariances: (S, 3, 3) in the poses' own frames [m, m, rad].
-        poses: (S, 3).
+        covariances: (S, 3, 3) covariances of the single poses in the poses' own frames [m, m, rad].
+        poses: (S, 3) poses of the trajectory [m, m, rad].
     """
 
     covariances: NDArray[np.float64]
     poses: se2.Array
 
     def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
-        """Computes the covariances of pairs of poses with independent errors, as `RelativeCovariances` says."""
+        """Computes the relative covariances of pairs of poses with independent errors, as `RelativeCovariances` says."""
         related = []
         for a, b in pairs:
             lever = se2.adjoint(se2.between(self.poses[b], self.poses[a]))

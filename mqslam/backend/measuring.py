@@ -1,4 +1,4 @@
-"""The stage of a run that measures the front end's motions, keeps and shows them, and measures again where that helps."""
+"""The stage of a run that measures the front end's motions, keeps and shows them, and may measure them a second time."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def find_doppler(scans: Scans, config: Config, runner: Runner) -> Doppler:
     """Returns the Doppler shift: from kept measurements, else from the settings, else as psi measures it.
 
     Args:
-        scans: of the recording.
+        scans: scans of the recording.
         config: all settings.
         runner: does the work, and may have kept the measurements of an earlier run.
     """
@@ -41,14 +41,14 @@ def find_doppler(scans: Scans, config: Config, runner: Runner) -> Doppler:
 def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runner) -> list[Measurement]:
     """Returns a front end's motions between successive scans, or the motions that an earlier run has kept.
 
-    If the front end does not find all motions, it measures a second time: without the odometry if this contradicts the
-    motions that were found, and with the gyroscope if it agrees with them.
+    If the front end does not find all motions, it measures a second time: without the odometry if the odometry contradicts
+    the motions that were found, and with the gyroscope if the gyroscope agrees with them.
 
     Args:
         name: name of the front end.
-        scans: of the recording.
+        scans: scans of the recording.
         context: what the front end may know besides the scans.
-        beam: the sensor's errors, for the map as it grows.
+        beam: the sensor's errors, for the live view of the growing map.
         runner: keeps the motions and shows them.
 
     Raises:
@@ -80,7 +80,7 @@ def _drop_contrary(name: str, context: Context, measurements: Sequence[Measureme
 
 
 def _find_help(name: str, scans: Scans, context: Context, measurements: Sequence[Measurement]) -> KnownTurning | None:
-    """Returns the turning by the gyroscope, if there is one that agrees and the front end can use it; else None."""
+    """Returns the radar's turning by the gyroscope, if the gyroscope agrees and the front end can use it; else None."""
     gyroscope = context.sensors.gyroscope
     if gyroscope is None or not getattr(frontends.load(name), "takes_turning", False):
         return None
@@ -89,9 +89,9 @@ def _find_help(name: str, scans: Scans, context: Context, measurements: Sequence
 
 
 class LiveMap:
-    """A live view of a run: reports each motion as progress, and shows the scan at its start to the runner's watch.
+    """A live view of a run: reports each motion as progress, and hands the scan at the motion's start to the runner's watch.
 
-    A watch that fails is not called again: the run goes on without it, and a warning says so.
+    The watch is the function that shows scans. If it fails, it is not called again: the run goes on, and a warning says so.
 
     Args:
         scans: scans of the recording.
@@ -105,7 +105,7 @@ class LiveMap:
         self._shown = 0
 
     def follow(self, motions: Iterable[Measurement]) -> Iterator[Measurement]:
-        """Yields the motions between successive scans, and shows those that the front end has not shown itself."""
+        """Yields the motions between successive scans, and shows the motions that the front end has not shown itself."""
         for number, motion in enumerate(motions, 1):
             if number > self._shown:
                 self.show(motion)

@@ -1,4 +1,4 @@
-"""The pose graph: poses of scans and of the submaps that they were measured in, optimised by GTSAM."""
+"""The pose graph: poses of scans, and of the submaps in which the scans were measured, optimised by GTSAM."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ITERATIONS: Final = 100  # largest number of iterations; the optimiser converge
 
 @dataclass(frozen=True)
 class PoseGraph:
-    """Factors over the poses x0 .. x(n-1) of scans and m0 .. of submaps, and the values they start from.
+    """Factors over the poses x0 .. x(n-1) of scans and m0 .. of submaps, and the starting values of these poses.
 
     Args:
         factors: the GTSAM graph, its prior on x0 included.
@@ -46,7 +46,7 @@ class Optimum:
 
     Args:
         values: the optimised values, or the initial values if the optimisation failed.
-        failure: why the optimisation failed, or None.
+        failure: why the optimisation failed; None if it did not fail.
     """
 
     values: gtsam.Values
@@ -54,7 +54,7 @@ class Optimum:
 
     @property
     def warnings(self) -> list[str]:
-        """Warnings for the user: one line about a failure, or none."""
+        """Warnings for the user: one line if the optimisation failed; else an empty list."""
         if self.failure is None:
             return []
         return [f"the pose graph could not be optimised ({self.failure}): its starting values are kept"]
@@ -85,7 +85,8 @@ def optimise(graph: PoseGraph) -> Optimum:
     """Minimises the graph's error by Levenberg-Marquardt.
 
     The linear systems are solved by QR. Cholesky's method, which is GTSAM's default, works with squares of the standard
-    deviations. Where an edge measures one direction to a millimetre and another not at all, it ends far from the optimum.
+    deviations. Where an edge measures one direction to a millimetre and another direction not at all, Cholesky's method ends
+    far from the optimum.
     """
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setRelativeErrorTol(_RELATIVE_ERROR)
@@ -94,7 +95,7 @@ def optimise(graph: PoseGraph) -> Optimum:
     try:
         values = gtsam.LevenbergMarquardtOptimizer(graph.factors, graph.initial, parameters).optimize()
         if not np.isfinite(graph.poses_at(values)).all():
-            return Optimum(graph.initial, "its poses grew beyond what numbers can hold")
+            return Optimum(graph.initial, "its poses are no longer finite numbers")
     except Exception as error:  # whatever GTSAM raises, the initial values serve as a result
         raise_interrupt(error)
         return Optimum(graph.initial, describe_error(error))
@@ -102,7 +103,7 @@ def optimise(graph: PoseGraph) -> Optimum:
 
 
 def poses_of(values: gtsam.Values, size: int, key: Callable[[int], int] = X) -> se2.Array:
-    """Returns the poses (n, 3) of the scans in values, seen from above, with the yaw unwrapped."""
+    """Returns the poses (n, 3) of the scans, x [m], y [m] and unwrapped yaw [rad]; poses in space are seen from above."""
     poses = np.array([pose_of(values, key(k)) for k in range(size)])
     poses[:, 2] = np.unwrap(poses[:, 2])
     return poses

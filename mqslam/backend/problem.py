@@ -1,4 +1,4 @@
-"""Builds the pose graph of measurements, odometry and sensors, which stay, and of loops and ties, which are added later."""
+"""Builds the pose graph. Measurements, odometry and sensors are in it from the start; loops and ties are added later."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class GraphProblem(ABC):
 
     @abstractmethod
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> PoseGraph:
-        """Returns the graph with the given loops and ties of the refinement."""
+        """Returns the graph with the given loops and with the given ties, which the refinement measures."""
 
     def optimise(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> tuple[PoseGraph, Optimum]:
         """Returns the graph with the given loops and ties, and its optimum."""
@@ -41,11 +41,11 @@ class GraphProblem(ABC):
         return graph.poses_at(optimum.values)
 
     def estimate_own_covariances(self) -> NDArray[np.float64]:
-        """Estimates the covariance (N, 3, 3) of each scan's pose among its neighbours, in its own frame [m, m, rad].
+        """Estimates the covariance (N, 3, 3) of each scan's pose among its neighbours, in the scan's frame [m, m, rad].
 
-        It is half of the covariance relative to a neighbour, since both scans err. Of the two neighbours the one with the
-        smaller covariance is taken, since a graph of submaps has the drift of its map between some successive scans and not
-        between others.
+        The estimate is half of the covariance of the pose relative to a neighbour, since both scans err. The scan before or
+        the scan after is chosen, whichever gives the smaller covariance: in a graph of submaps, the drift of the map lies
+        between some successive scans and not between others.
 
         Raises:
             EstimationError: the graph does not determine the covariances.
@@ -66,7 +66,7 @@ class Problem(GraphProblem):
 
     Args:
         measurements: the front end's motions between successive scans.
-        odometry: calibrated motions of the odometry between the same scans, or none.
+        odometry: calibrated motions of the odometry between the same scans; empty if there is no odometry.
         sensors: edges of other sensors, by the names of the sensors.
     """
 
@@ -75,7 +75,7 @@ class Problem(GraphProblem):
     sensors: Mapping[str, SensorEdges] = field(default_factory=dict)
 
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> PoseGraph:
-        """Returns the graph with the given loops and ties of the refinement; it starts from the chained measurements."""
+        """Returns the graph with the given loops and ties; its starting values are the chained measurements."""
         factors: list[gtsam.NonlinearFactor] = [*self.make_factors(X, M)]
         factors += [loop_between(X(loop.earlier), X(loop.later), loop) for loop in loops]
         factors += [psi_between(X(tie.earlier), X(tie.later), tie.pose, tie.covariance) for tie in ties]
@@ -103,7 +103,7 @@ class Problem(GraphProblem):
     def list_statements(self) -> list[Measurement]:
         """Returns the motion that each factor of `make_factors` states, in the same order.
 
-        A motion in a submap, or between submaps, has the status, psi and counts of the front end's motion that ends with it.
+        A motion in a submap, or between submaps, has the status, psi and counts of the front end's motion to the same scan.
         """
         submaps = self.submaps
         firsts = submaps.first_scans.tolist()
@@ -131,7 +131,7 @@ class Problem(GraphProblem):
 
     @property
     def yaw_drift(self) -> float:
-        """Random walk of the running map's yaw [rad/sqrt(s)], as the ties of its submaps state it."""
+        """Random walk of the yaw of the front end's map [rad/sqrt(s)], as the ties between the submaps state it."""
         lasts = self.measurements[-1].t1 - self.measurements[0].t0
         return float(np.sqrt(sum(tie.covariance[2, 2] for tie in self.submaps.ties) / lasts))
 
@@ -157,19 +157,19 @@ class GivenGraph(GraphProblem):
     lift: Callable[[gtsam.BetweenFactorPose2], gtsam.NonlinearFactor]
 
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> PoseGraph:
-        """Returns the graph with the given loops and ties of the refinement; it starts from the given values."""
+        """Returns the graph with the given loops and ties; its starting values are those of this problem."""
         factors = gtsam.NonlinearFactorGraph()
-        given = [self.factors.at(k) for k in range(self.factors.size()) if self.factors.exists(k)]  # removed ones leave gaps
+        given = [self.factors.at(k) for k in range(self.factors.size()) if self.factors.exists(k)]  # skips removed ones
         for factor in (*given, *self.make_loop_factors(loops), *self.make_tie_factors(ties)):
             factors.push_back(factor)
         return PoseGraph(factors, self.values, len(self.keys), self.keys.__getitem__)
 
     def make_loop_factors(self, loops: Sequence[Loop]) -> list[gtsam.NonlinearFactor]:
-        """Returns the factors of loops."""
+        """Returns a factor between poses of the graph for each loop."""
         return [self.lift(loop_between(self.keys[loop.earlier], self.keys[loop.later], loop)) for loop in loops]
 
     def make_tie_factors(self, ties: Sequence[Tie]) -> list[gtsam.NonlinearFactor]:
-        """Returns the factors of ties of the refinement."""
+        """Returns a factor between poses of the graph for each tie."""
         keys = self.keys
         return [self.lift(psi_between(keys[tie.earlier], keys[tie.later], tie.pose, tie.covariance)) for tie in ties]
 

@@ -1,15 +1,15 @@
 """The refinement: once the loops are closed, psi registers every scan of a later pass on the earlier passes.
 
-A loop registers one short submap on another, and both are as bent as the chain left them. Here every scan is rendered anew
-at the pose that it has with the loops, and registered among the returns of all earlier passes, which are held fixed. The
-result becomes a factor to the nearest of their scans. The graph is solved again, and the scans are registered once more at
-their new poses.
+A loop registers one short submap on another, and both submaps are as bent as the chained motions are. Here every scan is
+rendered anew at the pose that it has once the loops are closed, and registered among the returns of all earlier passes,
+which are held fixed. The result becomes a factor between the scan and the nearest scan of the earlier passes. The graph is
+solved again, and the scans are registered once more at their new poses.
 
 Only passes that a loop ties are looked at: the refinement makes loops more accurate and does not find new ones. Its factors
-replace those loops, since both measure the same returns.
+replace these loops, since a factor and the loop that it replaces measure the same returns.
 
 psi of a whole map depends mostly on neighbours in time, and hardly shows whether two passes of a place lie on each other.
-psi across passes shows it: the score of one pass against the points of other passes alone.
+psi across passes does show this: it is the score of one pass against the points of other passes alone.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def render_scans(drive: TrackedRun, scans: Sequence[int] | NDArray[np.int64], be
 
 
 def _score_crossing(shared: tuple[TrackedRun, EstimatorConfig, Beam], crossing: Crossing) -> tuple[float, int]:
-    """Returns psi of a crossing's later returns among its earlier ones, and the number of the later returns."""
+    """Returns psi of a crossing's later returns among its earlier returns, and the number of the later returns."""
     drive, estimator, beam = shared
     earlier = render_earlier(drive, crossing, beam)
     later = render_scans(drive, crossing.later, beam)
@@ -126,13 +126,13 @@ def _score_crossing(shared: tuple[TrackedRun, EstimatorConfig, Beam], crossing: 
 
 
 EVERY_SCAN_M: Final = 1e-3
-"""Path between the scans that are registered [m]: all scans are, except those of a radar that stands still."""
+"""Path between the scans that are registered [m]: so short that scans are left out only while the radar stands still."""
 # A scan that psi moves farther than this [m] away from its pose with the loops is not used.
 _ASIDE_M = 0.5
-# The rounds end once no scan has moved relative to the earlier pass by more than this many standard deviations.
+# The rounds end once no scan moves relative to the earlier pass by more than this many standard deviations.
 _SETTLED = 0.1
-_FIRST_STEP: Final = 2  # first step of the annealing: with loops the passes lie nearer than its first widths
-_SHARED: Final = 2.0  # factor on a scan's covariance: the earlier pass's returns have errors as large as its own
+_FIRST_STEP: Final = 2  # step at which the annealing begins: the loops leave the passes nearer than its first widths
+_SHARED: Final = 2.0  # factor on a scan's covariance: the earlier pass's returns err as much as the scan's
 
 _log = logging.getLogger(__name__)
 
@@ -143,7 +143,7 @@ class _Setting:
 
     Args:
         drive: scans under the trajectory so far.
-        own: (N, 3, 3) covariance of each scan among its neighbours, in its own frame [m, m, rad].
+        own: (N, 3, 3) covariance of each scan's pose among its neighbours, in the scan's frame [m, m, rad].
         estimator: settings of the score.
         beam: the sensor's errors.
     """
@@ -164,12 +164,12 @@ def refine(
     beam: Beam,
     runner: Runner,
 ) -> Refined:
-    """Refines a trajectory by psi between its passes, as long as psi becomes no larger.
+    """Refines a trajectory by registering its passes on each other, as long as psi across passes becomes no larger.
 
     Args:
         before: the trajectory before optimisation, whose psi across passes is measured for comparison.
-        problem: the trajectory.
-        loops: loops in its graph.
+        problem: the trajectory to refine, which can be optimised.
+        loops: loops in the graph of the problem.
         scans: scans of the recording.
         rounds: largest number of rounds in which every scan is registered; with zero, only psi across passes is measured.
         estimator: settings of the score.
@@ -214,7 +214,7 @@ def select_tied(crossings: Sequence[Crossing], drive: TrackedRun, loops: Sequenc
     Args:
         crossings: where passes meet.
         drive: scans under a trajectory.
-        loops: loops in its graph.
+        loops: loops in the graph of the trajectory.
         reach_m: path [m] along both passes within which a loop ties their scans.
     """
     tied = cKDTree([(drive.travelled[loop.earlier], drive.travelled[loop.later]) for loop in loops])
@@ -232,7 +232,7 @@ def drop_replaced(loops: Sequence[Loop], ties: Sequence[Loop], travelled: NDArra
     """Returns the loops that the refinement does not replace: their returns take part in none of its factors.
 
     Args:
-        loops: loops.
+        loops: loops in the graph of the trajectory.
         ties: factors of the refinement.
         travelled: (N,) length of the path so far [m].
         reach_m: path [m] to either side of a scan from which a loop's submap takes returns.
@@ -243,7 +243,7 @@ def drop_replaced(loops: Sequence[Loop], ties: Sequence[Loop], travelled: NDArra
 
 
 def measure_crossing(setting: _Setting, crossing: Crossing) -> list[Loop]:
-    """Registers the scans of a crossing's later pass on the earlier passes; returns a factor for each one that fits well."""
+    """Registers the scans of a crossing's later pass on the earlier passes; returns a factor for each that fits well."""
     drive, beam = setting.drive, setting.beam
     references = render_earlier(drive, crossing, beam)
     tree = cKDTree(drive.poses[crossing.earlier, :2])
@@ -274,7 +274,7 @@ def _measure_scan(setting: _Setting, references: References, anchor: int, later:
     covariance = _SHARED * estimate_covariance(minimum.evaluation, points.points, estimator.cluster_m)
     in_anchor = se2.rotate_covariance(covariance, -drive.poses[anchor, 2])
     pose = se2.between(drive.poses[anchor], minimum.state)
-    # the registration refers to all scans of the earlier passes, but the factor to the anchor, which has an error among them
+    # the registration refers to all scans of the earlier passes, but the factor to one of them, whose own error is added
     lever = se2.adjoint([-pose[0], -pose[1], 0.0])
     return Loop(
         anchor,

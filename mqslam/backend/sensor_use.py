@@ -39,7 +39,7 @@ class Contribution:
     turned_rad: float
 
     def describe(self, name: str) -> str:
-        """Describes in a sentence how far the sensor with this name among the contributions moves the trajectory."""
+        """Describes in a sentence how far the sensor called `name` in the contributions moves the trajectory."""
         turned = math.degrees(self.turned_rad)
         return f"{_SUBJECTS[name]} moves the trajectory by {self.moved_m:.2g} m (RMS) and turns its end by {turned:+.2g} deg"
 
@@ -52,8 +52,8 @@ class SensorUse:
         gyroscope: use of the gyroscope.
         fixes: use of the GNSS receiver.
         velocities: use of the velocities that chirps measure.
-        mount: where the radar sits on the vehicle; None if nothing is known about it.
-        odometry: why odometry is not used; None if it is used, or if there is none.
+        mount: where the radar sits on the vehicle; None if nothing is known about the mount.
+        odometry: why odometry is not used; None if odometry is used, or if there is no odometry.
         contributions: how far each used sensor moves the trajectory, by the name of the sensor; empty until it is measured.
     """
 
@@ -66,7 +66,7 @@ class SensorUse:
 
     @property
     def opposite(self) -> list[str]:
-        """The sensors that turn the other way than the radar, if they are at least two and in the majority.
+        """Names of the sensors that turn the other way than the radar, if they are two or more and the majority; else empty.
 
         A gyroscope that is mounted on its side does not show the direction and is left out.
         """
@@ -99,7 +99,7 @@ class SensorUse:
         return [use for use in (self.gyroscope, self.fixes, self.velocities) if use is not None]
 
     def weigh(self, problem: Problem, refined: Refined, poses: se2.Array) -> SensorUse:
-        """Adds how far each used sensor moves the trajectory, measured by optimising without it.
+        """Returns this use with how far each used sensor moves the trajectory, measured by optimising without that sensor.
 
         Args:
             problem: the trajectory with all sensors.
@@ -123,12 +123,12 @@ def join_sensors(
     settings: OdometryConfig,
     fault: OdometryFault | None = None,
 ) -> tuple[Problem, SensorUse]:
-    """Compares the sensors with the motions of a problem, and adds those that agree.
+    """Compares the sensors with the motions of a problem, and adds the sensors that agree to the problem.
 
     Args:
         problem: the trajectory with the motions of the front end and of odometry.
-        odometry: motions of odometry before calibration, or none.
-        sensors: of the recording.
+        odometry: motions of odometry before calibration; empty if there is no odometry.
+        sensors: sensors of the recording.
         velocities: velocities that the radar's chirps measured, or None.
         start_us: stamp [us] of the recording's time zero.
         settings: settings of the odometry.

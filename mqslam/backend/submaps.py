@@ -6,9 +6,9 @@ therefore holds a pose for each piece of the map. Scans are tied to their piece 
 tied to the piece before it. A piece ends where the map takes its next keyframe, which brings the error of its own scan into
 the map.
 
-If the errors of scans were independent, the next piece would be off by that error alone. They are not quite independent: a
-scan may correct or repeat the error of the scan before it. Where a recording was tracked forward and backward, the two maps
-drift apart along the way. This shows how much more or less than that a map drifts.
+If the errors of scans were independent, the next piece would be off by the error of its first scan alone. They are not quite
+independent: a scan may correct or repeat the error of the scan before it. Where a recording was tracked forward and
+backward, the two maps drift apart along the way. This shows how much more or less a map drifts than by independent errors.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Tie
 from mqslam.core.statistics import cut_gross
 
-# Path [m] along which scans are taken to be matched to the same map. After it the map has taken another keyframe, with the
-# error of a scan.
+# Path [m] along which scans are taken to be matched to the same map. After this path the map has taken another keyframe,
+# which brings in the error of a scan.
 _SUBMAP_M = 4.0
 _LEAST = np.diag([1e-8, 1e-8, 1e-12])  # numerical: keeps the covariance of an exact scan from being singular
 
@@ -35,7 +35,7 @@ class Submaps:
     """All submaps of a drive, with the ties between scans and submaps.
 
     Args:
-        first_scans: (J,) number of each submap's first scan; the scan's pose at its start is the submap's frame.
+        first_scans: (J,) number of each submap's first scan; the radar's pose when this scan begins is the submap's frame.
         placements: ties of all scans that were matched to a map, each to its submap.
         ties: ties of submaps to the submaps before them, where both belong to the same running map.
     """
@@ -48,7 +48,8 @@ class Submaps:
 def split_into_submaps(measurements: Sequence[Measurement]) -> Submaps:
     """Splits a drive into submaps.
 
-    A motion between scans that were not matched to the same map belongs to no submap: it ties the scans to each other.
+    A motion between two scans that were not matched to the same map belongs to no submap: the graph ties these two scans to
+    each other directly.
 
     Args:
         measurements: motions between successive scans.
@@ -76,7 +77,7 @@ def split_into_submaps(measurements: Sequence[Measurement]) -> Submaps:
 
 
 def _estimate_errors(measurements: Sequence[Measurement]) -> list[NDArray[np.float64] | None]:
-    """Estimates the covariance (3, 3) of each scan's pose in the map, in its own frame; None for an unmatched scan.
+    """Estimates the covariance (3, 3) of each scan's pose in the map, in the scan's frame; None for an unmatched scan.
 
     The covariance of a motion is the sum of the covariances of its two ends, so that each end has half of it.
     """
@@ -96,9 +97,10 @@ COMMON_DRIFT_M = 0.05
 COMMON_DRIFT_RAD = 0.0015
 # Number of successive submaps over which both directions of time are compared to learn how a map drifts.
 _DRIFT_SUBMAPS = 16
-# Weight of the assumption that a map drifts by the errors of its scans, as the number of such spans that outweigh it.
+# Weight of the assumption that a map drifts by the errors of its scans, in spans: it counts as much as this many spans of
+# _DRIFT_SUBMAPS submaps.
 _DRIFT_TRUSTED = 2.0
-# Squared differences over such spans are limited to this many times their median: a scan that one direction misplaced shows
+# Squared differences over these spans are limited to this many times their median: a scan that one direction misplaced shows
 # nothing about the other scans.
 _DRIFT_GROSS = 20.0
 
@@ -108,10 +110,10 @@ _PER_M = 100.0  # path [m] to which the constants of common drift refer
 def widen_ties(submaps: Submaps, measurements: Sequence[Measurement]) -> Submaps:
     """Returns the submaps with the covariances of their ties adapted to the drift that the run shows.
 
-    The drift that both directions have in common does not show in their difference; a prior stands for it.
+    The drift that both directions of time have in common does not show in their difference; a prior stands for this drift.
 
     Args:
-        submaps: of the drive, tied by the errors of their first scans.
+        submaps: submaps of the drive, tied by the errors of their first scans.
         measurements: the motions between successive scans.
     """
     factors = learn_drift(submaps, measurements)
@@ -127,7 +129,7 @@ def learn_drift(submaps: Submaps, measurements: Sequence[Measurement]) -> NDArra
     """Returns the likeliest factors (3,) on the variances of ties between submaps, in x, y and yaw.
 
     Args:
-        submaps: of the drive, tied by the errors of their first scans.
+        submaps: submaps of the drive, tied by the errors of their first scans.
         measurements: the motions between successive scans.
     """
     by_ties, by_ends, seen = _sum_spans(submaps, measurements, _DRIFT_SUBMAPS)

@@ -24,19 +24,19 @@ from mqslam.core.wording import count_of
 from mqslam.formats.recordings.turns import find_usual_turns
 from mqslam.psi.place import Beam
 
-# Share of a turn by which the durations of nine tenths of all turns may differ.
+# Share of a revolution of the radar by which the durations of nine tenths of all revolutions may differ.
 _UNSTEADY = 0.1
-# Azimuth times that span less than this share of a turn do not say when each azimuth was measured.
+# Azimuth times that span less than this share of a revolution do not say when each azimuth was measured.
 _SPAN_SHARE = 0.8
-# Share of a turn by which a polar scan may run on into the next one.
+# Share of a revolution by which a polar scan may run on into the next one.
 _LATE_SHARE = 0.05
-# A step between azimuths of more than this many usual steps is a hole, and a turn may be incomplete by as much.
+# A step between azimuths of more than this many usual steps is a hole. A revolution may be incomplete by as much.
 _HOLE_STEPS = 3.0
 # Largest share of azimuths marked as not measured.
 _UNMEASURED_SHARE = 0.05
-# A polar scan that begins within this share of a turn after another one counts as doubled.
+# A polar scan that begins within this share of a revolution after another one is taken to be doubled.
 _DOUBLED = 0.5
-# Least number of turns that shows whether turns are steady.
+# Least number of revolutions that shows whether the duration of a revolution is steady.
 _FEWEST_TURNS = 3
 
 # Share of the variance of the radar's yaw rate that odometry must explain for a shift of stamps to be judged.
@@ -45,21 +45,21 @@ _EXPLAINED = 0.9
 # psi's preference for one order of the azimuths counts if it would come about by chance with a smaller probability than
 # this.
 _ORDER_CHANCE = 5e-3
-# Least logarithm of the ratio of psi in the two orders that counts. Simulated drives too slow to tell the order show up to
-# 0.010.
+# psi's preference counts only if the logarithm of the ratio of psi in the two orders is at least this. Simulated drives that
+# are too slow to tell the order show up to 0.010.
 _ORDER_GAIN = 0.02
 # Yaw rate [rad/s], root mean square, below which left and right cannot be told apart.
 _LEAST_TURN = 0.03
 # Least standard deviation of a measured yaw rate [rad/s].
 _YAW_RATE_FLOOR = 0.004
-# Largest shift of stamps that is tried [turns].
+# Largest shift of stamps that is tried [revolutions].
 _LARGEST_SHIFT = 1.5
-# A shift of stamps is only judged if three standard deviations of it are at most this [turns].
+# A shift of stamps is only judged if three standard deviations of it are at most this [revolutions].
 _SHIFT_ERROR = 0.25
-# Smallest shift of stamps that is suspicious [turns].
+# Smallest shift of stamps that is suspicious [revolutions].
 _SHIFT_OK = 0.5
 
-# A direction of rotation is right if the mean squared yaw rate error of the other one is this many times as large.
+# A direction of rotation is right if the mean squared yaw rate error of the opposite direction is this many times as large.
 _MIRRORED = 4.0
 # Number of shifts of stamps that are tried, from earliest to latest.
 _SHIFTS = 61
@@ -67,7 +67,7 @@ _SHIFTS = 61
 _WRONG_SCALE = 0.05
 
 _LEAST_SLOPE = 1e-9  # numerical [rad/s^2]: keeps the error of a shift finite where the yaw rate does not change
-_LEAST_RATIO = 0.1  # below this ratio the two speeds have little in common, and no length of the range bins would fit
+_LEAST_RATIO = 0.1  # at a lower ratio of the speeds they have little in common, and no length of the range bins would fit
 
 
 class CheckVerdict(StrEnum):
@@ -123,7 +123,7 @@ class Check:
         if 2 * untold <= len(self.findings):
             return None
         missed = f"{untold} of {len(self.findings)} checks cannot be told, so that most mistakes would go unnoticed here"
-        return f"{missed}; odometry and a longer drive with turns would tell more"
+        return f"{missed}; give odometry or a longer drive with turns to decide more of them"
 
 
 Outcome = tuple[CheckVerdict, str, dict[str, float]]  # a finding without its name
@@ -145,7 +145,7 @@ def check_recording(
         settings: all settings.
         beam: the sensor's errors.
         notes: what a user should know about how the recording was understood.
-        progress: called with (polar scans read, polar scans in all).
+        progress: called with (number of polar scans read, number of polar scans to read).
     """
     stretches = read_stretches(recording, odometry, settings.detector, progress)
     followed = follow(recording, stretches, settings, beam)
@@ -200,7 +200,7 @@ def check_stamps(recording: Recording, stretches: Sequence[Stretch]) -> CheckFin
 
 
 def check_azimuths(stretches: Sequence[Stretch]) -> CheckFinding:
-    """Checks whether every polar scan is a whole turn of azimuths that were measured.
+    """Checks whether every polar scan is a whole revolution of azimuths that were measured.
 
     Args:
         stretches: stretches of the recording that were read.
@@ -257,14 +257,14 @@ def check_order(followed: FollowedStretches) -> CheckFinding:
 
 
 def _check_mirror(recording: Recording, steps: Steps, odometry: Trajectory) -> Outcome:
-    """Checks whether the radar turns left where odometry does."""
+    """Checks whether the radar turns left where odometry turns left."""
     measured, _, given = _yaw_rates(recording, steps, odometry)
     same, opposite = (float(np.min(np.mean((measured - sign * given) ** 2, axis=1))) for sign in (1.0, -1.0))
     numbers = {"rms_as_assumed_rad_s": same**0.5, "rms_mirrored_rad_s": opposite**0.5}
     turning = float(np.sqrt(np.mean(steps.of(odometry)[:, 2] ** 2)))
     ratio = opposite / max(same, _YAW_RATE_FLOOR**2)
     if turning < _LEAST_TURN or 1.0 / _MIRRORED < ratio < _MIRRORED:
-        text = f"odometry turns by {turning:.3f} rad/s, too little to tell or unlike the radar"
+        text = f"odometry turns by {turning:.3f} rad/s, which is too little or too unlike the radar's turning to tell"
         return CheckVerdict.UNTOLD, text, numbers
     both = f"yaw rates differ from odometry's by {same**0.5:.3f} rad/s, mirrored by {opposite**0.5:.3f} rad/s"
     if ratio > 1.0:
@@ -274,11 +274,11 @@ def _check_mirror(recording: Recording, steps: Steps, odometry: Trajectory) -> O
 
 
 def _check_stamp(recording: Recording, steps: Steps, odometry: Trajectory) -> Outcome:
-    """Checks whether odometry's yaw rate fits the radar's best at the stamps as they are."""
+    """Checks whether odometry's yaw rate fits the radar's yaw rate best with the stamps as they are."""
     measured, shifts, given = _yaw_rates(recording, steps, odometry)
     given *= 1.0 if np.sum(given @ measured) >= 0.0 else -1.0  # whether the recording is mirrored is another check
     rest = given - measured
-    rest -= rest.mean(axis=1, keepdims=True)  # the gyro's bias
+    rest -= rest.mean(axis=1, keepdims=True)  # the bias of the gyroscope in odometry
     rms = np.sqrt(np.mean(rest**2, axis=1))
     best = int(np.argmin(rms))
     slope = float(np.std(np.gradient(given, shifts * 1e-6, axis=0)[best]))  # yaw rate per shift [rad/s^2]

@@ -1,4 +1,4 @@
-"""Reads, detects and tracks a few short stretches of a recording: all that the checks look at besides stamps."""
+"""Reads, detects and tracks a few short stretches of a recording: the checks look at these, and at stamps."""
 
 from __future__ import annotations
 
@@ -37,17 +37,17 @@ _KEYFRAME_M = 40.0
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """How one turn of the radar was measured, azimuth by azimuth.
+    """How one revolution of the radar was measured, azimuth by azimuth.
 
     Args:
         azimuths: number of azimuths.
         unmeasured: number of azimuths that are marked as not measured.
         turned: angle from the first azimuth to one step after the last [rad].
         step: usual step between neighbouring azimuths [rad].
-        widest: widest step [rad].
-        turn_s: duration of the turn [s].
+        widest: widest step between neighbouring azimuths [rad].
+        turn_s: duration of the revolution [s].
         span_s: time from the first azimuth to the last one [s].
-        late_s: time of the last azimuth after the start of the next polar scan [s]; 0 if it comes before.
+        late_s: time from the start of the next polar scan to the last azimuth [s]; 0 if the last azimuth comes first.
         repeated: whether the power equals the power of the polar scan before, byte by byte.
     """
 
@@ -68,7 +68,7 @@ class Stretch:
 
     Args:
         scans: scans with the returns of the polar scans.
-        turns: how each polar scan was measured, for all that could be read.
+        turns: how each polar scan that could be read was measured.
         unread: the reasons why the other polar scans could not be read; their scans hold no returns.
     """
 
@@ -89,7 +89,7 @@ def read_stretches(
         recording: the recording.
         odometry: odometry on the same clock, or None.
         detector: settings of the detector.
-        progress: called with (polar scans read, polar scans in all).
+        progress: called with (number of polar scans read, number of polar scans to read).
     """
     spans = choose_spans(recording, odometry)
     total = sum(end - begin for begin, end in spans)
@@ -118,7 +118,7 @@ def read_stretches(
 
 
 def choose_spans(recording: Recording, odometry: Trajectory | None) -> list[tuple[int, int]]:
-    """Chooses stretches without gaps and overlaps, each as its first polar scan and the one after its last.
+    """Chooses stretches that have no gaps and do not overlap; each is (its first polar scan, its last polar scan + 1).
 
     Where gaps leave no stretch of the usual size, all stretches are as long as the longest one without a gap.
     """
@@ -176,7 +176,7 @@ class Steps:
         return len(self.begins_us)
 
     def of(self, track: Trajectory, shift_us: int = 0) -> se2.Array:
-        """Returns the mean twists (S, 3) of a trajectory over the same steps, read later by a shift [us]."""
+        """Returns a trajectory's mean twists (S, 3) over these steps, each step taken later by a shift [us]."""
         return track.mean_twists(self.begins_us + shift_us, self.ends_us + shift_us)
 
 
@@ -186,8 +186,8 @@ class FollowedStretches:
 
     Args:
         steps: motions that psi found.
-        psi: (R,) psi per point of the scans.
-        psi_backward: (R,) the same with the azimuths of every scan taken in the opposite order.
+        psi: (R,) psi per point of each scan.
+        psi_backward: (R,) psi per point of each scan with the azimuths of all scans in the opposite order.
         shortage: the reason that a check gives if it finds too few values to decide.
     """
 
@@ -219,7 +219,7 @@ def follow(recording: Recording, stretches: Sequence[Stretch], settings: Config,
             tracker_there = Tracker(*of_sensor, tuning=spread)
             there = track_scans(stretch.scans, tracker_there)
             backward_scans = replace(stretch.scans, scans=tuple(map(_reverse, stretch.scans)))
-            # a scan's psi depends on how full the map is: both maps take the same scans
+            # a scan's psi depends on how full the map is: both maps get the same scans as keyframes
             back = track_scans(backward_scans, Tracker(*of_sensor, tracker_there.keyframes, spread))
         except EstimationError:
             continue
@@ -240,7 +240,7 @@ def track_scans(scans: Scans, tracker: Tracker) -> list[Tracked]:
     """Tracks successive scans by psi, in the frame of the first scan.
 
     Args:
-        scans: `START_SCANS` or more.
+        scans: at least `START_SCANS` successive scans.
         tracker: a new tracker.
 
     Raises:
@@ -267,6 +267,6 @@ def _reverse(scan: Scan) -> Scan:
 
 
 def _psi_per_point(tracked: Tracked) -> float:
-    """Returns psi per point; NaN where there are no points or the track was lost."""
+    """Returns psi per point of a tracked scan; NaN if it has no points or the track was lost."""
     points = len(tracked.evaluation.matched)
     return tracked.evaluation.psi / points if points else float("nan")

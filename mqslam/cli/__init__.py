@@ -63,8 +63,8 @@ def _top(
 def main() -> None:
     """Runs the command line.
 
-    A mistake that the user can mend is one line on stderr and exit code 2. After an interrupt the code is 128 plus the
-    number of its signal.
+    A mistake that the user can mend is shown as one line on stderr and gives exit code 2. After an interrupt the exit code
+    is 128 plus the number of the interrupt's signal.
     """
     command = sys.argv[1] if len(sys.argv) > 1 else ""
     try:

@@ -28,7 +28,7 @@ _OWN: Options = {
     "time_offset_s": option(
         float,
         0.0,
-        "Added to the stamps of the trajectory's file, if its clock is not that of DATA.",
+        "Time to add to the stamps of the trajectory's file, if the clock of the file is not that of DATA.",
         "--time-offset",
         metavar="SECONDS",
     ),
@@ -107,7 +107,7 @@ def audit(
 
 
 def _parse_heights(text: str | None) -> tuple[float, float] | None:
-    """Returns the lowest and the highest height [m] of a text LOW,HIGH.
+    """Returns the lowest and the highest height [m] that a text LOW,HIGH states; None without a text.
 
     Raises:
         ConfigError: the text has another form.

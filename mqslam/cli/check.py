@@ -16,7 +16,7 @@ def check(terminal: Terminal, **given: Any) -> None:
     """Check a recording against the assumptions by which it is read: stamps, azimuths, rotation, length of a range bin.
 
     The check reads three short stretches. With odometry it can also tell a mirrored recording, stamps that mean the other
-    end of the turn, and a wrong length of a range bin; the map alone shows none of them. Ground truth is not used.
+    end of the radar's turn, and a wrong length of a range bin; the map alone shows none of these. Ground truth is not used.
 
     Exit code: 0 if nothing is suspicious, 1 if something is.
 

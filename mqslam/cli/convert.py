@@ -76,7 +76,7 @@ def convert(
     if out.suffix == SUFFIX and to is None and (keyframes is not None or is_run(data)):
         write_keyframe_cloud(out, data, force=force)
     elif keyframes == data:
-        raise ConfigError(f"{data}: holds keyframes, which become a point cloud; end OUT in {SUFFIX}, without --to")
+        raise ConfigError(f"{data}: holds keyframes, which become point clouds only; end OUT in {SUFFIX}, without --to")
     else:
         target = find_target(out, to, message.value)
         with claim_target(out, target, force=force, recording=data):

@@ -58,7 +58,7 @@ def _list_radar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _describe_gaps(gaps: list[dict[str, Any]]) -> str:
-    """Describes the gaps of a recording in a line: the first ones, and the total of missing seconds if there are many."""
+    """Describes the gaps of a recording in a line: the first gaps, and if there are many, the missing seconds in total."""
     if not gaps:
         return "none"
     first = ", ".join(f"{gap['missing_s']:.2f} s after scan {gap['after_revolution']}" for gap in gaps[:_LISTED])

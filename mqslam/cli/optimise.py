@@ -20,7 +20,7 @@ _OWN: Options = {
         Path | None,
         None,
         "The file to write the poses into: .g2o, or .tum for the graph of a run, beside which trajectory.tum lies. "
-        "By default none is written.",
+        "By default no file is written.",
     ),
     "values": option(Path | None, None, "What serialize() of gtsam.Values returned, for a graph that GTSAM has written."),
 }
@@ -30,8 +30,8 @@ _OWN: Options = {
 def optimise(terminal: Terminal, *, out: Path | None, **given: Any) -> None:
     """Optimise a pose graph in a file, and print its error before and after.
 
-    The edges of a .g2o have no robust losses, by which a run keeps wrong loops and motions from bending its graph. The poses
-    that FIX names stay where they are; without FIX, the first pose stays.
+    The edges of a .g2o have no robust losses; a run uses such losses so that wrong loops and motions do not bend its graph.
+    The poses that FIX names stay where they are; without FIX, the first pose stays.
     A run's graph.g2o holds the radar's poses without gyroscope and GNSS, so that its optimum may differ from the run's.
 
     Example: mqslam optimise result/graph.g2o --out optimised.g2o

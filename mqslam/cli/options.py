@@ -88,7 +88,7 @@ def state_topics(config: str | Config | None, topics: Sequence[str] | None) -> C
 
     Args:
         config: the settings, or their name.
-        topics: TOPIC for the radar's, or radar=TOPIC, odometry=TOPIC or truth=TOPIC; None names none.
+        topics: texts TOPIC for the radar's topic, or radar=TOPIC, odometry=TOPIC or truth=TOPIC; None names no topic.
 
     Raises:
         ConfigError: a topic is given for an unknown name, is empty, or is given twice; or the settings are wrong.
@@ -112,7 +112,7 @@ def state_topics(config: str | Config | None, topics: Sequence[str] | None) -> C
 
 
 def _complete(module: str, find: Callable[[Any], Iterable[str]]) -> Callable[[str], list[str]]:
-    """Returns a function that completes names for the shell; it imports the module that lists them only when called."""
+    """Returns a function that completes names for the shell; it imports the module that lists the names when called."""
 
     def complete(incomplete: str) -> list[str]:
         return [name for name in find(import_module(module)) if name.startswith(incomplete)]
@@ -132,7 +132,7 @@ class _Shown(logging.Formatter):
 
 
 def _set_verbosity(verbose: bool) -> bool:
-    """Shows the package's log lines on stderr, or only its warnings; returns `verbose`, as typer expects of a callback."""
+    """Shows the package's log lines on stderr if `verbose`, else only warnings; returns `verbose`, as typer expects."""
     log = logging.getLogger("mqslam")
     for handler in [h for h in log.handlers if isinstance(h, logging.StreamHandler)]:
         log.removeHandler(handler)
@@ -194,7 +194,8 @@ OPTIONS: Final[Options] = {
     "frame": option(
         str,
         "radar",
-        "Whose poses are written, in the frame of the first pose; vehicle needs --extrinsics, unless DATA states them.",
+        "Write poses of the radar or of the vehicle, in the frame of the first pose; vehicle needs --extrinsics, unless "
+        "DATA states them.",
         metavar="radar|vehicle",
     ),
     "format": option(
@@ -217,12 +218,16 @@ OPTIONS: Final[Options] = {
     "start_s": option(
         float | None,
         None,
-        "Leave out scans that begin earlier, counted from the start of DATA.",
+        "Leave out scans that begin before this time since the start of DATA.",
         "--start",
         metavar="SECONDS",
     ),
     "end_s": option(
-        float | None, None, "Leave out scans that begin then or later, counted likewise.", "--end", metavar="SECONDS"
+        float | None,
+        None,
+        "Leave out scans that begin at or after this time since the start of DATA.",
+        "--end",
+        metavar="SECONDS",
     ),
     "strict": flag("Stop at the first scan that cannot be read, instead of leaving it out with a warning.", "--strict"),
     "fail_on": option(

@@ -27,10 +27,10 @@ def table1(terminal: Terminal, *, seeds: int, revolutions: int) -> None:
     """Reproduce table I: three constant motions, found by exhaustive search of the published score and by our estimator.
 
     The paper's sensor (2 turns/s, steps of 0.5 degrees, bins of 0.25 m, range of 400 m) is simulated in a yard between
-    buildings. The search tries v from -0.5 to 1.5 m/s by 0.1 and omega from -0.6 to 0.6 rad/s by 0.02,
-    and then around the best by 0.01 and 0.002. "As printed" is equations (4), (8), (9) and (10) with the Gaussian in
-    time; "charged" has our defaults, which are a plateau in time and a charge for unmatched points. Of the paper's own
-    results only the largest errors of its table, 0.1 m/s and 0.0227 rad/s, are known and shown.
+    buildings. The search tries v from -0.5 to 1.5 m/s in steps of 0.1 and omega from -0.6 to 0.6 rad/s in steps of 0.02, and
+    then goes on around the best pair in steps of 0.01 and 0.002. "As printed" is equations (4), (8), (9) and (10) with the
+    Gaussian in time; "charged" has our defaults, which are a plateau in time and a charge for unmatched points. Of the
+    paper's own results only the largest errors of its table, 0.1 m/s and 0.0227 rad/s, are known and shown.
 
     Example: mqslam paper table1 --seeds 1
     """

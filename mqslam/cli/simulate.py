@@ -25,7 +25,7 @@ _OWN: Options = {
         min=0,
     ),
     "doppler": option(
-        float | None, None, r"Doppler shift: range error per closing speed \[s]; none by default, 0.0502 with --chirps."
+        float | None, None, r"Doppler shift: range error per closing speed \[s]; 0 by default, 0.0502 with --chirps."
     ),
     "range_offset": option(
         float,

@@ -1,4 +1,4 @@
-"""Prints results, notes, warnings and progress of a command; text from files cannot command the terminal."""
+"""Prints results, notes, warnings and progress of a command, so that text from files cannot command the terminal."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def format_verdict(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 @contextmanager
 def show_progress(console: Console, quiet: bool) -> Iterator[Progress]:
-    """Yields a callable (stage, done, total) that shows how far a stage has come, or does nothing if quiet."""
+    """Yields a callable (stage, done, total) that shows how far a stage has come; if `quiet`, the callable does nothing."""
     if quiet:
         yield ignore_progress
         return
@@ -225,7 +225,7 @@ class _Stages:
 
 
 def _describe_rate(speed: float | None, noun: str) -> str:
-    """Returns a rate in words, such as `17 scans per s` or `2.3 s per place`; nothing while it is not known."""
+    """Returns a rate in words, such as `17 scans per s` or `2.3 s per place`; "" while the rate is not known."""
     if not speed:
         return ""
     return f"{speed:.0f} {noun}s per s" if speed >= 2.0 else f"{1.0 / speed:.1f} s per {noun}"

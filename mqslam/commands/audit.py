@@ -105,7 +105,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
         end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
         mend: whether to mend the trajectory by the findings, write it as mended.tum with the stamps and in the frame of the
-            given one, and audit it too; the verdict is still on the given trajectory.
+            given trajectory, and audit it too; the verdict is still on the given trajectory.
         force: whether what is at `out` is replaced.
         work: where the work is done, and what reports on it.
 
@@ -125,11 +125,11 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         of_cloud = is_cloud(data)
         of_lidar = not of_cloud and format is None and data.exists() and lidars.recognises(data)
         if (of_cloud or of_lidar) and (start_s, end_s) != WHOLE:
-            raise ConfigError(f"{data}: a stretch can be chosen of a radar's recording only; audit all of this one")
+            raise ConfigError(f"{data}: only a radar's recording can be audited in part; leave out start and end")
         stated, mount = read_extrinsics(extrinsics)
         if mount is not None and covariances is not None:
             raise ConfigError(
-                "covariances are of the sensor's poses, extrinsics are for poses of another frame; leave out one of the two"
+                "covariances are of the sensor's poses, but extrinsics are for poses of another frame; leave out one of them"
             )
         given, understood = _read_given(
             trajectory, None if times is None else Path(times), topic, frame, time_offset_s, mount
@@ -197,10 +197,10 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
 
 
 def _set_limits(settings: Config, false_alarms: float | None, tolerance: float | None) -> Config:
-    """Returns settings with another rate of false alarms and another tolerance [m]; None leaves each as it is.
+    """Returns settings with another rate of false alarms and another tolerance [m]; None keeps the value in the settings.
 
     Raises:
-        ConfigError: either is out of its range.
+        ConfigError: the rate or the tolerance is out of its range.
     """
     if false_alarms is not None:
         if not 0.0 < false_alarms < 0.5:
@@ -214,13 +214,13 @@ class _Subject:
     """The recording or cloud that is audited, under a trajectory.
 
     Args:
-        sweeps: its points under the trajectory.
-        track: the trajectory of the sensor; None for a cloud that comes without it.
+        sweeps: points of the recording or cloud under the trajectory.
+        track: the trajectory of the sensor; None for a cloud that comes without a trajectory.
         settings: all settings, with the Doppler shift that was used.
-        format: name of its layout.
-        notes: what a user should know about how it was read.
-        place: function that returns its points under another trajectory with the same stamps.
-        warnings: its faults.
+        format: name of the layout of the recording or cloud.
+        notes: what a user should know about how the recording or cloud was read.
+        place: function that returns the points under another trajectory with the same stamps.
+        warnings: faults of the recording.
         source: the recording; None for a cloud.
     """
 
@@ -246,14 +246,17 @@ class _Subject:
         return check_gyroscope(self.source.gyroscope, self.source.scans, trajectory)
 
     def check_odometry(self, shown: Sweeps) -> list[Finding]:
-        """Compares the recording's odometry, unless it is what is audited, with the trajectory of the shown points."""
+        """Returns findings on how the recording's odometry compares with the trajectory of the shown points.
+
+        The list is empty if there is no odometry, if the odometry itself is audited, or if the points have no trajectory.
+        """
         trajectory, odometry = self._find_shown(shown), None if self.source is None else self.source.tracks.get(ODOMETRY)
         if self.source is None or odometry is None or odometry is self.track or trajectory is None:
             return []
         return check_odometry(odometry, self.source.scans, trajectory, self.settings.odometry)
 
     def _find_shown(self, shown: Sweeps) -> Trajectory | None:
-        """Returns the trajectory of the shown points; None if they have none."""
+        """Returns the trajectory of the shown points; None if they have no trajectory."""
         if self.track is None or shown.track is None:
             return None
         return Trajectory(self.track.stamps_us, shown.track.poses)
@@ -271,11 +274,11 @@ def _judge_sweeps(
 
     Args:
         subject: what is audited.
-        shown: its points under a trajectory.
+        shown: points of the subject under the trajectory.
         settings: all settings, with the limits of the verdict.
         work: where the work is done, and what reports on it.
-        turning: comparison of the gyroscope with that trajectory; None without a gyroscope.
-        stated: covariances that the trajectory itself states; None where it states none.
+        turning: comparison of the gyroscope with the trajectory; None without a gyroscope.
+        stated: covariances that the trajectory itself states; None if it states no covariances.
     """
     sensors = [*([] if turning is None else [judge_gyroscope(turning)]), *subject.check_odometry(shown)]
     known = judge.Known(stated, None if subject.track is None else subject.place_poses, sensors)
@@ -284,7 +287,7 @@ def _judge_sweeps(
 
 
 def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config: Config | Path | str | None) -> _Subject:
-    """Makes the subject of an audit from a cloud, which is divided into sweeps by the trajectory if there is one."""
+    """Makes the subject of an audit from a cloud; if a trajectory is given, the cloud is divided into sweeps by it."""
     settings = choose_settings(config, None if cloud.is_of_radar else LIDAR_CONFIG)
     beam = beam_of(settings.estimator, 0.0)
 
@@ -327,7 +330,7 @@ def _read_given(
 ) -> tuple[Trajectory | None, list[str]]:
     """Returns the sensor's trajectory as it is given or read from a file, with notes for the user on how the file was read.
 
-    The trajectory is None if it is one that the recording carries.
+    The trajectory is None if `trajectory` names one that the recording carries.
 
     Raises:
         ConfigError: stamps, a topic, a frame, an offset or extrinsics are given without a trajectory from a file, or the
@@ -336,8 +339,7 @@ def _read_given(
     """
     if isinstance(trajectory, str) and trajectory in CARRIED:
         if any(option is not None for option in (times, topic, frame, mount)) or time_offset_s != 0.0:
-            which = "stamps, topics, frames, time offsets and extrinsics"
-            problem = f"{which} can be given only together with a trajectory from a file"
+            problem = "times, topic, frame, offset and extrinsics can be given only together with a trajectory from a file"
             raise ConfigError(problem, Remedy.GIVE_TRAJECTORY)
         return None, []
     if isinstance(trajectory, str) and not Path(trajectory).exists() and (near := find_near(trajectory, CARRIED)):
@@ -362,7 +364,7 @@ def _pick_carried(path: Path, tracks: dict[str, Trajectory], name: str) -> Traje
     """Returns the trajectory of a given name among those that a recording carries.
 
     Raises:
-        ConfigError: the recording carries none of that name.
+        ConfigError: the recording carries no trajectory of that name.
     """
     if name not in tracks:
         has = f"it carries {', '.join(tracks)}" if tracks else "it carries none"
@@ -383,8 +385,8 @@ def detect_radar(
 
     Args:
         recording: the recording.
-        given: poses of the sensor; None takes a trajectory that the recording carries.
-        name: name of that trajectory.
+        given: trajectory of the sensor; None takes a trajectory that the recording carries.
+        name: name of the trajectory that the recording carries.
         settings: all settings.
         work: where the returns are detected, and what reports on it.
 
@@ -392,7 +394,8 @@ def detect_radar(
         The recording with its scans, the trajectory, the settings with the Doppler shift, and the recording's faults.
 
     Raises:
-        MqslamError: a scan cannot be read, the recording carries no such trajectory, or it covers fewer than two scans.
+        MqslamError: a scan cannot be read, the recording carries no trajectory of that name, or the trajectory covers fewer
+            than two scans.
     """
     odometry = carry_to_radar(recording.odometry, recording.mount)
     carried = {ODOMETRY: odometry, "ground_truth": recording.ground_truth}

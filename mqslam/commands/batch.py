@@ -26,7 +26,7 @@ from mqslam.report.batch_page import write_batch_page
 from mqslam.results.batch_results import Order, RunOutcome, check_batch, summarise, write_batch
 from mqslam.results.files import add_warnings
 
-_CHOICES = ("auto", "none")  # may stand in place of a file or of extrinsics
+_CHOICES = ("auto", "none")  # choices that a run may name instead of a file or of extrinsics
 _AGAIN = "the same command continues the batch"
 
 
@@ -38,7 +38,7 @@ class PlannedRun(Section):
     frontend: str = Field("psi", description="name of the front end")
     odometry: str = Field("auto", description="auto (the recording's own, if it has one), none, or a file")
     imu: str = Field("auto", description="gyroscope: auto (the recording's own, if it has one), none, or a file")
-    gnss: str = Field("auto", description="auto (the recording's own, if its truth was not made from it), none, or a file")
+    gnss: str = Field("auto", description="auto (the recording's own, unless its truth was made from it), none, or a file")
     extrinsics: str = Field("auto", description="pose of the radar: auto (as the recording states), none, or X,Y,YAW")
     frame: Literal["radar", "vehicle"] = Field("radar", description="whose poses are written: radar or vehicle")
     config: str | None = Field(None, description="a YAML file of settings, or the name of one that ships")
@@ -72,11 +72,11 @@ def read_plan(path: Path) -> tuple[list[Order], str]:
 
 
 def _prepare_order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
-    """Converts a planned run to an order, with all paths resolved against a folder.
+    """Converts a planned run to an order, with all paths resolved against a folder; `taken` holds the names of other runs.
 
     Raises:
-        ConfigError: its name cannot be the name of a folder or is taken, its front end or settings are unknown, or its
-            extrinsics are not a pose.
+        ConfigError: the name of the run cannot be the name of a folder or is that of another run, its front end or settings
+            are unknown, or its extrinsics are not a pose.
     """
     data = folder / run.data
     name = run.name if run.name is not None else data.name
@@ -110,7 +110,7 @@ class Terms:
 
 
 def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: Work = QUIET) -> Result:
-    """Runs many recordings and writes one report on all; if a run fails, the report says why and the others go on.
+    """Runs many recordings and writes one report on all; if a run fails, the report says why and the other runs go on.
 
     Args:
         plan: the YAML file that lists the runs.
@@ -166,7 +166,7 @@ def run_one(terms: Terms, order: Order) -> RunOutcome:
     """Does a run in this process and returns its outcome, with the error message if it fails."""
     out = terms.out / order.name
     try:
-        kept = _find_kept(terms, order)  # a worker may have done it and died before it could report it
+        kept = _find_kept(terms, order)  # a worker may have finished this run and died before reporting it
         if kept is not None:
             return kept
         with claim_folder(out, force=terms.force, resume=True, sources=[order.data]):
@@ -192,7 +192,7 @@ def _find_kept(terms: Terms, order: Order) -> RunOutcome | None:
 
 
 def _open_order(order: Order) -> Job:
-    """Opens the recording of a run.
+    """Opens the recording of a run with its odometry and sensors, and returns the run, ready to begin.
 
     Raises:
         MqslamError: the recording, its odometry, its sensors or its front end cannot be used.

@@ -21,18 +21,18 @@ def check(
     range_resolution: float | None = None,
     work: Work = QUIET,
 ) -> Check:
-    """Checks whether a recording contradicts the assumptions by which it is read.
+    """Checks whether a recording contradicts the assumptions by which it is read, and returns a finding per check.
 
     Args:
         data: the recording, of which a few short stretches are read.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
         config: settings, or the path of a YAML file, or the name of one that ships; None takes the defaults.
         format: layout of the recording; None guesses it.
-        range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
-        work: reports on the work, which is done in this process.
+        range_resolution: length of a range bin [m], if the recording states none or a wrong one.
+        work: what reports on the work; the work itself is done in this process.
 
     Raises:
-        ConfigError: the format is unknown, or the range resolution is not a length.
+        ConfigError: the format is unknown, or the range resolution cannot be the length of a range bin.
         DataError: the recording or the odometry file cannot be used.
     """
     settings = choose_settings(config)

@@ -62,8 +62,8 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         out: folder for the results; it must not exist yet.
         frontends: names of front ends, each once, as a list or as a text separated by commas; `+gyro` after a name adds the
             gyroscope to the pose graph of that front end.
-        trajectories: trajectories to compare with, by the name of their row: poses, the path of a file, or the paths of a
-            KITTI trajectory's poses and times.
+        trajectories: trajectories to compare with, by the name of their row; each is given as poses, as the path of a file,
+            or as the paths of a KITTI trajectory's poses and times.
         odometry_only: whether the front ends' motions are only chained, without pose graph and loops.
         kiss_config: YAML file with KISS-ICP's own settings.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file; only row `odometry` uses it.
@@ -72,7 +72,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
             proportion. None takes the tolerances of the settings.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
-        range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
+        range_resolution: length of a range bin [m], if the recording states none or a wrong one.
         start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
         end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
         resume: whether an unfinished comparison at `out` is continued.
@@ -105,7 +105,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
             work.tell(note)
         if kiss_config is not None and _KISS in frontends:  # a refused file stops the comparison, not only this row
             known_frontends.create(_KISS, Context.of(recording, settings))
-        take_common_scans(given, make_scans(recording))  # raises for a mistake before the recording is read
+        take_common_scans(given, make_scans(recording))  # raises, before scans are read, if rows share too few
         key = hash_run(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track, sensors)
         with keep_checkpoint(out, key, resume=resume) as checkpoint:
             runner = Runner(work.engine, work.progress, checkpoint)
@@ -182,7 +182,7 @@ def _check_names(frontends: Sequence[str], *, odometry_only: bool) -> None:
         known_frontends.find_entry_point(front_end)
         if has_gyroscope and odometry_only:
             raise ConfigError(
-                f"front end {name}: a gyroscope joins the pose graph, and there is none; name {front_end} alone"
+                f"front end {name}: +gyro needs a pose graph, and this comparison makes none; name {front_end} alone"
             )
 
 
@@ -198,7 +198,7 @@ def _make_given_rows(
     rows, understood = [], []
     for name, given in trajectories.items():
         if not re.fullmatch(r"[\w.-]*\w", name):
-            raise ConfigError(f"trajectory '{name}': give it a name in letters and digits")
+            raise ConfigError(f"trajectory '{name}': cannot be the name of a folder; give one of letters and digits")
         if name in frontends:
             raise ConfigError(f"trajectory '{name}': there is a row {name} already; choose another name")
         if isinstance(given, Trajectory):

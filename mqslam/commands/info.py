@@ -15,10 +15,11 @@ def describe_radar(recording: Recording) -> dict[str, Any]:
     """Describes a radar recording in numbers and strings that JSON can hold; only its first polar scan is read.
 
     Returns:
-        format, path, revolutions, duration_s [s], turn_rate_hz [1/s], azimuths and bins of the first polar scan,
-        range_resolution_m and max_range_m [m], odometry and ground_truth (None, or poses and length_m [m]), gyroscope and
-        gnss (None, or readings, rate_hz [1/s], span_s [s] and source; for gnss also made_truth), mount (None, or x_m, y_m
-        [m], yaw_deg [degrees] and source), gaps (after_revolution, counted from 0, and missing_s [s]), notes and faults.
+        format, path, revolutions (their number), duration_s [s], turn_rate_hz [1/s], azimuths and bins (their numbers in the
+        first polar scan), range_resolution_m and max_range_m [m], odometry and ground_truth (each None, or the number
+        of poses and length_m [m]), gyroscope and gnss (each None, or the number of readings, rate_hz [1/s], span_s [s] and
+        source; for gnss also made_truth), mount (None, or x_m, y_m [m], yaw_deg [degrees] and source), gaps (a list of
+        after_revolution, counted from 0, and missing_s [s]), notes and faults.
 
     Raises:
         DataError: the first polar scan cannot be read.
@@ -50,8 +51,9 @@ def describe_lidar(lidar: LidarRecording) -> dict[str, Any]:
     """Describes a lidar's recording in numbers and strings that JSON can hold.
 
     Returns:
-        format, path, scans, duration_s [s], scan_rate_hz [1/s], returns (mean number per scan), max_range_m [m] of the
-        farthest return, odometry and recording (the poses that come with the scans), and notes.
+        format, path, scans (their number), duration_s [s], scan_rate_hz [1/s], returns (mean number per scan), max_range_m
+        [m] of the farthest return, odometry and recording (the poses that come with the scans), each None, or the number of
+        poses and length_m [m], and notes.
     """
     steps = np.diff(lidar.scans.stamps_us) * 1e-6
     return {
@@ -69,7 +71,7 @@ def describe_lidar(lidar: LidarRecording) -> dict[str, Any]:
 
 
 def _describe_extent(trajectory: Trajectory | None) -> dict[str, Any] | None:
-    """Returns the number of poses and the length [m] of a trajectory, or None."""
+    """Returns the number of poses and the length [m] of a trajectory; None without a trajectory."""
     return None if trajectory is None else {"poses": len(trajectory), "length_m": trajectory.length_m}
 
 

@@ -32,7 +32,7 @@ _FORM = f"{Remedy.GIVE_EXTRINSICS} as metres forward, metres to the left and deg
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """The choice of a run's inputs besides the radar: `auto` (from the recording, if it has one), `none`, or a given one.
+    """The choice of each input besides the radar: `auto` (the recording's own, if it has one), `none`, or a given one.
 
     Args:
         odometry: `auto`, `none`, or the path of a file.
@@ -77,7 +77,7 @@ def open_data(
     strict: bool = False,
     span: Span = WHOLE,
 ) -> Recording:
-    """Opens the recording that a command was given; the command's range resolution takes precedence over the settings'.
+    """Opens the recording that a command was given; `range_resolution` takes precedence over the value in the settings.
 
     Args:
         data: the recording.
@@ -85,11 +85,11 @@ def open_data(
         range_resolution: length of a range bin [m], or None.
         settings: all settings.
         strict: whether a recording with any fault is refused.
-        span: begin and end of the part that is used.
+        span: begin and end of the part that is used [s since the recording's start].
 
     Raises:
-        ConfigError: the format is unknown, the range resolution is not a length, or the stretch holds no scan.
-        DataError: the recording cannot be used, or has any fault if strict.
+        ConfigError: the format is unknown, the range resolution cannot be a bin's length, or the span holds no scan.
+        DataError: the recording cannot be used, or has a fault while `strict` is set.
     """
     sensor = settings.sensor
     resolution = sensor.range_resolution_m if range_resolution is None else range_resolution
@@ -111,7 +111,8 @@ def open_data(
 def choose_odometry(recording: Recording, choice: str, mount: Mount | None) -> tuple[Trajectory | None, list[str]]:
     """Returns the odometry that a run uses, as the motion of the radar, and notes for the user on the choice.
 
-    Odometry is the motion of the vehicle. If the mount of the radar is unknown, it is taken as the motion of the radar.
+    Odometry is the motion of the vehicle. If the mount of the radar is unknown, odometry is taken as the motion of
+    the radar.
 
     Args:
         recording: the recording.
@@ -152,7 +153,7 @@ def check_frame(frame: str, mount: Mount | None, data: Path) -> None:
         data: the recording, for the message.
 
     Raises:
-        ConfigError: the frame is neither of the two, or it is the vehicle's and the mount is unknown.
+        ConfigError: the frame is neither `radar` nor `vehicle`, or it is `vehicle` and the mount is unknown.
     """
     if frame not in (RADAR, VEHICLE):
         raise ConfigError(f"frame {frame}: unknown; {suggest(frame, [RADAR, VEHICLE])}")
@@ -164,17 +165,19 @@ def check_frame(frame: str, mount: Mount | None, data: Path) -> None:
 
 
 def place_truth(recording: Recording, mount: Mount | None) -> Recording:
-    """Returns the recording with ground truth of the vehicle converted to the radar, unless the mount is unknown."""
+    """Returns the recording; if the mount is known, ground truth of the vehicle is converted to poses of the radar."""
     if mount is None or recording.ground_truth is None or not recording.truth_on_vehicle:
         return recording
     return replace(recording, ground_truth=mount.carry_to_radar(recording.ground_truth), truth_on_vehicle=False)
 
 
 def read_extrinsics(given: Extrinsics | str | None) -> tuple[Extrinsics | None, se2.Array | None]:
-    """Reads extrinsics given as three numbers or as a text X,Y,YAW; returns the numbers, and the pose (3,) [m, m, rad].
+    """Reads extrinsics given as three numbers or as a text X,Y,YAW; returns the numbers and the pose (3,) [m, m, rad].
+
+    For None, both results are None.
 
     Raises:
-        ConfigError: the text is not made of three numbers, or they are larger than any vehicle or turn.
+        ConfigError: the text is not made of three numbers, or they are beyond 100 m or 360 degrees.
     """
     if given is None:
         return None, None
@@ -187,7 +190,7 @@ def read_extrinsics(given: Extrinsics | str | None) -> tuple[Extrinsics | None, 
     pose = np.asarray(given, dtype=np.float64)
     if pose.shape != (3,) or not np.all(np.abs(pose) <= _LARGEST):
         listed = ", ".join(f"{value:g}" for value in pose.ravel())
-        raise ConfigError(f"extrinsics of {listed} are beyond any vehicle; {_FORM}")
+        raise ConfigError(f"extrinsics of {listed} are not a pose on a vehicle; {_FORM}")
     return given, np.array([pose[0], pose[1], np.radians(pose[2])])
 
 
@@ -197,7 +200,7 @@ def name_extrinsics(given: Extrinsics | str) -> str:
 
 
 def choose_sensors(recording: Recording, inputs: Inputs) -> Reading[Sensors]:
-    """Returns the sensors that a run uses, notes on how given files were read, and faults that say what is not used.
+    """Returns the sensors that a run uses, notes on how given files were read, and faults that say which data are not used.
 
     Raises:
         ConfigError: the extrinsics are not a pose on a vehicle.
@@ -210,7 +213,7 @@ def choose_sensors(recording: Recording, inputs: Inputs) -> Reading[Sensors]:
 
 
 def choose_gyroscope(recording: Recording, choice: str) -> Reading[Gyroscope | None]:
-    """Returns the gyroscope that a run uses; notes and faults of the recording's own gyroscope are with the recording.
+    """Returns the gyroscope that a run uses, or None; notes on reading the recording's own gyroscope are in the recording.
 
     Args:
         recording: the recording.
@@ -224,7 +227,7 @@ def choose_gyroscope(recording: Recording, choice: str) -> Reading[Gyroscope | N
 
 
 def choose_fixes(recording: Recording, choice: str) -> Reading[Fixes | None]:
-    """Returns the GNSS fixes that a run uses, as `choose_gyroscope` does.
+    """Returns the GNSS fixes that a run uses, or None, in the same way as `choose_gyroscope`.
 
     Fixes that the ground truth was made from are used only if the user names their file: an evaluation of a result that uses
     them would prove nothing.
@@ -243,7 +246,10 @@ def choose_fixes(recording: Recording, choice: str) -> Reading[Fixes | None]:
 def _choose_sensor(
     recording: Recording, choice: str, read: Callable[[Path], Reading[S]], own: S | None, unused: str
 ) -> Reading[S | None]:
-    """Returns the readings of a given file, the recording's own readings, or none."""
+    """Returns the sensor that `read` finds in a given file, the recording's own sensor, or None.
+
+    The text `unused` begins the fault that is returned if the recording's own sensor shares no time with the radar.
+    """
     if choice == "none":
         return Reading(None)
     if choice != "auto":
@@ -264,7 +270,7 @@ def choose_mount(recording: Recording, choice: str) -> Mount | None:
             degrees to the left.
 
     Raises:
-        ConfigError: the choice is none of these, or not a pose on a vehicle.
+        ConfigError: the choice is neither `auto` nor `none` nor a pose on a vehicle.
     """
     if choice == "auto":
         return recording.mount
@@ -273,19 +279,19 @@ def choose_mount(recording: Recording, choice: str) -> Mount | None:
 
 
 def _overlaps(recording: Recording, stamps_us: NDArray[np.int64]) -> bool:
-    """Returns whether some of the increasing stamps (N,) [us] of a sensor lie within a recording."""
+    """Returns whether any of the increasing stamps (N,) [us] of a sensor lies within a recording."""
     first, after = np.searchsorted(stamps_us, [recording.start_us, recording.end_us + 1])
     return bool(first < after)
 
 
 def _explain_clock(recording: Recording, stamps_us: NDArray[np.int64]) -> str:
-    """Describes by which known delay the stamps (N,) [us] of a sensor miss a recording; returns "" if none explains it."""
+    """Describes the known delay by which the stamps (N,) [us] of a sensor miss a recording; "" if no known delay fits."""
     late_s = find_offset(int(stamps_us[0]), int(stamps_us[-1]), recording.start_us, recording.end_us)
     return "" if late_s is None else f": the stamps seem to be {describe_offset(late_s)}; add {-late_s:.0f} s to them"
 
 
 def _require_overlap(recording: Recording, stamps_us: NDArray[np.int64], name: str) -> None:
-    """Raises DataError unless some of the increasing stamps (N,) [us] of a file lie within a recording."""
+    """Raises DataError unless any of the increasing stamps (N,) [us] of a file lies within a recording."""
     if _overlaps(recording, stamps_us):
         return
     first, last = int(stamps_us[0]), int(stamps_us[-1])

@@ -19,11 +19,11 @@ SUFFIX: Final = ".ply"
 
 
 def write_keyframe_cloud(out: Path, folder: Path, *, force: bool = False) -> None:
-    """Writes the points of keyframes, in the frame of their map, as a PLY like the map of a run; psi is not a number.
+    """Writes the points of keyframes, in the frame of their map, to a PLY file like that of a run's map; psi is NaN.
 
     Args:
         out: the file to write.
-        folder: the keyframes, or the result that holds them.
+        folder: the folder of the keyframes, or of the result that holds them.
         force: whether an existing file may be replaced.
 
     Raises:

@@ -53,7 +53,7 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
     Args:
         data: the recording.
         out: folder for the results; it must not exist yet.
-        map: the result of the earlier run, whose keyframes/ is read; the recording that it was made from is not needed.
+        map: the result of the earlier run, whose keyframes/ is read; the recording of that run is not needed.
         frontend: name of the front end that measures the motions between scans.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
         imu: `auto` (the recording's own gyroscope, if it has one), `none`, or the path of a file.
@@ -61,9 +61,9 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the settings
             that the map was made with.
         format: layout of the recording; None guesses it.
-        range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
+        range_resolution: length of a range bin [m], if the recording states none or a wrong one.
         start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
-        end_s: scans that begin then or later are left out, counted likewise.
+        end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
         strict: whether a polar scan that cannot be read is an error instead of being left out.
         force: whether what is at `out` is replaced.
         work: where the work is done, and what reports on it.
@@ -109,19 +109,19 @@ def _open_map(path: Path) -> KeyframeMap:
     """
     made = read_keyframes(path)
     if not len(made.keyframes) or not len(made.places.keyframes):
-        raise DataError(path, "is a map without any place", _MAP_REMEDY)
+        raise DataError(path, "holds a map without any place to recognise", _MAP_REMEDY)
     if made.places.made_with.keys() != DESCRIBED_WITH.keys():
         raise DataError(path, "describes its places by settings that are not known", _MAP_REMEDY)
     return made
 
 
 def read_map_settings(map: Path) -> Config:
-    """Returns the settings that a map was made with, or default settings if they are not kept with it.
+    """Returns the settings that a map was made with, or default settings if no config.yaml lies beside its keyframes.
 
     Topics are left out: they belong to the bag that the map was made from, not to another recording.
 
     Raises:
-        ConfigError: the file holds a mistake.
+        ConfigError: the file of these settings holds a mistake.
     """
     folder = find_keyframes(map)
     beside = None if folder is None else folder.parent / "config.yaml"

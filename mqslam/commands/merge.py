@@ -36,7 +36,7 @@ def merge(
     """Makes one map from the results of several recordings, and finds what changed between them.
 
     Places that the recordings share are recognised without a guess of where they are, and registered on each other by psi.
-    The graphs of all results are optimised as one, with these links between them. The map is in the first result's frame.
+    The graphs of all results are optimised as one, linked by these registrations. The map is in the first result's frame.
 
     Args:
         results: folders of results of `run` or `merge`, two or more.
@@ -50,7 +50,7 @@ def merge(
         The result that was written to `out`; it can be merged again.
 
     Raises:
-        MqslamError: a result cannot be used, or is not sure to share a place with the others; nothing is written then.
+        MqslamError: a result cannot be used, or does not surely share a place with the others; nothing is written then.
 
     Example:
         >>> merged = mqslam.merge(["monday", "friday"], "both")  # doctest: +SKIP
@@ -83,7 +83,7 @@ def read_part(folder: Path) -> Session:
         folder: the result of a run or of a merge.
 
     Raises:
-        DataError: it lacks a file, or a file is damaged.
+        DataError: the result lacks a file, or one of its files is damaged.
     """
     if not folder.is_dir():
         raise DataError(folder, "is no folder" if folder.exists() else "does not exist", _REMEDY)
@@ -119,4 +119,4 @@ def _check_recordings(parts: Sequence[Session]) -> None:
         for recording in part.map.keyframes.recordings:
             other = known.setdefault((recording.path, recording.start_us), part.folder)
             if other != part.folder:
-                raise DataError(part.folder, f"holds {recording.path}, as {other} does", "give every recording once")
+                raise DataError(part.folder, f"holds {recording.path}, and so does {other}", "give every recording once")

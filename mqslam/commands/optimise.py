@@ -1,4 +1,4 @@
-"""Optimises a pose graph in a file, from a run or from any other program."""
+"""Optimises the pose graph in a file that a run or any other program has written."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ _SUFFIXES = (".g2o", ".tum")
 def optimise_file(
     graph: Path, out: Path | None = None, *, values: Path | None = None, force: bool = False
 ) -> dict[str, Any]:
-    """Optimises a pose graph in a file, with the robust losses that the file states, and writes its poses.
+    """Optimises the pose graph in a file, with the robust losses that the file states, and writes the optimised poses.
 
     Args:
         graph: a graph in g2o's form, of planar poses or of poses in space, such as a run's `graph.g2o`; or one that GTSAM
             has written (`serialize`).
-        out: the file to write: `.g2o`, or `.tum` for a run's graph, with the stamps of the `trajectory.tum` beside it. None
-            writes nothing.
+        out: the file to write: `.g2o`, or `.tum` for a run's graph, with the stamps of the `trajectory.tum` beside that
+            graph. None writes nothing.
         values: file of the values that GTSAM has written, for a graph that GTSAM has written.
         force: whether what is at `out` is replaced.
 
     Returns:
         `poses`, `factors` and `dimensions` of the graph, its `error_before` and `error_after` (half of the sum of squared
-        residuals, in standard deviations, weighted by their losses), and `left_out`, the number of factors that a written
+        residuals, each in standard deviations, weighted by its loss), and `left_out`, the number of factors that a written
         .g2o lacks, because they are not edges between poses.
 
     Raises:
@@ -83,11 +83,11 @@ def _check_out(out: Path, *, force: bool) -> None:
     """Checks that a file may be written, before the graph is optimised.
 
     Raises:
-        ConfigError: no format with its suffix can be written.
-        OutputError: it exists and may not be replaced, or its folder may not be written to.
+        ConfigError: no format with the file's suffix can be written.
+        OutputError: the file exists and may not be replaced, or its folder may not be written to.
     """
     if out.suffix not in _SUFFIXES:
-        raise ConfigError(f"{out}: ends in none of {', '.join(_SUFFIXES)}; name the output so")
+        raise ConfigError(f"{out}: has an unknown suffix; give an output that ends in one of {', '.join(_SUFFIXES)}")
     if out.is_dir() or (out.exists() and not force):
         raise OutputError(f"{out}: exists already", Remedy.CHOOSE_OR_REPLACE_OUTPUT)
     check_writable(out)
@@ -97,7 +97,7 @@ def _read(graph: Path, values: Path | None) -> StoredGraph:
     """Reads a graph that is in g2o's form or was written by GTSAM.
 
     Raises:
-        DataError: it cannot be read, its values are missing, or values are given for a graph that holds its own.
+        DataError: the graph cannot be read, its values are missing, or values are given for a graph that holds its own.
     """
     if not graph.exists():
         raise DataError(graph, "does not exist", "check the path")
@@ -114,7 +114,7 @@ def _read_stamps(graph: Path, stored: StoredGraph) -> Trajectory:
     """Reads the trajectory beside a run's graph, which has the stamps of the graph's first poses.
 
     Raises:
-        DataError: there is none, or it does not fit the graph.
+        DataError: there is no trajectory.tum beside the graph, or it does not fit the graph.
     """
     beside = graph.with_name("trajectory.tum")
     if not beside.is_file():
@@ -126,7 +126,7 @@ def _read_stamps(graph: Path, stored: StoredGraph) -> Trajectory:
 
 
 def _hold(values: gtsam.Values, key: int) -> gtsam.NonlinearFactor:
-    """Returns a factor that fixes a pose at its value."""
+    """Returns a factor that fixes the pose of a key at its value in `values`."""
     if values.dims()[key] == 6:
         return gtsam.NonlinearEqualityPose3(key, values.atPose3(key))
     return gtsam.NonlinearEqualityPose2(key, values.atPose2(key))

@@ -81,8 +81,9 @@ class PsiFactors(list[Stated]):
     def make_initial(self, values: gtsam.Values | None = None) -> gtsam.Values:
         """Returns starting values for those keys of the factors that have no value in the graph so far.
 
-        The pose of such a scan follows by the measurements from the nearest earlier scan with a value, or from the first
-        later one if there is none. Without any value, the first scan lies at the origin. A submap has its first scan's pose.
+        The measurements carry the pose to such a scan from the nearest earlier scan that has a value, or else from the first
+        later scan that has one. If no scan has a value, the first scan lies at the origin. A submap gets the pose of its
+        first scan.
 
         Args:
             values: values that the graph has so far, None for none. They are not changed, and must be poses of the same kind
@@ -94,7 +95,7 @@ class PsiFactors(list[Stated]):
         anchors = np.maximum(np.searchsorted(known, np.arange(len(self.scan_keys)), side="right") - 1, 0)
 
         def find_pose(k: int) -> gtsam.Pose2 | gtsam.Pose3:
-            """Returns the pose of a scan."""
+            """Returns the starting value for scan k."""
             if not known:
                 start = gtsam.Pose2(*self.chained[k])
                 return start if is_planar else gtsam.Pose3(start)
@@ -130,9 +131,9 @@ def psi_factors(
     A scan is measured in a *submap*, a piece of the running map, and not against the scan before it: if one scan is placed
     too far ahead, the motion to it is too long, and the next motion is too short by as much. Factors between successive
     scans would treat these errors as independent, and make the path as a whole far too uncertain. The submaps are therefore
-    poses of the graph, with keys of their own and factors to their scans and to each other. If they were eliminated, every
-    scan would be tied to all others of the drive, and the robust losses would have no place. No factor holds the trajectory
-    as a whole: that is left to a prior, or to other factors.
+    poses of the graph, with keys of their own and factors to their scans and to each other. If the submaps were
+    eliminated, every scan would be tied to all others of the drive, and the robust losses would have no place. No factor
+    fixes the trajectory as a whole in the world: a prior or other factors must do that.
 
     Args:
         recording: a recording's path, the open recording, or the scans that were detected in it before.
@@ -142,7 +143,8 @@ def psi_factors(
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         frontend: name of the front end.
         odometry: dead-reckoned poses that cover the recording, or None. They guide the front end, and their motions,
-            calibrated by psi, become factors too, as in a run. Leave them out if the graph has factors of the same wheels.
+            calibrated by psi, become factors too, as in a run. Leave odometry out if the graph already has factors
+            of the same wheels.
         pose: `gtsam.Pose2`, or `gtsam.Pose3` for a graph of poses in space. In space the factors have standard deviations of
             0.1 m in z, and of 0.03 rad in roll and pitch.
         submap_keys: function that returns the key of a submap by its number (0, 1, ...); by default `gtsam.symbol("m", j)`.
@@ -212,8 +214,8 @@ def loop_factors(
     allows, that fits nowhere else, that agrees with its neighbours, and that makes the map of its two passes better. The
     uncertainty comes from the graph whose optimum the trajectory is. Without a graph, the steps of the trajectory get the
     errors of odometry in the settings (`odometry.sigma_travel` and `odometry.sigma_yaw_rate`), as in a run with the front
-    end `odometry`. Over a long way, a good trajectory is more certain than that, so that without a graph some passes are
-    left out.
+    end `odometry`. Over a long way, a good trajectory has smaller errors than these, so that some passes are left out
+    without a graph.
 
     Args:
         recording: a recording's path, the open recording, or its scans, such as those of `psi_factors`.
@@ -236,7 +238,7 @@ def loop_factors(
     Raises:
         ConfigError: a key, a value or a setting is wrong.
         DataError: the recording cannot be used.
-        EstimationError: the trajectory does not cover the recording, or the graph does not determine it.
+        EstimationError: the trajectory does not cover the recording, or the graph does not determine every variable.
 
     Example:
         >>> for factor, loop in mqslam.loop_factors("drive", values, keys, graph=graph):  # doctest: +SKIP
@@ -252,7 +254,7 @@ def loop_factors(
         problem: GraphProblem
         if graph is None:
             track = Trajectory(scans.stamps_us, poses) if isinstance(trajectory, gtsam.Values) else trajectory
-            motions = measure_motions(ODOMETRY, radar.make_context(track), scans)  # its steps get the errors of odometry
+            motions = measure_motions(ODOMETRY, radar.make_context(track), scans)  # each step gets the errors of odometry
             problem = Problem(list(motions), [])
         elif isinstance(trajectory, gtsam.Values):
             problem = GivenGraph(graph, trajectory, listed, lift)
@@ -388,7 +390,7 @@ def _look_at(recording: Source, config: Config | Path | str | None, work: Work) 
     Raises:
         ConfigError: the settings hold a mistake.
         DataError: the recording cannot be used.
-        EstimationError: the scans hold too few returns to measure the Doppler shift, or for the block.
+        EstimationError: the scans hold too few returns to measure the Doppler shift, or for what the block does with them.
     """
     settings, runner, remedy = choose_settings(config), Runner(work.engine, work.progress), ""
     if isinstance(recording, Path | str):
@@ -407,10 +409,10 @@ def _look_at(recording: Source, config: Config | Path | str | None, work: Work) 
 
 
 def _list_keys(keys: Keys, count: int) -> list[int]:
-    """Returns the keys of all scans.
+    """Returns the keys of all `count` scans.
 
     Raises:
-        ConfigError: there are too few, or two of them are the same.
+        ConfigError: there are fewer keys than scans, or two keys are the same.
     """
     if not callable(keys) and len(keys) < count:
         raise ConfigError(f"keys: holds {len(keys)} keys for {count} scans; give one for every scan")
@@ -423,7 +425,7 @@ def _require_distinct(keys: Sequence[int]) -> None:
     """Checks that no two keys are the same.
 
     Raises:
-        ConfigError: two of them are.
+        ConfigError: two keys are the same.
     """
     seen: set[int] = set()
     for key in keys:
@@ -446,7 +448,7 @@ def _choose_lift(pose: Pose) -> Callable[[gtsam.BetweenFactorPose2], Between]:
         return lambda factor: factor
     if pose is gtsam.Pose3:
         return lifted_between
-    raise ConfigError(f"pose: {pose} is no pose of a scan; give gtsam.Pose2 or gtsam.Pose3")
+    raise ConfigError(f"pose: {pose} is not a type of pose; give gtsam.Pose2 or gtsam.Pose3")
 
 
 def _read_poses(values: gtsam.Values, keys: Sequence[int]) -> se2.Array:
@@ -463,11 +465,11 @@ def _read_poses(values: gtsam.Values, keys: Sequence[int]) -> se2.Array:
         try:
             poses[k] = pose_of(values, key)
         except RuntimeError as error:
-            raise ConfigError(f"values: {name}, the key of scan {k}, is no pose; give a Pose2 or a Pose3") from error
+            raise ConfigError(f"values: {name}, the key of scan {k}, holds no pose; give a Pose2 or a Pose3") from error
     poses[:, 2] = np.unwrap(poses[:, 2])
     return poses
 
 
 def _find_pose_kind(values: gtsam.Values, key: int) -> Pose:
-    """Returns the type of the pose of a key: planar or in space."""
+    """Returns the type of the pose that a key holds: `gtsam.Pose2` (planar) or `gtsam.Pose3` (in space)."""
     return gtsam.Pose3 if values.dims()[key] == 6 else gtsam.Pose2

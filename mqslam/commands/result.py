@@ -101,6 +101,6 @@ class CompareResult(Result):
 
     @property
     def conclusion(self) -> str:
-        """The sentences that name the best row and why; empty where there are fewer than two rows to compare."""
+        """The sentences that name the best row and say why; empty where there are fewer than two rows to compare."""
         best = self.summary["best"]
         return best["sentence"] if best else ""

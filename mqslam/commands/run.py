@@ -79,7 +79,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
             proportion. None takes the tolerances of the settings.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
-        range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
+        range_resolution: length of a range bin [m], if the recording states none or a wrong one.
         start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
         end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
         strict: whether a polar scan that cannot be read is an error instead of being left out.
@@ -113,13 +113,13 @@ class Job:
 
     Args:
         recording: the recording, with notes on how it and the sensors' files were understood.
-        odometry: the odometry it uses, or None.
+        odometry: the odometry that the run uses, or None.
         settings: all settings.
         frontend: name of the front end.
         strict: whether a polar scan that cannot be read is an error.
         warnings: which odometry and sensors are not used, and why.
-        sensors: the other sensors it uses.
-        frame: `radar` or `vehicle`: whose poses it writes.
+        sensors: the other sensors that the run uses.
+        frame: `radar` or `vehicle`: whose poses the run writes.
     """
 
     recording: Recording
@@ -133,12 +133,12 @@ class Job:
 
     @property
     def key(self) -> str:
-        """A string that differs for any other recording, settings, front end, odometry, sensors or frame."""
+        """A string that changes with the recording, settings, front end, odometry, sensors and frame."""
         key = hash_run(self.recording, self.settings, self.frontend, self.odometry, self.sensors)
         return key if self.frame == RADAR else f"{key} {self.frame}"
 
     def choose_frame(self, run: Run) -> tuple[Run, Recording]:
-        """Returns a finished run, and the recording with its ground truth, in the frame whose poses are to be written."""
+        """Converts a finished run and the recording's ground truth to poses of `frame`; returns run and recording."""
         mount, truth = self.sensors.mount, self.recording.ground_truth
         if self.frame == RADAR or mount is None:
             return run, self.recording
@@ -160,8 +160,8 @@ def open_job(
     """Opens a recording and chooses its odometry and sensors; the arguments are those of `run`.
 
     Raises:
-        ConfigError: the format is unknown, the range resolution is not a length, the extrinsics are not a pose, or the frame
-            is unknown, or is the vehicle's while the pose of the radar on it is unknown.
+        ConfigError: the format is unknown, the range resolution cannot be the length of a range bin, the extrinsics are
+            not a pose, or the frame is unknown, or it is `vehicle` while the pose of the radar on the vehicle is unknown.
         DataError: the recording, the odometry or a sensor's file cannot be used.
     """
     recording = open_data(data, format, range_resolution, settings, strict=strict, span=span)

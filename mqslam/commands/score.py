@@ -45,7 +45,7 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
         minimise: whether the motion is estimated as well, starting from the given motion.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
-        range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
+        range_resolution: length of a range bin [m], if the recording states none or a wrong one.
 
     Returns:
         The scores as a tree: the window, the motion, the published score with its parts, and the estimator's score.
@@ -98,7 +98,7 @@ def read_window(recording: Recording, detector: DetectorConfig, start: float, sc
     Args:
         recording: the recording.
         detector: settings of the detector.
-        start: time at or after which the first of them begins [s since the recording's start].
+        start: time at or after which the first of these scans begins [s since the recording's start].
         scans: number of scans.
 
     Raises:
@@ -126,7 +126,7 @@ def read_window(recording: Recording, detector: DetectorConfig, start: float, sc
 
 
 def _score_motion(window: Window, theta: se2.Array, model: MotionModel, variant: PsiConfig) -> dict[str, Any]:
-    """Returns the published score of a window with its parts, and the estimator's score at its final widths."""
+    """Returns the published score of a window with its parts, and the estimator's score at the kernel's final widths."""
     points, count = window.render(theta, model), len(window.returns)
     whole = published(points.points, points.times, window.kernel.revolution_s, variant, points.jacobians)
     own = window.score(theta, model, final_scale(window.config))
@@ -150,7 +150,7 @@ def _score_motion(window: Window, theta: se2.Array, model: MotionModel, variant:
 
 
 def _describe_estimate(best: WindowMotion, model: MotionModel) -> dict[str, Any]:
-    """Returns the estimated motion as a tree."""
+    """Returns the estimated motion with its standard deviations and status, as a tree."""
     deviations = best.covariance.diagonal() ** 0.5
     return {
         "motion": dict(zip(model.parameters, best.theta.tolist(), strict=True)),

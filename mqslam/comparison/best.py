@@ -1,4 +1,4 @@
-"""Finds the best row of a comparison, and says in words what decides.
+"""Finds the best row (front end or given trajectory) of a comparison, and says in words what decides.
 
 Errors against ground truth decide first, then the shares of torn windows and of torn revisits. psi per point over neighbours
 in time decides nothing, since it is as small for a map that bends slowly as for one that does not bend.
@@ -54,8 +54,8 @@ class Best:
     """The best row of a comparison, or several rows between which no criterion decides.
 
     Args:
-        rows: name of the best row, or of each of these rows.
-        decided_by: the criterion that rules out the last of the other rows; None where none does.
+        rows: name of the best row, or of each row that may be the best.
+        decided_by: the criterion that rules out the last of the other rows; None where no criterion decides.
         sentence: the result in words, with the figures that decide.
     """
 
@@ -90,7 +90,7 @@ def find_best(rows: Sequence[Standing]) -> Best | None:
     overlap. A criterion is skipped if one of the remaining rows has no value for it.
 
     Args:
-        rows: rows that ran.
+        rows: errors and shares of the rows that ran.
 
     Returns:
         the best row, or the rows between which no criterion decides; None for fewer than two rows.
@@ -120,7 +120,7 @@ def find_best(rows: Sequence[Standing]) -> Best | None:
 
 
 def _state_error(name: str, error: float | None, unit: str) -> _Figure | None:
-    """Returns an error against ground truth as a figure, rounded as in the table and without a range; None without truth."""
+    """Returns an error against ground truth as a figure, rounded as in the table and without a range; None for None."""
     if error is None:
         return None
     text = f"{error:{_FIGURES}}"

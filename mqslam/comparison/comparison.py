@@ -1,4 +1,4 @@
-"""Compares rows: judges each on the same scans, finds the best, and measures how far the rows are apart."""
+"""Compares rows (front ends or given trajectories) on the same scans, finds the best, and measures how far they differ."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ class Comparison:
         rows: front ends and given trajectories, including those that failed.
         judged: judgements of the rows that ran, by the rows' names.
         best: the best row, or the rows between which nothing decides; None without two rows to compare.
-        psi_across: psi per point across passes by row; empty where no place is passed twice.
+        psi_across: psi per point across passes, by the rows' names; empty where no place is passed twice.
         compared: number of scans that every row covers, on which they are judged.
         places: places where the rows differ most; each row's crops begin with these.
         stations: places spread along the path; their crops follow.
-        agreement: names of each two rows that ran, and errors of the first as if the second were the truth.
+        agreement: for every pair of rows that ran: their names, and the errors of the first as if the second were the truth.
         warnings: warnings that a reader must know before the numbers.
     """
 
@@ -121,10 +121,10 @@ def compare_rows(
 def measure_rows_across(
     judged: Mapping[str, JudgedRow], best: Best | None, scans: Scans, settings: Config, beam: Beam, engine: Engine
 ) -> dict[str, float]:
-    """Measures psi per point across passes of every row.
+    """Measures, for every row, psi per point across passes of a place.
 
     The psi of different places cannot be compared. One row therefore says where places are passed twice, and all rows are
-    measured there. It is the best row, or the first if nothing decides between several.
+    measured there. This is the best row, or the first of the best rows if nothing decides between them.
 
     Args:
         judged: judgements of the rows, by the rows' names.
@@ -135,7 +135,7 @@ def measure_rows_across(
         engine: where the points are scored; the result does not depend on it.
 
     Returns:
-        psi per point by row; empty where no place is passed twice.
+        psi per point, by the rows' names; empty where no place is passed twice.
     """
     tracks = {name: row.row.trajectory for name, row in judged.items()}
     poses = {name: track.at(scans.stamps_us) for name, track in tracks.items() if track is not None}

@@ -46,9 +46,9 @@ class Place:
     """A place at which the rows can be compared by eye: a window of scans.
 
     Args:
-        begin, end: its sweeps, begin <= k < end, among those that all rows cover.
-        t0, t1: times at which it begins and ends [s] since the recording's start.
-        apart_m: largest difference between two rows' motions through it [m]; zero where it was not measured.
+        begin, end: numbers of the window's scans, begin <= k < end, among the scans that all rows cover.
+        t0, t1: times at which the window begins and ends [s] since the recording's start.
+        apart_m: largest difference between two rows' motions through the window [m]; zero where it was not measured.
     """
 
     begin: int
@@ -70,7 +70,7 @@ class JudgedRow:
         before, after: errors against ground truth before and after the back end, or None without ground truth.
         nees: mean squared error of its motions in units of their covariances, per degree of freedom. It is 1 on average if
             the covariances are right; None without ground truth or without motions.
-        crops: (M, 2) [m] points of each place's window, in the frame of the sensor at its middle.
+        crops: for each place, points (M, 2) [m] of its window, in the frame of the sensor at the window's middle scan.
         map: part of the points of the rendered map, evenly spread.
     """
 
@@ -89,7 +89,7 @@ def take_common_scans(rows: Sequence[Row], scans: Scans) -> Scans:
     """Returns the scans that the trajectory of every row covers.
 
     Args:
-        rows: rows of a comparison; those without a trajectory do not count.
+        rows: rows of a comparison; rows without a trajectory are ignored.
         scans: scans of the recording.
 
     Raises:
@@ -99,7 +99,7 @@ def take_common_scans(rows: Sequence[Row], scans: Scans) -> Scans:
     inside = set(range(len(scans))).intersection(*by_row.values())
     if len(scans) < WINDOW:
         too_few = f"{count_of(len(scans), 'scan')} {is_or_are(len(scans))} too few to compare on"
-        raise EstimationError(f"{too_few}; give a recording of at least {WINDOW}")
+        raise EstimationError(f"{too_few}; give a recording of at least {WINDOW} scans")
     if len(inside) < WINDOW:
         each = ", ".join(f"{name} covers {len(covered)}" for name, covered in by_row.items())
         raise EstimationError(
@@ -176,7 +176,7 @@ class Judge:
         is not judged on an easier part than a long one.
 
         Returns:
-            the rows, with a failure where one could not be judged, and the judgement of the others by name.
+            the rows, with a failure in each row that could not be judged, and the judgements of the other rows by name.
         """
         judged: dict[str, JudgedRow] = {}
         shown = []
@@ -217,13 +217,13 @@ def _cut_to_scans(truth: Trajectory, scans: Scans) -> Trajectory | None:
 
 
 def _crop(sweeps: Sweeps, place: Place) -> NDArray[np.float64]:
-    """Returns the points (M, 2) [m] of a place near the sensor, in the frame of the sensor at its middle."""
+    """Returns the points (M, 2) [m] of a place near the sensor, in the frame of the sensor at the window's middle scan."""
     points = centre_window(sweeps, place.begin, place.end)[0].points
     return np.asarray(points[np.abs(points).max(axis=1) <= _CROP_M])
 
 
 def compare_pairs(rows: Sequence[Row]) -> list[tuple[str, str, Evaluation]]:
-    """Returns for each two rows their names, and the errors of the first row as if the second were the truth."""
+    """Returns, for every pair of rows, their names and the errors of the first row as if the second were the truth."""
     pairs = []
     for i, a in enumerate(rows):
         for b in rows[i + 1 :]:

@@ -34,11 +34,11 @@ class Row:
         failure: why there is no result, or None.
         odometry: the front end's motions, chained without optimisation; None for a failed row.
         trajectory: the trajectory after the back end, or the given one; without a back end the same as `odometry`.
-        measurements: the front end's relative motions; none for a given trajectory.
+        measurements: the front end's relative motions; empty for a given trajectory.
         loops, loops_rejected: numbers of loop closures that the back end kept and rejected.
         measure_s, back_end_s: seconds that the front end and the back end took.
         peak_rss_mb: largest memory of the process that ran the row [MB]; a cluster's worker may have run other rows before.
-        warnings: what could not be done for it, and why.
+        warnings: what could not be done for the row, and why.
         covariances: covariances of all poses after the back end, or why they are not known; None where there is no back end.
     """
 
@@ -103,7 +103,7 @@ def run_front_ends(
 
 
 def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
-    """Runs a front end, given by the name of its row and its context, in this process."""
+    """Runs a front end, given by the name of its row and its context, in this process; a failure is stated in the row."""
     row, context = named
     name = split_row(row)[0]
     try:

@@ -69,7 +69,7 @@ class SensorConfig(Section):
     )
     stamp: Literal["start", "end"] | None = Field(
         None,
-        description="Instant of a turn at which a polar scan is stamped. It matters only where azimuths carry no stamps. "
+        description="Instant of a revolution at which a polar scan is stamped. It matters only if azimuths have no stamps. "
         "null takes the format's default: end in mulran, radiate and images on a bag's /radar/polar (MulRan's player) "
         "or /radar_data/b_scan_image (Navtech's driver), start in other bags.",
     )
@@ -78,8 +78,8 @@ class SensorConfig(Section):
         None,
         ge=2,
         le=65536,
-        description="Ticks of the encoder per turn, if azimuths carry encoder values. null takes the number that the "
-        "recording states, else the number of Navtech's radars: 5600, or 16000 if messages of Navtech's driver show it.",
+        description="Ticks of the encoder per revolution, if azimuths carry encoder values. null takes the number that "
+        "the recording states, else the number of Navtech's radars: 5600, or 16000 if messages of Navtech's driver show it.",
     )
     radar_topic: str | None = Field(
         None, description="Topic of a bag's polar scans. null chooses it by type and name, or by the shape of its images."
@@ -126,7 +126,7 @@ class PsiConfig(Section):
     alpha_t: float | None = Field(
         None,
         ge=0.0,
-        description="Difference in time at which the temporal kernel peaks [s]; null takes one turn of the radar.",
+        description="Difference in time at which the temporal kernel peaks [s]; null takes one revolution of the radar.",
     )
     beta_t: float = Field(0.06, gt=0.0, description="Width of the temporal kernel [s].")
     tau: float = Field(0.5, gt=0.0, description="Width of the Lorentzian [m].")
@@ -319,7 +319,7 @@ class AuditConfig(Section):
     submap_spacing_m: float = Field(5.0, gt=0.0, description="Path [m] between the scans that a submap is rendered from.")
     torn_m: float = Field(0.5, gt=0.0, description="Two passes are torn if they are farther apart than this [m].")
     torn_rad: float = Field(
-        0.0175, gt=0.0, description="Two passes are torn, too, if one is turned against the other by more than this [rad]."
+        0.0175, gt=0.0, description="Two passes are also torn if one is rotated against the other by more than this [rad]."
     )
     drift: float = Field(0.02, ge=0.0, description="Drift per length of path that the search allows for [m/m].")
     drift_rad: float = Field(1e-4, ge=0.0, description="Yaw drift per length of path that the search allows for [rad/m].")
@@ -345,7 +345,7 @@ class VerdictConfig(Section):
     tolerance_m: float | None = Field(
         None,
         gt=0.0,
-        description="Tolerated distance of two passes [m]. The other tolerances (bend_m, jump_m and torn_rad of section "
+        description="Tolerated distance between two passes [m]. Other tolerances (bend_m, jump_m and torn_rad of section "
         "audit) change in proportion. null takes audit.torn_m, and leaves the others as they are.",
     )
 

@@ -1,4 +1,4 @@
-"""Reads a YAML file as a tree of settings; a mistake in it becomes an error of one line."""
+"""Reads a YAML file as a tree of settings; a mistake in the file becomes an error of one line."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
     """Returns the settings in a YAML text.
 
     Args:
-        model: the kind of settings.
+        model: the class of the settings.
         name: name of the file, for errors.
         text: content of the file; bytes are UTF-8.
 
@@ -45,7 +45,7 @@ def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
 
 
 def _explain(error: ValidationError, model: type[BaseModel]) -> str:
-    """Describes faults in one line: all unknown names, of which one may be a misspelt setting, or else the first fault."""
+    """Describes faults in one line: unknown settings, with a suggestion if there is only one, or else the first fault."""
     faults = error.errors()
     unknown = [".".join(map(str, fault["loc"])) for fault in faults if fault["type"] == "extra_forbidden"]
     if len(unknown) > 1:

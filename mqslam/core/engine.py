@@ -1,4 +1,4 @@
-"""The protocol of engines, which call a pure function for many items, all with the same result wherever they do it."""
+"""The protocol of engines, which call a pure function for many items; the results are the same with every engine."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ R = TypeVar("R")
 
 
 def ignore_result(number: int, result: object) -> None:
-    """Ignores a result; the default where nobody watches."""
+    """Ignores the result of an item; the default for `done` in the methods of engines."""
 
 
 class Engine(Protocol):
@@ -53,7 +53,7 @@ class Engine(Protocol):
         ...
 
     def start(self, function: Callable[[S, T], R], shared: S, item: T) -> AbstractContextManager[Callable[[], R] | None]:
-        """Starts a call of function(shared, item) in another process; it runs beside the block and ends with it.
+        """Starts a call of function(shared, item) in another process; it runs beside the context's block and ends with it.
 
         Args:
             function: the function to call.

@@ -32,11 +32,11 @@ from mqslam.errors import (
 )
 
 _log = logging.getLogger(__name__)
-_NEGATIVE = 1e-6  # an eigenvalue of a covariance down to minus this share of its trace is a rounding error
+_NEGATIVE = 1e-6  # a negative eigenvalue of a covariance is a rounding error if it is smaller than this share of the trace
 
 
 def ignore_motion(motion: Measurement) -> None:
-    """Ignores a motion; the default where nobody watches."""
+    """Ignores a motion; the default for `Context.preview`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Context:
 
     Args:
         config: all settings.
-        revolution_s: usual duration of a turn [s].
+        revolution_s: usual duration of a revolution of the radar [s].
         start_us: stamp [us] of the recording's time zero.
         odometry: dead-reckoned poses from another source, or None.
         doppler_beta: range shift per closing speed [s], from the settings or as measured.
@@ -105,7 +105,7 @@ class Context:
         return np.asarray(self.odometry.mean_twists(stamps[:1], stamps[1:])[0])
 
     def told_twist(self, t0: float, t1: float) -> se2.Array | None:
-        """Returns the mean twist (3,) between two times [s] as other sensors measured it, or None where none did.
+        """Returns the mean twist (3,) between two times [s] as other sensors measured it, or None where no sensor did.
 
         A component that no sensor measures is NaN. The gyroscope's yaw rate and the chirps' velocity are better than
         those of the odometry, so they are preferred.
@@ -214,7 +214,7 @@ def measure_motions(name: str, context: Context, scans: Scans) -> Iterator[Measu
 
 
 def _wrap_yaw(motion: Measurement) -> Measurement:
-    """Wraps the yaw of a motion to -180..180 deg, because a front end may return it off by a whole turn."""
+    """Wraps the yaw of a motion to -180..180 deg, because a front end may return a yaw that is off by 360 deg."""
     if abs(motion.pose[2]) <= np.pi:
         return motion
     return replace(motion, pose=np.append(motion.pose[:2], se2.wrap(motion.pose[2])))
@@ -237,7 +237,7 @@ def _check_motion(name: str, motion: Measurement) -> None:
 
 @contextmanager
 def _blame(name: str) -> Iterator[None]:
-    """Turns an unexpected error of a front end into one that names the front end.
+    """Turns an unexpected error in the block into a FrontEndError that names the front end.
 
     A MemoryError is passed on unchanged, since it is seldom the fault of the front end.
 

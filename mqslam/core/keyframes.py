@@ -26,7 +26,7 @@ class MappedRecording:
         path: path of the recording when the map was made.
         start_us: stamp of the recording's start [us].
         end_us: stamp of the recording's end [us].
-        revolution_s: usual duration of a turn [s].
+        revolution_s: usual duration of a revolution of the radar [s].
         doppler_beta: range shift per closing speed [s] with which the returns were placed in the map.
     """
 
@@ -48,8 +48,8 @@ class Keyframes:
             recordings, as the graph numbers them.
         stamps_us: (K,) start of each keyframe's scan [us], in the clock of its recording.
         poses: (K, 3) poses of the radar at these stamps, in the map's frame [m, m, rad].
-        covariances: (K, 3, 3) covariances of these poses relative to the map's first pose, each in its own frame; NaN
-            where unknown.
+        covariances: (K, 3, 3) covariances of these poses relative to the map's first pose, each in the frame of its
+            keyframe; NaN where unknown.
         travelled: (K,) length of the path from the start of the recording to each keyframe [m].
         rows: (K, 2) row of each keyframe's first point in `points`, and the row after its last point.
         points: (M,) points of all keyframes, with the fields of `KEYFRAME_POINT`; the array may lie in a memory-mapped file.
@@ -77,7 +77,7 @@ class PlaceTable:
 
     Args:
         keyframes: (P,) number of the keyframe at each place.
-        descriptors: (P, R, S) descriptors of the places; the array may lie in a memory-mapped file.
+        descriptors: (P, R, S) descriptors of the places, by rings and sectors; the array may lie in a memory-mapped file.
         made_with: settings with which the descriptors were made, as JSON values.
     """
 
@@ -104,5 +104,5 @@ class KeyframeMap:
         return replace(self, keyframes=keyframes)
 
     def place_on_earth(self, georeference: Georeference | None) -> KeyframeMap:
-        """Returns the map with this georeference, or without any for None."""
+        """Returns the map with this georeference; None removes the georeference."""
         return replace(self, keyframes=replace(self.keyframes, georeference=georeference))

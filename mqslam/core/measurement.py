@@ -61,7 +61,7 @@ class Tie:
 
     Args:
         earlier, later: numbers of the two scans or submaps.
-        pose: (3,) pose of the later one in the frame of the earlier one.
+        pose: (3,) pose of the later one in the frame of the earlier one [m, m, rad].
         covariance: (3, 3) covariance of the pose, in the frame of the earlier one [m, m, rad].
     """
 
@@ -89,9 +89,9 @@ class Measured:
     """All motions measured in a recording, and the Doppler shift with which they were computed.
 
     Args:
-        measurements: one per pair of successive scans.
+        measurements: one motion per pair of successive scans.
         doppler_beta: range shift per closing speed [s].
-        doppler_sigma: its standard deviation [s]; zero where it was not measured.
+        doppler_sigma: standard deviation of `doppler_beta` [s]; zero where it was not measured.
     """
 
     measurements: Sequence[Measurement]

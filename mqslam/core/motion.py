@@ -4,8 +4,8 @@ Every model states the body twist as a polynomial in time, linear in its paramet
 
     yaw(t) = int_0^t omega,    (x, y)(t) = int_0^t R(yaw(u)) (vx, vy)(u) du
 
-by Gauss-Legendre quadrature from one time to the next, which is exact to rounding: with six nodes for turns below a radian,
-with two for the small turns between azimuths.
+by Gauss-Legendre quadrature from one time to the next, which is exact to rounding: with six nodes for rotations below a
+radian, with two for the small rotations between azimuths.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def _spread_nodes(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]
 
 _NODES, _WEIGHTS = _spread_nodes(6)
 _FEW_NODES, _FEW_WEIGHTS = _spread_nodes(2)
-_SHORT_TURN = 0.005  # turn [rad] below which few nodes are exact to rounding: the error falls with the turn's fifth power
+_SHORT_TURN = 0.005  # yaw step [rad] below which two nodes are exact to rounding: the error falls with its fifth power
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class MotionModel:
 
     @property
     def arrays(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """The components and the powers (P,), as arrays for the kernels."""
+        """The components (P,) and the powers (P,), as arrays for compiled code."""
         return np.array(self.components, dtype=np.int64), np.array(self.powers, dtype=np.int64)
 
     def from_twist(self, twist: se2.Array) -> se2.Array:

@@ -59,7 +59,7 @@ class PointMap:
         return sum(int(block.matched.sum()) for block in self.blocks()) / len(self) if len(self) else None
 
     def blocks(self) -> Iterator[PointMap]:
-        """Yields the map in blocks of successive points, and releases each from memory after it."""
+        """Yields the map in blocks of successive points, and releases each block from memory before the next one."""
         for begin in range(0, len(self), _BLOCK):
             part = slice(begin, begin + _BLOCK)
             yield PointMap(self.points[part], self.times[part], self.intensities[part], self.psi[part], self.matched[part])
@@ -92,7 +92,7 @@ def pick_thinned(points: NDArray[np.float64], most: int) -> NDArray[np.int64]:
     A map with more points is thinned to one point per cell of the finest raster with at most `most` occupied cells.
 
     Args:
-        points: (N, 2) m.
+        points: (N, 2) [m].
         most: largest number of points to pick.
     """
     if len(points) <= most:
@@ -119,14 +119,14 @@ def find_first_of_cells(points: NDArray[np.float64], cell: float, most: int) -> 
     """Returns the index of the first point in each occupied cell of a raster, at most `most` + 1 of them.
 
     Args:
-        points: (N, 2) m, not negative.
+        points: (N, 2) [m], not negative.
         cell: side of a cell [m].
         most: largest number of occupied cells of interest; one more ends the search.
     """
     room = 4
     while room < 4 * most:
         room *= 2
-    taken = np.full((room, 2), -1, np.int64)  # a hash table: each cell is kept in the first free place after its hash
+    taken = np.full((room, 2), -1, np.int64)  # a hash table: each cell is kept in the first free slot from its hash on
     first = np.empty(most + 1, np.int64)
     count = 0
     for k in range(len(points)):

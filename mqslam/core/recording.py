@@ -16,20 +16,20 @@ from mqslam.core.trajectory import Trajectory
 
 FASTEST_TURN_US = 50_000
 SLOWEST_TURN_US = 5_000_000
-"""Shortest and longest plausible turn [us]: no spinning radar turns 20 times a second, or only once in five seconds."""
+"""Shortest and longest plausible revolution [us]: no spinning radar revolves 20 times a second, or only once in 5 s."""
 
 
 @dataclass(frozen=True, slots=True)
 class PolarScan:
-    """The power that the radar receives during one turn.
+    """The power that the radar receives during one revolution.
 
     Args:
         times: (A,) [s] since the recording's start, one per azimuth, not decreasing.
-        azimuths: (A,) [rad] counter-clockwise from straight ahead (REP 103), unwrapped along the turn.
+        azimuths: (A,) [rad] counter-clockwise from straight ahead (REP 103), unwrapped along the revolution.
         power: (A, B) uint8 received power, one row per azimuth; bin b is centred at (b + 0.5) range resolutions.
         valid: (A,) bool, False where the recording marks the azimuth as not measured.
-        down: the azimuths of the same turn whose chirp goes down, while the chirps of the azimuths above go up. Their
-            Doppler shift has the opposite sign. None where all chirps go the same way.
+        down: the azimuths of the same revolution whose chirps go down; the chirps of the azimuths in the other fields then
+            go up. The Doppler shift of `down` has the opposite sign. None where all chirps go the same way.
     """
 
     times: NDArray[np.float64]
@@ -55,11 +55,11 @@ class Recording(ABC):
         path: the recording.
         format: name of its layout.
         stamps_us: (N,) int64 [us], stamp of the first azimuth of every polar scan, strictly increasing.
-        turns_us: (N,) int64 [us], duration of each turn: the time until the next one begins, unless a gap follows.
+        turns_us: (N,) int64 [us], duration of each revolution: the time until the next one begins, unless a gap follows.
         range_resolution: length of a range bin [m].
         range_offset: true range of an object at rest minus the range of the bin's centre [m].
-        is_resolution_assumed: whether the recording does not state that length, and the layout's usual one is taken.
-        stamp_sigma_s: standard deviation of a turn's stamp [s] where stamps are arrival times corrected for their
+        is_resolution_assumed: whether the recording does not state the length of a bin, so that the layout's usual one is used.
+        stamp_sigma_s: standard deviation of a polar scan's stamp [s] where stamps are arrival times corrected for their
             delays; 0 where stamps are exact.
         odometry: dead-reckoned poses that the recording contains, or None. They are poses of the vehicle's frame if the
             recording has a mount, and are taken as poses of the radar otherwise.
@@ -111,33 +111,33 @@ class Recording(ABC):
 
     @property
     def ends_us(self) -> NDArray[np.int64]:
-        """Stamps (N,) int64 [us] of the ends of the turns; none is later than the start of the next one."""
+        """Stamps (N,) int64 [us] of the ends of the revolutions; no end is later than the start of the next revolution."""
         ends = self.stamps_us + self.turns_us
         return np.append(np.minimum(ends[:-1], self.stamps_us[1:]), ends[-1:])
 
     @property
     def end_us(self) -> int:
-        """Stamp [us] of the last turn's end."""
+        """Stamp [us] of the end of the last revolution."""
         return int(self.ends_us[-1])
 
     @property
     def duration_s(self) -> float:
-        """Time from the first azimuth to the end of the last turn [s]."""
+        """Time from the first azimuth to the end of the last revolution [s]."""
         return (self.end_us - self.start_us) * 1e-6
 
     @property
     def start_times(self) -> NDArray[np.float64]:
-        """Start (N,) of every turn [s] since the recording's start."""
+        """Start (N,) of every revolution [s] since the recording's start."""
         return np.asarray((self.stamps_us - self.start_us) * 1e-6, dtype=np.float64)
 
     @property
     def end_times(self) -> NDArray[np.float64]:
-        """End (N,) of every turn [s] since the recording's start."""
+        """End (N,) of every revolution [s] since the recording's start."""
         return np.asarray((self.ends_us - self.start_us) * 1e-6, dtype=np.float64)
 
     @property
     def revolution_s(self) -> float:
-        """Duration of one turn [s]: the median over the recording, limited to what a radar can do."""
+        """Duration of one revolution [s]: the median over the recording, limited to what a radar can do."""
         return float(np.clip(np.median(self.turns_us), FASTEST_TURN_US, SLOWEST_TURN_US)) * 1e-6
 
     def gaps(self) -> list[tuple[int, float]]:

@@ -1,4 +1,4 @@
-"""Returns that the detector finds in polar scans, scans that hold the returns of one turn, and all scans of a recording."""
+"""Returns that the detector finds, scans with the returns of one revolution of the radar, and all scans of a recording."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Returns:
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """The returns of one turn, whose times lie in [t0, t1) [s since the recording's start]."""
+    """The returns of one revolution of the radar, whose times lie in [t0, t1) [s since the recording's start]."""
 
     t0: float
     t1: float
@@ -120,7 +120,7 @@ class Scans(Sequence[Scan]):
     Args:
         scans: the scans.
         start_us: stamp [us] of time zero, the recording's start.
-        revolution_s: usual duration of a turn [s].
+        revolution_s: usual duration of a revolution of the radar [s].
     """
 
     scans: tuple[Scan, ...] | StoredScans
@@ -181,7 +181,7 @@ class PeakCounts:
         unused_azimuths: azimuths that are marked invalid or that are saturated.
         peaks: local maxima above the threshold.
         ring_peaks: peaks that were dropped as parts of a ring.
-        peaks_out_of_range: peaks nearer or farther than the settings allow; counted only if there are few others.
+        peaks_out_of_range: peaks nearer or farther than the settings allow; counted only if `peaks` is below `azimuths`.
     """
 
     azimuths: int = 0
@@ -203,6 +203,6 @@ class PeakCounts:
             rings = f"{self.ring_peaks} of {self.peaks} peaks lie on rings around the radar"
             return f"{rings}; look for something on its mount that reflects in all directions"
         if self.peaks_out_of_range > self.peaks:
-            outside = f"{self.peaks_out_of_range} peaks lie out of range, where only {self.peaks} are within"
+            outside = f"{self.peaks_out_of_range} peaks lie out of range and only {self.peaks} within it"
             return f"{outside}; raise detector.max_range_m or lower detector.min_range_m"
         return f"only {self.peaks} peaks in {self.azimuths} azimuths are above the threshold; lower detector.threshold"

@@ -140,7 +140,7 @@ def rotate_covariance(covariance: Array, yaw: float) -> Array:
 def normalise(errors: Array, covariances: Array) -> Array:
     """Returns the squared Mahalanobis distances (N,) of errors (N, 3) under their covariances (N, 3, 3).
 
-    If the covariances are right, they follow a chi-square distribution with three degrees of freedom.
+    If the covariances are right, the distances follow a chi-square distribution with three degrees of freedom.
     """
     return np.asarray(np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[:, :, None])[:, :, 0]))
 
@@ -175,7 +175,7 @@ def interpolate(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
 
 
 def _on_arcs(t: Array, p: Array, q: Array) -> Array:
-    """Returns the poses at times q on the arcs through at least two poses p at times t."""
+    """Returns the poses (M, 3) at times q (M,) on the arcs through at least two poses p (N, 3) at times t (N,)."""
     i = np.clip(np.searchsorted(t, q, side="right") - 1, 0, len(t) - 2)
     step = wrapped_between(p[i], p[i + 1])
     fraction = (q - t[i]) / (t[i + 1] - t[i])
@@ -185,10 +185,10 @@ def _on_arcs(t: Array, p: Array, q: Array) -> Array:
 def smooth(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     """Returns poses (M, 3) at times `at` (M,) on the smooth curve through poses (N, 3) at increasing times (N,).
 
-    Between poses the curve is cubic, with velocities from the neighbouring poses, so that a turn can begin and end
-    within a step, as on the road. Before the first and after the last time, the nearest arc is continued. Only poses
-    that `select_apart` keeps are used, because two poses that are very close in time would give a velocity that is
-    mostly noise.
+    Between poses the curve is cubic, with velocities from the neighbouring poses, so that the vehicle can begin
+    and end a rotation between two poses, as on the road. Before the first and after the last time, the nearest arc is
+    continued. Only poses that `select_apart` keeps are used, because two poses that are very close in time would give a
+    velocity that is mostly noise.
     """
     from scipy.interpolate import CubicHermiteSpline  # here: it loads half of SciPy, and every command imports this module
 

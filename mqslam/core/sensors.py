@@ -33,9 +33,9 @@ class Gyroscope(_Stamped):
 
     Args:
         stamps_us: (N,) int64 [us], strictly increasing.
-        rates: (N, 3) rad/s about x forward, y left and z up of the gyroscope, as its layout states its axes.
+        rates: (N, 3) rad/s about x forward, y left and z up of the gyroscope, as the file's layout states these axes.
         source: the file or topic that the readings come from, for messages.
-        own_clock: whether the gyroscope is known to have its own clock, so that its offset from the radar's clock is no
+        own_clock: whether the gyroscope is known to have a clock of its own, so that an offset from the radar's clock is no
             fault.
     """
 
@@ -45,16 +45,16 @@ class Gyroscope(_Stamped):
     own_clock: bool = False
 
 
-_LONGEST: Final = 5.0  # by definition, a time between readings that is longer than this many median ones is a gap
+_LONGEST: Final = 5.0  # by definition, a time between readings longer than this many median times is a gap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turning:
-    """The angle that a gyroscope has turned about one axis, interpolated between its readings.
+    """The angle by which a gyroscope has rotated about one axis, interpolated between its readings.
 
     Args:
         times: (N,) times of the readings [s] since the recording's start, increasing.
-        angles: (N,) angle turned from the first reading to each reading [rad].
+        angles: (N,) rotation from the first reading to each reading [rad].
         gaps: (N,) number of gaps before each reading.
     """
 
@@ -78,7 +78,7 @@ class Turning:
         return cls(times, angles, gaps)
 
     def between(self, begins: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns the angles (M,) turned from times (M,) to later ones (M,) [s]; NaN across gaps and outside the times."""
+        """Returns the rotations (M,) [rad] from times (M,) to later ones (M,) [s]; NaN across gaps and beyond readings."""
         turned = np.interp(ends, self.times, self.angles) - np.interp(begins, self.times, self.angles)
         last = len(self.times) - 1
         first_after = np.searchsorted(self.times, begins, side="right")
@@ -93,9 +93,9 @@ class KnownTurning:
     """The yaw rate of the radar from a calibrated gyroscope.
 
     Args:
-        turning: angle turned about the gyroscope's axis that is the radar's vertical.
-        scale: turns of the radar per turn about that axis; negative if the gyroscope is mounted upside down.
-        delay_s: how late the gyroscope's clock is [s].
+        turning: rotation about the gyroscope's axis that is parallel to the radar's vertical axis.
+        scale: yaw of the radar per rotation about this axis; negative if the gyroscope is mounted upside down.
+        delay_s: how late the gyroscope's stamps are against the radar's clock [s].
         bias: bias of the yaw rate after scaling [rad/s].
     """
 
@@ -151,7 +151,7 @@ _TIMES_OFF: Final = {
     _GPS_EPOCH_S: "the time from 1970 to 1980, in which GPS time begins",
 }
 KNOWN_S: Final = tuple(side * seconds for seconds in _TIMES_OFF for side in (1.0, -1.0))
-"""How late the stamps of clocks with these errors are [s]."""
+"""All known delays of stamps [s]: each clock error above with both signs, positive where stamps are late."""
 
 
 def describe_offset(late_s: float) -> str:
@@ -233,7 +233,7 @@ class Georeference:
 
 
 RADAR, VEHICLE = "radar", "vehicle"
-"""The two frames of which a run can write poses."""
+"""The names of the two frames whose poses a run can write."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

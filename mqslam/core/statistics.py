@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 MEDIAN_OF_CHI2: Final = 0.4549
 """Median of a chi-square with one degree of freedom; a median of squares divided by it estimates the variance."""
 MEDIAN_SPREAD: Final = 2.33
-"""Standard deviation of such an estimate relative to the variance, times the root of the number of squares."""
+"""Standard deviation of a variance estimated from the median of squares, relative to the variance, times the root of the
+number of squares."""
 SIGMAS_PER_DEVIATION: Final = 1.4826
 """Standard deviations of normal noise per median absolute deviation."""
 
@@ -34,7 +35,9 @@ _KEPT: Final = 0.998  # by definition: share of normal noise that a trimmed scal
 
 
 def correct_for_places(p_values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Corrects p-values (N,) for the number of places: how likely a good map shows one as small anywhere (Bonferroni).
+    """Corrects p-values (N,) of places for their number (Bonferroni).
+
+    A corrected p-value is the probability that a good map shows a p-value as small as this one at any of the places.
 
     Args:
         p_values: p-values of single places; NaN where nothing was judged, which does not count as a place.
@@ -71,7 +74,7 @@ def compute_p_values(squares: NDArray[np.float64], freedom: float) -> NDArray[np
 
 
 def find_smallest(p_values: Iterable[float]) -> float | None:
-    """Returns the smallest corrected p-value of places, which is the p-value of all places together; None without any."""
+    """Returns the smallest corrected p-value of places, which is the p-value of all places together; None if all are NaN."""
     return min((float(p) for p in p_values if np.isfinite(p)), default=None)
 
 
@@ -121,5 +124,5 @@ def _find_steps(numbers: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def pick_evenly(count: int, most: int) -> NDArray[np.int64]:
-    """Returns at most `most` evenly spread numbers of 0..count - 1, increasing, with the first and the last among them."""
+    """Returns at most `most` evenly spread numbers from 0..count - 1, increasing, with the first and the last among them."""
     return np.linspace(0, count - 1, min(count, most)).round().astype(np.int64) if count else np.arange(0)

@@ -40,12 +40,12 @@ class Trajectory:
         return np.asarray((self.stamps_us - start_us) * 1e-6)
 
     def at(self, stamps_us: NDArray[np.int64]) -> se2.Array:
-        """Interpolates poses (M, 3) at other stamps (M,) [us] along constant-twist arcs; the end arcs are continued."""
+        """Interpolates poses (M, 3) at stamps (M,) [us] along constant-twist arcs; the first and last arcs are continued."""
         start, near = self.stamps_us[0], self._find_around(stamps_us)
         return se2.interpolate((self.stamps_us[near] - start) * 1e-6, self.poses[near], (stamps_us - start) * 1e-6)
 
     def _find_around(self, stamps_us: NDArray[np.int64]) -> slice:
-        """Returns the part of the trajectory that stamps (M,) are interpolated from: all of it if any lies outside."""
+        """Returns the part of the trajectory that stamps (M,) are interpolated from: all of it if any stamp lies outside."""
         first, last = np.min(stamps_us, initial=self.stamps_us[-1]), np.max(stamps_us, initial=self.stamps_us[0])
         if first < self.stamps_us[0] or last > self.stamps_us[-1]:
             return slice(0, len(self))
@@ -53,7 +53,7 @@ class Trajectory:
         return slice(max(min(begin, len(self) - 1) - 1, 0), max(end, begin) + 1)
 
     def mean_twists(self, begins_us: NDArray[np.int64], ends_us: NDArray[np.int64]) -> se2.Array:
-        """Returns the mean twists (N, 3) [m/s, m/s, rad/s] from stamps (N,) to later ones (N,) [us]."""
+        """Returns the mean twists (N, 3) [m/s, m/s, rad/s] from stamps (N,) to later stamps (N,) [us]."""
         moves = se2.wrapped_between(self.at(begins_us), self.at(ends_us))
         return np.asarray(se2.log(moves) / ((ends_us - begins_us) * 1e-6)[:, None])
 

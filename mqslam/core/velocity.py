@@ -48,7 +48,7 @@ _REASONS = {
     Outcome.UNREAD: "the polar scan could not be read",
     Outcome.ONE_DIRECTION: "the chirps of all azimuths go the same way",
     Outcome.DARK: "too few azimuths hold echoes",
-    Outcome.UNCLEAR: "no velocity fits the shifts of the echoes better than others do",
+    Outcome.UNCLEAR: "no velocity fits the shifts of the echoes clearly better than others",
     Outcome.ONE_SIDED: "the echoes lie in too few directions",
 }
 
@@ -58,7 +58,7 @@ class Velocities:
     """The sensor's velocity in its own frame, once per scan.
 
     Args:
-        times: (N,) middle of each scan [s] since the recording's start, for which its velocity holds.
+        times: (N,) midpoint in time of each scan [s] since the recording's start, for which its velocity holds.
         velocities: (N, 2) forward and left [m/s]; NaN where the scan measured none.
         covariances: (N, 2, 2) [m^2/s^2]; NaN where the scan measured none.
         outcomes: (N,) int64, the `Outcome` of each scan.
@@ -76,7 +76,7 @@ class Velocities:
 
     @property
     def measured(self) -> NDArray[np.bool_]:
-        """Which scans (N,) measured a velocity."""
+        """Mask (N,) of the scans that measured a velocity."""
         return np.asarray(self.outcomes == Outcome.MEASURED)
 
     @property
@@ -93,8 +93,8 @@ class Velocities:
     def at(self, times: Array) -> tuple[Array, Array]:
         """Interpolates velocities (M, 2) and covariances (M, 2, 2) at times (M,) [s] between the measured scans around them.
 
-        The velocity is taken to change linearly between two scans. It is NaN before the first and after the last
-        measured scan.
+        The velocity is assumed to change linearly between two scans. The results are NaN before the first and after the
+        last measured scan.
         """
         known = np.flatnonzero(self.measured)
         if not len(known):
@@ -126,14 +126,14 @@ def make_twists(
 ) -> tuple[se2.Array, NDArray[np.float64]]:
     """Makes the sensor's mean twist over time spans, such as those of scans, from its velocities and yaw rates.
 
-    The velocity in the middle of a span is taken as the span's mean; only changes of acceleration within the span are
+    The velocity at the midpoint of a span is used as the span's mean; only changes of acceleration within the span are
     ignored.
 
     Args:
         velocities: velocities of the sensor.
         spans: (M, 2) begin and end [s] since the recording's start.
         yaw_rates: (M,) mean yaw rate of the sensor over each span [rad/s], from any source.
-        yaw_variances: (M,) their variances [rad^2/s^2].
+        yaw_variances: (M,) variances of these yaw rates [rad^2/s^2].
 
     Returns:
         Twists (M, 3) forward [m/s], left [m/s], yaw rate [rad/s], and their covariances (M, 3, 3). The velocity and its
@@ -151,11 +151,11 @@ class Detected:
     """The returns and velocities detected in a stretch of polar scans, and the time that it took.
 
     Args:
-        returns: returns of each polar scan, empty for a scan that could not be read; an empty list if `Scans` hold them.
+        returns: returns of each polar scan, empty for a scan that could not be read; an empty list if a `Scans` holds them.
         unread: why a polar scan could not be read, by its number in the recording.
         read_s, detect_s: seconds spent on reading and on detection.
         counts: what the detector kept and dropped.
-        velocities: velocities of the sensor, one per polar scan; None where not asked for, or where chirps do not alternate.
+        velocities: velocities of the sensor, one per polar scan; None if not asked for or if chirps do not alternate.
     """
 
     returns: list[Returns]

@@ -18,7 +18,7 @@ def join_words(words: Sequence[str]) -> str:
 
 
 def is_or_are(number: int) -> str:
-    """Returns the verb that goes with a number of things."""
+    """Returns `is` for one thing, and `are` for any other number of things."""
     return "is" if number == 1 else "are"
 
 
@@ -28,7 +28,7 @@ def left_or_right(value: float) -> str:
 
 
 def list_reasons(verdict: Mapping[str, Any]) -> list[str]:
-    """Returns the reasons of a verdict that its diagnosis does not contain yet; none for a verdict that passes.
+    """Returns the reasons of a verdict that its diagnosis does not contain yet; an empty list for a verdict that passes.
 
     Args:
         verdict: entry `verdict` of a summary.
@@ -46,12 +46,12 @@ def describe_last_pose(last: Mapping[str, Any] | None) -> str:
         last: entry `last_pose` of the run's summary.
     """
     if last is None:
-        return "how sure it is, is not known"
+        return "its uncertainty is not known"
     along, across, yaw = last["sigma_along_m"], last["sigma_across_m"], math.degrees(last["sigma_yaw_rad"])
     sure = f"± {along:.2g} m along, {across:.2g} m across, {yaw:.2g} deg heading (one sigma, seen from the first pose)"
     if not last["drift_is_prior"]:
         return sure
-    return f"{sure}; no loop closes, so the drift that all motions have in common is a prior in it, not measured"
+    return f"{sure}; no loop closes, so the drift that all motions share is assumed here (a prior), not measured"
 
 
 def describe_delay(delay_s: float) -> str:
@@ -69,7 +69,7 @@ def list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
     Notes on a sensor that is not used are shown elsewhere, as warnings.
 
     Args:
-        summary: content of summary.json; it may lack these parts.
+        summary: content of summary.json; it may lack the entries on sensors and mount.
     """
     sensors = summary.get("sensors") or {}
     parts = [*sensors.values(), summary.get("mount")]
@@ -101,4 +101,4 @@ def _doubt_sensors(summary: Mapping[str, Any], used: Sequence[str]) -> list[str]
     if not used or passed or before is None or after is None or after <= before:
         return []
     psi_of_both = f"psi per point is {before:.4f} by psi's motions alone and {after:.4f} with the sensors"
-    return [f"{psi_of_both}: they may bend the map; hold it against a run without {' and '.join(used)}"]
+    return [f"{psi_of_both}: the sensors may bend the map; compare it with a run without {' and '.join(used)}"]

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from mqslam.core.scans import Returns
 
-# Fewest scans that show which returns are the vehicle's own; with fewer, all are kept.
+# Fewest scans that show which returns are the vehicle's own; with fewer scans, all returns are kept.
 _FIXED_SCANS = 8
-# Length of the polar cells in which repeating returns are counted [m], and number of cells around a turn.
+# Length of the polar cells in which repeating returns are counted [m], and number of cells around the full circle.
 _FIXED_RANGE_M, _FIXED_SECTORS = 0.5, 180
 # A cell with returns in more than this share of all scans is part of the vehicle.
 _FIXED_SHARE = 0.7
@@ -24,7 +24,7 @@ _FIXED_MOST = 0.2
 
 
 def drop_fixed(scans: Sequence[Returns]) -> list[Returns]:
-    """Drops the returns of all scans that repeat in the sensor's own frame; returns the others, scan by scan."""
+    """Drops from all scans the returns that repeat in the sensor's own frame; returns the other returns of each scan."""
     fixed = find_fixed(scans)
     return list(scans) if fixed is None else [drop_cells(returns, fixed) for returns in scans]
 
@@ -38,7 +38,7 @@ def find_fixed(scans: Iterable[Returns]) -> NDArray[np.bool_] | None:
     Returns:
         A mask of the cells whose returns repeat, up to the last cell with a return; None if nothing is to be dropped.
     """
-    scans_in, returns_in = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)  # counts per cell
+    scans_in, returns_in = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)  # numbers of scans and returns per cell
     count, filled = 0, 0
     for returns in scans:
         cells = _find_cells(returns)
@@ -56,7 +56,7 @@ def find_fixed(scans: Iterable[Returns]) -> NDArray[np.bool_] | None:
 
 
 def drop_cells(returns: Returns, fixed: NDArray[np.bool_]) -> Returns:
-    """Drops the returns of a scan in the fixed cells that `find_fixed` has found; returns the others."""
+    """Drops the returns of a scan in the fixed cells that `find_fixed` has found; returns the scan's other returns."""
     return returns.take(~fixed[_find_cells(returns)])
 
 

@@ -1,8 +1,8 @@
 """The detector: finds the returns of a polar scan in its power.
 
 Per azimuth the strongest local maxima of the smoothed power are kept, with sub-bin range. A target is wider than one
-azimuth, so peaks of neighbouring azimuths at nearly the same range are one target: the strongest of them stays, at the
-intensity-weighted centroid of the three, in range, azimuth and time (2-D non-maximum suppression).
+azimuth, so peaks of neighbouring azimuths at nearly the same range are one target: the strongest of them stays, moved to the
+intensity-weighted centroid of itself and its neighbours, in range, azimuth and time (2-D non-maximum suppression).
 
 Rejected: azimuths marked invalid, saturated azimuths (a whole row lifted), and rings (one range seen at many azimuths at
 once, far more often than the ranges beside it). Rings come from the sensor itself and would pull the motion to zero.
@@ -63,7 +63,7 @@ def detect_and_count(
     """Finds the returns of a polar scan, and counts the azimuths and peaks that the steps of the detector dropped.
 
     Args:
-        polar_scan: times (A,) s, azimuths (A,) rad, power (A, B), valid (A,).
+        polar_scan: times (A,) [s], azimuths (A,) [rad], power (A, B), valid (A,).
         range_resolution: length of a range bin [m]; bin b is centred at (b + 0.5) times this length.
         config: settings of the detector.
         range_offset: true range minus the range of the bin's centre [m]; the limits of the detector are true ranges.
@@ -119,7 +119,8 @@ def _find_saturated(power: NDArray[np.uint8]) -> NDArray[np.bool_]:
 def _threshold_above_noise(power: NDArray[np.uint8], half: int, config: DetectorConfig) -> float:
     """Returns the smoothed power above which a return stands out of the noise.
 
-    The noise's spread is taken below its median, because targets lie above.
+    The spread of the noise is measured below the median power, because targets lie above it. Power is smoothed over
+    2 half + 1 bins.
     """
     if power.size == 0:
         return 0.0
@@ -192,7 +193,9 @@ def _sum_around(values: NDArray[np.float64], half: int, out: NDArray[np.float64]
 
 
 def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width: float) -> None:
-    """Sets the power (A, K) of peaks to 0 at ranges (A, K) [bins] where many azimuths peak at once, within a width [bins].
+    """Sets the powers (A, K) of peaks on rings to 0: at a ring, many azimuths have a peak within a width [bins] in range.
+
+    The ranges (A, K) are in bins.
 
     Where peaks are dense, as they are in long range bins, many azimuths may peak at any range. So a ring must have more
     peaks than the ranges around it.
@@ -220,7 +223,10 @@ def _join_peaks(
     times: NDArray[np.float64],
     join: float,
 ) -> NDArray[np.float64]:
-    """Joins peaks of neighbouring azimuths; returns range [m], azimuth [rad], time [s] and power (N, 4) of the targets."""
+    """Joins peaks of neighbouring azimuths; returns range [m], azimuth [rad], time [s] and power (N, 4) of the targets.
+
+    Two peaks are joined if their ranges differ by less than `join` [m].
+    """
     out = np.empty((ranges.size, 4))
     count = 0
     for a in range(ranges.shape[0]):

@@ -44,11 +44,11 @@ def detect_stretch(
         config: settings of the detector.
         start: number of the first polar scan.
         stop: number of the first polar scan after the stretch.
-        strict: whether a polar scan that cannot be read is an error; else it counts as one without returns.
+        strict: whether a polar scan that cannot be read is an error; else it counts as a scan without returns.
         with_velocities: whether the sensor's velocity is measured, which needs alternating chirps.
 
     Raises:
-        DataError: a polar scan cannot be read and `strict` is set, or the recording is not there on this machine.
+        DataError: a polar scan cannot be read and `strict` is set, or the recording does not exist on this machine.
     """
     scans: list[Returns] = []
     velocities: list[Velocity] = []
@@ -69,7 +69,7 @@ def detect_stretch(
         elif strict:
             raise polar_scan
         elif not recording.path.exists():  # this worker can reach none of the polar scans
-            raise DataError(recording.path, f"is not there on {gethostname()}", "put it on every machine that reads it")
+            raise DataError(recording.path, f"does not exist on {gethostname()}", "put it on every machine that reads it")
         else:
             unread[k] = polar_scan.with_traceback(None)
             scans.append(Returns.none())
@@ -114,12 +114,13 @@ def detect_all(
     Args:
         recording: the recording.
         config: settings of the detector.
-        runner: reads polar scans and detects their returns on its workers; None does it here, one after the other.
+        runner: reads polar scans and detects their returns on its workers; None does so in this process, one
+            after the other.
         strict: whether one polar scan that cannot be read is an error.
         with_velocities: whether the sensor's velocity is measured, which needs alternating chirps.
 
     Raises:
-        DataError: more than half of the polar scans cannot be read, or one cannot and `strict` is set.
+        DataError: more than half of the polar scans cannot be read, or one cannot be read and `strict` is set.
     """
     total = len(recording)
     parts = (runner or Runner()).map(
@@ -178,7 +179,7 @@ def _detect_span(shared: tuple[Recording, DetectorConfig, bool, bool], span: tup
 
 
 def warn_of_unread(unread: dict[int, DataError]) -> list[str]:
-    """Returns a warning of one line about the polar scans that could not be read; no line if all could."""
+    """Returns a warning of one line about the polar scans that could not be read; an empty list if all could be."""
     if not unread:
         return []
     several = "1 polar scan" if len(unread) == 1 else f"{len(unread)} polar scans"
@@ -188,7 +189,7 @@ def warn_of_unread(unread: dict[int, DataError]) -> list[str]:
 
 
 def make_scans(recording: Recording, returns: list[Returns] | None = None, begin: int = 0) -> Scans:
-    """Makes one scan per polar scan: it lasts until the next one starts or, before a gap and at the end, for one turn.
+    """Makes one scan per polar scan: it lasts until the next one starts or, before a gap and at the end, for one revolution.
 
     Args:
         recording: the recording.

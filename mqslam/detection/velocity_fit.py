@@ -3,7 +3,7 @@
 An echo of an object at rest lies 2 beta (vx cos a + vy sin a) farther in a down-chirp than in an up-chirp at azimuth a. The
 velocity at which the correlations of all azimuths add up best is the first estimate. Near it, the shift of every azimuth is
 read, weighted by the curvature of its correlation, and a robust fit leaves out traffic and chance peaks. The covariance
-comes from a jackknife over sectors of the turn, so it shows the errors of this scan itself.
+comes from a jackknife over sectors of the revolution, so it shows the errors of this scan itself.
 
 Source: the measurement is that of Lisus et al., "Are Doppler Velocity Measurements Useful for Spinning Radar Odometry?",
 RA-L 2025; the estimator is our own.
@@ -49,11 +49,12 @@ _BACKGROUND_M = 0.5
 # (median absolute deviation, scaled to a standard deviation). In noise, the best of thousands of velocities fits better by
 # four.
 _CLEAR = 8.0
-# Standard deviation of the acceleration during a turn along each axis [m/s^2]. A vehicle seldom brakes harder than this. If
-# the fit left acceleration out, 1 m/s^2 would turn the velocity measured in a quarter second by 0.02 m/s.
+# Standard deviation of the acceleration during a revolution of the radar, along each axis [m/s^2]. A vehicle seldom brakes
+# harder than this. If the fit left acceleration out, 1 m/s^2 would shift the velocity measured in a quarter second by
+# 0.02 m/s.
 _ACCELERATION = 3.0
-# Number of sectors of a turn that are left out, one at a time, to find the covariance. They are wider than the beam, so
-# that their errors are independent.
+# Number of sectors of a revolution that are left out, one at a time, to find the covariance. They are wider than the beam,
+# so that their errors are independent.
 _SECTORS = 20
 # A scan measures no velocity if fewer of its azimuths than this share hold echoes.
 _FEWEST_AZIMUTHS = 0.1
@@ -65,7 +66,7 @@ _OUTLIER_SPREADS = 3.0
 # than their width.
 _STEP_MPS = 1.5
 # The closing speed at an azimuth is sought within this distance [m/s] of the one that the best velocity so far predicts.
-# Traffic outside it does not disturb.
+# Traffic outside this window does not disturb.
 _WINDOW_MPS = 2.5
 _ROUNDS = 2  # number of times that shifts are read near the velocity so far; after the second they no longer change
 _STEPS, _SETTLED_MPS = 50, 1e-6  # most steps of the robust fit, and the change of velocity at which it ends
@@ -84,7 +85,7 @@ class ChirpCorrelation:
     """Correlations of up-chirps with the down-chirps beside them.
 
     Args:
-        azimuths: (K,) [rad] directions at which they are taken.
+        azimuths: (K,) [rad] directions of the correlations.
         times: (K,) [s] since the recording's start.
         values: (K, 2 L + 1) correlation -1..1 where down-chirps lie -L to L cells farther than up-chirps; 0 where there are
             no echoes.
@@ -108,7 +109,7 @@ class ChirpCorrelation:
 
 
 def correlate_chirps(polar_scan: PolarScan, range_resolution: float) -> ChirpCorrelation | None:
-    """Correlates the up-chirps of a polar scan with the down-chirps beside them; None where there are no such neighbours.
+    """Correlates the up-chirps of a polar scan with the down-chirps beside them; None if there are no such pairs.
 
     Args:
         polar_scan: power of the up-chirps, and of the down-chirps in `down`.
@@ -248,7 +249,7 @@ def read_shifts(correlation: ChirpCorrelation, expected: Array) -> Shifts:
 
 
 def _search(correlation: ChirpCorrelation) -> Array | None:
-    """Searches for the velocity (2,) [m/s] at which correlations add up best; None where it hardly stands out."""
+    """Searches for the velocity (2,) [m/s] at which correlations add up best; None if no velocity stands out clearly."""
     per_cell = correlation.cell_mps
     line = np.arange(-FASTEST_MPS, FASTEST_MPS + _STEP_MPS, _STEP_MPS)
     tried = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -285,7 +286,7 @@ def _fit(correlation: ChirpCorrelation, first: Array, middle: float) -> Velocity
 
 
 def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array) -> tuple[Array, float]:
-    """Fits a state (4,) to shifts by Geman-McClure's loss, whose width [m/s] follows from the residuals; returns both.
+    """Fits a state (4,) to shifts by Geman-McClure's loss; returns it and the loss's width [m/s], found from the residuals.
 
     The jacobian (K, 4) holds the derivatives of radial speeds. The prior is an information matrix (4, 4) with mean zero.
     """
@@ -303,7 +304,7 @@ def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array) -
 
 
 def _leave_out_sectors(jacobian: Array, shifts: Shifts, state: Array, width: float, prior: Array) -> Array | None:
-    """Returns the covariance (4, 4) of a state by a jackknife over sectors; None where one sector alone determines it.
+    """Returns the covariance (4, 4) of a state by a jackknife over sectors; None if the state depends on one sector alone.
 
     Leaving out a sector moves the state by one Newton step. A sector consists of successive azimuths, whose errors are
     correlated. The arguments are those of `_fit_robustly` and its results.
@@ -335,5 +336,8 @@ def _measure_spread(residuals: Array, weights: Array) -> float:
 
 
 def _normalise(weights: Array, spread: float) -> Array:
-    """Scales the weights (K,) of shifts to information [s^2/m^2]: it is 1 / spread^2 at their mean, by a spread [m/s]."""
+    """Scales the weights (K,) of shifts to information [s^2/m^2].
+
+    The mean of the weights, weighted by themselves, becomes 1 / spread^2, with the spread in [m/s].
+    """
     return np.asarray(weights / (spread**2 * np.average(weights, weights=weights)))

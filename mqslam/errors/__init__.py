@@ -115,7 +115,7 @@ class EstimationError(MqslamError):
 
 
 class FewReturnsError(EstimationError):
-    """Scans that hold too few returns to be matched; what to do depends on how they were detected."""
+    """Scans that hold too few returns to be matched; the remedy depends on how the returns were detected."""
 
 
 class NotInMapError(EstimationError):
@@ -179,12 +179,12 @@ def raise_interrupt(error: Exception) -> None:
 
 
 def find_near(name: str, known: Collection[str]) -> str | None:
-    """Returns the known name that is most similar to an unknown one; None if none is similar."""
+    """Returns the known name that is most similar to an unknown one; None if no known name is similar."""
     return next(iter(difflib.get_close_matches(name.lower(), known, 1)), None)
 
 
 def suggest(name: str, known: Collection[str]) -> str:
-    """Suggests a replacement for an unknown name: the most similar known one, or all known names if none is similar."""
+    """Suggests a replacement for an unknown name: the most similar known name, or all known names if none is similar."""
     near = find_near(name, known)
     return f"did you mean {near}?" if near else f"choose one of {', '.join(known)}"
 
@@ -217,7 +217,7 @@ def tolerate(what: str, warnings: list[str], crashes: dict[str, str] | None = No
     Args:
         what: name of the result that the block makes, for the warning.
         warnings: the list that the warning is added to.
-        crashes: receives the error message under that name; None keeps no messages.
+        crashes: receives the error message under the name `what`; None keeps no messages.
 
     Raises:
         OutputError: nothing can be written any more, for example because the disk is full.

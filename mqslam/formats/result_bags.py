@@ -58,10 +58,10 @@ def write_results(out: Path, run: Path, kind: str) -> None:
 
 
 def _find_moved(summary: Path) -> str:
-    """Returns the frame whose poses a run has written, the radar's or the vehicle's, as its summary says."""
+    """Returns the name of the frame whose poses a run has written, the radar's or the vehicle's, as its summary says."""
     try:
         stated = json.loads(untrusted.read_document(summary))
-        of_vehicle = stated.get("frame") == VEHICLE  # runs of earlier versions have the radar's poses
+        of_vehicle = stated.get("frame") == VEHICLE  # runs of earlier versions state no frame and have the radar's poses
     except (OSError, ValueError, AttributeError) as error:
         raise DataError(summary, "is no summary of a run", "run the recording again") from error
     return VEHICLE_FRAME if of_vehicle else RADAR_FRAME

@@ -26,7 +26,7 @@ _TIME_NAME = re.compile(
 def time_unit(name: str) -> str | None:
     """Returns the unit of time that the name of a field or column states.
 
-    It is "" for a name of times without a unit, such as t, timestamp or GpsTime, and None for the name of anything else.
+    The result is "" for a name of times without a unit, such as t, timestamp or GpsTime, and None for any other name.
     """
     match = _TIME_NAME.fullmatch(name.strip().lower())
     if match is None:
@@ -53,7 +53,7 @@ def guess_stated_unit(first: int, last: int, start_us: int, end_us: int) -> str:
         end_us: end of the recording [us].
 
     Returns:
-        `seconds`, `milliseconds` or `nanoseconds` if in this unit they cover at least half of the recording, else "".
+        `seconds`, `milliseconds` or `nanoseconds` if in this unit the stamps cover at least half of the recording, else "".
     """
     for name, unit in (("seconds", "s"), ("milliseconds", "ms"), ("nanoseconds", "ns")):
         scale = float(UNITS[unit])
@@ -99,7 +99,12 @@ def convert_stamps(values: NDArray[Any], unit: str = "") -> tuple[NDArray[np.int
 
 
 def mark_increasing(values: Sequence[float], *, strictly: bool = True) -> NDArray[np.bool_]:
-    """Marks (N,) the longest subsequence that increases, or, if not strictly, never falls; a stray value is left out."""
+    """Returns which values (N,) form the longest increasing subsequence, so that a stray value is left out.
+
+    Args:
+        values: N values.
+        strictly: whether values must increase strictly; if False, they may also stay the same.
+    """
     find = bisect_left if strictly else bisect_right
     tails: list[float] = []
     tail_rows: list[int] = []

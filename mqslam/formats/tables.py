@@ -67,7 +67,7 @@ class Header:
             return False
 
     def find(self, names: Sequence[str], remedy: str) -> list[int]:
-        """Returns the numbers of columns, found by their full names.
+        """Returns the numbers of the columns that have these full names; `remedy` is the advice of the error.
 
         Raises:
             DataError: a column is missing.
@@ -109,7 +109,7 @@ class Header:
         return None
 
     def find_all(self, wanted: Wanted, remedy: str) -> tuple[list[tuple[int, str]], list[int], NDArray[np.float64]]:
-        """Finds the columns of stamps, as `find_stamps` does, and the wanted columns with the factors of their units.
+        """Returns the columns of stamps, as `find_stamps` does, and the numbers and factors of the wanted columns.
 
         Raises:
             DataError: a column is missing, or states a unit that cannot be converted.
@@ -136,7 +136,7 @@ def split_header(line: str) -> tuple[str, ...]:
 
 
 def find_stamps(names: Sequence[str]) -> list[tuple[int, str]]:
-    """Returns the number and unit of the column of stamps, or of two: one of seconds, and one of their nanoseconds."""
+    """Returns number and unit of the column of stamps, or of the two that state each stamp in seconds and nanoseconds."""
     units = [(column, unit) for column, name in enumerate(names) if (unit := time_unit(name)) is not None]
     seconds, nanoseconds = ([pair for pair in units if pair[1] == unit] for unit in ("s", "ns"))
     return [seconds[0], nanoseconds[0]] if seconds and nanoseconds else units[:1]
@@ -155,7 +155,7 @@ def read_rows(path: Path, remedy: str) -> list[list[str]]:
 def parse_numbers(
     path: Path, rows: Sequence[Sequence[str]], columns: Sequence[int], what: str = "row"
 ) -> NDArray[np.float64]:
-    """Parses some columns (N, len(columns)) of rows of words; `what` is the word for a row in errors.
+    """Parses some columns of N rows of words as numbers (N, len(columns)); `what` is the word for a row in errors.
 
     Raises:
         DataError: a word is not a finite number.
@@ -173,7 +173,7 @@ def parse_numbers(
 
 
 def parse_times(path: Path, words: Sequence[str], unit: str = "") -> NDArray[np.int64]:
-    """Parses words as stamps (N,) [us] in a unit; "" guesses it from their size.
+    """Parses words (N,) as stamps (N,) [us]; `unit` is the unit of the words, and "" guesses it from their size.
 
     Raises:
         DataError: a word is no stamp.
@@ -202,7 +202,7 @@ def read_stamped(path: Path, columns: Sequence[int]) -> tuple[NDArray[np.int64],
 def read_converted(
     header: Header, rows: Sequence[Sequence[str]], wanted: Wanted, remedy: str, unit: str = "", what: str = "row"
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Parses the stamps (N,) [us] of rows of words, and the wanted columns (N, len(wanted)), each in its first unit.
+    """Parses the stamps (N,) [us] of rows of words, and the wanted columns (N, len(wanted)), each in the first of its units.
 
     Args:
         header: the names of the columns.
@@ -232,7 +232,7 @@ def _join_stamps(words: Sequence[Sequence[str]], units: Sequence[str]) -> NDArra
     whole, parts = words
     if not all(word.isascii() and word.isdigit() for word in parts):
         raise ValueError("holds nanoseconds that are no whole numbers")
-    if any(len(word) > 9 and int(word) >= 10**9 for word in parts):  # they are complete stamps already
+    if any(len(word) > 9 and int(word) >= 10**9 for word in parts):  # the nanoseconds are complete stamps already
         return parse_stamps(parts, "ns")
     if not all(word.lstrip("-").isascii() and word.lstrip("-").isdigit() for word in whole):
         return parse_stamps(whole, "s")
@@ -262,7 +262,7 @@ def read_header(path: Path, remedy: str) -> Header:
     """Reads the first line of a text file that is neither empty nor a comment.
 
     Raises:
-        DataError: there is none, or the file does not exist or is no text.
+        DataError: there is no such line, or the file does not exist or is no text.
     """
     with open_lines(path, remedy) as file:
         number = 0
@@ -284,7 +284,7 @@ def read_sensor_table(
         header: the first line of the table.
         columns: numbers of the columns: the stamps first, then the readings.
         unit: unit of the stamps, one of `UNITS`; "" guesses it from their size.
-        parse: by column, a function that turns a word into a number; all other columns are parsed as floats.
+        parse: by column, a function that converts a word to a number; all other columns are parsed as floats.
 
     Raises:
         DataError: the file cannot be read.
@@ -310,7 +310,7 @@ def read_sensor_table(
 
 
 def _parse_word(words: Sequence[str], column: int, parse: Parse) -> float:
-    """Parses a word of a row as a number; returns NaN if it is none."""
+    """Parses the word of a row in a column as a number; returns NaN if it is missing or no number."""
     try:
         return parse(words[column])
     except (ValueError, IndexError):
@@ -333,6 +333,6 @@ def read_converted_sensor(header: Header, wanted: Wanted, remedy: str) -> Sensor
     readings, stamps_us = table.columns[:, len(stamps) - 1 :] * factors, table.stamps_us
     if len(stamps) > 1:
         parts_us = np.round(np.nan_to_num(table.columns[:, 0]) / 1000.0).astype(np.int64)
-        own = np.abs(parts_us).max(initial=0) > 10**6  # they are complete stamps already, in nanoseconds
+        own = np.abs(parts_us).max(initial=0) > 10**6  # the nanoseconds are complete stamps already
         stamps_us = parts_us if own else stamps_us + parts_us
     return SensorTable(stamps_us, readings, table.unread)

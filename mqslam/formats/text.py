@@ -1,4 +1,4 @@
-"""Reads text files, and turns every failure to read one into an error about the file."""
+"""Reads text files, and converts every failure to read a file into a DataError that names it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mqslam.errors import DataError, find_near, untrusted
 def open_lines(
     path: Path, remedy: str, encoding: str = "utf-8-sig", errors: str | None = None, missing: str = ""
 ) -> Iterator[TextIO]:
-    """Opens a text file; any failure to read it before the block ends becomes an error about the file.
+    """Opens a text file; any failure to read it before the block ends becomes a DataError that names it.
 
     Args:
         path: the file.
@@ -39,7 +39,7 @@ def open_lines(
 
 
 def read_text(path: Path, remedy: str, missing: str = "") -> str:
-    """Reads a text file.
+    """Reads a text file; `remedy` and `missing` are advice for errors, as in `open_lines`.
 
     Raises:
         DataError: the file does not exist, cannot be read, or is no text.
@@ -49,7 +49,7 @@ def read_text(path: Path, remedy: str, missing: str = "") -> str:
 
 
 def read_lines(path: Path, remedy: str, missing: str = "") -> list[str]:
-    """Reads the lines of a text file, blank ones included, without the white space around them.
+    """Reads the lines of a text file as `read_text` does, blank lines included, without the white space around them.
 
     Raises:
         DataError: the file does not exist, cannot be read, or is no text.

@@ -55,7 +55,7 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
     - KITTI: the 12 numbers of a 3x4 pose matrix per line, stamps in `times`. If y varies less than z and the motion runs
       along the poses' own z, they are poses of a camera (x right, y down, z forward): its z and -x become x and y. All
       other poses lie in the x-y plane.
-    - The same with the pose's stamp as the last of 13 numbers, as TBV SLAM writes it (`graph.txt`).
+    - KITTI with the pose's stamp as the last of 13 numbers, as TBV SLAM writes it (`graph.txt`).
     - NPY: an array of pose matrices (N, 4, 4) or (N, 3, 4), stamps in `times`.
     - CSV: a header with t (or time, timestamp, stamp; a unit may follow: t_us, time [ns]), x, y, and yaw, theta or heading
       [rad], counter-clockwise from x, or qx, qy, qz, qw.
@@ -67,7 +67,7 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
         path: file, or folder of a ROS 2 bag or of a result.
         times: file with a stamp per line, for poses without stamps.
         topic: a topic, for bags only.
-        frame: a frame whose pose the transforms of a bag give; None takes base_link, or the only one that moves.
+        frame: a frame whose pose the transforms of a bag give; None takes base_link, or the only frame that moves.
 
     Raises:
         DataError: the file is none of these, holds a value that is not a number, or its stamps do not increase.
@@ -145,7 +145,7 @@ def write_boreas_odometry(path: Path, trajectory: Trajectory, stamps_us: NDArray
     Args:
         path: the file, which the leaderboard wants to be named after the sequence.
         trajectory: the radar's trajectory.
-        stamps_us: (N,) stamps of the sequence's images [us], which lie in the middles of the turns.
+        stamps_us: (N,) stamps of the sequence's images [us], each halfway through a turn of the radar.
 
     Raises:
         OutputError: the file cannot be written.
@@ -188,7 +188,7 @@ def _read_bag(path: Path, topic: str | None, frame: str | None) -> tuple[Traject
 
 
 def _read_poses(path: Path, reader: AnyReader, topic: str) -> tuple[Trajectory, list[str]]:
-    """Reads the poses on a topic, with notes on poses without stamps and on those that are left out."""
+    """Reads the poses on a topic, with notes on poses without stamps and on poses that are left out."""
     log = bags.PoseLog()
     for connection, logged, raw in reader.messages([c for c in reader.connections if c.topic == topic]):
         log.add(reader, connection, logged, raw)
@@ -312,7 +312,7 @@ def _read_first_words(times: Path) -> NDArray[np.int64]:
 
 
 def _project(path: Path, stamps: NDArray[np.int64], numbers: NDArray[np.float64]) -> Trajectory:
-    """Makes a planar trajectory of stamps (N,) [us] and pose matrices (N, 3, 4), of a camera or in the x-y plane."""
+    """Makes a planar trajectory of stamps (N,) [us] and N pose matrices of 12 numbers, of a camera or in the x-y plane."""
     matrices = numbers.reshape(-1, 3, 4)
     if not np.isfinite(matrices).all():
         row = int(np.argmin(np.isfinite(matrices).all(axis=(1, 2)))) + 1
@@ -326,7 +326,12 @@ def _project(path: Path, stamps: NDArray[np.int64], numbers: NDArray[np.float64]
 
 
 def _is_camera(turns: NDArray[np.float64], places: NDArray[np.float64]) -> bool:
-    """Returns whether poses are a camera's: y, its height, varies less than z, and it moves along its own z."""
+    """Returns whether poses are a camera's: its y, the height, varies less than its z, and it moves along its own z axis.
+
+    Args:
+        turns: (N, 3, 3) rotations of the poses.
+        places: (N, 3) positions of the poses.
+    """
     if not len(places):
         return False
     moved = np.einsum("nij,ni->nj", turns[:-1], np.diff(places, axis=0))
@@ -344,7 +349,7 @@ def _find_result(folder: Path, times: Path | None) -> tuple[Path, Path | None]:
     - A run of mqslam writes `trajectory.tum`.
 
     Returns:
-        the file of the poses, and the file of their stamps if that is another one: `times` if it is given.
+        the file of the poses, and the separate file of their stamps (`times` if it is given), or None.
     """
     for place in (folder, folder / "latest", folder / "est"):
         results = _list_results(place)

@@ -101,7 +101,7 @@ class Mounts:
         return False
 
     def place(self, sensor: str, body: str = "") -> NDArray[np.float64] | None:
-        """Returns the transform (4, 4) of points from a sensor's frame into the body's; "" takes a vehicle's usual frames.
+        """Returns the transform (4, 4) of points from a sensor's to a body's frame; "" takes a vehicle's usual frames.
 
         Returns:
             The transform, or None if no transforms connect the frames.
@@ -118,7 +118,7 @@ class Mounts:
         return np.array([matrix[0, 3], matrix[1, 3], np.arctan2(matrix[1, 0], matrix[0, 0])])
 
     def is_upside_down(self, sensor: str, body: str = "") -> bool:
-        """Returns whether a sensor's z axis points down in the body's frame, or in the topmost frame if it has no body."""
+        """Returns whether a sensor's z axis points down in the body's frame, or in the topmost frame if no body is found."""
         return bool(self._climb(sensor, (name_frame(body),) if body else _BODIES)[1][2, 2] < 0.0)
 
     def _climb(self, sensor: str, bodies: Collection[str]) -> tuple[str, NDArray[np.float64]]:
@@ -134,7 +134,12 @@ class Mounts:
 
 @dataclass(slots=True)
 class _Link:
-    """The transforms of a frame: the parents that messages name (a second one is a contradiction), numbers by stamp [us]."""
+    """The transforms of a frame.
+
+    Args:
+        parents: the parents that messages name; a second parent is a contradiction.
+        rows: numbers of the transform by stamp [us].
+    """
 
     parents: list[str]
     rows: dict[int, _Numbers] = field(default_factory=dict)
@@ -178,7 +183,7 @@ class Transforms:
 
     @property
     def notes(self) -> list[str]:
-        """Notes on transforms without stamps, and on those that were left out: a line for each, or none."""
+        """Notes on transforms without stamps, one line per topic, and on transforms that were left out."""
         unstamped = {name: n for name, n in self.clock.unstamped.items() if not name.endswith("static")}
         left_out = describe_left_out(self.left_out, count_of(self.left_out, "transform"))
         return Clock(self.clock.read, unstamped).notes + left_out
@@ -187,7 +192,7 @@ class Transforms:
         """Chooses the frame whose trajectory is read.
 
         Args:
-            frame: its name; None takes a vehicle's usual frame, or the only moving frame that carries no other moving one.
+            frame: its name; None takes a vehicle's usual frame, or the only moving frame that carries no other moving frame.
 
         Raises:
             ValueError: no such frame moves, or several do.
@@ -211,7 +216,8 @@ class Transforms:
     def trace(self, frame: str) -> Trajectory:
         """Returns the poses of a frame in the root of its tree, at the stamps of the most frequent transform on the way.
 
-        The other transforms are interpolated at these stamps, as tf2 does. There are poses only while all transforms last.
+        The other transforms are interpolated at these stamps, as tf2 does. There are poses only at stamps within the time
+        span of each transform.
 
         Raises:
             ValueError: a frame on the way has two parents, the frames form a ring, or fewer than two poses result.
@@ -245,7 +251,7 @@ class Transforms:
         return chain
 
     def _interpolate(self, frame: str, stamps: NDArray[np.int64]) -> tuple[NDArray[np.float64], Any]:
-        """Interpolates a frame's translations (N, 3) [m] and rotations (N) at stamps (N,) [us] within its own span."""
+        """Interpolates a frame's translations (N, 3) [m] and N rotations at stamps (N,) [us] within its time span."""
         from scipy.spatial.transform import Rotation, Slerp
 
         link = self.links[frame]

@@ -1,4 +1,4 @@
-"""Trajectories in TUM's format: a stamp, a place and a quaternion per line."""
+"""Reads and writes trajectories in TUM's format: a stamp, a position and a quaternion per line."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""Localises a recording in a map: recognises places, follows the scans from there, and predicts those off the map.
+"""Localises a recording in a map: recognises places, follows the scans from there, and predicts the scans off the map.
 
-The whole recording is there before the work begins. Scans are therefore followed from a recognised place both forward and
-backward in time, so that a place that is recognised late also serves the scans before it. Each scan is predicted by the
+The whole recording is available before the work begins. Scans are therefore followed from a recognised place both forward
+and backward in time, so that a place that is recognised late also serves the scans before it. Each scan is predicted by the
 motion from its neighbour, and registered on the map by psi.
 
 The covariance from psi's curvature is too small by a factor that depends on the world: the returns of an object move
 together when it is seen from elsewhere, and keyframes have errors within the map. To measure the factor, two scans some
-metres apart are each registered on another half of the keyframes around them. They differ by the errors of both
+metres apart are registered, each on a different half of the keyframes around them. Their poses differ by the errors of both
 registrations, and by the small error of the motion between them. Poor motions of the front end make the factor too large
 rather than too small.
 """
@@ -45,12 +45,12 @@ _GIVE_UP_M = 30.0
 # Path [m] between the pairs of scans that show by which factors the covariances are too small.
 _SAMPLE_M = 20.0
 # Path [m] between the two scans of such a pair, which are registered on different keyframes. On a shorter path both see the
-# same side of everything and have the same errors; on a longer one the error of the motion between them counts, too.
+# same side of everything and have the same errors; on a longer path the error of the motion between them counts, too.
 _APART_M = 5.0
-# If a recording has fewer such pairs, it does not show these factors.
+# If a recording has fewer such pairs, they do not show these factors.
 FEWEST_PAIRS = 20
-# Factor on the variances of psi's curvature where the recording is too short to show it. Drives through cities have shown 6
-# to 13.
+# Factor on the variances of psi's curvature where the recording is too short to show the factor. Drives through cities have
+# shown 6 to 13.
 _USUAL_SCALE = 10.0
 # Least share of the scans along a row of recognised places that must lie on the map for the row to count.
 _CONFIRMED = 0.7
@@ -79,7 +79,7 @@ class Localised:
         scale: (3,) factors on the variances of psi's curvature, as the recording itself shows them, or the usual factors if
             it is too short.
         samples: number of pairs of scans that show these factors.
-        conflicts: number of places where scans that were followed from two sides disagree.
+        conflicts: number of times that scans which were followed from two sides met with conflicting poses.
         is_scale_measured: whether the recording itself shows the factors.
     """
 
@@ -263,9 +263,9 @@ def _look_up(
 
 
 def _seed(setting: _Setting, table: _LocalisedScans, row: Sequence[Loop]) -> bool:
-    """Follows the scans along a row of recognised places, and returns whether enough of them lie on the map.
+    """Follows the scans along a row of recognised places, and returns whether enough of these scans lie on the map.
 
-    If too few lie on the map, the table is left as it was.
+    If too few lie on the map, or if some were tried before, the table is left as it was.
     """
     first, last = row[0].later, row[-1].later
     if table.tried[first : last + 1].any():
@@ -292,9 +292,9 @@ def _follow_on(setting: _Setting, table: _LocalisedScans, row: Sequence[Loop]) -
 
 
 def _follow(setting: _Setting, table: _LocalisedScans, start: int, way: int, limit: int) -> bool:
-    """Follows scans from one on the map, until none lies on it for `_GIVE_UP_M` of path or a scan is reached that was tried.
+    """Follows scans until `_GIVE_UP_M` of path holds no scan on the map, or until a scan is reached that was tried before.
 
-    Scans after the last one on the map are left as not tried, so that they can be reached from the other side.
+    Scans after the last one on the map are left as not tried, so that they can be followed from the other side.
 
     Args:
         setting: the scans and the map.
@@ -325,7 +325,7 @@ def _follow(setting: _Setting, table: _LocalisedScans, start: int, way: int, lim
 
 
 def _measure_scale(setting: _Setting, table: _LocalisedScans, engine: Engine) -> tuple[NDArray[np.float64], int]:
-    """Measures the factors (3,) that psi's variances need; returns them and the number of pairs of scans that show them."""
+    """Measures the factors (3,) by which psi's variances are too small; returns them and the number of pairs used."""
     travelled = setting.drive.travelled
     converged = np.array([status is PlaceStatus.CONVERGED for status in table.statuses], dtype=np.bool_)
     pairs = []

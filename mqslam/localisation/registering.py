@@ -1,4 +1,4 @@
-"""Registers a scan on the map: the keyframes around its predicted pose stay fixed, and psi finds its pose among them."""
+"""Registers a scan on the map: the keyframes around its predicted pose stay fixed, and psi finds the scan's pose."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from mqslam.psi.minimiser import annealed_scale
 from mqslam.psi.place import Beam, PointSet
 from mqslam.psi.score import References, make_references
 
-# The keyframes around the vehicle are chosen again once it has moved this far [m]. A longer way is faster, but registers
-# scans on keyframes that are less well centred around them.
+# The keyframes around the vehicle are chosen again once it has moved this far [m]. A longer distance is faster, but
+# registers scans on keyframes that are less well centred around them.
 _RENEW_M = 2.5
 
 # A scan is compared with the keyframes within this distance of its place [m].
@@ -32,12 +32,12 @@ _MATCHED = 0.5
 # A registration that psi moves farther than this [m] from the prediction is rejected. The uncertainty of the prediction is
 # added to this limit.
 _ASIDE_M = 0.5
-# Standard deviations of the prediction that are added to _ASIDE_M and _ASIDE_RAD.
+# Number of the prediction's standard deviations that are added to _ASIDE_M and to _ASIDE_RAD.
 _SIGMAS = 3.0
-# The same limit for the yaw [rad].
+# The same limit as _ASIDE_M, for the yaw [rad].
 _ASIDE_RAD = 0.03
 
-_FIRST_STEP: Final = 2  # first step of the annealing: a prediction is nearer than the first widths are for
+_FIRST_STEP: Final = 2  # first step of the annealing: the wider steps before it are for poses farther off than predictions
 
 _LEAST: Final = np.diag(TOLERANCES**2)
 """Covariance of the numerical error of a minimum: the search ends once its steps are smaller than the tolerances."""
@@ -75,7 +75,7 @@ class Registered(NamedTuple):
 
 
 class MapAround:
-    """The keyframes around the vehicle, as references for its scans; they are chosen again once it has moved on.
+    """The keyframes around the vehicle, as references for its scans; they are chosen again once the vehicle has moved on.
 
     Args:
         keyframes: keyframes of the map.

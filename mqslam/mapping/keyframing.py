@@ -129,10 +129,10 @@ class KeyframePoints(NamedTuple):
 
     Args:
         points: (N, 2) [m], map's frame, in the order of the keyframes, and within a keyframe in the order of time.
-        times: (N,) [s] since the start of the first recording; each further recording begins a turn after the end of the
-            one before.
+        times: (N,) [s] since the start of the first recording; each further recording begins one turn of the radar after
+            the end of the recording before it.
         intensities: (N,) received power, 0..255.
-        starts: (K,) start of each keyframe in the same count of time [s].
+        starts: (K,) start of each keyframe on the same time scale as `times` [s].
     """
 
     points: NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Computes the field's measures of a map without ground truth from one window's points, for comparison with psi.
+"""Computes published measures of map quality that need no ground truth from one window's points, to compare with psi.
 
 Their values depend on the place as much as on the trajectory, so that none of them can judge a map alone.
 """
@@ -36,10 +36,12 @@ class Measures:
     Args:
         map_entropy: mean map entropy: mean differential entropy of the neighbourhoods [nat].
         plane_variance: mean smallest variance of the neighbourhoods [m^2].
-        joint_entropy: mean difference between the entropies of a point's neighbourhood in all sweeps and in its own [nat].
+        joint_entropy: mean difference between the entropies [nat] of a point's neighbourhood in all sweeps and in its own
+            sweep.
         grid_entropy: entropy of the window's evidence grid per cell seen [nat].
 
-    A measure is NaN if the window holds too few points for it. The grid's entropy is also NaN if they lie too far apart.
+    A measure is NaN if the window holds too few points for it. The grid's entropy is also NaN if the points lie too far
+    apart.
     """
 
     map_entropy: float
@@ -59,9 +61,10 @@ def compute_measures(
         sensors: (N, 2) m, where the sensor was when it saw each point.
         settings: settings of the audit.
 
-    Source: mean map entropy and mean plane variance: Droeschel and Behnke, "Efficient continuous-time SLAM for 3D
-    lidar-based online mapping", 2018; joint against separate entropy: Adolfsson et al., "CorAl: Introspection for robust
-    radar and lidar perception in diverse environments using differential entropy", 2022; evidence grid: Elfes, 1989.
+    Source: mean map entropy and mean plane variance are from Droeschel and Behnke, "Efficient continuous-time SLAM for 3D
+    lidar-based online mapping", 2018; the difference of joint and separate entropy is from Adolfsson et al., "CorAl:
+    Introspection for robust radar and lidar perception in diverse environments using differential entropy", 2022; the
+    evidence grid is from Elfes, 1989.
     """
     pairs = cKDTree(points).query_pairs(settings.radius_m, output_type="ndarray")
     of_one_sweep = pairs[sweeps[pairs[:, 0]] == sweeps[pairs[:, 1]]]
@@ -130,7 +133,16 @@ def accumulate_evidence(
 
 
 def locate_sensors(turns: NDArray[np.float64], numbers: NDArray[np.float64], poses: se2.Array) -> NDArray[np.float64]:
-    """Interpolates the sensor's positions (N, 2) [m] at turns (N,) between its poses (S, 3) at the turns `numbers` (S,)."""
+    """Interpolates the sensor's positions between the poses of sweeps.
+
+    Args:
+        turns: (N,) times at which the positions are wanted, counted in sweeps.
+        numbers: (S,) numbers of the sweeps, on the same scale.
+        poses: (S, 3) poses of the sensor at these sweeps.
+
+    Returns:
+        (N, 2) positions [m].
+    """
     return np.column_stack([np.interp(turns, numbers, poses[:, 0]), np.interp(turns, numbers, poses[:, 1])])
 
 

@@ -1,4 +1,4 @@
-"""Makes the occupancy grid of a point map that nav2's map_server loads."""
+"""Makes an occupancy grid of a point map, for nav2's map_server to load."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _BLOCK = 200_000  # points that are counted, and cells that are filled, at a tim
 
 
 def make_occupancy_grid(points: NDArray[np.float64], cell_m: float) -> OccupancyGrid:
-    """Makes a grid in which the cells with enough returns are occupied.
+    """Makes a grid of the points in which the cells with enough returns are occupied.
 
     An occupied cell holds at least the geometric mean of one return, which may be a stray one, and the number of returns in
     a well-seen cell. The threshold therefore follows the speed of the drive and the turn rate of the radar.

@@ -1,4 +1,4 @@
-"""Renders the map of a run: places every return by the sensor's pose at the return's own time, and scores them by psi."""
+"""Renders the map of a run: places each return by the sensor's pose at the return's time, and scores all returns by psi."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _PLACED = 100_000  # while points are placed, and while the points of a strip ar
 _SCORED = 50_000  # while points are scored, not counting the points around them
 _STRIPS = 64  # strips whose scores are in memory at a time
 _LAST_COLUMN = 2**22  # column of all points that lie farther out
-_Scores = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]  # points, their shares, whether matched
+_Scores = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]  # numbers of points, shares, whether matched
 
 
 def render(
@@ -75,7 +75,7 @@ def render_track(
         track: poses at the starts of the scans.
         estimator: settings of the score.
         beam: the sensor's errors.
-        runner: does the work, and takes the warning.
+        runner: does the work, and collects the warning.
     """
     rendered = PointMap.empty()
     with runner.tolerate(what):
@@ -171,17 +171,17 @@ def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, 
 def score_points(
     points: PointSet, revolution_s: float, estimator: EstimatorConfig, engine: Engine
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Scores each point against all others.
+    """Scores each point against all others by psi.
 
     Args:
         points: points of the map.
-        revolution_s: duration of a turn [s].
+        revolution_s: duration of a turn of the radar [s].
         estimator: settings of the score.
         engine: where the points are scored.
 
     Returns:
-        Each point's share of psi (N,), with the charges for unmatched points, and whether it was matched (N,). A matched
-        point has a neighbour that was seen at least about one turn earlier or later, in the same or in another pass.
+        Each point's share of psi (N,), which includes the charges for unmatched points, and whether it was matched (N,). A
+        matched point has a neighbour that was seen at least about one turn earlier or later, in the same or in another pass.
     """
     columns = make_stored((len(points),), np.int32)
     corner, parts = _find_corner(points.points), _split(len(points), _PLACED)
@@ -236,7 +236,7 @@ def _split_into_strips(counts: NDArray[np.int64]) -> list[tuple[int, int]]:
 def _score_strip(
     shared: tuple[PointSet, NDArray[np.int32], NDArray[np.float64], float, EstimatorConfig], strip: tuple[int, int]
 ) -> _Scores:
-    """Scores a strip's points against all in and beside it; returns indices, shares of psi, and whether each is matched."""
+    """Scores a strip's points against those in and beside the strip; returns indices, shares of psi, which are matched."""
     (points, columns, corner, revolution_s, estimator), (begin, end) = shared, strip
     scale = final_scale(estimator)
     beside = math.ceil(scale.s / estimator.s)

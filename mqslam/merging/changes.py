@@ -1,9 +1,10 @@
-"""Finds changes: objects that one recording shows, and another recording does not, although it looks past their place.
+"""Finds changes: objects that one recording shows, and another recording does not, although it looks past the place.
 
-A keyframe shows a cell if one of its returns lies near the cell. It misses the cell if it sees beyond it: nothing nearer
-hides the cell, and the keyframe is no farther away than those that showed it, on the same side. A cell counts as changed if
-several keyframes of one recording show it, and the other recording shows it in so small a share of its looks that chance
-does not explain it. A single return says little: traffic and noise leave some in almost every cell of a street.
+A keyframe shows a cell if one of its returns lies near the cell. It misses the cell if it sees beyond the cell: nothing
+nearer hides the cell, and the keyframe is no farther away than the keyframes that showed the cell from the same side. A cell
+counts as changed if several keyframes of one recording show it, and the other recording shows it in so small a share of its
+looks that chance does not explain it. A single return says little: traffic and noise leave some in almost every cell of a
+street.
 """
 
 from __future__ import annotations
@@ -33,18 +34,18 @@ REACH_M = 60.0
 CELL_M = 1.0
 # Number of sectors around a keyframe, one per degree. The first return in each sector is kept.
 _RAYS = 360
-# A ray passes a cell if its first return lies at least this far [m] behind it.
+# A ray passes a cell if the first return on the ray lies at least this far [m] behind the cell.
 _MARGIN_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Views:
-    """The first return of keyframes in each sector. Sectors of rays count counter-clockwise from straight ahead.
+    """The first return in each sector around some keyframes. Sectors of rays count counter-clockwise from straight ahead.
 
     Args:
         poses: (K, 3) poses of the keyframes, in the map's frame.
         firsts: (K, S) range of the first return in each sector [m]; infinite if there is none.
-        origins: (K, S, 2) position of the sensor, which moves in a turn, as it saw the sector; in the keyframe's frame [m].
+        origins: (K, S, 2) position of the moving sensor when it saw the sector, in the keyframe's frame [m].
     """
 
     poses: se2.Array
@@ -79,14 +80,15 @@ def make_views(keyframes: Keyframes, chosen: NDArray[np.int64]) -> Views:
 
 
 def count_visible(cells: NDArray[np.float64], farthest: NDArray[np.float64], views: Views) -> NDArray[np.int64]:
-    """Counts the keyframes that look past each of C cells.
+    """Returns the number (C,) of keyframes that look past each of C cells.
 
-    A keyframe looks past a cell under three conditions. The cell is within reach. It was shown from the same direction, from
-    as far or farther. The first returns in all sectors of the cell lie behind it, and there is at least one of them.
+    A keyframe looks past a cell under three conditions. The cell is within reach. The cell was shown from the keyframe's
+    direction, from as far or farther. In the sectors of the cell, all first returns lie behind it, and there is at least
+    one.
 
     Args:
         cells: (C, 2) m, in the map's frame.
-        farthest: (C, A) largest distance from which each was shown [m], by the direction from the cell to the keyframe.
+        farthest: (C, A) largest distance from which each cell was shown [m], by the direction from the cell to the keyframe.
         views: views of the keyframes.
     """
     sizes = REACH_M, _MARGIN_M, CELL_M
@@ -164,13 +166,14 @@ class Change:
     """An object that one recording shows and another contradicts.
 
     Args:
-        shown_by, missed_by: numbers of the two recordings.
-        place: (2,) middle of its cells [m], in the map's frame.
+        shown_by, missed_by: numbers of the recording that shows the object and of the one that contradicts it.
+        place: (2,) centre of the rectangle around its cells [m], in the map's frame.
         size_m: (2,) its extent along x and y [m], at least the side of a cell.
         cells: number of its cells.
         seen: number of keyframes that show it, in the cell where this number is largest.
         looks: number of keyframes of the other recording that look past it, in the cell where this number is largest.
-        chance: probability that the other recording shows it in so few looks by chance, in the cell where it is smallest.
+        chance: probability that the other recording shows it in so few looks by chance, in the cell where this
+            probability is smallest.
     """
 
     shown_by: int
@@ -219,15 +222,15 @@ def find_changes(keyframes: Keyframes, sigmas: NDArray[np.float64]) -> list[Chan
 
 
 def measure_relative_uncertainty(keyframes: Keyframes, chain: Chain) -> NDArray[np.float64]:
-    """Returns the uncertainty of each keyframe relative to each recording in the joint graph, larger far from their links.
+    """Returns the uncertainty of each keyframe relative to each recording in the joint graph; it grows away from links.
 
     Args:
         keyframes: keyframes of the map.
-        chain: their trajectory with its uncertainty.
+        chain: the keyframes as one trajectory with its uncertainty.
 
     Returns:
         (R, K) standard deviation [m] of a place at the end of keyframe k's reach, relative to the same place as recording r
-        sees it; zero for the keyframe's own recording, infinite if the two see nothing in common.
+        sees it; zero for the keyframe's own recording, infinite if keyframe and recording see nothing in common.
 
     Raises:
         EstimationError: the uncertainty cannot be computed.
@@ -269,13 +272,13 @@ def _collect(keyframes: Keyframes, chosen: NDArray[np.int64]) -> _Seen:
 
 
 def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int]) -> Iterator[Change]:
-    """Yields the objects that one recording shows and another contradicts; `numbers` are the numbers of the two."""
+    """Yields the objects that one recording shows and another contradicts; `numbers` are those of these recordings."""
     if not len(one.cells) or not len(other.points):
         return
     shown = _find_shown(one, one.cells, _NEAR_M)
     also = np.bincount(_find_shown(other, one.cells, _NEAR_M)[:, 0], minlength=len(one.cells))
     hits = np.bincount(shown[:, 0], minlength=len(one.cells))
-    rare = np.flatnonzero(also <= _ALSO * hits)  # most cells are shown by both; only the others are examined in full
+    rare = np.flatnonzero(also <= _ALSO * hits)  # both recordings show most cells; only the others are examined in full
     number = np.full(len(hits), -1)
     number[rare] = np.arange(len(rare))
     shown = shown[number[shown[:, 0]] >= 0]
@@ -309,7 +312,7 @@ def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int]) -> Iterator[Cha
 
 
 def _find_shown(seen: _Seen, cells: NDArray[np.float64], near_m: float) -> NDArray[np.int64]:
-    """Returns pairs (P, 2) of a number of a cell and the number of a keyframe with a return within near_m [m] of it."""
+    """Returns pairs (P, 2) of the number of a cell and the number of a keyframe with a return at most near_m [m] away."""
     _, near = cKDTree(cells).query(seen.points, k=range(1, _AROUND + 1), distance_upper_bound=near_m)
     point, which = np.nonzero(near < len(cells))
     count = len(seen.views.poses)
@@ -327,7 +330,7 @@ def find_farthest(cells: NDArray[np.float64], shown: NDArray[np.int64], views: V
 
     Returns:
         (C, A) for A directions, counter-clockwise from the map's x; zero where no keyframe showed the cell from there. Each
-        distance also counts for the two directions beside its own.
+        distance also counts for the two directions beside that from which the cell was shown.
     """
     towards = views.poses[shown[:, 1], :2] - cells[shown[:, 0]]
     turn = np.arctan2(towards[:, 1], towards[:, 0]) / (2.0 * np.pi)

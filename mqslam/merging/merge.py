@@ -41,7 +41,7 @@ from mqslam.psi.place import Beam, PointSet, beam_of, compute_beam_covariance
 
 
 def number_vertices(sessions: Sequence[Session]) -> list[NDArray[np.int64]]:
-    """Returns the numbers that the vertices of each session have in the joint graph."""
+    """Returns for each session the numbers (V,) that its vertices have in the joint graph."""
     scans = [session.scans for session in sessions]
     others = [len(session.graph.keys) - session.scans for session in sessions]
     first_scans = [0, *accumulate(scans)]
@@ -53,7 +53,7 @@ def number_vertices(sessions: Sequence[Session]) -> list[NDArray[np.int64]]:
 
 
 def join_graphs(sessions: Sequence[Session], frames: Sequence[se2.Array]) -> GivenGraph:
-    """Joins the graphs of all sessions; only the first pose of the first session is held.
+    """Joins the graphs of all sessions; only the first pose of the first session is held fixed.
 
     Args:
         sessions: the sessions.
@@ -79,7 +79,7 @@ def join_graphs(sessions: Sequence[Session], frames: Sequence[se2.Array]) -> Giv
 def join_keyframes(sessions: Sequence[Session]) -> Keyframes:
     """Joins the keyframes of all sessions; their poses stay in the frame of their own session.
 
-    Their scans are numbered as the vertices of the joint graph. The place on the Earth is that of the first session.
+    Their scans are numbered as the vertices of the joint graph. The georeference is that of the first session.
     """
     own = [session.map.keyframes for session in sessions]
     firsts = np.cumsum([0, *(len(k.recordings) for k in own)])
@@ -127,12 +127,13 @@ class Merged:
         sessions: the sessions that were merged.
         recognitions: the result of recognition for each pair of sessions.
         links: the links between keyframes of different sessions that the map keeps, with the counts of the search for them.
-        psi: (L, 2) psi per point of each link's two passes, with the sessions as recognition places them and at the optimum.
+        psi: (L, 2) psi per point of the two passes that each link joins: with the sessions as recognition places them, and
+            at the optimum.
         residuals: (L,) residuals of the links at the optimum, in standard deviations.
         trajectories: the trajectory of each recording, all in one frame.
         kept: keyframes and places of the map.
         graph: the joint graph, with the links among its factors.
-        values: poses of its vertices, which are numbered from 0.
+        values: poses of the graph's vertices, which are numbered from 0.
         map: the points of all keyframes.
         changes: objects that one recording shows and another contradicts.
         sigmas: (R, K) uncertainty of each keyframe relative to each recording [m], see `measure_relative_uncertainty`.
@@ -246,10 +247,10 @@ def _measure_move(session: Session, chain: Chain) -> float:
 
 
 def _warn_of_moves(sessions: Sequence[Session], moved_m: Sequence[float]) -> list[str]:
-    """Returns a warning for each session that was held by data which its graph file lacks."""
+    """Returns a warning for each session whose poses were held by data that its graph file lacks."""
     return [
-        f"{session.folder}: the edges in its graph.g2o alone move it by up to {far:.2f} m; the gyroscope or GNSS that has "
-        "held it is not in that file, and takes no part in the merge"
+        f"{session.folder}: with the edges in its graph.g2o alone, its poses move by up to {far:.2f} m; the gyroscope or "
+        "GNSS that has held them is not in that file, and takes no part in the merge"
         for session, far in zip(sessions, moved_m, strict=True)
         if far > _MOVED_M
     ]
@@ -259,7 +260,7 @@ def _warn_of_ambiguity(sessions: Sequence[Session], recognitions: Sequence[Recog
     """Returns a warning for each pair of sessions where more submaps match several places than match a single one."""
     return [
         f"several places fit: {m.ambiguous} submaps of {sessions[m.later].folder} match more than one place of "
-        f"{sessions[m.earlier].folder} about as well, and {m.matches} match one; the former were not used"
+        f"{sessions[m.earlier].folder} about as well, and {m.matches} match one; submaps of the first kind were not used"
         for m in recognitions
         if m.ambiguous > m.matches
     ]
@@ -275,7 +276,7 @@ def _check_joined(sessions: Sequence[Session], links: Sequence[Loop], groups: ND
     apart = [str(sessions[n].folder) for n in range(len(sessions)) if n not in joined]
     if apart:
         raise EstimationError(
-            f"{', '.join(apart)}: the places that it seems to share with the other recordings make no better map",
+            f"{', '.join(apart)}: links at places that it seems to share with other recordings do not make the map better",
             "give recordings that pass through the same streets",
         )
 
@@ -337,7 +338,8 @@ def _render(keyframes: Keyframes, estimator: EstimatorConfig, beam: Beam, engine
 def _space_out(recordings: tuple[MappedRecording, ...], turn_s: float) -> list[float]:
     """Returns an offset for the times of each recording [s], so that no two recordings overlap in time.
 
-    psi tells by the times which returns were seen in the same turn, and recordings of two days may have the same stamps.
+    psi tells by the times which returns were seen in the same turn of the radar, and recordings of two days may have the
+    same stamps.
     """
     lengths = [1e-6 * (recording.end_us - recording.start_us) + 2.0 * turn_s for recording in recordings]
     return [0.0, *accumulate(lengths)][:-1]

@@ -78,14 +78,14 @@ def make_session(folder: Path, kept: KeyframeMap, stamps_us: Sequence[NDArray[np
         problem = f"has {len(keyframes.recordings)} recordings in its keyframes and {len(stamps_us)} trajectories"
         raise DataError(folder, problem, _REMEDY)
     if graph.keys != tuple(range(len(graph.keys))) or len(graph.keys) < count:
-        problem = f"holds {len(graph.keys)} poses, and its trajectories have {count} scans"
+        problem = f"holds {len(graph.keys)} poses, which do not fit the {count} scans of the trajectories"
         raise DataError(folder / "graph.g2o", problem, _REMEDY)
     if not (keyframes.scans < count).all():
         raise DataError(folder / "keyframes", "names scans that graph.g2o does not have", _REMEDY)
     try:
         vertices = np.array([pose_of(graph.values, int(key)) for key in keyframes.scans])
     except RuntimeError as error:
-        raise DataError(folder / "graph.g2o", "is no graph in the plane", _REMEDY) from error
+        raise DataError(folder / "graph.g2o", "is not a graph of poses in the plane", _REMEDY) from error
     frame = se2.compose(keyframes.poses[0], se2.inverse(vertices[0]))
     off = se2.compose(frame, vertices) - keyframes.poses
     if np.hypot(off[:, 0], off[:, 1]).max() > _OFF_M:
@@ -165,7 +165,7 @@ def find_relation(rows: Sequence[Row], earlier: Chain, later: Chain) -> Relation
 
 
 def find_heaviest(agree: NDArray[np.bool_], weights: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Grows a set of rows that all agree with each other from each row, and returns the rows of the heaviest set.
+    """Grows, from each row, a set of rows that all agree with each other; returns the row numbers of the heaviest set.
 
     Args:
         agree: (N, N) whether two rows agree; every row agrees with itself.
@@ -186,7 +186,7 @@ def find_heaviest(agree: NDArray[np.bool_], weights: NDArray[np.int64]) -> NDArr
 
 
 def _compare_rows(rows: Sequence[Row], earlier: Chain, later: Chain) -> NDArray[np.bool_]:
-    """Returns which rows (N, N) agree: the way over one row and along both paths leads to the same pose as the other row."""
+    """Returns which pairs of rows (N, N) agree: one row and the motions along both paths give the pose of the other."""
     middles = [row[len(row) // 2] for row in rows]
     pairs = [(i, k) for i in range(len(rows)) for k in range(i + 1, len(rows))]
     before = earlier.relate([(middles[i].earlier, middles[k].earlier) for i, k in pairs])
@@ -207,7 +207,7 @@ class Recognition:
         matches: number of matches in these rows.
         ambiguous: number of submaps that match several places.
         compared: number of pairs that psi has compared.
-        relation: the matches that agree on the relative pose of the two.
+        relation: the matches that agree on the relative pose of the two sessions.
     """
 
     earlier: int
@@ -222,7 +222,7 @@ class Recognition:
 def introduce(
     sessions: Sequence[Session], chains: Sequence[Chain], estimator: EstimatorConfig, beam: Beam, runner: Runner
 ) -> list[Recognition]:
-    """Searches the places of each session in every session before it."""
+    """Searches the places of each session in every session before it; returns the result for each pair of sessions."""
     recognitions = []
     pairs = [(a, b) for b in range(len(sessions)) for a in range(b)]
     for a, b in runner.follow("recognise", pairs, len(pairs)):
@@ -239,7 +239,7 @@ def introduce(
 def lay_out(
     sessions: Sequence[Session], chains: Sequence[Chain], recognitions: Sequence[Recognition]
 ) -> tuple[list[se2.Array], list[Loop]]:
-    """Places the sessions in one frame, one after the other, at each step the one with the most agreeing matches.
+    """Places the sessions in one frame, at each step the session with the most agreeing matches.
 
     Returns:
         the pose (3,) of each session's frame in the frame of the first one, and links between keyframes of all sessions.
@@ -272,7 +272,13 @@ def lay_out(
 
 
 def _find_middle(recognition: Recognition, lies: se2.Array, poses: se2.Array) -> int:
-    """Returns the number of the relation, of N (N, 3), that puts the matched keyframes nearest to where all matches do."""
+    """Returns the number of the match whose relation agrees best with the places at which all matches put their keyframes.
+
+    Args:
+        recognition: the matches, N of which agree.
+        lies: (N, 3) pose of the later session's frame in the earlier one's frame, as each match shows it.
+        poses: poses of the later session's keyframes in its own frame.
+    """
     at = poses[[match.later for match in recognition.relation.matches]]
     where = np.array([se2.compose(lie, pose) for lie, pose in zip(lies, at, strict=True)])[:, :2]
     off = [np.median(np.hypot(*(se2.compose(lie, at)[:, :2] - where).T)) for lie in lies]
@@ -293,6 +299,6 @@ def _explain(sessions: Sequence[Session], joined: set[int], recognitions: Sequen
             agreeing = max(m.relation.agreeing for m in own)
             why += f", and {agreeing} matches agree on one relation and {rivals} on another"
     return EstimationError(
-        f"{names}: shares no place with the other recordings that is recognised with certainty; {why}",
+        f"{names}: no place that it shares with the other recordings is recognised with certainty; {why}",
         "give recordings that pass through the same streets",
     )

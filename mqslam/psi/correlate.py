@@ -1,6 +1,7 @@
-"""A global search for the pose of one point set in another: their images, one of them blurred, correlated at several yaws.
+"""Searches globally for the pose of one point set in another: correlates their images, one blurred, at several yaws.
 
-It is the widest and cheapest form of the score. Minimisations of psi start from its peaks and decide between them.
+The correlation is the widest and cheapest form of the score. Minimisations of psi start from its peaks and decide between
+them.
 
 The image of a scan is empty except for a few thousand pixels, and only shifts within the reach are needed. Where the
 reach is short, it therefore takes less work to add up the other image around each of these pixels than to compute Fourier
@@ -67,7 +68,7 @@ def find_correlation_peaks(
         config: settings of the search.
 
     Returns:
-        poses (3,), the best first.
+        at most `_PEAKS` poses (3,) of the query's frame in the reference's frame, the best first.
     """
     pixel_m = compute_pixel_m(config)
     x, y = np.abs(query.T)
@@ -113,7 +114,7 @@ class Image:
         """Returns the correlation (2 C + 1, 2 C + 1) with an image of which some pixels are one and all others zero.
 
         Args:
-            rows: (P,) rows of these pixels, column by column.
+            rows: (P,) rows of the pixels that are one, column by column.
             begins: (K + 1,) position in `rows` at which each column begins, as `find_pixels` returns both.
         """
         if len(rows) * len(self._shifts) ** 2 < _SUMS_PER_PIXEL * self._image.size:
@@ -172,7 +173,7 @@ def draw_blurred(rows: NDArray[np.int64], begins: NDArray[np.int64], blur: NDArr
 
 @nb.njit(cache=True, inline="always")
 def _mirror(place: int, side: int) -> int:
-    """Returns the pixel of a line, `side` long, to which a pixel beyond its ends is mirrored."""
+    """Returns the number of the pixel to which pixel `place`, which may lie beyond a line of `side` pixels, is mirrored."""
     place %= 2 * side
     return min(place, 2 * side - 1 - place)
 
@@ -249,7 +250,9 @@ def add_up_around(
 
 @nb.njit(cache=True, nogil=True)
 def find_tops(correlation: NDArray[np.float32], most: int) -> list[tuple[float, int, int]]:
-    """Returns the highest local maxima of a correlation (2 C + 1, 2 C + 1) within a circle: value and indices, best first.
+    """Returns value and two indices of the highest local maxima of a correlation (2 C + 1, 2 C + 1), the best first.
+
+    Only shifts within a circle with a radius of C pixels count.
 
     Args:
         correlation: correlations at all shifts by at most C pixels in each direction.
@@ -280,8 +283,8 @@ def find_tops(correlation: NDArray[np.float32], most: int) -> list[tuple[float, 
 def _is_top(correlation: NDArray[np.float32], i: int, k: int) -> bool:
     """Returns whether no neighbouring shift, within the circle, has a larger correlation.
 
-    It begins with the last neighbour: where the correlation rises in the order of the search, that one is larger and ends
-    the loop at once.
+    The loop begins with the last neighbour: where the correlation rises in the order of the search, that neighbour is larger
+    and ends the loop at once.
     """
     width = len(correlation)
     cells = width // 2

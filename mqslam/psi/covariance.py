@@ -1,4 +1,4 @@
-"""The uncertainty of a minimum of psi: its covariance, the directions that psi does not observe, and combined Gaussians.
+"""Computes the uncertainty of a minimum of psi: its covariance and the directions that psi does not observe.
 
 psi is a sum over points, so its minimum is an M-estimate, and the curvature alone does not give the scale of a
 covariance. With H the curvature that includes re-selection, and g_c the summed score of the returns of one object (a
@@ -10,12 +10,12 @@ In a direction that is hardly observed, H is hardly positive, and Sigma comes ou
 usual correction for few samples: q variables can bring the scores of q objects to zero, whatever their errors are.
 
 Along a bare wall the returns of two views are scattered alike at any shift. At a wide scale H therefore vanishes along
-the wall, whereas at a narrow one single returns pair up by chance and look like a minimum. The share of Gauss-Newton's
+the wall, whereas at a narrow scale single returns pair up by chance and look like a minimum. The share of Gauss-Newton's
 curvature that remains at the widest scale shows whether a direction is observed: 0.22 and more where there are windows,
 poles and corners, 0.12 and less along a bare corridor.
 
 Metres, radians and their rates differ by orders of magnitude, so every matrix is brought to comparable units before it is
-factorised. An eigenvalue below the rounding error is raised to it.
+factorised. An eigenvalue below the rounding error is raised to that error.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def estimate_covariance(
     values, vectors = np.linalg.eigh((evaluation.curvature + known) * scale)
     spread = vectors.T @ ((sums.T @ sums * (objects / (objects - variables)) + known) * scale) @ vectors
     inverse = 1.0 / np.maximum(values, _LEAST)
-    # along a direction that psi does not hold, the variance is at least the inverse of the least curvature
+    # along a direction that psi does not observe, the variance is at least the inverse of the least curvature
     spread += np.diag(np.where(values < _LEAST, 1.0, 0.0) * _LEAST)
     return symmetric((vectors * inverse) @ spread @ (vectors * inverse).T * scale)
 
@@ -129,7 +129,7 @@ def invert(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[n
     """Inverts a symmetric matrix (Q, Q) to one that is symmetric and positive definite.
 
     Args:
-        matrix: symmetric matrix; an eigenvalue below the rounding error is raised to it.
+        matrix: symmetric matrix; an eigenvalue below the rounding error is raised to that error.
         units: (Q,) typical size of each variable, which makes the entries of a covariance comparable. An information
             matrix needs the inverses of these sizes.
     """
@@ -139,7 +139,7 @@ def invert(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[n
 
 
 def fuse(first: NDArray[np.float64], second: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the covariance (Q, Q) of two independent estimates taken together.
+    """Returns the covariance (Q, Q) of the fusion of two independent estimates.
 
     It is (first^-1 + second^-1)^-1, written as first (first + second)^-1 second, which stays right where one of the two
     is singular. Eigenvalues of the result are at least as large as the rounding error.
@@ -157,7 +157,7 @@ def fuse(first: NDArray[np.float64], second: NDArray[np.float64], units: NDArray
 def _find_positive(
     matrix: NDArray[np.float64], scale: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns eigenvalues (Q,), raised to rounding at least, and eigenvectors (Q, Q) of a matrix divided by a scale."""
+    """Returns the eigenvalues (Q,), at least the rounding error, and eigenvectors (Q, Q) of a matrix divided by a scale."""
     values, vectors = np.linalg.eigh(symmetric(matrix) / scale)
     return np.maximum(values, max(_ROUNDING * float(values[-1]), np.finfo(np.float64).tiny)), vectors
 

@@ -1,4 +1,4 @@
-"""The radar's Doppler shift, measured by psi.
+"""Measures the radar's Doppler shift by psi.
 
 A frequency-modulated radar measures a wrong range to a target that it approaches: the error is beta times the closing
 speed. A target that passes from ahead to behind is therefore displaced by twice this error, and a map rendered with the
@@ -30,7 +30,7 @@ _STRETCHES, _STRETCH_SCANS = 4, 12
 _STEP_S, _STEPS = 0.05, 2
 # Share by which a Doppler shift must lower psi to be believed.
 _DOPPLER_GAIN = 0.003
-# A smaller Doppler shift counts as none [s]: it moves returns by a tenth of their own error.
+# A smaller Doppler shift counts as zero [s]: it moves returns by a tenth of their own error.
 _DOPPLER_LEAST = 0.01
 
 _USUAL_S: Final = 0.045  # shift of Navtech's radars: carrier over slope of the chirp is 0.03 to 0.06 s
@@ -82,7 +82,7 @@ def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorCo
     without = psi[_STEPS]
 
     def compare(psi: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns psi over psi without a shift, for the median stretch: the track may go wrong on a few stretches."""
+        """Returns the ratios (B,) of psi (B, S) to psi without a shift on the median stretch: a few tracks may go wrong."""
         return np.asarray(np.quantile(psi / without, 0.5, axis=-1, method="higher"))
 
     beta = _find_vertex(grid, compare(psi))
@@ -94,7 +94,7 @@ def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorCo
 
 
 def _is_usual(each: Sequence[float], beta: float) -> bool:
-    """Returns whether most of three or more stretches show a shift [s] usual for Navtech's radars, with beta's sign."""
+    """Returns whether there are three or more shifts [s] and most have beta's sign and are usual for Navtech's radars."""
     usual = np.abs(np.array(each) - np.copysign(_USUAL_S, beta)) < _CONTRADICTION * _USUAL_SIGMA_S
     return len(each) >= _FEWEST and bool(np.count_nonzero(usual) > len(each) / 2)
 
@@ -150,7 +150,7 @@ def _find_vertex(grid: NDArray[np.float64], scores: NDArray[np.float64]) -> floa
 
 
 def _find_first_twist(shared: tuple[TrackerConfig, EstimatorConfig], scans: Scans) -> NDArray[np.float64]:
-    """Returns the twist (3,) at the start of a stretch."""
+    """Returns the twist (3,) [m/s, m/s, rad/s] of the radar at the start of a stretch."""
     settings, estimator = shared
     matcher = Matcher(settings, estimator, beam_of(estimator, 0.0), scans.revolution_s)
     return find_first_motion(scans[:START_SCANS], matcher).motion[:3]

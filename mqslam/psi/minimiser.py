@@ -1,7 +1,7 @@
-"""The minimiser of psi: Newton steps on an annealed score, from wide selection to tight.
+"""Minimises psi by Newton steps on an annealed score, whose widths shrink from step to step.
 
-Wide widths find the basin, narrow ones find its bottom. The widths therefore shrink from step to step: the start need
-not be good, and the end is not blurred by neighbours that belong to something else.
+With wide widths the search finds the basin of the minimum, so the start need not be good. With narrow widths it finds the
+bottom of the basin, and the result is not blurred by neighbours that belong to other objects.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from mqslam.psi.neighbours import NearbyLists, do_serve, find_candidates, list_n
 from mqslam.psi.place import PointSet
 from mqslam.psi.score import Kernel, PsiEvaluation, References, Scale, evaluate, find_reach
 
-# Offset at which a point's weight has fallen to a quarter, at the end of annealing and at its start [standard deviations].
+# Offset [standard deviations] at which a point's weight has fallen to a quarter: at the end of the annealing, at its start.
 C, _C_START = 1.5, 5.0
-# Width of the fade of pairs that are less than one turn apart [s].
+# Width in time [s] of the fade of pairs that were seen less than one revolution of the radar apart.
 BETA_T = 0.06
-# Least kappa of a selected neighbour. A neighbour with less would hardly count.
+# Least kappa of a selected neighbour. A neighbour with a smaller kappa would hardly add to the score.
 _XI = 0.02
-# Factor on the weight (kappa) of a neighbour that was seen from a quite different direction, and on its blur. With 1, all
-# views count the same.
+# Factors for a neighbour that was seen from a quite different direction than the query: on its weight (kappa) and on its
+# blur. If both are 1, all views count the same.
 APART_SHARE, APART_BLUR = 0.3, 2.0
-# Number of returns that count as one independent measurement. psi's information is divided by this number where it is
-# weighed against a prior.
+# Number of returns that count as one independent measurement. psi's information is divided by this number where
+# psi is weighed against a prior.
 CORRELATION = 5.0
 # Largest number of Newton steps.
 STEPS = 12
@@ -41,18 +41,18 @@ _SHRINK = 0.6
 # they differ by more than 12 degrees.
 _ASPECT_RAD = 0.05
 
-# Share of Gauss-Newton's curvature that is added to the curvature with re-selection, so that steps are safe.
+# Share of Gauss-Newton's curvature that is added to the curvature with re-selection, so that no step goes too far.
 STABILISER = 0.15
 
-# Distance by which lists of neighbours reach farther than the score, among references and among moving points [m]: a
-# matter of speed only.
+# Distances by which lists of neighbours reach farther than the score [m]: lists of references, and lists of moving points.
+# They are a matter of speed only.
 SKIN_M, _MOVING_SKIN_M = 0.2, 0.3
-_LARGEST_PART = 0.9  # largest ratio of a step to the one before [1]: it keeps the extrapolation finite
+_LARGEST_PART = 0.9  # largest ratio of a step to the step before it [1], which keeps the extrapolation finite
 _FLATTEST = 1e-9  # least curvature that a step is divided by [1/tolerance^2], which keeps the step finite
 
 
 def annealed_scale(config: EstimatorConfig, step: int, share: float = 1.0) -> Scale:
-    """Returns the score's widths at a step of the annealing, which begins with a share of the widths in the settings."""
+    """Returns the score's widths at a step of the annealing; at step 0 they are `share` times the settings' first widths."""
     f = _SHRINK**step
     return Scale(
         max(config.s, share * config.s_start * f),
@@ -84,13 +84,13 @@ class Search(NamedTuple):
 
     Args:
         steps: largest number of Newton steps.
-        first: step of the annealing that it begins with; a good start needs no wide widths.
+        first: step of the annealing that the search begins with; a good start needs no wide widths.
         settled: a step shorter than this [standard deviations] ends the search; with zero, only the tolerances end it.
-        foresees: whether each step at the final widths is extended to where it and the following steps would end
-            together. Where psi is flat, such a search needs a prior that holds it; without one it wanders farther.
-        share: share of the annealing's first widths that it begins with.
-        correlation: number of returns that count as one independent measurement; psi is divided by it before the prior is
-            added.
+        foresees: whether each step at the final widths is extended to where the following steps would lead. Where psi is
+            flat, such a search needs a prior that holds the state; without a prior the state wanders farther.
+        share: factor on the first widths of the annealing.
+        correlation: number of returns that count as one independent measurement; psi is divided by this number before the
+            prior is added.
     """
 
     steps: int = STEPS
@@ -106,9 +106,9 @@ class Minimum:
     """The result of the minimiser.
 
     Args:
-        state: (Q,) the state at which it ended.
+        state: (Q,) the state at which the search ended.
         evaluation: the score at this state, at the final widths.
-        converged: whether the last step was below the tolerances, or short against the uncertainty.
+        converged: whether the last step was below the tolerances, or short in units of the state's standard deviations.
     """
 
     state: NDArray[np.float64]
@@ -121,7 +121,7 @@ def kernel_of(config: EstimatorConfig, revolution_s: float) -> Kernel:
 
     Args:
         config: settings of the score.
-        revolution_s: duration of a turn [s]; with zero, times play no part.
+        revolution_s: duration of a revolution of the radar [s]; with zero, times play no part.
     """
     return Kernel(revolution_s, BETA_T, _XI, config.blur_m, _ASPECT_RAD, APART_SHARE, APART_BLUR * config.blur_m)
 
@@ -132,7 +132,7 @@ class Expansion(NamedTuple):
     Args:
         gradient: (Q,) half the gradient of psi.
         information: (Q, Q) Gauss-Newton's curvature.
-        curvature: (Q, Q) curvature with re-selection, symmetric.
+        curvature: (Q, Q) curvature that includes the re-selection of neighbours, symmetric.
     """
 
     gradient: NDArray[np.float64]
@@ -159,8 +159,8 @@ def minimise(
         prior: Gaussian over the state.
         config: widths of the score.
         kernel: parameters of the score besides its widths.
-        tolerances: (Q,) steps that end the search, once the widths are final and a step is smaller.
-        search: settings of the search; None takes all steps, from the widest widths on.
+        tolerances: (Q,) a step at the final widths that is smaller than this in every component ends the search.
+        search: settings of the search; None takes the defaults of `Search`, which begin at the widest widths.
     """
     search = search or Search()
     state, rendered = np.array(start, dtype=np.float64), Rendered(render, references, kernel)
@@ -180,14 +180,14 @@ def minimise(
                     move = _extrapolate(move, move - earlier[1], state - earlier[0], tolerances)
         state = state + shorten_step(move, rendered.measure_move(move), scale.s)
         if settled:
-            return Minimum(state, here, True)  # against the uncertainty, so short a step hardly changes the score
+            return Minimum(state, here, True)  # so short a step hardly changes the score
         if converged:
             break
     return Minimum(state, rendered.evaluate(state, last), converged)
 
 
 class Rendered:
-    """Renders and scores points at one state after another, and keeps the lists of their neighbours while they serve.
+    """Renders and scores points at one state after another, and keeps the lists of neighbours while they stay complete.
 
     Args:
         render: as for `minimise`.
@@ -203,11 +203,11 @@ class Rendered:
         self._jacobians = np.empty((0, 2, 0))
 
     def measure_move(self, move: NDArray[np.float64]) -> float:
-        """Returns the root mean square distance [m] by which a step (Q,) moves the last points; inf without points."""
+        """Returns the root mean square distance [m] by which a step (Q,) moves the last points rendered; inf without any."""
         return _measure_move(self._jacobians, move) if len(self._jacobians) else np.inf
 
     def evaluate(self, state: NDArray[np.float64], scale: Scale) -> PsiEvaluation:
-        """Returns the score at a state (Q,), point by point."""
+        """Renders the points at a state (Q,) and returns their score at the given widths."""
         queries, reach = self._render(state), find_reach(scale, self._kernel)
         self._jacobians = queries.jacobians
         self._lists = renew_lists(self._lists, queries.points, self._references, reach)
@@ -217,12 +217,12 @@ class Rendered:
 def renew_lists(
     lists: NearbyLists | None, points: NDArray[np.float64], references: References | None, reach: float
 ) -> NearbyLists:
-    """Returns lists of all neighbours of points within a reach: the given lists while they serve, and new ones after that.
+    """Returns lists of all neighbours within a reach of each point: the given lists if they still serve, else new ones.
 
     Args:
         lists: lists made before, or None.
         points: (N, 2) m.
-        references: points to list as neighbours; None lists the points themselves, which move.
+        references: points to list as neighbours; None lists the points themselves, all of which move.
         reach: distance within which neighbours are needed [m].
     """
     skin, moves = (_MOVING_SKIN_M, 2.0) if references is None else (SKIN_M, 1.0)
@@ -237,7 +237,10 @@ def renew_lists(
 
 @register_jitable
 def shorten_step(move: NDArray[np.float64], moved_m: float, reach_m: float) -> NDArray[np.float64]:
-    """Shortens a step (Q,) that would move the points [m] farther than the score reaches [m]; without points, to zero."""
+    """Shortens a step (Q,) that moves the points by `moved_m` so that it moves them by `reach_m` at most.
+
+    An infinite `moved_m`, which stands for no points, gives a step of zero.
+    """
     return move if moved_m <= reach_m else move * (reach_m / moved_m)
 
 
@@ -263,16 +266,16 @@ def choose_move(
     correlation: float,
     tolerances: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], float]:
-    """Returns Newton's step (Q,), downhill along every eigenvector whatever the curvature's sign, and its length.
+    """Returns Newton's step (Q,) and its length in standard deviations, as they follow from the curvature.
 
-    The length is in standard deviations, as the curvature states them. The variables are in units of their tolerances, so
-    that metres and radians have comparable eigenvalues.
+    The step goes downhill along every eigenvector, whatever the sign of the curvature. The variables are in units of their
+    tolerances, so that metres and radians have comparable eigenvalues.
 
     Args:
-        here: the score around the state.
+        here: expansion of the score around the state.
         beside: (Q,) the state minus the prior's mean.
         information: (Q, Q) information of the prior.
-        stabiliser: share of Gauss-Newton's curvature that is added to the score's.
+        stabiliser: share of Gauss-Newton's curvature that is added to the score's curvature.
         correlation: number by which the score is divided before the prior is added.
         tolerances: (Q,) units of the variables.
     """
@@ -305,15 +308,15 @@ def choose_move(
 def _extrapolate(
     move: NDArray[np.float64], changed: NDArray[np.float64], went: NDArray[np.float64], tolerances: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Extends a step to where it and the following ones would end, if each were the same share of the one before.
+    """Extends a step to where the following steps would lead if each were the same share of the step before it.
 
     The terms that keep Newton's steps safe make them too short, by a share that hardly changes from step to step. This is
     Anderson's mixing of two steps (J. ACM 12, 1965), which needs no further evaluation of the score.
 
     Args:
         move: (Q,) Newton's step.
-        changed: (Q,) this step minus the step before.
-        went: (Q,) change of the state between the two steps.
+        changed: (Q,) this step minus the step before it.
+        went: (Q,) change of the state between the points at which the two steps were computed.
         tolerances: (Q,) units of the variables.
     """
     above, below = 0.0, 0.0

@@ -1,7 +1,7 @@
 """Neighbour search: points sorted into a grid of cells, and lists of near points that stay valid over small motions.
 
-Between nearby motions the neighbours hardly change. A list reaches farther out than the score asks for (the skin of a
-Verlet list), and it stays valid until points have moved so far that a neighbour could be missing from it.
+When points move a little, their neighbours hardly change. A list reaches farther out than the score asks for (the skin of
+a Verlet list), and it stays valid until points have moved so far that a neighbour could be missing from it.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 _ROOM = 8  # number of neighbours per query that memory is reserved for at first: a matter of speed only
 _DENSE = 2**17  # largest number of cells for which `CellGrid.firsts` is filled: a matter of speed only
-_LAST = 2**22  # largest column and row; points farther out are put there: a matter of memory only
-_WASTE = 2.0  # a list that reaches this many times farther than a new one is renewed: a matter of speed only
+_LAST = 2**22  # largest column and row, which also hold all points farther out: a matter of memory only
+_WASTE = 2.0  # a list that reaches over this many times as far as a new one is renewed: a matter of speed only
 
 
 class CellGrid(NamedTuple):
@@ -27,8 +27,8 @@ class CellGrid(NamedTuple):
         order: (M,) index of each sorted point among the points as they were given.
         rows: (M,) row of each sorted point.
         begins: (columns + 1,) index of the first sorted point of each column; the last entry is M.
-        firsts: (columns, rows + 1) index of the first point in a column whose row is the given one or a higher one. The
-            table is empty if the grid has too many cells for it to pay.
+        firsts: (columns, rows + 1) entry [c, r] is the index of the first sorted point of column c whose row is r or
+            higher. The table is empty if the grid has too many cells for the table to pay.
         corner: (2,) m, lower left corner of the first cell.
         cell: side of a cell [m].
     """
@@ -48,7 +48,7 @@ class NearbyLists(NamedTuple):
     Args:
         offsets: (N + 1,) position in `indices` at which the list of each query begins; the last entry is K.
         indices: (K,) indices of points, among the sorted points of the grid (`list_near`) or among the points as they
-            were given to it (`find_candidates`).
+            were given to the grid (`find_candidates`).
         queries: (N, 2) m, positions of the queries when the lists were made.
         radius: distance from the query within which points are listed [m].
     """
@@ -75,7 +75,7 @@ def sort_into_cells(points: NDArray[np.float64], cell: float, corner: NDArray[np
     Args:
         points: (M, 2) m.
         cell: side of a cell [m].
-        corner: (2,) m, lower left corner of the first cell, left of and below all points; None finds it.
+        corner: (2,) m, lower left corner of the first cell, left of and below all points; None computes it.
     """
     n = len(points)
     lowest = np.zeros(2)
@@ -98,10 +98,12 @@ def find_cell(distance: float, cell: float) -> int:
 
 @nb.njit(cache=True, nogil=True)
 def _order_by(keys: NDArray[np.int64], order: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Sorts items, given in an order (N,), by their keys (N,) from 0 up; items of equal keys keep their order.
+    """Sorts the numbers of items, given in an order (N,), by the keys (N,) of the items, which are 0 or more.
+
+    Items of equal keys keep their order.
 
     Returns:
-        The new order (N,), and the position in it at which the items of each key begin (K + 1,).
+        The new order (N,), and for each of K keys the position in it at which the items of the key begin (K + 1,).
     """
     begins = np.zeros(keys.max() + 2 if len(keys) else 1, np.int64)
     for key in keys:
@@ -118,7 +120,7 @@ def _order_by(keys: NDArray[np.int64], order: NDArray[np.int64]) -> tuple[NDArra
 
 @nb.njit(cache=True, nogil=True)
 def _list_firsts(rows: NDArray[np.int64], begins: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Returns the table `firsts` of a `CellGrid`; it is empty if there are too many cells."""
+    """Returns the table `firsts` of a `CellGrid` with these `rows` and `begins`; it is empty if there are too many cells."""
     height = rows.max() + 1 if len(rows) else 0
     if (len(begins) - 1) * height > _DENSE:
         return np.empty((0, 0), np.int32)
@@ -135,7 +137,7 @@ def _list_firsts(rows: NDArray[np.int64], begins: NDArray[np.int64]) -> NDArray[
 
 @nb.njit(cache=True, inline="always")
 def find_first(rows: NDArray[np.int64], begin: int, end: int, row: int) -> int:
-    """Returns the first index from begin on whose row is at least `row`, or the end; rows increase between them."""
+    """Returns the first index from `begin` to `end` whose row is at least `row`, or `end`; the rows there never decrease."""
     while begin < end:
         middle = (begin + end) // 2
         if rows[middle] < row:
@@ -181,7 +183,7 @@ def list_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> Ne
 
 @nb.njit(cache=True, nogil=True)
 def find_candidates(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> NearbyLists:
-    """Lists the points near each query (N, 2) m as `list_near` does, but by their indices as given to the grid."""
+    """Lists the points near each query (N, 2) m as `list_near` does, but by their indices among the unsorted points."""
     near = list_near(grid, queries, radius)
     return NearbyLists(near.offsets, grid.order[near.indices], queries, radius)
 
@@ -204,7 +206,7 @@ def do_serve(lists: NearbyLists, queries: NDArray[np.float64], reach: float, ski
         queries: present positions of the queries.
         reach: distance within which neighbours are needed [m].
         skin: distance by which new lists would reach farther than needed [m].
-        moves: 2 if the listed points have moved as far as the queries, 1 if they are fixed.
+        moves: 2 if the listed points move like the queries, 1 if the listed points are fixed.
     """
     need = reach + moves * measure_largest_move(queries, lists.queries)
     return need <= lists.radius and lists.radius <= _WASTE * (reach + skin)

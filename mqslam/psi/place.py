@@ -1,4 +1,4 @@
-"""Renders returns as points: positions in the world under a motion, derivatives by the motion, and covariances."""
+"""Renders returns as points: their positions in the world under a motion, with derivatives by the motion and covariances."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ class PointSet:
         jacobians: (N, 2, 3 + P) derivative of each point by the start pose (x, y, yaw) and the P motion parameters.
         covariances: (N, 3) xx, xy, yy [m^2] of each point, world frame.
         times: (N,) [s] since the recording's start.
-        rays: (N, 2) unit vectors from the sensor to each point, world frame; no rows where the direction of view does
-            not take part in the score.
+        rays: (N, 2) unit vectors from the sensor to each point, world frame; empty (0, 2) where viewing directions
+            play no part in the score.
     """
 
     points: NDArray[np.float64]
@@ -69,7 +69,7 @@ class PointSet:
 
 
 def rotate_covariances(covariances: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
-    """Rotates covariances (N, 3) xx, xy, yy by yaw [rad], from a frame that is turned by yaw into the unturned one."""
+    """Carries covariances (N, 3) xx, xy, yy from a frame that is rotated by yaw [rad] to the frame that is not rotated."""
     c, s = np.cos(yaw), np.sin(yaw)
     xx, xy, yy = covariances.T
     return np.column_stack(
@@ -133,13 +133,13 @@ def place_arrays(
     model: tuple[NDArray[np.int64], NDArray[np.int64]],
     beam: Beam,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Renders returns; see `place`.
+    """Renders returns as points, like `place`, but takes and returns plain arrays.
 
     Args:
         ranges: (N,) m.
         azimuths: (N,) rad, in the frame of the sensor.
         times: (N,) s since the start pose; the returns of one azimuth follow each other.
-        start: (3,) pose of the sensor at the start, world frame.
+        start: (3,) start pose of the sensor, world frame.
         theta: (P,) motion parameters.
         model: components and powers of the motion model.
         beam: the sensor's errors.
@@ -158,7 +158,7 @@ def place_arrays(
     c0, s0 = np.cos(start[2]), np.sin(start[2])
     ca, sa, c, s = 1.0, 0.0, 1.0, 0.0
     for i in range(n):
-        if i == 0 or azimuths[i] != azimuths[i - 1] or times[i] != times[i - 1]:  # returns of one azimuth share its time
+        if i == 0 or azimuths[i] != azimuths[i - 1] or times[i] != times[i - 1]:  # returns of one azimuth have one time
             ca, sa = np.cos(azimuths[i]), np.sin(azimuths[i])
             c, s = np.cos(poses[i, 2]), np.sin(poses[i, 2])
         r = ranges[i] + beta * (twists[i, 0] * ca + twists[i, 1] * sa)
@@ -188,5 +188,5 @@ def place_arrays(
 
 
 def beam_of(config: EstimatorConfig, doppler_beta: float) -> Beam:
-    """Returns the sensor's errors as the settings state them, with the Doppler shift [s] that the sensor has."""
+    """Returns the sensor's errors as the settings state them, with the sensor's range shift per closing speed [s]."""
     return Beam(config.sigma_range_m, config.sigma_azimuth, doppler_beta)

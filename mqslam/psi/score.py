@@ -8,7 +8,7 @@ d, and its slope is L^2 times the slope of d^2.)
 
 The minimiser takes Newton steps on the equations sum L^2 J^T Sigma^-1 e = 0. Their derivative must take into account that
 neighbours are re-selected as a point moves. The centroid follows the point by the share 2 S_kappa / beta_s^2, where
-S_kappa is the scatter of the neighbours. This makes the true curvature several times smaller than Gauss-Newton's.
+S_kappa is the scatter of the neighbours. The true curvature is therefore several times smaller than Gauss-Newton's.
 
 The returns of an object shift and fade when the radar looks at it from another side. Where the viewing directions of both
 point sets are known, a neighbour's kappa and the blur of its offset therefore depend on the difference of the two
@@ -66,10 +66,11 @@ class Kernel(NamedTuple):
     """The parameters of the score besides its widths.
 
     Args:
-        revolution_s: duration of a turn [s]. A neighbour measured less than a turn before or after the query weighs less.
-        beta_t: width [s] of this fade, which is a Gaussian of the time that is missing to a whole turn.
+        revolution_s: duration of a revolution of the radar [s]. A neighbour measured less than a revolution before or after
+            the query weighs less.
+        beta_t: width [s] of this fade, which is a Gaussian of the time that is missing to a whole revolution.
         xi: least kappa of a selected neighbour.
-        blur: standard deviation [m] added to every offset: how far one object's returns scatter between views.
+        blur: standard deviation [m] by which one object's returns scatter between views; its square adds to each Sigma_i.
         aspect: difference of viewing directions [rad] at which the likeness of two views has fallen to 1/e.
         apart_share: factor on kappa of a neighbour that was seen from a quite different direction.
         apart_blur: the blur [m] of such a neighbour.
@@ -105,7 +106,7 @@ class Neighbours(NamedTuple):
 
     Args:
         known: (M, 8) x, y [m], time [s], ray x, y, and covariance xx, xy, yy [m^2] of each reference.
-        jacobians: (M, 2, Q) jacobians of the references; no rows where the references do not move.
+        jacobians: (M, 2, Q) jacobians of the references; empty (0, 2, Q) where the references do not move.
         offsets: (N + 1,) position in `indices` at which the list of each query begins; the last entry is the end of all
             lists.
         indices: (K,) indices of the references near the queries, and of some beyond the reach.
@@ -157,8 +158,8 @@ def make_references(points: PointSet, cell_m: float = _CELL_M, corner: NDArray[n
     Args:
         points: the points.
         cell_m: side of the cells that they are sorted into [m], on which only speed depends.
-        corner: (2,) m, lower left corner of the first cell; None finds it. With a common corner, a part of the points is
-            sorted, and so scored, in the same order as all of them.
+        corner: (2,) m, lower left corner of the first cell; None computes it. With the corner of a larger set of points,
+            a part of that set is sorted, and so scored, in the same order as the whole set.
     """
     grid = sort_into_cells(points.points, cell_m, corner)
     return References(points.points, grid, arrange(grid.order, points.arrays), len(points.rays) == len(points))
@@ -175,7 +176,7 @@ def evaluate(
         scale: widths of selection and weights.
         kernel: parameters of the score besides its widths.
         lists: neighbours of the queries, found by `list_near` among references or by `find_candidates` among the queries
-            themselves; None looks them up.
+            themselves; None finds them anew.
     """
     reach = find_reach(scale, kernel)
     if references is None:
@@ -228,8 +229,8 @@ def weigh_offsets(
         jacobians: (N, 2, Q) jacobians of the queries.
         sums: (N, 10) sums over the neighbours, weighted by kappa: of 1, of the offset's x, y and its products xx, xy, yy,
             of the covariance's xx, xy, yy, and of the squared blur.
-        pulls: (N, 2, Q) negative kappa-weighted sums of the neighbours' jacobians; no rows where the references do not
-            move.
+        pulls: (N, 2, Q) negative kappa-weighted sums of the neighbours' jacobians; empty (0, 2, Q) where the references
+            do not move.
         scale: widths of selection and weights.
     """
     moving = len(pulls) > 0
@@ -324,7 +325,7 @@ def add_up_neighbours(
 ) -> None:
     """Computes the sums over the selected neighbours of each query, weighted by their kappa.
 
-    Queries are taken in blocks. Every candidate of a block is written to arrays, and the next one overwrites a candidate
+    Queries are processed in blocks. Every candidate of a block is written to arrays, and the next one overwrites a candidate
     that is too far away: a branch that the processor cannot predict would cost more than a few needless numbers. The
     loops after that have no branches.
 
@@ -409,18 +410,18 @@ def add_up_neighbours(
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def fall_off(exponents: NDArray[np.float64], count: int, powers: NDArray[np.int64], values: NDArray[np.float64]) -> None:
-    """Computes exp(-x) of the first numbers of an array by plain arithmetic that compilers turn into vector instructions.
+    """Computes exp(-x) of `count` numbers x by plain arithmetic, which compilers turn into vector instructions.
 
-    It writes exp(-x) as 2^k exp(r), where |r| is at most half of log 2. The polynomial for exp(r) ends where its terms
-    are below rounding. All arithmetic is elementwise, so that the digits do not depend on how many numbers are taken at
-    once.
+    The function writes exp(-x) as 2^k exp(r), where |r| is at most half of log 2. The polynomial for exp(r) ends where its
+    terms are below rounding. All arithmetic is elementwise, so that the digits do not depend on how many numbers are
+    computed at once.
 
     The result for number i is values[i] times a power of 2, whose bits as a 64-bit floating-point number are powers[i].
 
     Args:
         exponents: (N,) numbers x, not negative.
-        count: how many of them are taken. All arrays have room for `LANES` more: entries up to the next multiple of
-            `LANES` are overwritten, here and in the results.
+        count: number of exponents to use. All arrays have room for `LANES` more: entries up to the next multiple of
+            `LANES` are overwritten, in `exponents` and in the results.
         powers: (N,) output: bits of the powers of 2.
         values: (N,) output: the factors of these powers.
     """

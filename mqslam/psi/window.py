@@ -1,7 +1,7 @@
-"""Motion of one window from psi alone: the window is rendered and compared with itself, and psi is minimised.
+"""Estimates the motion of one window from psi alone: the window is rendered and compared with itself, and psi is minimised.
 
-Source: the exhaustive search, and the minimum as the measurement, are the paper's; the annealed minimiser and the
-covariance are ours.
+Source: "Motion Estimation from Map Quality with Millimeter Wave Radar" for the exhaustive search and for the minimum as the
+measurement. The annealed minimiser and the covariance are ours.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ from mqslam.psi.score import Kernel, PsiEvaluation, Scale, evaluate, evaluate_ea
 
 # Number of basins of a window's exhaustive search that are refined, the best ones first.
 _BASINS = 3
-# Step of the differences that give the curvature of a window's score, in units of the step that ends the search.
+# Step of the finite differences that give the curvature of a window's score, in units of the step that ends the search.
 _DIFFERENCE_STEP = 4.0
 # Standard deviation of a window's speed [m/s] and of its yaw rate [rad/s] in a direction that psi does not observe.
 _UNKNOWN_SPEED, _UNKNOWN_YAW_RATE = 20.0, 1.0
 # Step that ends the search, by twist component [m/s, m/s, rad/s]: a numerical tolerance, far below psi's own noise.
 _TOLERANCES = {0: 5e-3, 1: 5e-3, 2: 1e-4}
-_LINE = 3  # a search over twists first scores every third line of its grid; with every fourth it missed the best at times
+_LINE = 3  # a search over twists first scores every third line of its grid; every fourth missed the best at times
 
-# A motion counts as ambiguous where another one has a psi below this factor times the best one's.
+# The best motion counts as ambiguous where another motion's psi is below this factor times the psi of the best motion.
 RIVAL = 1.25
 # Squared distance between two motions of a window, in units of their covariances, beyond which they are different motions.
 _DIFFERENT = 25.0
@@ -84,9 +84,9 @@ class Window:
     beam: Beam
 
     def render(self, theta: se2.Array, model: MotionModel = CONSTANT_TWIST) -> PointSet:
-        """Renders the window under parameters (P,) of a motion model, in the frame of the sensor at its start.
+        """Renders the window under parameters (P,) of a motion model, in the frame of the sensor at the window's start.
 
-        The points have no derivatives by the start pose, because the score does not depend on it, and no rays.
+        The points have no rays, and no derivatives by the start pose, on which the score does not depend.
         """
         points = place(self.returns, self.t0, np.zeros(3), theta, model, self.beam)
         return PointSet(points.points, np.ascontiguousarray(points.jacobians[:, :, 3:]), points.covariances, points.times)
@@ -104,16 +104,16 @@ class Window:
         return np.asarray(_list_shares(*measured, twists, CONSTANT_TWIST.arrays, self.beam, scale, self.kernel).sum(axis=1))
 
     def score_grid(self, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns psi (V, W) at the widest scale of every speed (V,) [m/s] and yaw rate (W,) [rad/s]."""
+        """Returns psi (V, W) at the widest scale for each pair of a speed (V,) [m/s] and a yaw rate (W,) [rad/s]."""
         still = np.zeros(len(yaw_rates))
         rows = [self.score_twists(np.column_stack([still + speed, still, yaw_rates])) for speed in speeds]
         return np.array(rows)
 
     def search(self, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64]) -> se2.Array:
-        """Finds the twist (3,) of a grid with the lowest psi at the widest scale, and scores only a part of the grid.
+        """Finds the twist (3,) of a grid that has the lowest psi at the widest scale, and scores only a part of the grid.
 
-        The score is so wide that its lowest place shows on every third line of the grid. Between these lines, twists are
-        scored only around the few crossings with the lowest psi.
+        At that scale psi varies so slowly that every third line of the grid shows where psi is lowest. Between these lines,
+        twists are scored only around the few crossings with the lowest psi.
 
         Args:
             speeds: (V,) m/s to try.
@@ -138,7 +138,7 @@ class Window:
         return np.array([speeds[v], 0.0, yaw_rates[w]])
 
     def estimate(self, start: se2.Array, model: MotionModel = CONSTANT_TWIST) -> WindowMotion:
-        """Estimates the motion that makes the map crispest, from a constant twist (3,) within the annealing's reach."""
+        """Estimates the motion that makes the map crispest, starting at a twist (3,) within the annealing's reach."""
         config, tolerances = self.config, _list_tolerances(model)
         free = Prior(np.zeros(model.size), np.zeros((model.size, model.size)))
         minimum = minimise(
@@ -160,7 +160,7 @@ class Window:
     def find(
         self, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64], model: MotionModel = CONSTANT_TWIST
     ) -> WindowMotion:
-        """Finds the motion without an initial guess: searches with the returns of two scans, then refines the best basins.
+        """Finds the motion without an initial guess: searches with the first two scans, then refines the best basins.
 
         Args:
             speeds: (V,) m/s that the search tries, in steps within the annealing's reach.
@@ -192,7 +192,7 @@ def _list_shares(
     scale: Scale,
     kernel: Kernel,
 ) -> NDArray[np.float64]:
-    """Returns the shares of psi (T, N) of the points under each twist."""
+    """Returns the share of psi of each of N points under each of T twists: (T, N)."""
     shares = np.empty((len(twists), len(ranges)))
     no_jacobians, no_rays = np.empty((len(ranges), 2, 0)), np.empty((0, 2))
     for k in range(len(twists)):
@@ -209,7 +209,7 @@ def _list_tolerances(model: MotionModel) -> NDArray[np.float64]:
 
 
 def _find_basins(scores: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """Finds the cells of a grid of scores that are no higher than their neighbours, the lowest first."""
+    """Finds row and column of each cell of a grid of scores (V, W) no higher than its neighbours, the lowest cell first."""
     lowest = minimum_filter(scores, size=3, mode="nearest") == scores
     cells = np.argwhere(lowest)
     order = np.argsort(scores[lowest], kind="stable")

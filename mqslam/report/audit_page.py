@@ -149,7 +149,7 @@ def _show_charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section
 
 
 def _chart_revisits(revisits: Sequence[RevisitAudit], settings: AuditConfig, x: np.ndarray, x_title: str) -> Chart:
-    """Returns a chart of how far the two passes of every revisit are off each other.
+    """Returns a chart of the offset between the two passes of every revisit.
 
     Args:
         revisits: the judged revisits.
@@ -192,7 +192,7 @@ def _show_mended(
 
 
 def explore_audit(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explorer | None:
-    """Returns the interactive map of an audit, with inflation and revisits over time, and crops of places to click.
+    """Returns the interactive map of an audit, with inflation and revisits over time and crops; None without points.
 
     Args:
         sweeps: the points that were judged.
@@ -222,7 +222,7 @@ def explore_audit(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explor
 
 
 def _choose_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[Spot]:
-    """Returns the places to click in the order of time: torn windows, evenly spread other windows, and other torn places."""
+    """Returns the places to click, ordered by time: torn windows, some of the other windows, and other torn places."""
     torn = [w for w in audit.windows if w.torn][:_MOST_WINDOWS]
     fine = [w for w in audit.windows if not w.torn]
     fine = [fine[k] for k in pick_evenly(len(fine), _MOST_WINDOWS - len(torn))]
@@ -247,7 +247,7 @@ def _number_worst(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[l
 
 
 def _list_worst(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section | None:
-    """Returns a table of the worst torn places and, folded, a table of the worst other places; None without any."""
+    """Returns a table of the worst torn places and, folded, a table of the worst other places; None without places."""
     torn, fine = _number_worst(sweeps, audit, settings)
     if not torn and not fine:
         return None
@@ -277,7 +277,7 @@ def _list_unmatched(sweeps: Sweeps, audit: Audit, summary: Mapping[str, Any]) ->
 
 
 def _show_crops(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section | None:
-    """Returns pictures of the worst places before and after their corrections; places that are not torn are folded."""
+    """Returns pictures of the worst places before and after correction, folded where not torn; None without places."""
     torn, fine = ([_show_crop(sweeps, k, spot) for k, spot in some] for some in _number_worst(sweeps, audit, settings))
     note = (
         "The points where the correction shows the most, seen from the sensor, ahead to the right. Blue is what was "
@@ -298,7 +298,7 @@ def _show_crop(sweeps: Sweeps, number: int, spot: Spot) -> Card:
 def _list_numbers(audit: Audit, summary: Mapping[str, Any]) -> Section:
     """Returns the numbers at the end of an audit's page."""
     groups = []
-    for part, heading in _GROUPS.items():  # psi per point alone may prefer the wrong map
+    for part, heading in _GROUPS.items():  # psi per point is left out: by itself it may prefer a wrong map
         values = {key: value for key, value in part_of(summary, part).items() if key != "psi_per_point"}
         if values:
             groups.append((heading, list_values(part, values)))
@@ -309,7 +309,7 @@ def _list_numbers(audit: Audit, summary: Mapping[str, Any]) -> Section:
 
 
 def _list_measures(audit: Audit) -> list[tuple[str, str]]:
-    """Returns the median and the 5 % and 95 % quantiles of each measure over the windows where it is known."""
+    """Returns for each measure its name, and its median and 5 % and 95 % quantiles over the windows where it is known."""
     windows = audit.windows
     measured = [
         ("ψ of a window per point", "", [w.bend.psi for w in windows]),

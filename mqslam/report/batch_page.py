@@ -29,7 +29,7 @@ _NUMBERS: Final = (  # key of a run in batch.json, head of its column, unit
 
 
 def write_batch_page(out: Path, title: str, summary: Mapping[str, Any], plan: str) -> list[str]:
-    """Writes a batch's page into its folder, which also holds the folders of its runs; the page links to theirs.
+    """Writes a batch's page into the batch's folder, which also holds the folders of the runs; it links to their pages.
 
     Args:
         out: the folder.
@@ -48,7 +48,7 @@ def write_batch_page(out: Path, title: str, summary: Mapping[str, Any], plan: st
     tracks: dict[str, Trajectory] = {}
     for run in summary["runs"]:
         if run["trajectory"]:
-            with tolerate(f"the picture of {run['name']}", page.failures):  # a kept run may lack its file by now
+            with tolerate(f"the picture of {run['name']}", page.failures):  # the file of an earlier run may be gone
                 tracks[run["name"]] = read_tum(out / run["trajectory"])
     page.add("the numbers", lambda: _list_numbers(summary))
     page.add("the table of the runs", lambda: _tabulate_runs(summary))
@@ -97,7 +97,7 @@ def _format_number(key: str, value: Any, unit: str) -> str:
 
 
 def _describe_run(run: Mapping[str, Any]) -> tuple[str | Cell, ...]:
-    """Returns the cells of a run in the table of words."""
+    """Returns the cells of a run in the table that describes the runs in words."""
     name = Cell(run["name"], _link_to(run))
     if run["failure"]:
         return name, f"failed: {run['failure']}"
@@ -122,7 +122,7 @@ def _describe_errors(run: Mapping[str, Any]) -> str:
 
 
 def _show_trajectories(summary: Mapping[str, Any], tracks: Mapping[str, Trajectory]) -> Section | None:
-    """Returns a small picture of the trajectory of each finished run, each at its own scale."""
+    """Returns small pictures of the runs' trajectories, each at its own scale; None if no run has a trajectory."""
     figures = []
     for run in summary["runs"]:
         if (track := tracks.get(run["name"])) is not None:

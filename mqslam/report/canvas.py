@@ -33,7 +33,7 @@ _WIDTH_IN, _SMALL_IN = 6.4, 2.6  # width of a figure and of a small one
 _LEFT_IN, _RIGHT_IN, _BOTTOM_IN, _TOP_IN = 0.78, 0.12, 0.48, 0.12  # margins around the axes
 _ENOUGH = 300_000  # points that are counted at a time, and most points that set the edges of a view
 _FAINTEST = 0.35  # opacity of a pixel with a single point
-_LINE_IN, _LETTER_IN, _KEY_IN, _ACROSS_IN = 0.19, 0.075, 0.5, 5.7  # of a legend: line, letter, key, total width
+_LINE_IN, _LETTER_IN, _KEY_IN, _ACROSS_IN = 0.19, 0.075, 0.5, 5.7  # legend: line height; letter, key, total width
 _MOST = 1200  # most points of a line that a chart draws: nobody could see more
 
 
@@ -58,11 +58,11 @@ class Curve:
 
     Args:
         name: name in the legend; empty for none.
-        colour: its colour.
+        colour: colour of the curve.
         points: (N, 2) x and y; a row of NaN interrupts a line.
         style: matplotlib's style of a line, marker of dots, or `-o` and `--o` for lines with dots.
         width: width of the line, or size of the dots [points].
-        alpha: its opacity.
+        alpha: opacity of the curve.
         beside: whether it belongs to the axis on the right of a chart.
         shown: whether an explorer shows it at first.
     """
@@ -118,13 +118,13 @@ def over(x: Any, y: Any) -> Points:
 
 
 def join_lines(lines: Sequence[Points]) -> Points:
-    """Returns lines (N_k, 2) as one array, with a row of NaN after each."""
+    """Joins lines (N_k, 2) to one array (M, 2), with a row of NaN after each line."""
     gap = np.full((1, 2), np.nan)
     return np.concatenate([part for one in lines for part in (one, gap)]) if lines else np.empty((0, 2))
 
 
 def mix_shades(count: int) -> tuple[str, ...]:
-    """Returns a colour for each of some groups in the order of time, from blue for the first to orange for the last."""
+    """Returns the colours of `count` groups in the order of time, from blue for the first to orange for the last."""
     ends = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in (BLUE, ORANGE)])
     mixed = [(1.0 - share) * ends[0] + share * ends[1] for share in np.linspace(0.0, 1.0, count)]
     return tuple("#" + "".join(f"{round(part):02x}" for part in colour) for colour in mixed)
@@ -226,7 +226,7 @@ def make_world(view: View, above_in: float = 0.0) -> tuple[MplFigure, Axes]:
 
 
 def _make_small(view: View) -> tuple[MplFigure, Axes]:
-    """Returns a small empty figure of a square of the world; a scale bar replaces ticks, so that the square fills it."""
+    """Returns a small empty figure that a square of the world fills; a scale bar replaces the ticks."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(_SMALL_IN, _SMALL_IN), dpi=DPI)
@@ -324,7 +324,8 @@ def lay_ink(view: View, maps: Sequence[tuple[Axes, Points, str]]) -> None:
 
     Args:
         view: part of the world that all axes show.
-        maps: axes to draw on, points (N, 2) [m] and colour of each map; axes have one size, and maps share their shades.
+        maps: axes to draw on, points (N, 2) [m] and colour of each map. All axes have the same size, and all maps share
+            one scale of shades.
     """
     from matplotlib.colors import to_rgb
 
@@ -347,7 +348,7 @@ def lay_ink(view: View, maps: Sequence[tuple[Axes, Points, str]]) -> None:
 
 
 def _count_pixels(points: Points, view: View, columns: int) -> NDArray[np.int64]:
-    """Counts points (N, 2) [m] per square pixel: (rows, columns), row 0 at the lowest y."""
+    """Returns the number of points (N, 2) [m] in each square pixel of a view: (rows, columns), row 0 at the lowest y."""
     side = (view.x1 - view.x0) / columns
     rows = max(round((view.y1 - view.y0) / side), 1)
     counts = np.zeros(rows * columns, dtype=np.int64)

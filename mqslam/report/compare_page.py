@@ -1,4 +1,4 @@
-"""Makes the page of a comparison; every row has its own colour and line style in all pictures."""
+"""Makes the page of a comparison. Each row is a trajectory to compare, with one colour and line style in all pictures."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _STYLES: Final[tuple[Any, ...]] = ("-", "--", "-.", ":", (0, (6, 1.5, 1, 1.5, 1,
 _MEDIAN_OF = 15  # number of windows in the running median
 _HALF_SIDE_M = 30.0  # half the side of the interactive map's close view of a place
 _CLOSE_M, _FAR_M = 60.0, 300.0  # shortest and longest side of the picture of the place where the rows differ most
-_SIDE = 20.0  # that side, in units of how far the rows are apart
+_SIDE = 20.0  # side of that picture, in units of how far the rows are apart
 
 
 def write_compare_page(
@@ -49,7 +49,7 @@ def write_compare_page(
         comparison: the finished comparison.
         summary: content of compare.json.
         table: head and rows as the terminal shows them.
-        marked: line and column of each of the best values in the table.
+        marked: line and column in the table of each value that is the best of its column.
 
     Returns:
         a message for each part that could not be made, with the reason; the page shows them, too.
@@ -170,8 +170,9 @@ def _find_common_frame(tracks: Sequence[Trajectory], truth: Trajectory | None) -
     """Finds one frame for all trajectories: the frame of the ground truth, or the pose at their common start.
 
     Returns:
-        motions (3,) that bring every trajectory into the frame, and positions (N, 2) [m] of the part of the truth that
-        they cover; None in place of the positions if there is no truth with which all trajectories can be aligned.
+        a motion (3,) that brings each trajectory into the frame, and positions (N, 2) [m] of the part of the truth that
+        the trajectories cover; None in place of the positions if there is no truth with which all trajectories can be
+        aligned.
     """
     if truth is not None:
         motions = [motion for track in tracks if (motion := align_positions(track, truth)) is not None]
@@ -193,13 +194,13 @@ def _chart_inflation(comparison: Comparison) -> Chart:
 
 
 def smooth_inflation(windows: Sequence[WindowAudit]) -> Points:
-    """Returns the middle [s] of each window and the running median of the inflation there (W, 2)."""
+    """Returns the time [s] at the middle of each window and the running median of the inflation there: (W, 2)."""
     times, inflation = trace_inflation(windows).T
     return over(times, median_filter(inflation, min(_MEDIAN_OF, len(inflation)), mode="nearest"))
 
 
 def select_moving_windows(rows: Sequence[JudgedRow], start_us: int) -> list[list[WindowAudit]]:
-    """Returns for each row the windows in which its own trajectory moves or turns.
+    """Returns for each row the windows in which its own trajectory moves or rotates.
 
     Args:
         rows: rows that ran.
@@ -216,7 +217,7 @@ def select_moving_windows(rows: Sequence[JudgedRow], start_us: int) -> list[list
 
 
 def select_moving_places(rows: Sequence[JudgedRow], places: Sequence[Place], start_us: int) -> list[int]:
-    """Returns the numbers of the places in which the trajectory of any row moves or turns.
+    """Returns the indices of the places in which the trajectory of any row moves or rotates.
 
     Args:
         rows: rows that ran.
@@ -232,7 +233,7 @@ def select_moving_places(rows: Sequence[JudgedRow], places: Sequence[Place], sta
 
 
 def _are_moving(track: Trajectory, spans: Sequence[tuple[float, float]], start_us: int) -> NDArray[np.bool_]:
-    """Returns in which of N spans of time [s] a trajectory moves or turns (N,); outside its ends it stands still."""
+    """Returns for each of N spans of time [s] whether a trajectory moves or rotates; it stands still outside its ends."""
     stamps = start_us + np.round(1e6 * np.array(spans)).astype(np.int64)
     begins, ends = np.clip(stamps, track.stamps_us[0], track.stamps_us[-1]).T
     before, after = track.at(begins), track.at(ends)
@@ -301,8 +302,8 @@ def draw_difference(rows: Sequence[JudgedRow], truth: Trajectory | None) -> tupl
         truth: ground truth, with which the best rigid motion aligns each trajectory; without it, all start from one pose.
 
     Returns:
-        the picture, how far the trajectories are apart there [m], and the time there since the first pose that all of them
-        cover [s]; None for a single row.
+        the picture, how far the trajectories are apart there [m], and the time [s] there since the first pose that all
+        trajectories cover; None for fewer than two rows.
     """
     tracks = [row.row.trajectory for row in rows if row.row.trajectory is not None]
     if len(tracks) < 2:
@@ -325,7 +326,7 @@ def draw_difference(rows: Sequence[JudgedRow], truth: Trajectory | None) -> tupl
 
 
 def _answer_sceptic(comparison: Comparison) -> list[tuple[str, str]]:
-    """Returns questions of a sceptical reader and their answers: who judges, by what, why, and what if truth disagrees."""
+    """Returns a sceptic's questions with answers: who judges, by what, why, and what if ground truth disagrees."""
     audits = {name: row.audit for name, row in comparison.judged.items()}
     who = (
         f"The same audit for every row: the same returns of the same {comparison.compared:,} scans, the same settings, and "

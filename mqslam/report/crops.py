@@ -19,15 +19,15 @@ from mqslam.report.spots import Spot
 _REACH_M = 80.0  # points farther from the sensor than this do not decide where a crop lies
 _CLOSE_M, _FAR_M = 12.0, 80.0  # shortest and longest side of a crop
 _SIDE = 40.0  # side of a crop, in units of how far the place is off
-_LEAST = 0.02  # weight of a point that the correction brings no closer: small, so that any gain outweighs it
-_CELLS = 4  # cells along the side of a crop, in which the search for its place counts points
+_LEAST = 0.02  # weight of a point that the correction brings no closer to others; any gain outweighs it
+_CELLS = 4  # cells along the side of a crop, in which weights are summed to choose the crop
 
 Crop: TypeAlias = tuple[list[Points], list[Points]]
-"""Points of a place before and after its correction: (M, 2) [m] per sweep or pass, earliest first, in the spot's frame."""
+"""Points of a place before and after correction: arrays (M, 2) [m], one per sweep or pass in order, in the spot's frame."""
 
 
 def make_crop(sweeps: Sweeps, spot: Spot) -> Crop:
-    """Returns the crop of a place where its correction shows the most.
+    """Returns the part of a place in which the correction of the place shows the most.
 
     Args:
         sweeps: the points that were judged.
@@ -74,7 +74,7 @@ def find_heaviest_square(points: Points, weights: NDArray[np.float64], side: flo
     shape = (int(column.max()) + 1, int(row.max()) + 1)
     sums = np.bincount(column * shape[1] + row, weights=weights, minlength=shape[0] * shape[1]).reshape(shape)
     together = uniform_filter(np.pad(sums, _CELLS), size=_CELLS, mode="constant")
-    at = np.array(np.unravel_index(np.argmax(together), together.shape)) - _CELLS + low  # the square's middle
+    at = np.array(np.unravel_index(np.argmax(together), together.shape)) - _CELLS + low  # the square's midpoint
     x, y = (at * cell).tolist()
     return View(x - 0.5 * side, x + 0.5 * side, y - 0.5 * side, y + 0.5 * side)
 
@@ -86,7 +86,7 @@ def measure_distances(points: Points, others: Points, most: float) -> NDArray[np
 
 
 def _bend(sweeps: Sweeps, spot: Spot) -> Crop:
-    """Returns the points (M, 2) of a window, sweep by sweep, without and with its correction."""
+    """Returns the points (M, 2) of a window, one array per sweep, without and with the window's correction."""
     begin, end = spot.stretches[0][0], spot.stretches[0][-1] + 1
     points, into = centre_window(sweeps, begin, end)
     mended = twist_points(points, into, spot.correction / (end - begin)).points
@@ -95,6 +95,6 @@ def _bend(sweeps: Sweeps, spot: Spot) -> Crop:
 
 
 def _move(sweeps: Sweeps, spot: Spot) -> Crop:
-    """Returns the points (M, 2) of two stretches in the later one's frame, without and with the later one corrected."""
+    """Returns the points (M, 2) of two stretches in the later stretch's frame, without and with its correction."""
     earlier, later = (sweeps.local(part, spot.pose).points for part in spot.stretches)
     return [earlier, later], [earlier, se2.transform(spot.correction, later)]

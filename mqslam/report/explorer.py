@@ -89,7 +89,8 @@ class Place:
     Args:
         t0, t1: times from which and to which the sensor was there [s].
         title, text: title of the place, and a text about it.
-        views: close views side by side with one extent: name of the trajectory, groups of points (M, 2) [m], their colours.
+        views: close views side by side with one extent; each is the name of a trajectory, groups of points (M, 2) [m], and
+            the colours of the groups.
         torn: whether it is marked as torn.
         unknown: whether it could not be judged.
     """
@@ -129,7 +130,7 @@ def explore(
         lines: further lines on the map.
         groups: names of the groups of a view's points; none where they need no names.
         first: number of the place shown first.
-        is_calm: whether the verdict is pass: then no place counts against the map, and the place shown first is titled as
+        is_calm: whether the verdict is pass; then no place counts against the map, and the page calls the place shown first
             the largest correction. None where there is no verdict.
     """
     if not any(len(layer.points) for layer in layers):
@@ -194,7 +195,7 @@ def chart_inflation(windows: Sequence[WindowAudit], name: str = "inflation") -> 
 
 
 def trace_inflation(windows: Sequence[WindowAudit]) -> Points:
-    """Returns the middle [s] of each window and its inflation (W, 2), raised to the least that a logarithmic axis shows."""
+    """Returns time [s] at the middle of each window and its inflation, at least `LEAST_INFLATION`: (W, 2)."""
     times = [0.5 * (window.t0 + window.t1) for window in windows]
     return over(times, np.maximum([window.bend.inflation for window in windows], LEAST_INFLATION))
 
@@ -241,7 +242,7 @@ def _encode_curve(curve: Curve) -> dict[str, Any]:
 
 
 def _encode_places(places: Sequence[Place]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Returns the places, and the points of all views in one array x, y, x, y, ...; a group is a begin and an end in it."""
+    """Returns the places, and all views' points as one array x, y, x, y, ..., of which a group is a begin and an end."""
     step = max(1.0, sum(len(group) for place in places for _, groups, _ in place.views for group in groups) / _MOST_CROPPED)
     parts: list[Points] = [np.empty((0, 2))]
     begin = 0
@@ -289,7 +290,7 @@ def _encode_fine(values: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _encode_shares(values: NDArray[np.float64], span: tuple[float, float]) -> dict[str, Any]:
-    """Returns values in 8 bits each, over a span; values outside the span are moved to its nearer end."""
+    """Returns values in 8 bits each, over a span; a value outside the span is moved to the nearer end."""
     step = (span[1] - span[0]) / 255.0
     return _encode_array(np.clip(np.round((values - span[0]) / step), 0, 255).astype(np.uint8), "u1", span[0], step)
 

@@ -50,8 +50,8 @@ class _TornPlace:
 
     Args:
         earlier, later: numbers of the scans.
-        off_m: how far the two are off each other [m].
-        is_stretch: whether the path between the two scans is torn; else they are two passes of one place.
+        off_m: how far the later scan is off relative to the earlier scan [m].
+        is_stretch: whether the path between the two scans is torn; otherwise the scans belong to two passes of one place.
     """
 
     earlier: int
@@ -117,7 +117,7 @@ def explain_heat_map(windows: Sequence[WindowAudit]) -> str:
 
 
 def _list_torn(audit: Audit, times: NDArray[np.float64]) -> list[_TornPlace]:
-    """Returns the jumps, the torn spans, the torn sums of spans and the torn revisits."""
+    """Returns the jumps, the torn spans, the torn sums of spans and the torn revisits of an audit as torn places."""
     places = [
         _TornPlace(jump.registration.earlier, jump.registration.later, jump.registration.size_m) for jump in audit.jumps
     ]
@@ -130,7 +130,7 @@ def _list_torn(audit: Audit, times: NDArray[np.float64]) -> list[_TornPlace]:
 
 
 def _draw_torn(axes: Axes, path: Points, torn: Sequence[_TornPlace], view: View) -> None:
-    """Draws torn stretches along the path and lines between torn passes; labels the worst with how far they are off."""
+    """Draws torn stretches along the path and lines between torn passes; labels the worst places with their offset."""
     for place in torn:
         if place.is_stretch:
             part = path[place.earlier : place.later + 1]

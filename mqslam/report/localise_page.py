@@ -96,7 +96,7 @@ def _show_path(localised: Localised) -> Section:
         for chosen, style, label in ((localised.on_map, "-", name), (~localised.on_map, ":", "")):
             values = np.where(chosen, sigmas[:, column], np.nan)
             curves.append(Curve(label, colour, over(seconds, values), style, 1.0))
-    is_mixed = bool(localised.on_map.any() and not localised.on_map.all())  # predictions err by metres, poses by millimetres
+    is_mixed = bool(localised.on_map.any() and not localised.on_map.all())  # predicted poses err by metres, others by mm
     caption = (
         "against the map around each pose, in its own frame; how far the map is bent over kilometres is not in it; "
         "dotted where the pose is a prediction"

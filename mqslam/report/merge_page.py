@@ -78,7 +78,7 @@ def _list_numbers(summary: Mapping[str, Any]) -> Section:
 
 
 def _split_points(merged: Merged) -> list[tuple[Points, str]]:
-    """Returns the points (N, 2) [m] of each recording in the merged map, and their colour."""
+    """Returns for each recording its points (N, 2) [m] in the merged map and its colour."""
     keyframes = merged.kept.keyframes
     owner = np.repeat(keyframes.origins, np.diff(keyframes.rows, axis=1)[:, 0])
     recordings = range(len(keyframes.recordings))

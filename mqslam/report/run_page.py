@@ -62,7 +62,7 @@ from mqslam.solution import Run
 # the looks of the page; no result depends on them
 _HALF_SIDE_M = 30.0  # half the side of the close view of a place
 _REACH_M = 43.0  # a circle of this radius holds the close view at any heading
-_SAME_PASS_S = 15.0  # points seen longer than this before or after a window's middle belong to another pass
+_SAME_PASS_S = 15.0  # points seen longer than this before or after a window's middle time belong to another pass
 _LARGEST = 0.015  # largest radius of an ellipse, as a share of the map's side
 _ELLIPSES = 150  # most ellipses that are shown, so that a long path is not covered by them
 _CORNERS = 24  # corners of an ellipse
@@ -209,7 +209,7 @@ def _show_trajectories(run: Run, truth: Trajectory | None) -> Section:
 
 
 def _middles(run: Run) -> se2.Array:
-    """Returns the time in the middle of every measurement (W,) [s]."""
+    """Returns the time (W,) [s] at the middle of every measurement."""
     return np.array([0.5 * (m.t0 + m.t1) for m in run.measurements])
 
 
@@ -279,7 +279,7 @@ def _make_layer(name: str, colour: str, track: Trajectory, pointmap: PointMap, *
 
 
 def _draw_ellipses(run: Run, summary: Mapping[str, Any]) -> tuple[Curve, list[str]]:
-    """Returns 3-sigma ellipses of the positions, enlarged if they are too small to be seen, and lines for the reader.
+    """Returns a curve of the positions' 3-sigma ellipses, enlarged if too small to be seen, and lines of text about it.
 
     The ellipses would cover the path, so they are hidden until their name in the legend is clicked.
     """
@@ -303,7 +303,7 @@ def _draw_ellipses(run: Run, summary: Mapping[str, Any]) -> tuple[Curve, list[st
     if shapes:
         explained.append(
             f"The legend shows the 3σ ellipses of the positions, with the first pose held fixed; the largest reaches "
-            f"{format_length(largest)} from its middle."
+            f"{format_length(largest)} from its centre."
         )
         if part_of(summary, "last_pose").get("drift_is_prior"):
             explained.append(
@@ -343,7 +343,7 @@ def _show_windows(run: Run) -> list[Place]:
 
 
 def _crop_windows(pointmap: PointMap, track: Trajectory, windows: Sequence[WindowAudit]) -> list[list[Points]]:
-    """Returns the map around each window, in the sensor's frame at its middle: points of this pass and of other passes."""
+    """Returns for each window the points (M, 2) of its own pass and of other passes, in the frame of its middle pose."""
     poses = [track.poses[min((window.begin + window.end) // 2, len(track) - 1)] for window in windows]
     crops: list[list[list[Points]]] = [[[np.empty((0, 2))], [np.empty((0, 2))]] for _ in windows]
     for block in pointmap.blocks() if windows else ():
@@ -372,7 +372,7 @@ def chart_path(run: Run, truth: Trajectory | None) -> Section | None:
 
 
 def _chart_truth(run: Run, truth: Trajectory | None) -> list[Figure]:
-    """Returns charts of both trajectories' error over distance and drift by segment length; none without ground truth."""
+    """Returns charts of both trajectories' error over distance and drift by segment length; [] without ground truth."""
     if truth is None:
         return []
     tracks = ((run.before, ORANGE, run.odometry), ("optimised", BLUE, run.optimised))
@@ -420,7 +420,7 @@ def _chart_both(heading: str, caption: str, title: str, left: Sequence[Curve], b
 
 
 def _chart_correction(run: Run) -> list[Figure]:
-    """Returns a chart of how far optimisation moves each pose; none where odometry does not cover all poses in time."""
+    """Returns a chart of how far optimisation moves each pose; [] where odometry does not cover the time of all poses."""
     stamps, after = run.optimised.stamps_us, run.optimised.poses
     if not run.odometry.covers(int(stamps[0]), int(stamps[-1]), 0):
         return []
@@ -446,7 +446,7 @@ def _chart_speed(track: Trajectory) -> Figure:
 
 
 def _chart_sigmas(run: Run) -> list[Figure]:
-    """Returns a chart of the standard deviations of every pose; none where they are not known."""
+    """Returns a chart of the standard deviations of every pose; [] where the covariances are not known."""
     sure = run.covariances
     if not len(sure.indices):
         return []
@@ -474,7 +474,7 @@ def _list_numbers(run: Run, summary: Mapping[str, Any]) -> Section:
 
 
 def _list_quality(run: Run, psi: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Returns the names of the map's quality measures, with their values before and after optimisation."""
+    """Returns the names of the map's quality measures, each with its values before and after optimisation as text."""
     across, matched = ((psi.get(f"{key}_odometry"), psi.get(f"{key}_optimised")) for key in ("across_passes", "matched"))
     rows = [
         ("points matched", _show_change(map(format_matched, matched), format_change(*matched) if all(matched) else "")),

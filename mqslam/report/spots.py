@@ -23,7 +23,7 @@ from mqslam.results.files import format_csv, format_numbers
 
 BAD_PLACES: Final = ("bad_places.csv", "bad_places.geojson")
 _WORST: Final = 10  # most places that a page shows
-_SPREAD_M: Final = 50.0  # least path between two places of one kind, so that one bad stretch does not fill a page
+_SPREAD_M: Final = 50.0  # least path length between two places of one kind, so that one bad stretch does not fill a page
 _MOST: Final = 8  # most unjudged stretches of one kind that a page names; the files hold all
 _COLUMNS: Final = (
     *("kind", "torn", "t0", "t1", "x", "y", "yaw", "off_m", "dx", "dy", "dyaw"),
@@ -46,10 +46,11 @@ class Spot:
         off_m: how far the correction moves the points of a window or after a jump (root mean square), or the end of a span
             or the later pass of a revisit [m].
         correction: (3,) correction in the frame of the pose [m, m, rad].
-        inflation: the correction in units of its covariance, squared; None for a jump, which is judged against other steps.
+        inflation: squared size of the correction in units of its covariance; None for a jump, which is judged against other
+            steps.
         torn: whether the place counts as torn.
         text: size and direction of the correction, in words.
-        undecided: why nothing could be decided about it, or None.
+        undecided: why nothing could be decided about the place, or None.
     """
 
     kind: str
@@ -106,7 +107,7 @@ def find_worst_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig, count:
 def rank_spot(spot: Spot) -> tuple[bool, float]:
     """Returns the rank of a place, larger if worse: torn places rank by how far they are off, others by inflation.
 
-    The correction of a place that is not torn may be large only because it is not observed in some direction.
+    The correction of a place that is not torn may be large only because some direction of it is not observed.
     """
     return spot.torn, spot.off_m if spot.torn or spot.inflation is None else spot.inflation
 

@@ -1,4 +1,4 @@
-"""Formats numbers, lengths and motions for the pages, and gives the values of a summary their labels and units."""
+"""Formats numbers, lengths and motions as text for the pages, and gives the values of a summary labels and units."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mqslam.core.wording import left_or_right
 
 ABSENT: Final = "–"
 NOT_JUDGED: Final = "not judged"
-_SMALLEST_M, _SMALLEST_RAD = 5e-4, 1e-4  # smaller parts of a motion would be written as zero and are left out
+_SMALLEST_M, _SMALLEST_RAD = 5e-4, 1e-4  # smaller parts of a motion are left out, since they would be written as zero
 _UNITS: Final = {
     "per_m": " per m",
     "m": " m",
@@ -21,7 +21,7 @@ _UNITS: Final = {
     "mb": " MB",
     "percent": " %",
 }  # unit by the ending of a key, the longest ending first
-_LABELS: Final = {  # label and unit of values whose keys make no good label, by group and key or by key; pages show degrees
+_LABELS: Final = {  # label and unit, by group and key or by key, where the key makes no good label; pages show degrees
     "yaw_per_m": ("yaw", " rad/m"),
     "yaw_per_m_sigma": ("yaw, sigma", " rad/m"),
     "chirps.factors": ("velocities in the graph", ""),
@@ -69,17 +69,17 @@ _LABELS: Final = {  # label and unit of values whose keys make no good label, by
 
 
 def list_values(group: str, values: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Returns the values of a part of a summary with their labels; nested parts are left out.
+    """Returns the label and the text of each value in a part of a summary; nested parts are left out.
 
     Args:
-        group: name of the part; its ending gives the unit of values whose keys name none.
-        values: the part.
+        group: name of the part; its ending gives the unit of values whose keys name no unit.
+        values: values of the part by their keys.
     """
     return [label_value(key, value, group) for key, value in values.items() if not isinstance(value, Mapping | list | tuple)]
 
 
 def list_facts(summary: Mapping[str, Any], **others: str | None) -> list[tuple[str, str]]:
-    """Returns facts about what was judged, as names and texts: the recording, the length of the drive, and further facts.
+    """Returns the names and texts of facts about what was judged: the recording, the drive (length, time, scans), and more.
 
     Args:
         summary: content of summary.json or audit.json; facts that it lacks are left out.
@@ -102,7 +102,7 @@ def label_value(key: str, value: Any, group: str = "") -> tuple[str, str]:
     Args:
         key: key of the value.
         value: the value.
-        group: name of the part of the summary that holds it.
+        group: name of the part of the summary that holds the value.
     """
     ending = next((end for end in _UNITS if key.endswith(f"_{end}")), "")
     usual = key.removesuffix(f"_{ending}") if ending else key
@@ -114,13 +114,13 @@ def label_value(key: str, value: Any, group: str = "") -> tuple[str, str]:
 
 
 def part_of(summary: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    """Returns a part of a summary; an empty one where it is absent or None."""
+    """Returns the part of a summary under a key; an empty mapping where the part is absent or None."""
     value = summary.get(key)
     return value if isinstance(value, Mapping) else {}
 
 
 def format_value(value: Any, unit: str = "") -> str:
-    """Returns a value of a summary as text: three significant digits, thousands separated, a dash where there is none."""
+    """Returns a value of a summary as text: three significant digits, thousands separated, a dash for None and NaN."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return ABSENT
     if isinstance(value, bool):
@@ -142,19 +142,19 @@ def format_matched(share: Any) -> str:
 
 
 def format_change(before: Any, after: Any) -> str:
-    """Returns by how many percent a value changed; a dash where that is not known."""
+    """Returns as text by how many percent a value changed; a dash where a value is None or `before` is zero."""
     if before is None or after is None or before == 0:
         return ABSENT
     return f"{100.0 * (after - before) / abs(before):+.1f} %".replace("-", "−")
 
 
 def format_length(metres: float) -> str:
-    """Returns a length as text, in millimetres below a decimetre."""
+    """Returns a length [m] as text; lengths below a decimetre are written in millimetres."""
     return f"{metres:.2f} m" if metres >= 0.1 else f"{1e3 * metres:.0f} mm"
 
 
 def format_p_value(p_value: float | None) -> str:
-    """Returns a p-value as text with two significant digits, or `< 0.0001`; a dash where there is none."""
+    """Returns a p-value as text with two significant digits, or `< 0.0001`; a dash for None."""
     if p_value is None:
         return ABSENT
     return "< 0.0001" if p_value < 1e-4 else f"{p_value:.2g}"

@@ -28,13 +28,13 @@ from mqslam.execution.files import write_json, write_text
 from mqslam.results.files import format_csv, format_log, format_numbers, list_notes, list_verdict
 from mqslam.version import __version__
 
-# entries that audit.json has only once, since they hold for the given and for the mended trajectory
+# entries that audit.json has only once, since they hold for both the given and the mended trajectory
 _OF_BOTH: Final = ("mqslam_version", "dataset", "trajectory", "threshold", "bend_m", "extrinsics", "warnings")
 _POSE, _OFFSET = ("x", "y", "yaw"), ("dx", "dy", "dyaw")  # metres, metres, radians
 _SIGMAS, _STATED = ("sigma_x", "sigma_y", "sigma_yaw"), ("claimed_sigma_x", "claimed_sigma_y", "claimed_sigma_yaw")
 
 Columns: TypeAlias = dict[str | tuple[str, ...], Callable[[Any, Sweeps], Any]]
-"""Columns of a CSV file in order: one or more names, and the function that makes their cells from an item and the sweeps.
+"""Columns of a CSV file in order: under one or more names, the function that makes their cells from an item and the sweeps.
 
 Lengths are in metres, angles in radians, times in seconds since the recording began.
 """
@@ -76,7 +76,7 @@ _REVISIT: Final[Columns] = {
     "psi_per_point": lambda r, _: r.revisit.psi,
     "psi_per_point_best": lambda r, _: r.revisit.psi_best,
 }
-_SPAN: Final[Columns] = {  # the offsets are without the corrections of the whole map
+_SPAN: Final[Columns] = {  # the offsets do not contain the corrections of the whole map
     "t_earlier": lambda s, _: s.t0,
     "t_later": lambda s, _: s.t1,
     _POSE: lambda s, sweeps: sweeps.poses[s.registration.later],
@@ -114,7 +114,7 @@ def _sigmas(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _known(p_value: float) -> float | None:
-    """Returns a p-value, or None where nothing was judged."""
+    """Returns a p-value; None where it is NaN, because nothing was judged."""
     return p_value if np.isfinite(p_value) else None
 
 
@@ -123,7 +123,7 @@ def _names(columns: Columns) -> list[str]:
 
 
 def _list_rows(items: Sequence[Any], columns: Columns, sweeps: Sweeps) -> list[dict[str, Any]]:
-    """Returns a row per item under the names of the columns."""
+    """Returns a row per item: its cells by the names of their columns."""
     names = _names(columns)
     rows = []
     for item in items:
@@ -148,13 +148,13 @@ def summarise(
 
     Args:
         audit: judgement of the map.
-        sweeps: the points that were judged.
+        sweeps: the points that were judged, with their times.
         settings: settings of the audit.
         bounds: settings of the verdict.
         dataset: format and path of what was audited.
-        trajectory: source of the trajectory; None for a cloud without one.
+        trajectory: source of the trajectory; None for a point cloud without a trajectory.
         warnings: warnings that a reader must know before the numbers.
-        extrinsics: x, y [m], yaw [degrees] of the sensor in the frame whose trajectory was given; None if not stated.
+        extrinsics: x, y [m], yaw [degrees] of the sensor in the frame whose trajectory was given; None if none were stated.
     """
     torn, off = share_torn(audit.windows), share_torn_revisits(audit.revisits)
     sure = [r for r in audit.revisits if r.revisit.sure]
@@ -201,7 +201,7 @@ def summarise(
 
 
 def share_to_numbers(torn: Share) -> dict[str, Any]:
-    """Returns the number of torn items, and the confidence bounds of their true share."""
+    """Returns by name the number of torn items, and the confidence bounds of their true share."""
     bounds = {"torn_share_at_least": torn.lower_bound(CONFIDENCE), "torn_share_at_most": torn.upper_bound(CONFIDENCE)}
     return {"torn": torn.count, **bounds}
 
@@ -243,7 +243,8 @@ def describe_mended(mended: Mended, given: Mapping[str, Any]) -> str:
     after = mended.result.audit.verdict.status
     if mended.is_worse:
         return (
-            f"Mending failed: the mended trajectory is judged worse ({after}) than the given one ({before}). Keep that one."
+            f"Mending failed: the mended trajectory is judged worse ({after}) than the given one ({before}). "
+            "Keep the given one."
         )
     held = f"{count_of(mended.ties, 'motion')} and {count_of(mended.loops, 'revisit')} by psi hold the mended trajectory"
     longer = ""
@@ -253,7 +254,7 @@ def describe_mended(mended: Mended, given: Mapping[str, Any]) -> str:
 
 
 def list_unjudged(audit: Audit) -> list[str]:
-    """Returns lines on what an audit, of a given map or of a run's own map, could not judge, and why.
+    """Returns a line for each thing that an audit (of a given map or of a run's own map) could not judge, and why.
 
     Args:
         audit: judgement of the map.
@@ -307,7 +308,7 @@ def _median(values: Sequence[float]) -> float | None:
 
 
 def summarise_audit(audit: Audit) -> dict[str, Any]:
-    """Returns the numbers of steps, spans, sums and pooled corrections, and psi over the lowest psi of the same returns."""
+    """Returns results on steps, spans, sums, pooled corrections, and psi divided by the lowest psi of the same returns."""
     return {
         "final_psi": {
             "over_best_of_windows": audit.compute_psi_over_best(),
@@ -343,7 +344,7 @@ def summarise_tests(tests: Mapping[str, Sequence[Finding]], bounds: VerdictConfi
 
 
 def _summarise_pooled(pooled: Pooled | None) -> dict[str, Any]:
-    """Returns the corrections that all spans of a map ask for together, by name; where unknown, only the number of spans."""
+    """Returns by name the corrections that all spans of a map ask for together; a count of 0 spans if unknown."""
     if pooled is None:
         return {"spans": 0}
     values: dict[str, Any] = {"spans": pooled.spans}
@@ -356,7 +357,7 @@ def _summarise_pooled(pooled: Pooled | None) -> dict[str, Any]:
 
 
 def _name_axes(names: Sequence[str], *parts: NDArray[np.float64]) -> dict[str, float]:
-    """Returns values, their standard deviations and their p-values (N,) by the names of their axes."""
+    """Returns values (N,), their standard deviations (N,) and their p-values (N,) by the names of their axes."""
     endings = ("", "_sigma", "_p_value")
     return {
         f"{name}{ending}": float(part[axis])

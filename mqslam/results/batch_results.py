@@ -26,10 +26,10 @@ class Order:
         frontend: name of the front end.
         settings: all settings.
         odometry: `auto`, `none` or the absolute path of a file.
-        imu: the same for the gyroscope.
-        gnss: the same for the GNSS fixes.
+        imu: `auto`, `none` or a file for the gyroscope.
+        gnss: `auto`, `none` or a file for the GNSS fixes.
         extrinsics: `auto`, `none` or X,Y,YAW of the radar on the vehicle [m, m, degrees].
-        frame: `radar` or `vehicle`: whose poses are written.
+        frame: whose poses are written: `radar` or `vehicle`.
     """
 
     name: str
@@ -45,11 +45,11 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """The result of a run.
+    """The result of a run of a batch.
 
     Args:
-        summary: content of its summary.json, or None.
-        failure: why there is no summary, or None.
+        summary: content of the run's summary.json; None if the run failed.
+        failure: why there is no summary; None if there is one.
         kept: whether the run was finished before this batch.
     """
 
@@ -63,14 +63,14 @@ def check_batch(out: Path, *, force: bool) -> None:
 
     Args:
         out: the folder.
-        force: whether it may hold the results of another command.
+        force: whether the folder may hold the results of another command.
 
     Raises:
-        OutputError: it holds the results of another command, is a file or cannot be made.
+        OutputError: the folder holds the results of another command, is a file or cannot be made.
     """
     others = (out / "report.html").exists() and not (out / "batch.json").exists()
     if others and not force:
-        raise OutputError(f"{out}: holds other results", Remedy.CHOOSE_OR_WRITE_OUTPUT)
+        raise OutputError(f"{out}: holds the results of another command", Remedy.CHOOSE_OR_WRITE_OUTPUT)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -95,7 +95,7 @@ def summarise(orders: Sequence[Order], outcomes: Sequence[RunOutcome]) -> dict[s
 
 
 def _list_run(order: Order, outcome: RunOutcome) -> dict[str, Any]:
-    """Returns a run's numbers; those that a failed run lacks are None."""
+    """Returns the numbers of a run; numbers that a failed run lacks are None."""
     summary = outcome.summary or {}
     dataset, psi, factors = summary.get("dataset", {}), summary.get("psi", {}), summary.get("factors", {})
     verdict, evaluation = summary.get("verdict", {}), summary.get("evaluation") or {}

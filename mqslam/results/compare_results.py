@@ -1,4 +1,4 @@
-"""Writes the results of a comparison: a folder per row, and the rows' numbers as JSON, CSV and a table to read."""
+"""Writes the results of a comparison: a folder per row (front end or trajectory), and all numbers as JSON, CSV and text."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class _Column(NamedTuple):
         key: key of the value in a row of compare.json.
         head: heading of the column.
         form: format of a value.
-        arrow: which values are better: ↓ smaller, ↑ larger, → 1 nearer to 1; empty where none is better.
+        arrow: which values are better: smaller (↓), larger (↑), nearer to 1 (→ 1); empty where no value is better.
     """
 
     key: str
@@ -94,7 +94,7 @@ def summarise(comparison: Comparison) -> dict[str, Any]:
 
 
 def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: int) -> dict[str, Any]:
-    """Returns a row's numbers; a row that failed has its name and failure only."""
+    """Returns the numbers of a row; for a row that failed, only its name and failure."""
     if judged is None:
         return {"name": row.name, "failure": row.failure}
     windows, sure = judged.audit.windows, [r for r in judged.audit.revisits if r.revisit.sure]
@@ -147,14 +147,15 @@ def _find_median_inflation(audit: Audit) -> float | None:
 def tabulate(summary: Mapping[str, Any]) -> tuple[list[list[str]], frozenset[tuple[int, int]]]:
     """Returns the table of a comparison as text for people.
 
-    Columns without values are left out. So is psi per point: it compares neighbours in time, and a worse map may have less.
+    Columns without values are left out. Psi per point is left out, too: it compares neighbours in time, so that a worse map
+    may have a smaller value.
 
     Args:
         summary: content of compare.json.
 
     Returns:
-        the lines of the table, first its head, where an arrow shows whether less or more is better; and line and column of
-        the best values, in columns in which two rows or more have a value. Values with the same text are equally good.
+        the lines of the table, the head first, in which arrows show whether less or more is better; and (line, column) of
+        each best value, for columns in which two rows or more have a value. Values with the same text are equally good.
     """
     rows: list[dict[str, Any]] = summary["rows"]
     shown = [column for column in _COLUMNS if any(row.get(column.key) is not None for row in rows)]
@@ -168,7 +169,7 @@ def tabulate(summary: Mapping[str, Any]) -> tuple[list[list[str]], frozenset[tup
 
 
 def _find_best_lines(column: _Column, rows: Sequence[Mapping[str, Any]]) -> list[int]:
-    """Returns the lines of a column's best values; the head is line 0."""
+    """Returns the numbers of the lines that hold a column's best value; the head is line 0."""
     values = {line: row[column.key] for line, row in enumerate(rows, 1) if row.get(column.key) is not None}
     if not column.arrow or len(values) < 2:
         return []
@@ -177,7 +178,7 @@ def _find_best_lines(column: _Column, rows: Sequence[Mapping[str, Any]]) -> list
 
 
 def _format_cell(value: Any, form: str) -> str:
-    """Returns a value of the table as text: empty where there is none, and a verdict unchanged."""
+    """Returns a value of the table as text: empty for None, and a verdict unchanged."""
     if value is None or isinstance(value, VerdictStatus):
         return str(value or "")
     return form.format(value)

@@ -33,7 +33,7 @@ def format_csv(rows: Iterable[Mapping[str, Any]], columns: Sequence[str] = ()) -
 
     Args:
         rows: values of each row by the names of their columns.
-        columns: names in order; by default those of the row that has the most. Without columns, the text is empty.
+        columns: names in order; by default the names in the row that has most of them. Without any name, the text is empty.
     """
     rows = list(rows)
     names = columns or max((list(row) for row in rows), key=len, default=[])
@@ -47,17 +47,17 @@ def format_csv(rows: Iterable[Mapping[str, Any]], columns: Sequence[str] = ()) -
 
 
 def format_numbers(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns a row with its floats as text of nine significant digits, and a `torn` that was not decided as `unknown`."""
+    """Returns a row with its floats as text of nine significant digits; an undecided `torn` (None) becomes `unknown`."""
     cells = {key: f"{value:.9g}" if isinstance(value, float) else value for key, value in row.items()}
     return cells | ({"torn": "unknown"} if cells.get("torn", "") is None else {})
 
 
 def add_warnings(path: Path, summary: dict[str, Any], warnings: Sequence[str]) -> None:
-    """Adds warnings to a summary that is written already, about files that could not be written after it.
+    """Adds warnings to a summary whose file exists already: they state which further files could not be written.
 
     Args:
         path: the summary's JSON file.
-        summary: its content, to which the warnings are added.
+        summary: content of this file, to which the warnings are added.
         warnings: what could not be written, and why.
 
     Raises:
@@ -84,14 +84,14 @@ def format_log(title: str, lines: Sequence[str]) -> str:
 
 
 def read_origin(folder: Path) -> list[tuple[str, str]]:
-    """Returns when and by which command a folder's results were made, from its run.log; none without such a file."""
+    """Returns when and by which command a folder's results were made, from its run.log; an empty list without run.log."""
     log = folder / "run.log"
     lines = log.read_text(encoding="utf-8").splitlines()[1:3] if log.is_file() else []
     return [(name, value) for name, _, value in (line.partition(": ") for line in lines)]
 
 
 def list_verdict(summary: Mapping[str, Any]) -> list[str]:
-    """Returns the lines of a log about the verdict of a summary, and about what could not be judged."""
+    """Returns log lines on the verdict of a summary, the reasons for it, and what could not be judged."""
     verdict = summary["verdict"]
     lines = [f"verdict: {verdict['status']}: {verdict['diagnosis']}"]
     return [
@@ -102,25 +102,26 @@ def list_verdict(summary: Mapping[str, Any]) -> list[str]:
 
 
 def list_notes(summary: Mapping[str, Any], notes: Sequence[str] = ()) -> list[str]:
-    """Returns a line of a log for each note and for each warning of a summary."""
+    """Returns a log line for each note, and for each warning of a summary."""
     return [*(f"note: {note}" for note in notes), *(f"warning: {warning}" for warning in summary["warnings"])]
 
 
 def list_stages(summary: Mapping[str, Any]) -> list[str]:
-    """Returns a line of a log for each stage, with the time that it took."""
+    """Returns a log line for each stage of a summary, with the time that the stage took."""
     return [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
 
 
 def write_truth(folder: Path, estimate: Trajectory, truth: Trajectory | None) -> None:
-    """Writes the poses of the ground truth with which a run is compared, in the frame of its trajectory.
+    """Writes the poses of the ground truth with which a run is compared, at the stamps of the truth.
 
     evo pairs poses by their stamps. If the truth has other stamps than the scans, a second file holds the trajectory
-    interpolated at the stamps of the truth, as in the evaluation.
+    interpolated at the stamps of the truth, just as it is evaluated.
 
     Args:
         folder: folder of the results.
         estimate: the optimised trajectory.
-        truth: ground truth, or None; nothing is written where the two share fewer than 3 stamps.
+        truth: ground truth of the same sensor or vehicle, or None; nothing is written where fewer than 3 of its stamps lie
+            within the time of the estimate.
 
     Raises:
         OutputError: a file cannot be written.
@@ -135,7 +136,7 @@ def write_truth(folder: Path, estimate: Trajectory, truth: Trajectory | None) ->
 
 
 def name_evo_command(folder: Path) -> str:
-    """Returns the command with which evo computes the ATE of the report; an empty text without ground truth.
+    """Returns the command with which evo computes the ATE of the report; an empty text if there is no ground truth.
 
     If evo is not on the PATH but is installed next to the running Python, the command has its full path.
     """

@@ -38,15 +38,15 @@ def summarise(
     runtime_s: Mapping[str, float],
     warnings: Sequence[str],
 ) -> dict[str, Any]:
-    """Returns the content of summary.json.
+    """Returns the content of summary.json for a localisation.
 
     Args:
         localised: poses of the scans in the map, with their statuses.
         recording: the recording that was localised.
         map: path that the map was read from.
-        made: the map.
+        made: the map: its keyframes and places.
         frontend: name of the front end.
-        runtime_s: seconds by stage.
+        runtime_s: runtime of each stage [s].
         warnings: warnings that a reader must know before the numbers.
     """
     counts = {status.value: localised.statuses.count(status) for status in PlaceStatus}
@@ -91,8 +91,8 @@ def _list_warnings(localised: Localised) -> list[str]:
     warnings = []
     statuses = localised.statuses
     for status, why in (
-        (PlaceStatus.OUTSIDE, "where the map has nothing"),
-        (PlaceStatus.LOST, "where too little of them lies on the map"),
+        (PlaceStatus.OUTSIDE, "outside of the map"),
+        (PlaceStatus.LOST, "lost, because too little of them lies on the map"),
     ):
         if number := statuses.count(status):
             warnings.append(f"{number} of {count_of(len(statuses), 'scan')} are {why}; their poses are predictions")

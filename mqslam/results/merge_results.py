@@ -24,11 +24,11 @@ from mqslam.merging.sessions import Recognition
 from mqslam.results.files import format_csv, format_log, list_notes, list_stages
 from mqslam.version import __version__
 
-_ALIKE: Final = 0.005  # a relative change of psi below this is called none, which affects the wording only
+_ALIKE: Final = 0.005  # a relative change of psi below this is worded as no change; it affects the wording only
 
 
 def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, Any]:
-    """Returns the content of summary.json."""
+    """Returns the content of summary.json for a merge."""
     recordings, links, alignment = merged.kept.keyframes.recordings, merged.links, _summarise_alignment(merged)
     return {
         "mqslam_version": __version__,
@@ -83,7 +83,8 @@ def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
 def _summarise_alignment(merged: Merged) -> dict[str, float | None]:
     """Returns the uncertainty of the recordings' alignment, and the share of keyframes at which it is small enough.
 
-    Changes are looked for only at these keyframes.
+    Changes between the recordings are looked for only where the uncertainty is small enough. All values are None if no
+    uncertainty is known.
     """
     between = merged.sigmas[merged.kept.keyframes.origins != np.arange(len(merged.sigmas))[:, None]]
     sigmas = between[np.isfinite(between)]
@@ -126,8 +127,8 @@ def write_merge(folder: Path, merged: Merged, summary: dict[str, Any]) -> None:
     summary["warnings"] += failures
     lines = list_notes(summary)
     lines += [
-        f"recognition of {m['later']} in {m['earlier']}: {m['matches']} matches in {m['rows']} rows, {m['agreeing']} agree, "
-        f"{m['rivals']} on the likeliest other relation; {m['ambiguous']} submaps match several places"
+        f"recognition of result {m['later']} in result {m['earlier']}: {m['matches']} matches in {m['rows']} rows, of which "
+        f"{m['agreeing']} agree, {m['rivals']} on the next likely relation; {m['ambiguous']} submaps match several places"
         for m in summary["recognition"]
     ]
     title = f"mqslam {summary['mqslam_version']}: merge of {', '.join(summary['results'])}"
@@ -136,7 +137,7 @@ def write_merge(folder: Path, merged: Merged, summary: dict[str, Any]) -> None:
 
 
 def format_links(merged: Merged) -> str:
-    """Returns a row per link: the two keyframes, the later one's pose in the frame of the earlier one, and scores."""
+    """Returns links as CSV: in each row, two keyframes, the later one's pose in the frame of the earlier one, and scores."""
     keyframes = merged.kept.keyframes
 
     def describe(link: Loop, psi: tuple[float, float], residual: float) -> dict[str, Any]:
@@ -156,7 +157,7 @@ def format_links(merged: Merged) -> str:
 
 
 def _describe_recognition(recognition: Recognition) -> dict[str, Any]:
-    """Returns the numbers of the search for one result's places in another one; results are numbered from 1."""
+    """Returns the numbers of the search for the places of one result in another result; results are numbered from 1."""
     return {
         "earlier": recognition.earlier + 1,
         "later": recognition.later + 1,

@@ -54,7 +54,7 @@ _STAGES: Final = ("read", "detect", "windows", "along", "loops", "refine", "opti
 
 
 def summarise(run: Run, recording: Recording) -> dict[str, Any]:
-    """Returns the content of summary.json without the run's key and its warnings, which the caller adds."""
+    """Returns the content of a run's summary.json without `run_key` and the warnings, which the caller adds."""
     before, after = run.map_odometry, run.map_optimised
     torn = share_torn(run.checks)
     truth = recording.ground_truth
@@ -175,7 +175,7 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
 
 
 def add_warnings(folder: Path, summary: dict[str, Any], notes: Sequence[str], warnings: Sequence[str]) -> None:
-    """Adds warnings to a summary and a log that are written already, about files that could not be written after them.
+    """Adds warnings to summary.json and run.log, which exist already: they state which further files could not be written.
 
     Args:
         folder: the folder of the results.
@@ -192,12 +192,12 @@ def add_warnings(folder: Path, summary: dict[str, Any], notes: Sequence[str], wa
 
 
 def write_marginals(path: Path, trajectory: Trajectory, marginals: PoseCovariances) -> None:
-    """Writes the covariances of all poses in the frame of the first one; writes no file if they are not known.
+    """Writes the covariances of all poses in the frame of the first pose; writes no file if the covariances are not known.
 
     Args:
         path: the file.
         trajectory: the poses.
-        marginals: their covariances in their own frames.
+        marginals: covariances of the poses, each in the pose's own frame.
 
     Raises:
         OutputError: the file cannot be written.
@@ -210,7 +210,7 @@ def write_marginals(path: Path, trajectory: Trajectory, marginals: PoseCovarianc
 
 
 def format_measurements(measurements: Sequence[Measurement]) -> str:
-    """Returns a row per measurement, with the covariance of dx [m], dy [m], dyaw [rad] in the frame of the pose at t0."""
+    """Returns a CSV row per measurement; the covariance of dx [m], dy [m], dyaw [rad] is in the frame of the pose at t0."""
     rows = []
     for m in measurements:
         numbers = [*m.pose, *m.covariance[np.triu_indices(3)], m.psi, m.psi_odometry]
@@ -221,7 +221,7 @@ def format_measurements(measurements: Sequence[Measurement]) -> str:
 
 
 def format_graph_table(run: Run) -> str:
-    """Returns as CSV what g2o cannot express about each edge of graph.g2o: its kind, its robust loss, and its scans' stamps.
+    """Returns as CSV what g2o cannot express about each edge of graph.g2o: its kind, robust loss, and stamps of its scans.
 
     Args:
         run: the finished run.
@@ -239,7 +239,7 @@ def format_graph_table(run: Run) -> str:
 
 
 def _name_kind(ends: Sequence[int], size: int, loss: str) -> str:
-    """Returns the kind of an edge between two vertices, such as `motion` or `loop`."""
+    """Returns the kind of an edge, such as `motion`, by the numbers of its vertices: first `size` scans, then submaps."""
     a, b = ends
     if a >= size:
         return "measurement" if b < size else "map"
@@ -249,7 +249,7 @@ def _name_kind(ends: Sequence[int], size: int, loss: str) -> str:
 
 
 def _describe_loss(noise: gtsam.noiseModel.Base) -> tuple[str, float | str]:
-    """Returns the name of an edge's robust loss, and the parameter of the loss in standard deviations."""
+    """Returns the name of an edge's robust loss, and its parameter [standard deviations]; `none` and "" if it has none."""
     if not isinstance(noise, gtsam.noiseModel.Robust):
         return "none", ""
     if isinstance(noise.robust(), gtsam.noiseModel.mEstimator.Cauchy):
@@ -268,7 +268,7 @@ def _write_numbers(folder: Path, summary: dict[str, Any], notes: Sequence[str]) 
 
 
 def _describe_last_pose(run: Run) -> dict[str, Any] | None:
-    """Returns the standard deviations of the last pose in the frame of the first; None where they are not known.
+    """Returns the standard deviations of the last pose relative to the first one, in its own frame; None if not known.
 
     The drift that all submaps have in common comes from a prior, unless a loop or GNSS measures it.
     """
@@ -301,12 +301,12 @@ def summarise_sensors(run: Solution) -> dict[str, Any]:
 
 
 def _summarise_use(use: GyroscopeUse | FixUse | VelocityUse) -> dict[str, Any]:
-    """Returns the entries of the summary that every sensor has."""
+    """Returns the entries of the summary that all sensors have in common."""
     return {"source": use.source, "used": use.edges is not None, "statements": list(use.statements)}
 
 
 def summarise_mount(mount: MountUse) -> dict[str, Any]:
-    """Returns the pose of the radar on the vehicle; NaN, which becomes null in JSON, where it is not known."""
+    """Returns the pose of the radar on the vehicle; unknown numbers are NaN, which becomes null in JSON."""
     numbers = dict(zip(("x_m", "y_m", "yaw_rad"), mount.pose.tolist(), strict=True))
     numbers |= zip(("sigma_x_m", "sigma_y_m", "sigma_yaw_rad"), mount.sigmas.tolist(), strict=True)
     return {**numbers, "source": mount.source, "statements": list(mount.statements)}
@@ -326,7 +326,7 @@ def _summarise_gyroscope(use: GyroscopeUse) -> dict[str, Any]:
 
 
 def _list_rotation(rotation: Rotation) -> dict[str, Any]:
-    """Returns the parameters that turn a gyroscope's readings into turns of the radar."""
+    """Returns the parameters by which a gyroscope's readings are converted to rotations of the radar."""
     return {
         "axis": rotation.axis,
         "upside_down": rotation.sign < 0.0,

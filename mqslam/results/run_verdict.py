@@ -1,4 +1,4 @@
-"""Judges the map of a run from the run alone, and lists the warnings that its reader should know first."""
+"""Judges the map of a run from the run alone, and lists the warnings that a reader of the results should know first."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ _DEGENERATE_WARN = 0.1
 # Ratio of psi per point after optimisation to psi per point before it, above which optimisation made the map worse. It may
 # be a little above 1, since two passes that loops bring together have a higher psi than each pass alone.
 _WORSE = 1.1
-_LISTED: Final = 5  # most gaps that are named one by one, so that the warnings stay readable
+_LISTED: Final = 5  # largest number of gaps that are named one by one, so that the warnings stay readable
 _SEEN_BY_CHIRPS: Final = "; the velocities by chirps carry the trajectory there"
 _NEAR_S: Final = 5.0  # stretches that are less than this apart [s] are named in one line
 
 
 def judge_run(run: Run) -> dict[str, list[Finding]]:
-    """Returns the findings of each test of a run's map by the test's name. They need nothing but the run.
+    """Returns the findings of each test of a run's map by the test's name. The tests need nothing but the run.
 
-    Only windows show how good the map is. Without them, it is not judged, and warnings become `not judged`, too.
+    Only windows show how good the map is. Without windows, the map is not judged, and warnings become `not judged`, too.
     """
     if run.checked is None and CHECK in run.crashes:
         crash = f"{CHECK} crashed ({run.crashes[CHECK]}), so that nothing has judged the map; run.log has the traceback"
@@ -66,7 +66,7 @@ def _judge_nothing(finding: Finding) -> Finding:
 
 
 def _judge_direction(run: Run) -> list[Finding]:
-    """Returns a finding that the map is mirrored, if independent sensors turn the other way than the radar; else none."""
+    """Returns a finding that the map is mirrored, if independent sensors turn the other way than the radar; else []."""
     opposite = run.sensors.opposite
     if not opposite:
         return []
@@ -77,14 +77,14 @@ def _judge_direction(run: Run) -> list[Finding]:
 
 
 def list_warnings(run: Run, recording: Recording) -> list[str]:
-    """Returns the warnings about a run that its reader should know first."""
+    """Returns the warnings about a run that a reader of its results should know first."""
     warnings = [*recording.faults, *warn_of_unread(run.unread), *run.warnings]
     warnings += _warn_of_gaps(recording.gaps(), LONGEST_COAST_S)
     for status, what in ((Status.LOST, "lost track"), (Status.DEGENERATE, "did not observe every direction")):
         remark = _SEEN_BY_CHIRPS if status is Status.DEGENERATE and _has_velocities(run, status) else ""
         warnings += [f"{line}{remark}" for line in _warn_of_stretches(what, find_stretches(run.measurements, status))]
     if run.refined.refused:
-        warnings.append("the refinement made psi between passes larger: the poses before it are kept")
+        warnings.append("the refinement made psi between passes larger: the poses from before the refinement are kept")
     stops = find_stops(run, recording)
     warnings += [
         f"stood still from {begin:.1f} s to {end:.1f} s: the map holds the first scan of that time only"
@@ -94,14 +94,14 @@ def list_warnings(run: Run, recording: Recording) -> list[str]:
 
 
 def find_stops(run: Run, recording: Recording) -> list[tuple[float, float]]:
-    """Returns the begin and the end [s] of each long stop; the map holds only the first scan of a stop."""
+    """Returns the beginning and the end [s] of each long stop; the map holds only the first scan of a stop."""
     moved = recording.start_times[select_moving(run.optimised.poses)]
     ends = np.append(moved[1:], recording.duration_s)
     return [(float(a), float(b)) for a, b in zip(moved, ends, strict=True) if b - a >= _STOP_S]
 
 
 def find_stretches(measurements: Sequence[Measurement], status: Status) -> list[tuple[float, float]]:
-    """Returns the begin and the end [s] of each stretch of successive measurements that have the given status."""
+    """Returns the beginning and the end [s] of each stretch of successive measurements that have the given status."""
     spans: list[tuple[float, float]] = []
     for measurement in measurements:
         if measurement.status is not status:
@@ -122,11 +122,11 @@ def _has_velocities(run: Run, status: Status) -> bool:
 
 
 def _warn_of_stretches(what: str, spans: Sequence[tuple[float, float]]) -> list[str]:
-    """Returns a warning for each stretch, or one for several that are near each other.
+    """Returns a warning for each stretch, or one warning for several stretches that are near each other.
 
     Args:
         what: what happened in each stretch, in words.
-        spans: begin and end of each stretch [s], in order.
+        spans: beginning and end of each stretch [s], in order.
     """
     groups: list[list[tuple[float, float]]] = []
     for span in spans:
@@ -164,7 +164,7 @@ def _judge_track(run: Run) -> list[Finding]:
 
 
 def _judge_passes(run: Run) -> list[Finding]:
-    """Returns the finding on how optimisation changed psi across passes; none where psi cannot show it."""
+    """Returns the finding on how optimisation changed psi across passes; an empty list where psi cannot show it."""
     compared = _compare_psi(run, run.refined.psi_before, run.refined.psi_across)
     return [_blame_optimisation(status, f"psi per point across passes {ratio}") for status, ratio in compared]
 
@@ -176,7 +176,7 @@ def _blame_optimisation(status: VerdictStatus, reason: str) -> Finding:
 
 
 def _judge_whole_map(run: Run) -> list[Finding]:
-    """Returns the findings on the whole map, and on how optimisation changed its psi; none where psi cannot show it.
+    """Returns the findings on the whole map, and on how optimisation changed its psi; an empty list if psi cannot show it.
 
     A radar that stood still leaves a map of one scan, none of whose points is matched.
     """
@@ -235,7 +235,7 @@ def _warn_of_gaps(gaps: list[tuple[int, float]], longest_coast_s: float) -> list
 
 
 def _judge_scale(run: Run) -> list[Finding]:
-    """Returns findings that odometry or GNSS fixes contradict the trajectory's scale; none if they agree or are too few."""
+    """Returns findings that odometry or GNSS fixes contradict the trajectory's scale; [] if they agree or are too few."""
     reasons, ratio, fixes = [], measure_ratio(run), run.sensors.fixes
     stretch = None if fixes is None else fixes.stretch
     if ratio is not None and is_wrong_scale(ratio):
@@ -259,11 +259,14 @@ def _shows_scale(fixes: FixUse | None) -> bool:
 
 
 def list_unknown_scale(run: Run, recording: Recording) -> list[str]:
-    """Returns a line on what the map's scale rests on, if neither odometry nor GNSS checks it; psi does not depend on it."""
+    """Returns a line on what the map's scale rests on, if neither odometry nor GNSS checks this scale, else an empty list.
+
+    Psi does not depend on the scale.
+    """
     if measure_ratio(run) is not None or _shows_scale(run.sensors.fixes):
         return []
     known = "assumed" if recording.is_resolution_assumed else "stated"
-    length = f"range bins of {recording.range_resolution:.4g} m, as is {known}"
+    length = f"range bins of {recording.range_resolution:.4g} m, a value that is {known}"
     return [f"the scale of the map rests on {length}: neither odometry nor GNSS checks it"]
 
 

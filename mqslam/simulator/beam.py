@@ -1,4 +1,4 @@
-"""Casts one beam of the simulated radar: what the beam meets, how much of it comes back, and into which range bins.
+"""Casts one beam of the simulated radar: what the beam meets, how much power comes back, and into which range bins.
 
 A beam is cut into thin cells of its two-way pattern. Walls are clipped to the cells exactly, so an oblique wall fills
 the span of ranges that it really crosses; a pole is a bright line at its nearest point, seen with the pattern's gain.
@@ -41,19 +41,19 @@ CLUTTER_DECADES = (1.5, 4.5)
 SATURATION_DECADES = (1.5, 2.5)
 """Least and greatest excess of a saturated azimuth's noise, as powers of ten."""
 ECHO_HALF_WIDTH = 4
-"""Number of range bins to which an echo extends on either side of its middle."""
+"""Number of range bins to which an echo extends on either side of its peak."""
 HITS = 96
 """Largest number of things that one cell of a beam can meet."""
 CORNERS = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5], [0.5, 0.5]])
 """Corners of a vehicle in units of its length and width; the first corner is repeated at the end."""
 NEAR, FAR, ENERGY, OPACITY, CLOSING = range(5)
-"""Columns of a hit: nearest and farthest range [m], energy, share of the cell's beam taken, closing speed [m/s]."""
+"""Columns of a hit: nearest and farthest range [m], energy, blocked share of the cell's beam, closing speed [m/s]."""
 
 Pair = tuple[float, float]
 
 
 class Things(NamedTuple):
-    """The reflecting things of a scene, as arrays of `Scene`."""
+    """The reflecting things of a scene, as the arrays of the same names in `Scene`."""
 
     walls: Array
     poles: Array
@@ -62,7 +62,7 @@ class Things(NamedTuple):
 
 
 class Sweep(NamedTuple):
-    """The sensor during one turn."""
+    """Motion and beams of the sensor during one revolution of the radar."""
 
     poses: Array  # (A, 3) pose at each azimuth, scene frame
     twists: Array  # (A, 3) body velocity at each azimuth [m/s, m/s, rad/s]
@@ -104,7 +104,7 @@ class Hits(NamedTuple):
 
 @nb.njit(cache=True, nogil=True)
 def render_power(things: Things, sweep: Sweep, pattern: Pattern, radar: SimulatedRadar, seed: int) -> NDArray[np.uint8]:
-    """Renders the received power of one turn as counts (A, B) uint8, as `render_polar_scan` describes it."""
+    """Renders the received power of one revolution of the radar as counts (A, B) uint8, as `render_polar_scan` does."""
     np.random.seed(seed)
     cells = len(pattern.gains)
     hits = Hits(np.empty((cells, HITS, 5)), np.zeros(cells, dtype=np.int64))
@@ -197,7 +197,7 @@ def _cast_wall(
 
 @nb.njit(cache=True, nogil=True)
 def _clip(t0: float, t1: float, at_start: float, at_end: float) -> Pair:
-    """Returns the part of [t0, t1] on which a linear function, given at t = 0 and t = 1, is not negative."""
+    """Returns the ends of the part of [t0, t1] on which a linear function, given at t = 0 and t = 1, is not negative."""
     if at_start < 0.0 and at_end < 0.0:
         return 1.0, 0.0
     if at_start < 0.0:
@@ -211,7 +211,7 @@ def _clip(t0: float, t1: float, at_start: float, at_end: float) -> Pair:
 def _cast_pole(
     middle: Pair, radius: float, reflectivity: float, velocity: Pair, pole_echo: float, pattern: Pattern, hits: Hits
 ) -> None:
-    """Adds a pole of a radius [m] to the cell that holds its middle."""
+    """Adds a pole of a radius [m] to the hits of the cell in which its centre lies."""
     u, w = middle
     if u < NEAREST:
         return
@@ -263,7 +263,7 @@ def _cast_mover(
 def _cast_plant(
     middle: Pair, radius: float, density: float, velocity: Pair, wall_echo: float, pattern: Pattern, hits: Hits
 ) -> None:
-    """Adds a plant of a radius [m] and a density [1/m] to every cell whose middle ray passes through its disc."""
+    """Adds a plant of a radius [m] and a density [1/m] to every cell whose central ray passes through the plant's disc."""
     u, w = middle
     edges, gains, table, counts = pattern.edges, pattern.gains, hits.table, hits.counts
     cells = len(counts)
@@ -288,7 +288,7 @@ def _cast_plant(
 
 @nb.njit(cache=True, nogil=True)
 def _add_echoes(hits: Hits, radar: SimulatedRadar, beta: float, row: Array) -> None:
-    """Adds all hits of a beam to its row of power (B,); hits in the same cell that are nearer weaken those behind them."""
+    """Adds the echoes of a beam's hits to its row of power (B,); in each cell, nearer hits weaken the hits behind them."""
     for c in range(len(hits.counts)):
         through = 1.0
         for h in np.argsort(hits.table[c, : hits.counts[c], NEAR]):

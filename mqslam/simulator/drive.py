@@ -32,7 +32,7 @@ class Drive(ABC):
 
 @dataclass(frozen=True)
 class ConstantDrive(Drive):
-    """An exact constant-twist arc.
+    """A drive along an arc with an exactly constant twist.
 
     Args:
         v: forward speed [m/s].
@@ -55,7 +55,7 @@ class ConstantDrive(Drive):
 
 @dataclass(frozen=True)
 class SampledDrive(Drive):
-    """A drive along the cubic spline through sampled poses with sampled velocities; the end pieces are continued.
+    """A drive along the cubic spline through sampled poses with sampled velocities; its end pieces go on past the samples.
 
     Args:
         times: (N,) [s], increasing.
@@ -89,7 +89,7 @@ class SampledDrive(Drive):
         return np.column_stack([ahead, left, rate[:, 2]])
 
     def _find_intervals(self, times: Times) -> tuple[NDArray[np.intp], Times, Times]:
-        """Returns the interval (N,) of each time, the place in it (N, 1) 0..1 and its duration (N, 1) [s]."""
+        """Returns the number (N,) of each time's interval, its passed share 0..1 (N, 1), and its duration (N, 1) [s]."""
         i = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
         step = (self.times[i + 1] - self.times[i])[:, None]
         return i, (times - self.times[i])[:, None] / step, step
@@ -102,7 +102,7 @@ class SampledDrive(Drive):
 def make_loop_drive(duration_s: float, *, speed: float = 9.0) -> SampledDrive:
     """Makes a drive of counter-clockwise rounds of a street scene's middle block, in the right-hand lane.
 
-    It enters and leaves corners gradually; one round takes about 47 s. The drive starts in the middle of the side with the
+    The drive enters and leaves corners gradually; one round takes about 47 s. It starts at the midpoint of the side with the
     least y, and heads along x.
 
     Args:
@@ -127,7 +127,7 @@ def make_loop_drive(duration_s: float, *, speed: float = 9.0) -> SampledDrive:
 
 
 def _lay_lap(speed: float) -> tuple[Times, se2.Array, Times, Times]:
-    """Returns places (N,) [m], poses (N, 3), curvatures (N,) [1/m] and speed limits (N,) [m/s] along one round."""
+    """Returns distances (N,) [m] along one round; poses (N, 3), curvatures (N,) [1/m], speed limits (N,) [m/s] there."""
     corner, bend, spacing = _lay_corner()
     poses = [np.array([[0.0, -_ROUND[1] / 2.0, 0.0]])]
     places, curvatures, limits = [np.zeros(1)], [np.zeros(1)], [np.full(1, speed)]
@@ -152,10 +152,10 @@ def _lay_lap(speed: float) -> tuple[Times, se2.Array, Times, Times]:
 
 
 def _lay_corner() -> tuple[se2.Array, Times, float]:
-    """Lays a left turn by 90 degrees whose curvature [1/m] rises and falls linearly.
+    """Lays a left-hand corner of 90 degrees whose curvature [1/m] rises and falls linearly.
 
     Returns:
-        Poses (N, 3) in the frame of the turn's start, without the start itself; the curvatures (N,) [1/m] at these
+        Poses (N, 3) in the frame of the corner's start, without the start itself; the curvatures (N,) [1/m] at these
         poses; the spacing of the poses [m].
     """
     length = np.pi / 2.0 / _CURVATURE + _RAMP_M
@@ -197,7 +197,7 @@ def make_tunnel_drive(duration_s: float) -> SampledDrive:
 
 
 def clear_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
-    """Moves vehicles of a scene along their lanes so that, where possible, none runs into a drive of `duration_s` [s]."""
+    """Moves vehicles of a scene along their lanes so that, if possible, no vehicle meets a drive of `duration_s` [s]."""
     times = np.arange(0.0, duration_s, 0.05)
     poses = drive.poses(times)
     movers = scene.movers.copy()
@@ -208,7 +208,7 @@ def clear_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
 
 
 def meets(mover: Times, place: float, times: Times, poses: se2.Array) -> bool:
-    """Returns whether another vehicle, which begins at a place [m] of its lane, would touch the radar's own vehicle.
+    """Returns whether another vehicle, which starts at `place` [m] along its lane, would touch the radar's own vehicle.
 
     The other vehicle is a row (9,) of `Scene.movers`. The own vehicle has poses (N, 3) at times (N,) [s].
     """

@@ -34,13 +34,13 @@ class OdometryModel:
     bias: float = 0.004  # standard deviation of the yaw rate's bias at the start [rad/s]
     bias_walk: float = 0.001  # standard deviation by which the bias wanders in a second [rad/s]
     rate_noise: float = 0.01  # standard deviation of a row's yaw rate [rad/s]
-    slip: float = 0.12  # relative excess of the yaw rate in a hard turn
-    hard_turn: float = 0.2  # yaw rate [rad/s] at which slip begins; from twice this rate on, it is full
+    slip: float = 0.12  # relative excess of the measured yaw rate when the vehicle turns hard
+    hard_turn: float = 0.2  # yaw rate [rad/s] at which slip begins; from twice this rate on, slip is full
 
 
 @dataclass(frozen=True)
 class WheelOdometry:
-    """Speed and yaw rate as the wheels report them, each row the mean until the next row."""
+    """Speed and yaw rate as the wheels report them; each row holds the means over the time until the next row."""
 
     stamps_us: NDArray[np.int64]  # (N,) int64 [us]
     v: NDArray[np.float64]  # (N,) forward speed [m/s]
@@ -74,7 +74,7 @@ def simulate_wheel_odometry(
 class GyroscopeModel:
     """Errors of a gyroscope."""
 
-    bias: float  # standard deviation of an axis's bias when it is turned on [rad/s]
+    bias: float  # standard deviation of an axis's bias when the gyroscope is switched on [rad/s]
     bias_walk: float  # standard deviation by which a bias wanders in a second [rad/s]
     noise: float  # density of the white noise [rad/s per square root of Hz]
     scale: float  # standard deviation of an axis's relative scale error
@@ -116,7 +116,7 @@ class ReceiverModel:
     """Errors of a single-frequency receiver, such as the u-blox M8 and M9, whose median error is 2 to 2.5 m."""
 
     rate_hz: float = 1.0  # fixes per second
-    noise_m: float = 2.0  # standard deviation of a fix along each axis [m]; the receiver states it, whatever its error is
+    noise_m: float = 2.0  # standard deviation of a fix along each axis [m]; the receiver states this value for every fix
     jumps: float = 1.0  # multipath jumps per minute
     # standard deviation of a jump along each axis [m], as when a wall on the other side of a street reflects the signals
     jump_m: float = 20.0
@@ -128,7 +128,7 @@ class ReceiverModel:
 def simulate_fixes(
     drive: Drive, roofs: NDArray[np.float64], duration_s: float, start_us: int, model: ReceiverModel, seed: int
 ) -> Fixes:
-    """Simulates a receiver's fixes at the radar's position during a drive; there are none under the scene's roofs (R, 4)."""
+    """Simulates a receiver's fixes at the radar's position during a drive; no fix lies under the scene's roofs (R, 4)."""
     rng = np.random.default_rng([seed, 22])
     times = np.arange(int(np.floor(duration_s * model.rate_hz + 1e-9)) + 1) / model.rate_hz
     true = drive.poses(times)[:, :2]
@@ -146,13 +146,13 @@ def simulate_fixes(
 
 
 def _draw_spells(rng: np.random.Generator, duration_s: float, per_minute: float, mean_s: float) -> list[tuple[float, float]]:
-    """Draws spells of a mean duration [s] at random times: their beginnings and ends [s]."""
+    """Draws spells at random times, `per_minute` on average and `mean_s` long [s]: their beginnings and ends [s]."""
     begins = rng.uniform(0.0, duration_s, rng.poisson(per_minute * duration_s / 60.0))
     return list(zip(begins.tolist(), (begins + rng.exponential(mean_s, len(begins))).tolist(), strict=True))
 
 
 def _find_degrees(places: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns latitudes (N,) and longitudes (N,) [deg] of places (N, 2) [m] in the tangent plane at the origin.
+    """Returns latitudes (N,) and longitudes (N,) [deg] of places (N, 2) [m] in the tangent plane at the scene's origin.
 
     The Earth's radii of curvature are taken at the origin, so that the result is wrong by some metres ten kilometres away.
     """
@@ -165,5 +165,5 @@ def _find_degrees(places: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
 
 
 def _to_stamps(times: NDArray[np.float64], start_us: int) -> NDArray[np.int64]:
-    """Returns the stamps (N,) [us] of times (N,) [s]."""
+    """Returns the stamps (N,) [us] of times (N,) [s] after `start_us`."""
     return start_us + np.round(times * 1e6).astype(np.int64)

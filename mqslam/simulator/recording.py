@@ -34,20 +34,20 @@ class World(Protocol):
     """A drive through a scene as the radar measures it."""
 
     def stamps(self, k: int) -> NDArray[np.float64]:
-        """Returns the times (A,) [s] with which the azimuths of turn k are stamped."""
+        """Returns the times (A,) [s] with which the azimuths of revolution k of the radar are stamped."""
 
     def end(self) -> float:
-        """Returns the time [s] with which the end of the last turn is stamped."""
+        """Returns the time [s] with which the end of the last revolution is stamped."""
 
     def render(self, k: int) -> NDArray[np.uint8]:
-        """Renders the readings (A, B) of turn k; they do not depend on which other turns are rendered."""
+        """Renders the readings (A, B) of revolution k; they do not depend on which other revolutions are rendered."""
 
     def describe(self) -> dict[str, Any]:
         """Returns the parameters of the world for the JSON file that is written beside a recording."""
 
 
 MakeWorld = Callable[[Scene, Drive, SensorModel, int, int], World]
-"""Makes a world of a scene, a drive, a radar, the number of its turns, and the seed of all chance."""
+"""Makes a world from a scene, a drive, a radar, the number of the radar's revolutions, and the seed of all randomness."""
 
 
 @dataclass(frozen=True)
@@ -57,20 +57,20 @@ class ClearWorld:
     scene: Scene  # what reflects
     drive: Drive  # how the radar moves
     sensor: SensorModel  # the radar
-    turns: int  # number of turns
+    turns: int  # number of revolutions
     seed: int  # seed of the noise
 
     def stamps(self, k: int) -> NDArray[np.float64]:
-        """Returns the times (A,) [s] at which the azimuths of turn k are measured."""
+        """Returns the times (A,) [s] at which the azimuths of revolution k are measured."""
         turns = k + np.arange(self.sensor.azimuths) / self.sensor.azimuths
         return np.asarray(turns / self.sensor.turn_rate_hz)
 
     def end(self) -> float:
-        """Returns the time [s] at which the last turn ends."""
+        """Returns the time [s] at which the last revolution ends."""
         return self.turns / self.sensor.turn_rate_hz
 
     def render(self, k: int) -> NDArray[np.uint8]:
-        """Renders the readings (A, B) of turn k, each azimuth from the radar's pose at its stamp in whole microseconds."""
+        """Renders the readings (A, B) of revolution k, each azimuth from the pose at its stamp in whole microseconds."""
         times = np.asarray((to_stamps(self.stamps(k)) - START_US) * 1e-6, dtype=np.float64)
         poses, twists = self.drive.poses(times), self.drive.twists(times)
         return render_polar_scan(self.scene, poses, twists, times, self.sensor, (self.seed, k))
@@ -127,18 +127,18 @@ def simulate_recording(  # noqa: PLR0913 - these are the options of a simulation
         duration_s: time by which the last polar scan ends [s].
         sensor: the radar; None takes a Navtech CTS350-X.
         seed: seed of all noise.
-        odometry: errors of the wheel odometry; None takes the usual ones.
-        world: makes the world as the radar sees it; in the usual one, every surface is visible from all sides.
+        odometry: errors of the wheel odometry; None takes the default errors.
+        world: makes the world as the radar sees it; in the default world, every surface is visible from all sides.
         gyroscope: errors of the gyroscope; None simulates no gyroscope.
         receiver: errors of the GNSS receiver; None simulates no receiver.
 
     Raises:
-        ConfigError: the duration holds no whole turn.
+        ConfigError: the duration holds no whole revolution of the radar.
     """
     sensor = sensor or SensorModel()
     turns = int(duration_s * sensor.turn_rate_hz + 1e-9) if np.isfinite(duration_s) else 0
     if turns < 1:
-        raise ConfigError(f"simulator: {duration_s} s hold no whole turn at {sensor.turn_rate_hz} turns/s")
+        raise ConfigError(f"simulator: {duration_s} s hold no whole revolution at {sensor.turn_rate_hz} Hz; drive longer")
     seen = world(scene, drive, sensor, turns, seed)
     stamps_us = to_stamps(np.array([*(seen.stamps(k)[0] for k in range(turns)), seen.end()]))
     times = np.asarray((stamps_us - START_US) * 1e-6, dtype=np.float64)

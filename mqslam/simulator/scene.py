@@ -16,15 +16,15 @@ Array = NDArray[np.float64]
 WALL_OPACITY, VEHICLE_OPACITY, POLE_OPACITY = 0.95, 0.35, 0.5
 """Share of the beam that a thing blocks: the antenna sits on a vehicle's roof, so much of the beam passes over things."""
 LANE = 1.75
-"""Distance of a lane's middle from the street's middle [m]; traffic keeps to the right."""
+"""Distance of a lane's centre line from the street's centre line [m]; traffic keeps to the right."""
 BLOCK = (100.0, 72.0)
-"""Distance between the middles of neighbouring streets of a street scene [m], along x and along y."""
+"""Distance between the centre lines of neighbouring streets of a street scene [m], along x and along y."""
 
 _TUNNEL_M, _TUNNEL_STREET = 5.5, 100.0  # half of a tunnel's width, length of the streets before and behind it [m]
 
 
 def _no_rows(columns: int) -> Array:
-    """Returns an array without rows."""
+    """Returns an array (0, columns) without rows."""
     return np.empty((0, columns))
 
 
@@ -35,10 +35,10 @@ class Scene:
     Args:
         walls: (W, 6) x0 [m], y0 [m], x1 [m], y1 [m], reflectivity, opacity 0..1; parked vehicles are four walls each.
         poles: (P, 4) x [m], y [m], radius [m], reflectivity.
-        movers: (M, 9) vehicles on straight lanes: lane start x [m], y [m], heading [rad], lane length [m], place along
-            the lane at time zero [m], speed [m/s], vehicle length [m], width [m], reflectivity. A vehicle that reaches
-            the lane's end begins again at its start.
-        plants: (P, 4) round shrubs and crowns: x [m], y [m], radius [m], density: share of the beam taken per metre, 0..1.
+        movers: (M, 9) vehicles on straight lanes: lane start x [m], y [m], heading [rad], lane length [m], distance
+            along the lane at time zero [m], speed [m/s], vehicle length [m], width [m], reflectivity. A vehicle that reaches
+            the lane's end begins again at the lane's start.
+        plants: (P, 4) round shrubs and crowns: x [m], y [m], radius [m], density: share of the beam blocked per metre, 0..1.
         roofs: (R, 4) x0 [m], y0 [m], x1 [m], y1 [m] of rectangles under which no satellite is seen.
     """
 
@@ -51,7 +51,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class SceneParts:
-    """The walls, poles and plants of a scene that is being made: lists of rows as `Scene` has them."""
+    """The walls, poles and plants of a scene that is being made: lists of arrays with the rows of `Scene`."""
 
     walls: list[Array] = field(default_factory=list)
     poles: list[Array] = field(default_factory=list)
@@ -68,11 +68,11 @@ class SceneParts:
         )
 
     def add_poles(self, places: Array, radii: Array | float, reflectivities: Array) -> None:
-        """Adds poles at places (N, 2) [m] with radii [m] and reflectivities (N,)."""
+        """Adds poles at positions (N, 2) [m] with radii, one or (N,) [m], and reflectivities (N,)."""
         self.poles.append(np.column_stack([places, np.broadcast_to(radii, len(places)), reflectivities]))
 
     def add_vehicle(self, rng: np.random.Generator, centre: Array, yaw: float) -> None:
-        """Adds a parked vehicle."""
+        """Adds a parked vehicle, given its centre (2,) [m] and yaw [rad]."""
         self.walls.append(make_vehicle(rng, centre, yaw))
 
     def add_building(
@@ -104,7 +104,7 @@ class SceneParts:
 
 
 def make_box(centre: Array, yaw: float, size: Array, reflectivity: float, opacity: float = WALL_OPACITY) -> Array:
-    """Returns the four sides of a rectangle of a length and width (2,) [m] as walls (4, 6)."""
+    """Returns the sides of a rectangle as walls (4, 6), given its centre (2,) [m], yaw [rad], length and width (2,) [m]."""
     along = 0.5 * size[0] * np.array([np.cos(yaw), np.sin(yaw)])
     across = 0.5 * size[1] * np.array([-np.sin(yaw), np.cos(yaw)])
     corners = centre + np.array([along + across, across - along, -along - across, along - across])
@@ -112,7 +112,7 @@ def make_box(centre: Array, yaw: float, size: Array, reflectivity: float, opacit
 
 
 def make_vehicle(rng: np.random.Generator, centre: Array, yaw: float) -> Array:
-    """Returns a parked vehicle as four walls (4, 6)."""
+    """Returns a parked vehicle as four walls (4, 6), given its centre (2,) [m] and yaw [rad]."""
     size = np.array([rng.uniform(3.8, 5.0), rng.uniform(1.7, 1.95)])
     return make_box(centre, yaw, size, rng.uniform(0.5, 2.0), VEHICLE_OPACITY)
 
@@ -126,7 +126,7 @@ def make_street_scene(seed: int, *, movers: int = 10) -> Scene:
     """Makes nine blocks of a city: broken facades, gaps and a park, lamps, trees, parked and moving vehicles.
 
     The middle block is centred at the origin. The lanes around it that a counter-clockwise drive uses have no moving
-    vehicles, because these do not give way.
+    vehicles, because moving vehicles do not give way.
 
     Args:
         seed: another seed gives another city.
@@ -220,7 +220,7 @@ def make_yard_scene(seed: int, *, movers: int = 0) -> Scene:
 
 
 def _block(rng: np.random.Generator, centre: Array, half: Array, parts: SceneParts) -> None:
-    """Adds the houses of one block, given half its size (2,) [m], in rows along its four sides, with gaps."""
+    """Adds rows of houses with gaps along the four sides of a block, given its centre (2,) [m] and half size (2,) [m]."""
     depth = 11.0
     for quarter in range(4):
         along = np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)][quarter])
@@ -267,7 +267,7 @@ def _furnish(rng: np.random.Generator, start: Array, heading: float, length: flo
 
 
 def _traffic(rng: np.random.Generator, number: int) -> Array:
-    """Puts vehicles (number, 9) on the lanes of a street scene that a drive round its middle block does not use."""
+    """Returns vehicles (number, 9) on those lanes of a street scene that a drive round the middle block does not use."""
     inner, outer = [], []
     for quarter in range(4):
         heading = quarter * np.pi / 2.0
@@ -281,7 +281,7 @@ def _traffic(rng: np.random.Generator, number: int) -> Array:
 
 
 def _on_lanes(rng: np.random.Generator, lanes: list[tuple[Array, float, float]], number: int) -> Array:
-    """Puts vehicles (number, 9) on lanes (start, heading, length) at random; all vehicles of a lane have the same speed."""
+    """Returns vehicles (number, 9) at random on lanes (start, heading, length); all vehicles of a lane are equally fast."""
     speeds = rng.uniform(5.0, 10.0, len(lanes))
     movers = np.empty((number, 9))
     for m in range(number):

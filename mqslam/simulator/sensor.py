@@ -1,4 +1,4 @@
-"""The simulated radar: every azimuth is cast from the pose the sensor has at that azimuth's own time."""
+"""The simulated radar: every azimuth is cast from the pose that the sensor has at the time of this azimuth."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from mqslam.simulator.beam import COUNTS_PER_DECADE, Pattern, SimulatedRadar, Sw
 from mqslam.simulator.scene import Scene
 
 ENCODER = 5600
-"""Encoder steps per turn, clockwise, as the Oxford layout stores azimuths."""
-_MOST_READINGS = 64_000_000  # size of the largest polar scan: readers take no larger images
+"""Encoder steps per revolution, clockwise, as the Oxford layout stores azimuths."""
+_MOST_READINGS = 64_000_000  # size of the largest polar scan: readers accept no larger images
 _PATTERN_WIDTHS = 3.0  # beam widths that the cells of a beam span: beyond them hardly anything comes back
 
 
@@ -23,8 +23,8 @@ class SensorModel:
     """A clockwise spinning radar that stores power in half decibels; the defaults are a Navtech CTS350-X.
 
     Args:
-        turn_rate_hz: turns per second.
-        azimuths: azimuths per turn.
+        turn_rate_hz: revolutions per second.
+        azimuths: azimuths per revolution.
         range_resolution: length of a range bin [m].
         max_range: largest range at which the last bin may end [m].
         beam_width_deg: one-way half-power width of the beam.
@@ -38,7 +38,7 @@ class SensorModel:
         saturation_probability: probability that the noise of an azimuth is 15 to 25 dB higher.
         clutter_probability: probability that a bin holds a clutter echo, which nothing in the scene causes.
         doppler_beta: range shift per closing speed [s]: measured range = true range - doppler_beta * closing speed.
-        chirps: whether chirps go up and down in turn, up at the first azimuth; a chirp that goes down has the opposite
+        chirps: whether chirps go up and down alternately, up at the first azimuth; a chirp that goes down has the opposite
             range shift.
         range_offset: true range of an object at rest minus the range of the centre of its bin [m].
     """
@@ -73,9 +73,9 @@ class SensorModel:
                 f"simulator: turn_rate_hz is {self.turn_rate_hz}: {self.azimuths} azimuths take under 1 us each; lower it"
             )
         if self.bins < 8:
-            raise ConfigError(f"simulator: {self.max_range} m hold {self.bins} range bins; raise max_range")
+            raise ConfigError(f"simulator: {self.max_range} m hold only {self.bins} range bins; raise max_range")
         if self.bins * self.azimuths > _MOST_READINGS:
-            raise ConfigError(f"simulator: {self.max_range} m hold {self.bins} range bins; lower max_range")
+            raise ConfigError(f"simulator: {self.max_range} m hold too many range bins ({self.bins}); lower max_range")
 
     @property
     def bins(self) -> int:
@@ -89,7 +89,7 @@ class SensorModel:
 
     @property
     def betas(self) -> NDArray[np.float64]:
-        """Range shift per closing speed (A,) [s] of the azimuths, signed by the chirp."""
+        """Range shift per closing speed (A,) [s] of the azimuths, with the opposite sign where the chirp goes down."""
         return np.where(self.rising, self.doppler_beta, -self.doppler_beta)
 
     @property
@@ -99,7 +99,7 @@ class SensorModel:
 
     @property
     def angles(self) -> NDArray[np.float64]:
-        """Azimuths (A,) [rad] counter-clockwise from straight ahead: from 0 down to almost -2 pi, a clockwise turn."""
+        """Azimuths (A,) [rad] counter-clockwise from straight ahead: 0 down to almost -2 pi, one clockwise revolution."""
         return np.asarray(-2.0 * np.pi / ENCODER * self.encoders)
 
 
@@ -151,7 +151,7 @@ def render_polar_scan(
 
 
 def _keep_near(scene: Scene, poses: se2.Array, max_range: float) -> Things:
-    """Returns the things of a scene without the walls, poles and plants that are out of range of all poses (A, 3)."""
+    """Returns the things of a scene without those walls, poles and plants that are out of range from all poses (A, 3)."""
     middle = poses[len(poses) // 2, :2]
     reach = max_range + np.hypot(*(poses[:, :2] - middle).T).max() + 2.0  # the margin covers the size of any thing
     starts, along = scene.walls[:, :2], scene.walls[:, 2:4] - scene.walls[:, :2]
@@ -168,5 +168,5 @@ def _keep_near(scene: Scene, poses: se2.Array, max_range: float) -> Things:
 
 
 def _to_power(level: float) -> float:
-    """Returns the linear power of a level in counts."""
+    """Returns the linear power that corresponds to a level in counts."""
     return float(10.0 ** (level / COUNTS_PER_DECADE))

@@ -27,7 +27,7 @@ from mqslam.simulator.sensor import SensorModel
 SCENES = ("street", "corridor", "tunnel", "yard", "city")
 """Names of the scenes that `simulate` knows."""
 COARSE_SENSOR = SensorModel(range_resolution=0.175, max_range=120.0)
-"""A Navtech CTS350-X with longer range bins and a shorter range than it can have, so that its recordings stay small."""
+"""A Navtech CTS350-X with longer range bins and a shorter range than the real one, so that its recordings stay small."""
 _MOST_LATE_S = 10.0  # a limit on nonsense: no driver takes longer to stamp a reading
 _LONGEST_S = 7 * 24 * 3600.0  # a limit on disk space, far beyond any use
 
@@ -58,7 +58,7 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
         sensor: the radar.
         seed: seed of the scene and of all noise.
         movers: number of vehicles in the scene's lanes; None takes the scene's usual number.
-        world: makes the world as the radar sees it; in the usual one, every surface is visible from all sides.
+        world: makes the world as the radar sees it; in the default world, every surface is visible from all sides.
         imu: grade of the gyroscope: `mems` (a consumer part), `good` (a tactical one) or `none`.
         imu_rate_hz: readings of the gyroscope per second.
         imu_late_s: by how much the gyroscope's stamp of an instant is later than the radar's [s].
@@ -124,7 +124,7 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
 
 
 def _make_scene(scene: str, seed: int, duration_s: float, movers: int | None) -> tuple[Scene, Drive]:
-    """Makes the scene that goes by a name, and the drive through it."""
+    """Makes the scene of a given name, and the drive through it."""
     if movers is not None and movers < 0:
         raise ConfigError(f"simulator: movers is {movers}; it must be 0 or more")
     if not 0.0 < duration_s <= _LONGEST_S:

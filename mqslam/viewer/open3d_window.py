@@ -50,7 +50,7 @@ def open_window(scene: RunScene, colour: str) -> Any:
         import open3d as o3d
     except ModuleNotFoundError as error:
         missing, remedy = describe_missing("open3d")
-        raise ViewerError(f"the window is Open3D's, and {missing}", remedy, Remedy.OPEN_MAP_ELSEWHERE) from error
+        raise ViewerError(f"the window needs Open3D, and {missing}", remedy, Remedy.OPEN_MAP_ELSEWHERE) from error
     except (ImportError, OSError) as error:  # Open3D is installed, but a system library that it loads is not
         raise ViewerError(f"Open3D cannot be imported ({error})", Remedy.OPEN_MAP_ELSEWHERE) from error
 
@@ -58,7 +58,7 @@ def open_window(scene: RunScene, colour: str) -> Any:
     if not shown.create_window(f"mqslam {scene.name}", 1280, 900):
         raise ViewerError("Open3D cannot open a window on this display", Remedy.OPEN_MAP_ELSEWHERE)
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(lift(scene.points)))
-    for geometry in (*_make_lines(scene), cloud):  # Open3D fits the view to the last one
+    for geometry in (*_make_lines(scene), cloud):  # Open3D fits the view to the geometry that is added last
         shown.add_geometry(geometry)
 
     def colour_by(name: str, _: Any = None) -> bool:
@@ -79,7 +79,7 @@ def open_window(scene: RunScene, colour: str) -> Any:
 
 
 def _make_lines(scene: RunScene) -> list[Any]:
-    """Returns the trajectory and the loop closures as lines."""
+    """Returns the trajectory and the loop closures as line sets of Open3D; empty ones are left out."""
     import open3d as o3d
 
     poses = o3d.utility.Vector3dVector(lift(scene.trajectory.poses[:, :2], _ABOVE_M))

@@ -84,8 +84,8 @@ class RerunLog:
 
         Args:
             scan: the scan.
-            pose: (3,) pose of the sensor at its start, world frame.
-            points: (N, 2) [m] its returns in the world frame.
+            pose: (3,) pose of the sensor at the start of the scan, world frame.
+            points: (N, 2) [m] returns of the scan, world frame.
         """
         self.add_scan(scan.t0, pose, points, colour_between(scan.returns.intensities, 0.0, 255.0))
 
@@ -163,7 +163,7 @@ def _make_blueprint() -> Any:
 
 
 def _make_lines(segments: NDArray[np.float64], colour: tuple[int, int, int]) -> Any:
-    """Returns segments (L, 2, 2) [m] as lines of Rerun."""
+    """Returns L segments (L, 2, 2) [m], given by the x and y of both ends, as lines of Rerun."""
     import rerun as rr
 
     return rr.LineStrips3D([lift(segment) for segment in segments], colors=[colour], radii=_LINE_M)

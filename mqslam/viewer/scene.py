@@ -37,7 +37,7 @@ class RunScene:
         values: (N,) values by name: psi, intensity 0..255, time [s] since the recording's start; keyframes have no psi.
         trajectory: pose of the sensor at the start of every scan, world frame.
         loops: (L, 2) numbers of the two scans of every loop closure.
-        starts: (S,) numbers of the scans with which a further recording begins; none for a single recording.
+        starts: (S,) numbers of the scans with which a further recording begins; empty for a single recording.
     """
 
     name: str

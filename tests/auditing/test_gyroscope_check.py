@@ -61,8 +61,8 @@ def test_sparse_poses_of_a_trajectory_that_turns_as_the_radar_did_agree(every: i
 @pytest.mark.parametrize(
     ("track", "said"),
     [
-        (trajectory(scale=1.05), r"the trajectory turns 4\.\d% farther than it"),
-        (trajectory(scale=0.95), r"the trajectory turns 5\.\d% less than it"),
+        (trajectory(scale=1.05), r"the trajectory turns 4\.\d% farther than the gyroscope"),
+        (trajectory(scale=0.95), r"the trajectory turns 5\.\d% less than the gyroscope"),
         (trajectory(scale=-1.0), "it turns the other way"),
         (trajectory(late_s=0.15), "the trajectory's stamps are 0.15 s later than the gyroscope's"),
         (trajectory(late_s=-0.15), "the trajectory's stamps are 0.15 s earlier than the gyroscope's"),
@@ -82,7 +82,9 @@ def test_a_gyroscope_with_a_clock_of_its_own_says_nothing_of_the_stamps() -> Non
 def test_a_difference_that_the_scale_of_a_gyroscope_may_explain_is_told_and_contradicts_nothing() -> None:
     check = checked(trajectory(), Unit(scale=0.98))
     assert check.agrees is True
-    assert "the trajectory turns 2.0% farther than it, which the scale of a gyroscope may explain" in check.statement
+    assert (
+        "the trajectory turns 2.0% farther than the gyroscope, which the scale of a gyroscope may explain" in check.statement
+    )
 
 
 def test_noise_and_too_few_poses_tell_nothing() -> None:

@@ -57,7 +57,7 @@ def test_a_right_trajectory_does_not_shake() -> None:
 def test_poses_that_jump_to_and_fro_are_a_warning_that_says_how_far(shift_m: float) -> None:
     finding = judged(registered(shift_m))
     assert finding.status is VerdictStatus.WARN
-    said = re.search(r"is crisper once the poses are smoothed: they jump to and fro by (\d\.\d\d) m", finding.reason)
+    said = re.search(r"is crisper once the poses are smoothed: the poses jump to and fro by (\d\.\d\d) m", finding.reason)
     assert said is not None and float(said[1]) == pytest.approx(0.5 * shift_m, rel=0.3)
 
 

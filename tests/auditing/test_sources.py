@@ -100,7 +100,7 @@ def test_a_cloud_without_a_course_of_time_is_refused() -> None:
     result = cloud(POSES)
     with pytest.raises(DataError, match="all at once"):
         divide_cloud(TimedCloud(result.path, result.points, np.full(len(result), TIMES_US[0]), ()), None, BEAM)
-    with pytest.raises(DataError, match="which the trajectory does not"):
+    with pytest.raises(DataError, match="which the trajectory does not cover"):
         divide_cloud(result, Trajectory(TIMES_US[:5] - 10**9, POSES[:5]), BEAM)
 
 

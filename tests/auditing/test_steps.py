@@ -160,4 +160,4 @@ def test_too_few_steps_and_those_that_do_not_hold_every_direction_judge_nothing(
     ]
     assert np.isnan(compute_p_values(hidden)).all()
     finding = judge_steps([StepAudit(step, 0.0, float("nan")) for step in hidden], [], CONFIG.audit, CONFIG.verdict)
-    assert finding.reason == "jumps: too few steps could be measured, so that one of up to 0.5 m could hide"
+    assert finding.reason == "jumps: too few steps could be measured, so that a jump of up to 0.5 m could hide"

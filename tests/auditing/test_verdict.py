@@ -102,7 +102,7 @@ def test_one_torn_window_of_three_is_too_little_evidence() -> None:
     status, reasons = judge_map(scans(1, 3), [], 18)
     assert status is NOT_JUDGED
     assert reasons[0].startswith(
-        "1 of 3 windows is torn, too few to judge the map by: the share of torn ones may be anything from 2 to 86 %"
+        "1 of 3 windows is torn, too few to judge the map by: the share of torn windows may be anything from 2 to 86 %"
     )
 
 

@@ -165,7 +165,7 @@ def test_runs_on_a_cluster_leave_the_same_trajectories(work: Path, tmp_path: Pat
 def test_a_folder_with_other_results_is_left_alone(work: Path, tmp_path: Path) -> None:
     before = read_contents(work / "out" / "drive")
     shown = batch(work, work / "out" / "drive")
-    assert shown.code == 2 and "drive: holds other results; choose another --out" in shown.err
+    assert shown.code == 2 and "drive: holds the results of another command; choose another --out" in shown.err
     assert read_contents(work / "out" / "drive") == before
     (tmp_path / "file").write_text("kept")
     assert "cannot be made" in batch(work, tmp_path / "file" / "out").err

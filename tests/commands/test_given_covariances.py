@@ -61,7 +61,9 @@ def test_an_offset_of_the_trajectory_moves_the_covariances_too(tmp_path: Path) -
     sweeps, given = turned_walls()
     path = written(tmp_path, given.stamps_us - 3_600_000_000, given.poses)
     assert find_relative_covariances(path, "any.tum", given, 3_600_000_000, sweeps)[0] is not None
-    with pytest.raises(DataError, match=r"has no covariance within 0.5 s of 60 of 60 scans; give those that were written"):
+    with pytest.raises(
+        DataError, match=r"has no covariance within 0.5 s of 60 of 60 scans; give the covariances that were written"
+    ):
         find_relative_covariances(path, "any.tum", given, 0, sweeps)
 
 

@@ -132,7 +132,7 @@ def test_what_cannot_be_meant_is_refused(street: TrackedRun) -> None:
     with pytest.raises(ConfigError, match=r"values: holds no pose for scan 7 \(key a7\); give every scan a pose"):
         loop_factors(scans, values, A, graph=graph, config=CONFIG)
     values.insert(A(7), gtsam.Rot2())
-    with pytest.raises(ConfigError, match="values: a7, the key of scan 7, is no pose; give a Pose2 or a Pose3"):
+    with pytest.raises(ConfigError, match="values: a7, the key of scan 7, holds no pose; give a Pose2 or a Pose3"):
         loop_factors(scans, values, A, graph=graph, config=CONFIG)
     with pytest.raises(EstimationError, match=r"the odometry does not cover 5\.50 s to 5\.75 s"):
         loop_factors(scans, Trajectory(track.stamps_us[:21], track.poses[:21]), A, config=CONFIG)

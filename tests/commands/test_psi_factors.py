@@ -148,7 +148,7 @@ def test_a_sequence_holds_the_keys_as_a_function_does(street: Street) -> None:
         ({"keys": [1, 2, 3]}, "keys: holds 3 keys for 14 scans; give one for every scan"),
         ({"keys": lambda k: A(k // 2)}, "keys: two poses have the key a0; give every scan and submap a key of its own"),
         ({"keys": B, "submap_keys": B}, "keys: two poses have the key b0"),
-        ({"pose": gtsam.Rot2}, "is no pose of a scan; give gtsam.Pose2 or gtsam.Pose3"),
+        ({"pose": gtsam.Rot2}, "is not a type of pose; give gtsam.Pose2 or gtsam.Pose3"),
         ({"frontend": "pis"}, "front end pis: unknown; did you mean psi?"),
     ],
 )

@@ -114,4 +114,4 @@ def test_azimuths_that_are_missing(drive: Path, tmp_path: Path) -> None:
     assert recording[9].power.shape[0] == 120 and len(recording) == 30
     shown = run_quickly(drive, tmp_path / "out")
     assert shown.code == 0 and "1 polar scan could not be read" in shown.err
-    assert f"{images(drive)[15]}: has 12 azimuths, the first image 200" in shown.err
+    assert f"{images(drive)[15]}: has 12 azimuths, the first image has 200" in shown.err

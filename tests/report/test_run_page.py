@@ -55,7 +55,7 @@ def test_notes_on_the_recording_stand_below_the_warnings(pages: dict[str, Path],
     write_run(tmp_path, notes=(note,))
     text = text_of(tmp_path)
     assert text.index("warn\n") < text.index("odometry ends & the run goes on") < text.index(note)
-    assert "how sure it is, is not known" in text_of(pages["run"])
+    assert "its uncertainty is not known" in text_of(pages["run"])
 
 
 def test_psi_is_shown_across_passes_only(pages: dict[str, Path], tmp_path: Path) -> None:

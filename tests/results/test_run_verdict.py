@@ -243,8 +243,8 @@ def test_two_sensors_that_turn_the_other_way_than_the_radar_show_that_it_is_mirr
 def test_on_what_the_scale_rests_is_said_where_nothing_is_held_against_it() -> None:
     stated = SimpleNamespace(is_resolution_assumed=False, range_resolution=0.0438)
     alone, beside = run(240, odometry_factors=0), run(240)
-    assert "range bins of 0.0438 m, as is assumed: neither" in list_unknown_scale(alone, ASSUMED)[0]
-    assert "range bins of 0.0438 m, as is stated: neither" in list_unknown_scale(alone, stated)[0]
+    assert "range bins of 0.0438 m, a value that is assumed: neither" in list_unknown_scale(alone, ASSUMED)[0]
+    assert "range bins of 0.0438 m, a value that is stated: neither" in list_unknown_scale(alone, stated)[0]
     assert list_unknown_scale(beside, stated) == list_unknown_scale(beside, ASSUMED) == []
 
 

@@ -2,8 +2,8 @@
 
 Odometry matches a scan to a map that contains its own errors, so a scan with a wrong yaw turns all later ones. The
 registrations that an audit would make show such errors: those of the two sides of every step and of the two ends of every
-span. Both correct the motions. The motions become no surer by this, since the ties come from the same returns, and a tie
-counts for no more than the motions between its ends.
+span. Both kinds of registrations correct the motions. The covariances of the motions stay the same, since the ties come from
+the same returns, and a tie has no more weight than the motions between its ends.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from mqslam.execution.runner import Runner
 from mqslam.psi.place import Beam
 
 _CHANCE: Final = 1e-3  # steps with a smaller p-value than this are registered at the places beside them, too
-_DENSER: Final = 3  # factor on the number of an audit's spans, which are enough to show a fault: more leave less to chance
+_DENSER: Final = 3  # factor on an audit's number of spans, which suffices to show a fault: more spans leave less to chance
 
 
 def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Beam, runner: Runner) -> list[Loop]:
-    """Measures by psi the motions between scans that are a few scans, or some tens of metres, apart on the path.
+    """Measures by psi motions between places that are a few scans, or some tens of metres of path, apart.
 
     Args:
         scans: scans of the recording.
@@ -84,12 +84,13 @@ def straighten(
 def weigh_ties(ties: Sequence[Loop], motions: Sequence[Measurement]) -> list[Loop]:
     """Returns the ties, each with the covariance of the chained motions between its ends.
 
-    Both are measured from the same returns. psi's curvature does not show the errors that both have (other faces of objects,
-    seen from elsewhere), so where returns have little noise, ties would seem far surer than they are.
+    Ties and motions are measured from the same returns. psi's curvature does not show the errors that they have in common
+    (objects show other faces when they are seen from elsewhere), so where returns have little noise, ties would seem far
+    surer than they are.
 
     Args:
         ties: ties between scans of one path.
-        motions: motions between its successive scans.
+        motions: motions between successive scans of the path.
     """
     steps = [Relative(motion.pose, motion.covariance) for motion in motions]
     return [replace(tie, covariance=reduce(compose_relatives, steps[tie.earlier : tie.later]).covariance) for tie in ties]

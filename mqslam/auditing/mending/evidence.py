@@ -42,7 +42,7 @@ def tie_windows(audit: Audit, sweeps: Sweeps, jumps: Collection[int], *, torn: b
         audit: audit of the trajectory.
         sweeps: points under the trajectory.
         jumps: the first sweeps after jumps.
-        torn: whether only windows that are torn are taken.
+        torn: whether to return only the motions through torn windows.
     """
     return [
         _tie_window(window, sweeps)
@@ -55,7 +55,7 @@ def tie_windows(audit: Audit, sweeps: Sweeps, jumps: Collection[int], *, torn: b
 
 
 def _tie_window(window: WindowAudit, sweeps: Sweeps) -> Tie:
-    """Returns the motion from a window's first sweep to its last, with the window's correction."""
+    """Returns the motion from a window's first sweep to its last: the trajectory's, corrected as the window asks for."""
     a, b, numbers = window.begin, window.end - 1, sweeps.numbers
     frame = sweeps.poses[(window.begin + window.end) // 2]  # the frame that `centre_window` takes
     middle = 0.5 * (numbers[a] + numbers[b] + 1.0)
@@ -100,7 +100,7 @@ def allow_for_turns(
 def tie_steps(steps: Sequence[StepAudit], sweeps: Sweeps, jumps: Collection[int]) -> dict[int, Tie]:
     """Returns the motions across steps by psi, from the middle scan before each step to the middle scan after it.
 
-    Steps that are not sure are left out, and steps with a jump within either side, too.
+    Steps whose two sides may also fit elsewhere are left out, and steps with a jump within either side, too.
 
     Args:
         steps: steps of the trajectory.
@@ -108,7 +108,7 @@ def tie_steps(steps: Sequence[StepAudit], sweeps: Sweeps, jumps: Collection[int]
         jumps: the first sweeps after jumps.
 
     Returns:
-        the ties, by the first sweep after the step.
+        the ties; the key of each tie is the first sweep after its step.
     """
     judged = [step.registration for step in steps if np.isfinite(step.p_value)]
     if not judged:
@@ -170,7 +170,7 @@ def _lay_scan(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], place: int) -
 
 
 def tie_scans(pairs: Sequence[Registration], sweeps: Sweeps) -> list[Tie]:
-    """Returns the turns of the sensor between successive scans by psi, as ties that leave the position unknown.
+    """Returns the changes of yaw between successive scans by psi, as ties that leave the position unknown.
 
     Single scans show the yaw better than odometry does, but slide along corridors, so their positions are not used.
 
@@ -200,7 +200,7 @@ def _tie_step(registration: Registration, covariance: NDArray[np.float64], sweep
 
 
 def as_loop(judged: RevisitAudit, sweeps: Sweeps) -> Loop:
-    """Returns a revisit as a loop with the covariance of its measurement, without the one that the trajectory states.
+    """Returns a revisit as a loop; its covariance is that of the measurement, without the trajectory's stated covariance.
 
     Args:
         judged: the judged revisit.
@@ -218,9 +218,10 @@ def as_loop(judged: RevisitAudit, sweeps: Sweeps) -> Loop:
 def keep_plausible(
     ties: Sequence[Tie], misses: NDArray[np.float64], walks: NDArray[np.float64], probability: float
 ) -> list[Tie]:
-    """Returns the ties that the errors of the steps between their ends explain. If only the yaw is explained, it is kept.
+    """Returns the ties that the errors of the steps between their ends explain.
 
-    Scans of a corridor also fit elsewhere along the corridor, but at no other angle.
+    If these errors explain only the yaw of a tie, the tie is returned with its yaw alone. Scans of a corridor also fit
+    elsewhere along the corridor, but at no other angle.
 
     Args:
         ties: measured motions.
@@ -244,12 +245,12 @@ def _keep_yaw(tie: Tie) -> Tie:
 
 
 def measure_misses(ties: Sequence[Tie], chain: se2.Array) -> NDArray[np.float64]:
-    """Returns the differences (K, 3) between ties and a chain of poses (N, 3), each in the frame of its earlier scan."""
+    """Returns the differences (K, 3) between ties and a chain of poses (N, 3), in the frames of the ties' earlier scans."""
     return np.array([se2.subtract(tie.pose, se2.between(chain[tie.a], chain[tie.b])) for tie in ties]).reshape(-1, 3)
 
 
 def estimate_variances(ties: Sequence[Tie], misses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Estimates the variances (3,) of the error of a step robustly: all differences to windows count as noise of the steps.
+    """Estimates robustly the variances (3,) of the error of a step: all differences to ties count as noise of the steps.
 
     Args:
         ties: ties of windows.

@@ -1,11 +1,11 @@
-"""Mends a trajectory by its own audit in rounds: each one puts the findings of the audit before it into a pose graph.
+"""Mends a trajectory by its own audit in rounds: each round puts the findings of the latest audit into a pose graph.
 
 The steps of the given trajectory are the odometry of the pose graph, corrected for biases of the whole map. Jumps, torn
 windows and torn spans are replaced by psi's motions. If too many windows are torn, the odometry is noisy. Then all windows
-and steps tie nearby scans to each other, and registrations of successive scans show how the sensor turns. Odometry knows
-turns least, so the yaw of its steps counts as no surer than it agrees with the scans. Revisits that are sure and agree with
-each other are the loops. A trajectory that is off by more than the search for revisits reaches shows few of them, and more
-once it is mended: hence the rounds. A trajectory that passes is left as it is.
+and steps tie nearby scans to each other, and registrations of successive scans show how the yaw of the sensor changes. Yaw
+is what odometry knows least, so each step's yaw is taken to be wrong by at least as much as it differs from the scans.
+Revisits that are sure and agree with each other are the loops. A trajectory that is off by more than the search for revisits
+reaches shows few revisits, and more of them once it is mended: hence the rounds. A trajectory that passes is left as it is.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.execution.progress import Progress
 
 # Largest number of rounds of mending a trajectory and auditing it again. A further round follows only if the mended
-# trajectory does not pass yet, but has more whole revisits or fewer torn windows than the one before.
+# trajectory does not pass yet, but has more whole revisits or fewer torn windows than the trajectory before.
 _ROUNDS = 5
 
 
@@ -152,7 +152,7 @@ def mend(
 
 
 def carry(given: Trajectory, sweeps: Sweeps, poses: se2.Array) -> Trajectory:
-    """Returns a trajectory whose poses are moved as the mended poses of the scans around them are.
+    """Returns a trajectory in which each pose is moved in the same way as the sweeps before and after it.
 
     Args:
         given: the trajectory.
@@ -196,8 +196,8 @@ class _Mender:
             for step in given.audit.jumps
             if not self._is_noisy or np.hypot(*step.registration.offset[:2]) > config.audit.jump_m
         }
-        self._across: dict[int, Tie] = {}  # ties across jumps, each by the last round that is sure of it
-        self._pairs: dict[int, Registration] = {}  # registrations of successive scans, by the round of their best fit
+        self._across: dict[int, Tie] = {}  # ties across jumps, each from the last round that is sure of the tie
+        self._pairs: dict[int, Registration] = {}  # registrations of successive scans, from the round of best fit
         windows = tie_windows(given.audit, given.sweeps, self._jumps)
         self._torn = tie_windows(given.audit, given.sweeps, self._jumps, torn=True)
         bent = [] if self._is_noisy else [span for span in given.audit.spans if span.torn]  # noise bends every span a little
@@ -236,7 +236,7 @@ class _Mender:
         return poses, len(ties), len(kept)
 
     def _tie_scans(self, sweeps: Sweeps) -> list[Tie]:
-        """Returns the turns between successive scans as ties, each by the round in which the two scans fit best."""
+        """Returns the changes of yaw between successive scans as ties, each from the round in which its scans fit best."""
         settings = self._config.audit, self._config.estimator
         for pair in lay_successive(sweeps, *settings, self._engine, self._progress):
             best = self._pairs.get(pair.earlier)
@@ -255,7 +255,7 @@ class _Mender:
         return variances
 
     def _keep_plausible(self, ties: list[Tie], variances: NDArray[np.float64]) -> list[Tie]:
-        """Returns the ties, or their yaw alone, that the errors of the steps, of variances (S - 1, 3), explain."""
+        """Returns the ties, or only their yaw, that errors of the steps with variances (S - 1, 3) can explain."""
         walks = np.array([variances[tie.a : tie.b].sum(axis=0) for tie in ties]).reshape(-1, 3)
         misses = measure_misses(ties, self._chain)
         return keep_plausible(ties, misses, walks, PROBABILITY)

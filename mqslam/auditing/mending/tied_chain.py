@@ -45,7 +45,7 @@ class TiedChain:
     Args:
         steps: (N - 1, 3) motions from each scan to the next by the trajectory [m, m, rad].
         variances: (N - 1, 3) variances of the errors of these motions, in the frames that they begin in.
-        ties: measured poses of scans in the frames of earlier ones.
+        ties: measured poses of scans in the frames of earlier scans.
         initial: (N, 3) poses to start from; the first one is held fixed.
         least_path_m: path [m] within which two loops are neighbours, which must agree.
     """
@@ -60,7 +60,7 @@ class TiedChain:
         """Returns the poses (N, 3), optimised over steps, ties and the loops that agree with each other, and these loops.
 
         Errors that grow slowly show only in loops. If the loops are farther off than the errors of steps and ties explain,
-        the variances of all of these errors are scaled up by as much.
+        the variances of all steps and ties are scaled up by as much.
 
         Raises:
             EstimationError: the uncertainty of the poses cannot be computed.

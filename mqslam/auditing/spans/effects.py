@@ -17,7 +17,7 @@ def measure_moves(spans: Sequence[Registration]) -> NDArray[np.float64]:
 
 
 def resolve(spans: Sequence[Registration], placed: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Resolves offsets of position (N, 2) [m] along the line from the begin to the end of their spans, and to its left."""
+    """Returns the parts (N, 2) [m] of offsets (N, 2) [m] along the line from begin to end of each span, and to its left."""
     moves = measure_moves(spans)
     x, y = moves.T
     along = np.column_stack([(moves * placed).sum(axis=1), x * placed[:, 1] - y * placed[:, 0]])
@@ -31,7 +31,7 @@ def of_direction(spans: Sequence[Registration]) -> NDArray[np.float64]:
 
 
 def of_turn(spans: Sequence[Registration]) -> NDArray[np.float64]:
-    """Returns the offsets (N, 3) of spans per bias of the yaw [rad/m]; the end also moves sideways, by half of the angle."""
+    """Returns the offsets (N, 3) of spans per unit bias of yaw [rad/m]; the end also moves sideways, by half the angle."""
     path = np.array([span.path_m for span in spans])
     x, y = measure_moves(spans).T
     return np.column_stack([-0.5 * path * y, 0.5 * path * x, path])
@@ -47,7 +47,7 @@ def of_lever(spans: Sequence[Registration]) -> NDArray[np.float64]:
 def of_delay(spans: Sequence[Registration], twists: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the offsets (N, 3) of spans per second of delay of the trajectory's stamps [m/s, m/s, rad/s].
 
-    If the stamps are late, the sensor is already, at both ends, where the trajectory has it a little later.
+    If the stamps are late, the sensor at either end of a span is already where the trajectory has it a little later.
 
     Args:
         spans: N spans.

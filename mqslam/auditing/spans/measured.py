@@ -3,8 +3,8 @@
 Registered scans seem a little closer together than they are, by an amount that does not depend on the path between them. A
 span is therefore long, but no longer than the range at which the sensor sees most things: from farther apart it sees other
 faces of objects, which are wrongly matched with each other. Such errors occur within a span as well, and are larger than
-psi's curvature tells. Each span is therefore measured several times, with other scans at its ends. The median counts, and
-the differences between the repeated measurements show how uncertain it is.
+psi's curvature tells. Each span is therefore measured several times, with other scans at its ends. Its offset is the median,
+and the differences between the repeated measurements show how uncertain it is.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from mqslam.mapping.keyframing import pick_spaced
 # Spans shorter than this [m] show no scale: registered scans seem closer together than they are by a few centimetres,
 # whatever the path between them.
 _SPAN_LEAST_M = 15.0
-# Length of a span [m]: the path between the scans that are registered. It is shorter if half of the points are seen at
+# Length of a span [m]: the path between the scans that are registered. Spans are shorter if half of the points are seen at
 # shorter ranges than this.
 SPAN_M = 30.0
 # Path from the begin of one span to the begin of the next, as a share of the length of a span.
@@ -77,7 +77,7 @@ def _leads_away(span: Registration, span_m: float) -> bool:
 
 
 def fit_to_reach(sweeps: Sweeps) -> float:
-    """Returns the length of spans [m]: no longer than the median range of the points."""
+    """Returns the length of spans [m]: SPAN_M, or the median range of the points if that is shorter."""
     usual_m = find_median(lambda: _list_ranges(sweeps))
     return SPAN_M if np.isnan(usual_m) else min(SPAN_M, usual_m)
 
@@ -111,7 +111,7 @@ def find_spans(travelled: NDArray[np.float64], span_m: float, denser: float = 1.
 def _register_span(
     shared: tuple[Sweeps, NDArray[np.bool_], float, AuditConfig, EstimatorConfig], pair: tuple[int, int]
 ) -> Registration | None:
-    """Registers a span by the scans at its ends and by those before and after them; None if its ends are not usable."""
+    """Registers a span with the scans at its ends and with those before and after these; None if its ends are not usable."""
     sweeps, known, span_m, settings, estimator = shared
     reach = settings.search_m, settings.search_rad
     registration = register(sweeps, pair, pick_ends(pair), reach, settings, estimator)

@@ -37,7 +37,7 @@ class Pooled:
         bias: (3,) motion that the trajectory lacks forward [m/m], to the left [m/m] and in yaw to the left [rad/m].
         sigma: (3,) standard deviations of the bias.
         p_value: (3,) probability that a bias as large as this shows where there is none.
-        spans: number of spans that show it.
+        spans: number of spans from which the corrections were estimated.
         delay: how late the stamps of the trajectory are.
         lever: lever arm of the sensor; None where too few turns show it.
     """
@@ -51,7 +51,7 @@ class Pooled:
 
 
 def pool(spans: Sequence[Registration], twists: NDArray[np.float64]) -> Pooled | None:
-    """Estimates the corrections that all spans ask for together; returns None where they are too few.
+    """Estimates the corrections that all spans ask for together; returns None where there are too few spans.
 
     Args:
         spans: spans in the order of time.
@@ -119,7 +119,7 @@ def _estimate(lengths: NDArray[np.float64], offsets: NDArray[np.float64], common
 
 
 def _fit(lengths: NDArray[np.float64], offsets: NDArray[np.float64]) -> float:
-    """Returns the slope of a line through the origin, fitted by Huber's loss."""
+    """Returns the slope of a line through the origin, fitted to offsets (N,) over lengths (N,) by Huber's loss."""
     start = float(np.median(offsets / lengths))
     spread = measure_spread(offsets - start * lengths)
 

@@ -12,7 +12,7 @@ from scipy.stats import t as student
 from mqslam.core.statistics import SIGMAS_PER_DEVIATION
 
 HUBER: Final = 1.345
-"""By definition: places that are off by more standard deviations than this pull no harder, for 95 % efficiency."""
+"""By definition, for 95 % efficiency: places that are off by more standard deviations than this pull no harder."""
 _BLOCKS: Final = 20  # number of parts of a long drive: more parts would hardly show the spread any better
 _FITS: Final = 3  # numerical: number of fits; after the second one the spread hardly changes
 _LEAST: Final = 1e-12  # numerical: keeps quotients finite where all places agree to the last digit
@@ -57,8 +57,8 @@ def judge_by_jackknife(
 
     Args:
         found: (Q,) parameters fitted to all places.
-        without: (B, Q) parameters fitted without each of B parts.
-        common: standard deviation of an error that all places have in common, which their spread does not show.
+        without: (B, Q) parameters fitted without one part of the places, a row for each of B parts.
+        common: standard deviation of an error that all places have in common, which the spread of the fits does not show.
     """
     parts = len(without)
     spread = np.sqrt((parts - 1.0) / parts * np.sum((without - found) ** 2, axis=0))

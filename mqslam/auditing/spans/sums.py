@@ -34,11 +34,11 @@ class SumAudit:
 
     Args:
         t0, t1: times at which the first span begins and the last one ends [s] since the recording's start.
-        path_m: length of the path between the two [m].
+        path_m: length of the path from the begin of the first span to the end of the last one [m].
         offset: (3,) pose of the end by psi relative to its pose by the trajectory, in the frame of the end [m, m, rad].
         covariance: (3, 3) covariance of the offset, with the drift of psi itself.
         p_value: probability that a sum as far off as this shows somewhere in a good map.
-        torn: whether it is off by more than chance explains and by more than is tolerated.
+        torn: whether the end is off by more than chance explains and by more than is tolerated.
     """
 
     t0: float
@@ -98,7 +98,7 @@ def find_bends(sums: Sequence[SumAudit]) -> list[SumAudit]:
 
 
 def _list_chains(spans: Sequence[SpanAudit], travelled: NDArray[np.float64]) -> list[list[SpanAudit]]:
-    """Returns the chains of successive spans: from each span on, one chain for each of the lengths that it reaches."""
+    """Returns the chains of successive spans: from each span on, one for each of LENGTHS_M that is reached without a gap."""
     begins_m = travelled[[span.registration.earlier for span in spans]]
     return [chain for span in spans for chain in _follow(span, spans, begins_m, travelled)]
 
@@ -106,7 +106,7 @@ def _list_chains(spans: Sequence[SpanAudit], travelled: NDArray[np.float64]) -> 
 def _follow(
     first: SpanAudit, spans: Sequence[SpanAudit], begins_m: NDArray[np.float64], travelled: NDArray[np.float64]
 ) -> Iterator[list[SpanAudit]]:
-    """Yields the chains of successive spans from `first` on; all N spans begin after some path `begins_m` (N,) [m]."""
+    """Yields the chains of successive spans from `first` on; `begins_m` (N,): path [m] at which each span begins."""
     chain = [first]
     for length_m in LENGTHS_M:
         while _measure_path(chain, travelled) < length_m - 0.5 * chain[-1].registration.path_m:

@@ -24,7 +24,7 @@ from mqslam.core import se2
 from mqslam.core.statistics import compute_p_values, correct_for_places, find_trimmed_scale
 
 _TURNED: Final = 2.0
-"""A turn may move points by this many tolerances: psi's own yaw over a span is at times wrong by a fifth of a degree."""
+"""An error of yaw may move points by this many tolerances: psi's own yaw over a span is at times off by 0.2 degrees."""
 
 _UNUSUAL: Final = 0.05
 """A span with a smaller p-value is unusual: in a good map, one span in twenty is."""
@@ -33,7 +33,7 @@ COMMON: Final = np.diag([COMMON_DRIFT_M**2, COMMON_DRIFT_M**2, COMMON_DRIFT_RAD*
 """Covariance, per metre of path, of the drift of psi itself, which repeated measurements do not show."""
 
 FREEDOM: Final = 1.0
-"""Degrees of freedom of the covariances' scale per span: half of the repeats', since neighbours share half of their path."""
+"""Degrees of freedom of the covariances' scale per span: half of those of its repeats, as spans overlap by half."""
 _OF_MEDIAN: Final = {1: 1.0, 2: 0.5, 3: 0.449}  # by definition: variance of the median of this many normal values
 
 
@@ -48,7 +48,7 @@ class SpanAudit:
         covariance: (3, 3) covariance of the offset by the measurement alone.
         p_value: probability that a span as far off as this, alone or together with the next one, shows somewhere in a good
             map; NaN where too few spans show what is usual.
-        torn: whether it is off by more than chance explains and by more than is tolerated.
+        torn: whether the span is off by more than chance explains and by more than is tolerated.
     """
 
     registration: Registration
@@ -66,7 +66,7 @@ class SpanAudit:
 
     @property
     def size_m(self) -> float:
-        """Root mean square of how far the offset moves the points at its end [m]."""
+        """Root mean square of how far the offset moves the points at the end of the span [m]."""
         return self.registration.move_points(self.offset)
 
     @property
@@ -89,7 +89,7 @@ def audit_spans(
 
     Args:
         spans: spans in the order of time.
-        expected: (N, 3) parts of their offsets that the corrections of the whole map explain.
+        expected: (N, 3) parts of the spans' offsets that the corrections of the whole map explain.
         times: (S,) times of the sweeps [s].
         settings: settings of the audit, which say what is tolerated.
         limits: settings of the verdict.
@@ -147,7 +147,7 @@ def _compute_p_values(
     """Returns the p-values (N,) of offsets (N, 3) with covariances (N, 3, 3), not corrected for the number of places.
 
     A fault that is longer than a span moves successive spans alike, which chance hardly does. Each span is therefore judged
-    alone and, by the mean of both, together with the next one that begins where it ends.
+    alone and, by the mean of both offsets, together with the next span that begins where it ends.
     """
     begins = np.array([span.earlier for span in spans])
     after = np.searchsorted(begins, [span.later for span in spans])
@@ -163,9 +163,10 @@ def _compute_p_values(
 
 
 def _count_chance(chances: NDArray[np.float64]) -> float:
-    """Returns the probability that as many of N spans are unusual in a good map; neighbours share half of their path.
+    """Returns the probability that at least as many of N spans are unusual by chance in a good map.
 
     A trajectory that weaves is off by a little more than is tolerated in many places, but in none of them beyond doubt.
+    Neighbouring spans share half of their path, so both numbers of spans are halved.
 
     Args:
         chances: (N,) p-values of the spans, not corrected for their number; NaN where unknown.

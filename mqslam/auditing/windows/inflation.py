@@ -92,7 +92,7 @@ class _Window:
         points: points in the frame of the sensor at the window's middle.
         into: (N,) time from the middle to each point, in sweeps.
         count: number of sweeps.
-        units: (3,) twist that moves a point at an end of the window by beta_s.
+        units: (3,) for each component, the twist that moves points at an end of the window by beta_s.
         settings: settings of the audit.
         estimator: settings of the score.
         kernel: settings of the score other than its widths, with times counted in sweeps.
@@ -192,7 +192,7 @@ def centre_window(sweeps: Sweeps, begin: int, end: int) -> tuple[PointSet, NDArr
 
 
 def twist_points(points: PointSet, into: NDArray[np.float64], twist: NDArray[np.float64]) -> PointSet:
-    """Returns points moved by a twist (3,) per sweep over times (N,) in sweeps, with their derivatives by the twist."""
+    """Returns points moved by a twist (3,) per sweep for times (N,) [sweeps], with their derivatives by the twist."""
     angle = twist[2] * into
     c, s = np.cos(angle), np.sin(angle)
     x, y = points.points.T

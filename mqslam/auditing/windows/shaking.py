@@ -1,8 +1,8 @@
 """Finds poses that jump to and fro from scan to scan: smoothing them makes the map crisper.
 
-The correction of a window is one twist, which cannot undo shaking, and registrations of several scans average over it. But
-where a trajectory is right, the sensor moved as its poses say, and smoothing takes true motion away and blurs the map.
-Smoothing makes the map crisper only where every pose has an error of its own.
+The correction of a window is one twist, which cannot undo shaking, and registrations of several scans average the shaking
+out. But where a trajectory is right, the sensor moved as its poses say, and smoothing takes true motion away and blurs the
+map. Smoothing makes the map crisper only where every pose has an error of its own.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from mqslam.psi.minimiser import final_scale
 from mqslam.psi.place import PointSet
 from mqslam.psi.score import evaluate
 
-_SIDE: Final = 3  # a parabola is fitted to a pose and this many on either side: 1.5 s at four scans per second
+_SIDE: Final = 3  # a parabola is fitted to a pose and this many poses on either side: 1.5 s at four scans per second
 
 _Shared = tuple[Sweeps, se2.Array, EstimatorConfig]  # a map, its poses smoothed, and the settings of the score
 
@@ -53,7 +53,7 @@ def judge_shaking(
     smoothed = smooth_poses(sweeps)
     spans = [(w.begin, w.end) for w in windows if w.undecided is None and w.end < len(sweeps)]
     spans = [(begin, end) for begin, end in spans if np.isfinite(smoothed[begin : end + 1]).all()]
-    if 0.5 ** len(spans) >= share_of_false_alarms(limits):  # not even all of them would show anything
+    if 0.5 ** len(spans) >= share_of_false_alarms(limits):  # even if smoothing helped in all, that would show nothing
         most_m, _ = tolerate_window(settings)
         reason = f"noise of the poses: too few windows show it, so that up to {most_m:g} m from scan to scan could hide"
         return Finding(VerdictStatus.PASS, reason, judged=False)
@@ -66,7 +66,7 @@ def judge_shaking(
         return Finding(VerdictStatus.PASS, "smoother poses make the map no crisper", p_value=p_value)
     explanation = f"every pose errs on its own, by {off_m:.2f} m in the median: the trajectory is noisy"
     where = f"in {np.count_nonzero(rises > 0.0)} of {len(rises)} windows the map is crisper once the poses are smoothed"
-    reason = f"{where}: they jump to and fro by {off_m:.2f} m in the median"
+    reason = f"{where}: the poses jump to and fro by {off_m:.2f} m in the median"
     return Finding(VerdictStatus.WARN, reason, p_value=p_value, cause=Cause.SHAKING, explanation=explanation)
 
 

@@ -1,4 +1,4 @@
-"""Judges the windows of a map: each one's map is compared with the best map of the same points."""
+"""Judges the windows of a map: the map of each window is compared with the best map of the same points."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ class WindowAudit:
         t0, t1: times at which it begins and ends [s] since the recording's start.
         pose: (3,) pose of the sensor at its middle, world frame.
         bend: the correction that would make its map the best.
-        measures: measures of the same points that are usual in the field.
+        measures: the usual measures of map quality, of the same points.
         torn: whether it is bent by more than its covariance explains and by more than the settings tolerate.
         undecided: why the window is undecided: it then counts as neither torn nor whole. None if it is decided.
-        speed: check of the speed between its two middle scans; None where that was not done.
+        speed: check of the speed between its two middle scans; None where the speed was not checked.
         p_value: probability that an inflation as large shows in any window of a good map, if the stated covariance is right;
             NaN for an undecided window.
     """

@@ -81,7 +81,7 @@ class SubmapLayout(NamedTuple):
     later: NDArray[np.float64]
 
     def widen(self, pose: se2.Array, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Adds the layouts' uncertainty to the covariance (3, 3) of a pose (3,) of the later submap in the earlier one."""
+        """Adds the layouts' uncertainty to the covariance (3, 3) of the later submap's pose (3,) in the earlier's frame."""
         turn = se2.adjoint(pose)
         return np.asarray(covariance + self.earlier + turn @ self.later @ turn.T)
 
@@ -104,7 +104,8 @@ def compute_layouts(chain: Chain, pairs: Sequence[tuple[int, int]]) -> list[Subm
 def _compute_layouts(chain: Chain, centres: Sequence[int], reach_m: float) -> dict[int, NDArray[np.float64]]:
     """Returns the covariance (3, 3) of the submap around each central scan, by the number of the scan.
 
-    Each side counts with its share of the submap's scans, as if all of them had the uncertainty of the side's farthest scan.
+    Each side of the central scan is weighted by its share of the submap's scans, as if all scans of the side had the
+    uncertainty of the farthest one.
     """
     sides = []
     for centre in sorted(set(centres)):

@@ -1,8 +1,9 @@
 """Loop closure in rounds: each round searches around the trajectory as corrected by the loops of the rounds before.
 
-The graph gives the relative pose of two scans and its covariance. Pairs of scans that may show the same place according to
-these are registered by psi. Where the trajectory stays too uncertain for this, places are recognised by their appearance. A
-loop stays if the trajectory does not rule it out, if it agrees with its neighbours, and if it makes the map better.
+The graph gives the relative pose of two scans and its covariance. Pairs of scans that may show the same place, given this
+pose and covariance, are registered by psi. Where the trajectory stays too uncertain for registration, places are recognised
+by their appearance. A loop stays if the trajectory does not rule it out, if it agrees with its neighbours, and if it makes
+the map better.
 """
 
 from __future__ import annotations
@@ -94,14 +95,14 @@ def find_candidates(
 ) -> tuple[list[Candidate], list[tuple[int, int]]]:
     """Finds pairs of scans that may show one place.
 
-    A pair is a candidate if two passes still see the same things at its distance, less the trajectory's uncertainty of this
-    distance. Only the nearest scan of each of the nearest earlier passes is taken, and a pair is left out if a neighbouring
-    pair has been tried.
+    A pair is a candidate if the distance of its scans, less the uncertainty of this distance, is so short that both passes
+    see the same things. Only the nearest scan of each of the nearest earlier passes is taken, and a pair is left out if a
+    neighbouring pair has been tried.
 
     Args:
         chain: the trajectory, with its uncertainty.
         tried: pairs that are not taken again.
-        groups: (N,) group of each scan, if only pairs of different groups are wanted.
+        groups: (N,) group of each scan, if only pairs of different groups are wanted; None takes all pairs.
 
     Returns:
         The candidates, and the pairs that cannot be compared because their relative pose is too uncertain for the search.
@@ -119,7 +120,7 @@ def find_candidates(
     relatives = dict(zip(pairs, chain.relate(pairs), strict=True))
 
     def stretch(pair: tuple[int, int]) -> tuple[float, float]:
-        """Returns the lengths of path up to both scans, for the later scan times _TRIED_FACTOR."""
+        """Returns the lengths of path up to both scans; that of the later scan is multiplied by _TRIED_FACTOR."""
         return float(drive.travelled[pair[0]]), float(drive.travelled[pair[1]]) * _TRIED_FACTOR
 
     known = cKDTree(np.array([stretch(pair) for pair in sorted(tried)]).reshape(-1, 2))
@@ -165,7 +166,7 @@ def may_meet(relative: Relative, slack_m: float = 0.0) -> bool:
 
 
 def find_out_of_reach(chain: Chain, places: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Finds the earlier places that each place may show, for the places whose search cannot cover all of them.
+    """Finds the earlier places that each place may show, for the places whose search cannot cover all of these.
 
     The uncertainty of the trajectory is computed for pairs of scans that are GATE_M apart. If the pose of each of these
     scans relative to the first one is certain enough for the search, the other pairs are not looked at.
@@ -175,7 +176,8 @@ def find_out_of_reach(chain: Chain, places: NDArray[np.int64]) -> NDArray[np.boo
         places: (P,) numbers of scans, increasing.
 
     Returns:
-        (P, P) whether the place of a row may show the earlier place of a column; all False in a row whose search covers all.
+        (P, P) whether the place of a row may show the earlier place of a column; all False in the row of a place whose
+        search covers all of them.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.
@@ -229,7 +231,7 @@ def compare_passes(
         candidates: pairs of scans that may show one place.
         estimator: settings of the score.
         beam: the sensor's errors.
-        engine: engine that compares them; the result does not depend on it.
+        engine: engine that registers the passes; the result does not depend on it.
         progress: called after each candidate.
     """
 
@@ -270,7 +272,7 @@ def confirm_by_map(
         after: (N, 3) poses with the loops.
         estimator: settings of the score.
         beam: the sensor's errors.
-        engine: engine that judges them; the result does not depend on it.
+        engine: engine that scores the passes; the result does not depend on it.
     """
     better = engine.map(_improves, (drive, after, estimator, beam), loops)
     return [loop for loop, keep in zip(loops, better, strict=True) if keep]
@@ -311,9 +313,9 @@ class LoopCloser:
         place: returns the scans under poses (N, 3) of the trajectory.
         estimator: settings of the score.
         beam: the sensor's errors.
-        runner: does the work.
-        before: scans under the trajectory before any loop; None takes the first optimum.
-        groups: (N,) group of each scan, if only loops between different groups are wanted.
+        runner: gives the engine that compares scans, and reports progress.
+        before: scans under the trajectory before any loop; None takes the trajectory of the first optimisation.
+        groups: (N,) group of each scan, if only loops between different groups are wanted; None searches for all loops.
 
     Attributes:
         loops: the loops that have joined the trajectory.
@@ -422,7 +424,7 @@ class LoopCloser:
         return LoopSearch(self.loops, tried, ambiguous, implausible, self._unsure)
 
     def _compare(self, chain: Chain) -> list[Loop]:
-        """Returns the new loops around a trajectory that psi confirms and the trajectory allows."""
+        """Searches around a trajectory; returns the new loops that psi confirms and the trajectory allows."""
         runner = self._runner
         candidates, unsure = find_candidates(chain, self._decided, self._groups)
         scores = compare_passes(chain.drive, candidates, self._estimator, self._beam, runner.engine, runner.progress)
@@ -454,11 +456,11 @@ def find_loops(
     """Returns the loops of a run, as `LoopCloser` finds them.
 
     Args:
-        scans: of the recording.
+        scans: scans of the recording.
         problem: the trajectory that the loops join.
         estimator: settings of the score.
         beam: the sensor's errors.
-        runner: does the work.
+        runner: gives the engine that compares scans, and reports progress.
         recognising: whether places that the search around the trajectory cannot reach are recognised by their appearance.
 
     Raises:

@@ -38,7 +38,7 @@ class Passes(Protocol):
         """Length (N,) of the path up to each scan [m]."""
 
     def render(self, centre: int, chosen: NDArray[np.int64], beam: Beam) -> PointSet:
-        """Renders the returns of some scans, in increasing order, in the frame of one."""
+        """Renders the returns of the scans `chosen` (K,), increasing, in the frame of the scan `centre`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +48,8 @@ class MappedDrive:
     Args:
         keyframes: keyframes of the map.
         poses: (K, 3) their poses.
-        travelled: (K,) length of the path up to each keyframe [m]; every further recording begins so much later that no path
-            seems to lead to it.
+        travelled: (K,) length of the path up to each keyframe [m]; from one recording to the next it grows by more than any
+            real path, so that no path seems to join them.
     """
 
     keyframes: Keyframes
@@ -65,7 +65,7 @@ class MappedDrive:
         return cls(keyframes, keyframes.poses if poses is None else poses, keyframes.travelled + np.cumsum(jumps))
 
     def render(self, centre: int, chosen: NDArray[np.int64], beam: Beam) -> PointSet:
-        """Renders the returns of some keyframes in the frame of the keyframe `centre`."""
+        """Renders the returns of the keyframes `chosen` (K,) in the frame of the keyframe `centre`."""
         return place_keyframes(self.keyframes, chosen, self.poses[centre], self.poses, beam)
 
 
@@ -74,10 +74,10 @@ class TrackedRun:
     """The scans of a run under a trajectory, in which loops are looked for.
 
     Args:
-        scans: of the recording.
+        scans: scans of the recording.
         times: (N,) start of each scan [s].
-        poses: (N, 3) at these times.
-        travelled: (N,) length of the path so far [m].
+        poses: (N, 3) poses of the sensor at these times.
+        travelled: (N,) length of the path up to each scan [m].
     """
 
     scans: Sequence[Scan]
@@ -92,7 +92,7 @@ class TrackedRun:
         return cls(scans, times, poses, se2.path_lengths(poses))
 
     def render(self, centre: int, chosen: NDArray[np.int64], beam: Beam) -> PointSet:
-        """Renders the returns of some scans, in increasing order, in the frame of one."""
+        """Renders the returns of the scans `chosen` (K,), increasing, in the frame of the scan `centre`."""
         returns = Returns.concatenate([self.scans[k].returns for k in chosen])
         first, last = max(int(chosen[0]) - 1, 0), min(int(chosen[-1]) + 2, len(self.times))
         local = se2.between(self.poses[centre], self.poses[first:last])
@@ -103,8 +103,8 @@ def pick_around(travelled: NDArray[np.float64], centre: int, reach_m: float, spa
     """Picks indices around one index of a path, about `spacing_m` apart and at most about `reach_m` away.
 
     Args:
-        travelled: (N,) length of the path so far [m].
-        centre: index of the middle.
+        travelled: (N,) length of the path up to each index [m].
+        centre: the index around which indices are picked.
         reach_m: length of path to either side [m].
         spacing_m: distance between the indices [m].
     """
@@ -126,7 +126,7 @@ def render_submap(drive: Passes, centre: int, reach_m: float, beam: Beam) -> Poi
 
 
 def render_passes(earlier: tuple[Passes, int], later: tuple[Passes, int], beam: Beam) -> tuple[PointSet, PointSet]:
-    """Renders the submaps of two passes; the later pass's submap is smaller, so that it lies within the other one.
+    """Renders the submaps of two passes; the later pass's submap is smaller, so that it lies within the earlier one.
 
     Args:
         earlier: the scans of the earlier pass, and the number of the central scan of its submap.
@@ -149,11 +149,11 @@ def find_passes(
     least_path_m: float,
     reach_m: Callable[[NDArray[np.float64]], NDArray[np.float64]],
 ) -> list[list[tuple[int, int]]]:
-    """Finds the nearest pose of every earlier pass for poses along a path, as pairs (earlier, later).
+    """Finds, for poses along a path, the nearest pose of every earlier pass, as pairs of indices (earlier, later).
 
     Args:
-        travelled: (N,) length of the path so far [m].
-        poses: (N, 3).
+        travelled: (N,) length of the path up to each pose [m].
+        poses: (N, 3) poses along the path.
         spacing_m: path [m] between the poses for which earlier passes are looked for.
         least_path_m: two poses belong to different passes if the path [m] between them is longer than this.
         reach_m: returns the largest distance [m] of two poses of a pair, given the path between them [m]; it never decreases

@@ -2,7 +2,7 @@
 
 A place is described by the numbers of returns in rings and sectors around it. A single place may look like another one by
 chance. It is unlikely that several successive submaps match successive places by chance, except where streets repeat. There
-a submap matches several places, and none of them is taken.
+a submap matches several places, and all of these matches are rejected.
 
 Source: Scan Context (Kim and Kim, IROS 2018), with numbers of returns in place of heights, which a radar does not measure.
 From another lane, returns lie in other rings and sectors; a submap is therefore described from several positions beside its
@@ -60,7 +60,7 @@ def describe_places(drive: Passes, beam: Beam, engine: Engine) -> PlaceTable:
     Args:
         drive: scans under a trajectory.
         beam: the sensor's errors.
-        engine: engine that describes them.
+        engine: engine that describes the places.
     """
     places = pick_spaced(drive.travelled, PLACE_SPACING_M)
     descriptors = engine.map(_describe, (drive, beam), places.tolist())
@@ -69,7 +69,7 @@ def describe_places(drive: Passes, beam: Beam, engine: Engine) -> PlaceTable:
 
 
 def describe_map(made: KeyframeMap, beam: Beam, engine: Engine) -> KeyframeMap:
-    """Returns a map with the descriptors of this version of mqslam; they are computed again if the map has others."""
+    """Returns a map with the descriptors of this version of mqslam; computed again if the map has other descriptors."""
     if made.places.made_with == DESCRIBED_WITH:
         return made
     return replace(made, places=describe_places(MappedDrive.of(made.keyframes), beam, engine))
@@ -90,7 +90,7 @@ def _render(shared: tuple[Passes, Beam], place: int) -> PointSet:
 
 
 def describe(points: NDArray[np.float64], aside_m: float = 0.0) -> NDArray[np.float32]:
-    """Describes a place by the square roots of the numbers of returns in rings and sectors, scaled to norm one.
+    """Describes a place by the square roots of the numbers of returns in rings and sectors, scaled to unit norm.
 
     Args:
         points: (N, 2) m, in a frame at the place.
@@ -135,7 +135,7 @@ class Guess(NamedTuple):
     Args:
         place: number of the place in the index.
         pose: (3,) pose of the submap's frame in the place's frame, as the descriptors show it [m, m, rad].
-        likeness: correlation of the two descriptors, at most one.
+        likeness: correlation of the two descriptors, at most 1.
     """
 
     place: int
@@ -186,8 +186,8 @@ class PlaceIndex:
         """Compares Q submaps, each described from centres that are shifted sideways by `asides` [m], with all P places.
 
         Returns:
-            Three arrays (Q, P): the largest correlation, the index of its shift, and the number of sectors that it is turned
-            by.
+            Three arrays (Q, P): the largest correlation, the index of its shift, and the number of sectors by which the
+            descriptor is turned.
         """
         described = np.array([describe(points, float(aside)) for points in queries for aside in asides])
         spectra = np.moveaxis(fft.rfft(described, axis=2), 2, 0)  # (F, Q * A, R)
@@ -257,7 +257,7 @@ class PlaceDatabase:
     Args:
         drive: the scans of the places, under the trajectory of the map.
         places: (P,) number of the scan at each place.
-        index: index of their descriptors, in the same order.
+        index: index of the descriptors of these places, in the same order.
     """
 
     drive: Passes
@@ -301,7 +301,7 @@ def recognise(
     beam: Beam,
     engine: Engine,
 ) -> Recognition:
-    """Finds the places that submaps of a drive show, without a guess of their poses in the map.
+    """Finds the places that submaps of a drive show, without knowing roughly where they lie in the map.
 
     Args:
         drive: scans under a trajectory that is accurate over short distances.
@@ -382,7 +382,7 @@ def _register(shared: tuple[Passes, Passes, EstimatorConfig, Beam], pair: _Pair)
 def _choose(
     matches: Sequence[tuple[Loop, bool]], mapped: Passes, estimator: EstimatorConfig
 ) -> tuple[list[Loop], list[int]]:
-    """Chooses the best match of each query that fits one place only; returns these, and the queries that fit several."""
+    """Chooses the best match of each query that fits one place only; also returns the queries that fit several."""
     chosen, ambiguous = [], []
     for query in sorted({match.later for match, _ in matches}):
         own = sorted(((match, alone) for match, alone in matches if match.later == query), key=lambda one: one[0].psi)
@@ -397,7 +397,7 @@ def _choose(
 
 
 def _find_rows(matches: Sequence[Loop], drive: Passes, mapped: Passes) -> list[list[Loop]]:
-    """Returns groups of at least `ROW` matches that agree; the matches are one per query."""
+    """Returns groups of at least `ROW` matches that agree; `matches` holds at most one match per query."""
     if not matches:
         return []
     i, k = _find_agreeing(matches, drive, mapped, (_AGREE_M, _AGREE_RAD))

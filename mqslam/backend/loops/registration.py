@@ -1,7 +1,7 @@
-"""Registers one submap on another by psi: a global search within a gate, then the annealed minimum and its covariance.
+"""Registers one submap on another by psi: searches all poses near a guess, then minimises psi and estimates the covariance.
 
 The search correlates the two submaps as blurred images at several yaws, which is the widest and cheapest form of the score.
-psi is then minimised from the guess and the best peaks, and the pose with the lowest psi is taken.
+psi is then minimised from the guess and from the best peaks of the correlation, and the pose with the lowest psi is chosen.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from mqslam.psi.neighbours import mark_near
 from mqslam.psi.place import PointSet
 from mqslam.psi.score import PsiEvaluation, References, Scale, evaluate, make_references
 
-# The next best pose must score worse than the best one by at least this factor.
+# The best pose has no rival if psi at the next best pose is larger by at least this factor.
 RIVAL: Final = 1.1
-# An alignment that ends at most this far [m] outside the searched region still counts.
+# An alignment that ends at most this far [m] outside the searched region is still accepted.
 _BEYOND_M = 1.0
-# An alignment that ends at most this far in yaw [rad] outside the searched region still counts.
+# An alignment that ends at most this far in yaw [rad] outside the searched region is still accepted.
 _BEYOND_RAD = 0.05
 # A submap with fewer returns than this is not registered.
 _FEWEST = 300
@@ -44,11 +44,11 @@ class Alignment:
     """The result of the registration of one submap, the query, on another one, the reference.
 
     Args:
-        pose: (3,) of the query's frame in the reference's.
-        covariance: (3, 3) of the pose [m, m, rad].
+        pose: (3,) pose of the query's frame in the reference's frame [m, m, rad].
+        covariance: (3, 3) covariance of the pose [m, m, rad].
         matched: share of the query's points that have a neighbour in the reference.
-        psi: score per point.
-        rival: score per point at the best other pose in the searched region; infinite if there is none.
+        psi: psi per point of the query at the pose.
+        rival: psi per point at the best other pose in the searched region; infinite if there is no other pose.
         observed: whether the submaps determine the pose in every direction.
         rivals: (R, 3) other poses that fit about as well as the best one: their score is worse by less than the factor
             RIVAL, or by less than chance explains. It is empty if rivals were not asked for.
@@ -76,7 +76,7 @@ def align(
     Args:
         references: a submap in its own frame.
         query: another submap in its own frame.
-        guess: (3,) pose of the query's frame in the reference's.
+        guess: (3,) pose of the query's frame in the reference's frame [m, m, rad].
         reach: how far the guess may be off in position [m] and in yaw [rad].
         config: settings of the score.
         rival_sigmas: number of standard deviations by which another pose must score worse than the best one to be no rival;
@@ -85,7 +85,7 @@ def align(
     reach_m, reach_rad = reach
     minima = []
     peaks = find_correlation_peaks(references.points, query.points, guess, reach_m, reach_rad, config)
-    others = [peak for peak in peaks if not np.array_equal(peak, guess)]  # a second search from there finds the same
+    others = [peak for peak in peaks if not np.array_equal(peak, guess)]  # the guess is added below
     for start in [guess, *others]:  # the guess itself is a hypothesis, too
         minimum = minimise_rigidly(start, query, references, config, TOLERANCES)
         off = se2.between(guess, minimum.state)
@@ -118,11 +118,12 @@ def _pick_rivals(
     sigmas: float,
     config: EstimatorConfig,
 ) -> se2.Array:
-    """Returns the poses (R, 3) among others that fit about as well as the best one.
+    """Returns the poses (R, 3) of those other minima that fit about as well as the best minimum.
 
     The scores of two poses are sums over the same points. Their differences are summed by object, as in psi's covariance. If
-    both poses fit equally well, the total is about zero in units of its standard deviation (Vuong, 1989). Points without a
-    reference in reach at one of the poses, such as beyond the end of a pass, do not show which is right and are left out.
+    both poses fit equally well, the total is about zero in units of its standard deviation (Vuong, 1989). Points that have
+    no reference in reach at one of the two poses, such as points beyond the end of a pass, do not show which pose is right
+    and are left out.
     """
     references, query = submaps
 
@@ -142,7 +143,7 @@ def _pick_rivals(
 
 
 def score_at_pose(references: References, query: PointSet, pose: se2.Array, config: EstimatorConfig) -> float:
-    """Returns psi per point of the query among the references, with the query at a pose (3,) in their frame."""
+    """Returns psi per point of the query among the references, with the query at a pose (3,) in the references' frame."""
     return score_among(references, move_rigidly(query, pose), config).psi / len(query)
 
 
@@ -169,7 +170,7 @@ def does_match(alignment: Alignment, matched: float) -> bool:
 
 
 def is_unrivalled(alignment: Alignment, matched: float) -> bool:
-    """Returns whether two passes match, and at no other pose about as well; the arguments are those of `does_match`."""
+    """Returns whether two passes match and no other pose fits about as well; the arguments are those of `does_match`."""
     return does_match(alignment, matched) and alignment.psi * RIVAL <= alignment.rival
 
 

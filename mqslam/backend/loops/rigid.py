@@ -42,7 +42,7 @@ from mqslam.psi.score import (
 
 _NO_PULLS: Final = np.empty((0, 2, 3))
 ANY_TIME: Final = 0.0
-"""Duration of a turn [s] for `kernel_of`: by definition zero, since submaps are compared whatever their times."""
+"""Duration of a revolution of the radar [s] for `kernel_of`: zero, so that the score of two submaps ignores their times."""
 
 
 def move_rigidly(points: PointSet, pose: se2.Array) -> PointSet:
@@ -104,7 +104,7 @@ def _descend(
         around: the fixed points.
         scales: (K, 3) widths of the score in each step.
         last: the final widths.
-        kernel: the score besides its widths.
+        kernel: the parameters of the score besides its widths.
         damping: `STABILISER` and `CORRELATION`.
         tolerances: (3,) the search ends once a step is smaller than this in every component.
 
@@ -168,8 +168,8 @@ def expand_rigidly(
     The letters are those of `score.weigh_offsets`.
 
     Args:
-        own: (N, 2) m, the submap's points in its own frame.
-        cov: (N, 3) xx, xy, yy [m^2] in its own frame.
+        own: (N, 2) m, the submap's points in the submap's frame.
+        cov: (N, 3) covariances xx, xy, yy [m^2] of these points in the submap's frame.
         yaw: yaw of the pose [rad].
         sums: (N, 10) sums over the neighbours of each point, as `score.weigh_offsets` takes them.
         scale: widths of selection and weights.

@@ -1,13 +1,14 @@
-"""Calibrates a sensor besides the radar: finds its systematic errors from motions that psi found itself, and its noise.
+"""Calibrates a sensor besides the radar: finds its systematic errors and its noise from motions that psi found itself.
 
 Systematic errors are the same in all motions. For the motion of odometry between two scans they are modelled as
 
     motion of the radar = motion of odometry + design (3, 7) @ parameters (7,) + noise
 
-The parameters are the scale of the travel, the delay of odometry's clock, the position of the radar on the vehicle (ahead,
-to the left) and its yaw, and the bias of the yaw rate. The bias may walk: it has a value at every knot and is interpolated
-between two knots. If the mount of the radar is known, the motions of odometry are first converted to motions of the radar;
-the parameters then are the radar's offset from this mount, in its own frame. Other sensors have fewer parameters.
+The parameters are the error of the travel's scale, the delay of odometry's clock, the position of the radar on the vehicle
+(ahead, to the left) and its yaw, and the bias of the yaw rate. The bias may walk: it has a value at certain times, called
+knots, and is interpolated between two knots. If the mount of the radar is known, the motions of odometry are first converted
+to motions of the radar; position and yaw then are the radar's offset from this mount, in the mount's frame. Other sensors
+have fewer parameters.
 
 Noise that is independent from motion to motion adds up along a span, while psi errs only at the two ends of the span. The
 noise of a motion is estimated from spans of several lengths, and the largest estimate is taken: a bias that walks faster
@@ -41,8 +42,8 @@ LARGEST_SCALE = 1.25
 # Largest share of motions in which a calibrated sensor may contradict psi by more than WILD standard deviations. psi itself
 # is wrong in a few motions.
 MOST_WILD, WILD = 0.1, 3.0
-# A delay, an error of the scale, or the scale itself (whether both turn together at all) is significant from this many
-# standard deviations.
+# A delay, an error of the scale, or the scale itself (which shows that sensor and radar turn together at all) is significant
+# from this many standard deviations.
 TOLD_SIGMAS = 5.0
 # A smaller error of the scale is corrected without telling the user.
 SCALE_TOLERANCE = 0.01
@@ -75,7 +76,7 @@ class SensorEdges(Protocol):
     """The factors and variables that a sensor adds to the pose graph."""
 
     def list_factors(self, chain: se2.Array) -> Iterable[gtsam.NonlinearFactor]:
-        """Returns the factors, given the poses `chain` (N, 3) of the scans, whose yaws are right to within half a turn."""
+        """Returns the factors, given poses `chain` (N, 3) of the scans, whose yaws are right to within pi [rad]."""
 
     def insert_into(self, values: gtsam.Values) -> None:
         """Inserts the starting values of the sensor's own variables."""
@@ -91,7 +92,7 @@ class Use(Generic[E_co]):
     Args:
         source: where the readings come from.
         statements: sentences for the user; the first one says whether the sensor is used.
-        edges: factors and variables that it adds to the graph; None if it is not used.
+        edges: factors and variables that the sensor adds to the graph; None if the sensor is not used.
     """
 
     source: str
@@ -103,8 +104,8 @@ class Motions(NamedTuple):
     """Motions between scans as arrays.
 
     Args:
-        poses: (N, 3) [m, m, rad].
-        lasts: (N,) how long each takes [s].
+        poses: (N, 3) pose at each motion's end in the frame of the pose at its start [m, m, rad].
+        lasts: (N,) duration of each motion [s].
         variances: (N, 3) variances of x, y and yaw.
         converged: (N,) whether psi found each motion itself.
     """
@@ -146,7 +147,8 @@ class Calibration:
     """The estimated parameters of a calibration with their covariance.
 
     Args:
-        parameters: (P,) scale [1], delay [s], radar ahead and to the left [m], turned [rad], bias at every knot [rad/s].
+        parameters: (P,) for odometry the error of the scale [1], the delay [s], the radar's offset ahead [m], to the left
+            [m] and in yaw [rad], and the bias of the yaw rate at every knot [rad/s].
         covariance: (P, P) covariance of the parameters.
     """
 
@@ -170,10 +172,10 @@ def make_design(motions: Sequence[Measurement], span: int, mount: se2.Array = AT
     Args:
         motions: two or more successive motions of the radar by odometry.
         span: number of motions from a knot of the bias to the next one.
-        mount: (3,) pose of the radar on the vehicle, by which the vehicle's motions were carried to it.
+        mount: (3,) pose of the radar on the vehicle, with which the vehicle's motions were converted to the radar's.
     """
     known = Motions.of(motions)
-    # a turn of the vehicle bends its travel, and swings the radar about the vehicle's origin at the end of the motion
+    # a rotation of the vehicle bends its travel, and swings the radar about the vehicle's origin at the motion's end
     arm = known.poses[:, :2] - 0.5 * _find_travel(known.poses, mount) - se2.inverse(mount)[:2]
     by_bias = np.column_stack([-arm[:, 1] * known.lasts, arm[:, 0] * known.lasts, known.lasts])
     span = max(span, -(-len(motions) // _MOST_KNOTS))
@@ -189,7 +191,7 @@ def spread_bias(
 
     Args:
         by_common: (N, 3, C) derivatives of the motions by the common parameters.
-        by_bias: (N, 3) derivatives by the bias.
+        by_bias: (N, 3) derivatives of the motions by the bias.
         span: number of motions from a knot to the next one.
         knots_s: (K - 1,) time from each knot to the next one [s].
     """
@@ -226,8 +228,8 @@ def differentiate_motions(poses: se2.Array, lasts: NDArray[np.float64], mount: s
 
     Args:
         poses: (N, 3) the motions [m, m, rad].
-        lasts: (N,) how long each takes [s].
-        mount: (3,) pose of the radar on the vehicle, by which the vehicle's motions were carried to it.
+        lasts: (N,) duration of each motion [s].
+        mount: (3,) pose of the radar on the vehicle, with which the vehicle's motions were converted to the radar's.
     """
     x, y, yaw = poses.T
     jacobians = np.zeros((len(poses), 3, _COMMON))
@@ -275,7 +277,7 @@ def fit(
     Args:
         design: design of all motions.
         misses: (N, 3) the radar's motions minus odometry's motions; NaN where psi did not find the motion itself.
-        measured: (N, 3) variances of psi's motions, by the errors of both of their scans.
+        measured: (N, 3) variances of psi's motions, which include the errors of both scans of a motion.
         noise: (N, 3) variances of odometry's own noise, which is independent from motion to motion.
         prior: (P, P) information about the parameters.
     """
@@ -301,7 +303,7 @@ _BEYOND: Final = 3.0  # a miss of a span by more standard deviations than this i
 
 
 def measure_noise(residuals: NDArray[np.float64], measured: NDArray[np.float64], longest: int) -> NDArray[np.float64]:
-    """Estimates the variances (3,) of a motion's noise robustly.
+    """Estimates robustly the variances (3,) of the noise of one motion's x, y and yaw.
 
     Args:
         residuals: (N, 3) the radar's motions minus the calibrated odometry's motions; NaN where psi did not find the motion.
@@ -326,8 +328,8 @@ def measure_disagreement(
 ) -> NDArray[np.float64]:
     """Returns the variances (N, 3) by which motions disagree with psi more than noise explains; zero where they agree.
 
-    Wheels that slip, for instance, err by more, and always in one direction. If the sum over a span misses by too much, its
-    square is shared out equally as variance of the span's motions.
+    Wheels that slip, for instance, err by more, and always in one direction. If the sum of the residuals of a span is larger
+    than noise explains, the square of the sum is shared out equally as variance of the span's motions.
 
     Args:
         residuals: (N, 3) residuals as for `measure_noise`.
@@ -347,7 +349,7 @@ def measure_disagreement(
 
 
 def _sum_spans(residuals: NDArray[np.float64], longest: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
-    """Yields the lengths 1, 2, 4 and so on, each with the sums (N - length + 1, 3) over all spans of this length."""
+    """Yields the span lengths 1, 2, 4 and so on, each with the sums (N - length + 1, 3) of residuals over all such spans."""
     sums, count = residuals, 1
     while len(sums) and count <= max(1, longest):
         yield count, sums

@@ -1,4 +1,4 @@
-"""Joins the velocities that chirps measure to the pose graph: compares them with psi, and calibrates them.
+"""Makes edges of the pose graph from velocities that chirps measured, after a comparison with psi and a calibration.
 
     travel by psi = (1 + scale error) travel by the velocity + bias x time + noise
 
@@ -47,12 +47,12 @@ SIGMA_SCALE = 0.05
 
 SOURCE: Final = "chirps"
 _ROUNDS: Final = 3  # rounds of fit and noise; they settle in fewer
-_UNKNOWN: Final = 1e2  # far more than a turn [rad], since a velocity does not measure the turn
+_UNKNOWN: Final = 1e2  # standard deviation of a motion's yaw [rad], which a velocity does not measure
 _LEAST: Final = 1e-12  # numerical: variance that keeps a fit without noise from being singular
 
 
 class TravelEdges(dict[int, Measurement]):
-    """Motions without information about the turn, by the number of the scan at which each starts."""
+    """Motions that hold no information about their yaw, by the number of the scan at which each starts."""
 
     def list_factors(self, chain: se2.Array) -> Iterator[gtsam.NonlinearFactor]:
         """Yields the factors of the motions."""
@@ -81,12 +81,12 @@ class VelocityUse(Use[TravelEdges]):
 def join_velocities(velocities: Velocities, motions: Sequence[Measurement]) -> VelocityUse:
     """Compares velocities with psi's motions, and converts them to motions if they agree.
 
-    If psi found too few motions to show whether they agree, they keep the errors that they state, and the prior scale and
-    bias.
+    If psi found too few motions to show whether the velocities agree, the velocities keep the errors that they state; their
+    scale and bias are then fitted to these few motions and the prior.
 
     Args:
-        velocities: one per scan.
-        motions: between successive scans, as the front end measured them; their turns are taken as they are.
+        velocities: one velocity per scan.
+        motions: motions between successive scans, as the front end measured them; their yaws are used without correction.
     """
     poses, lasts, design, variances = _predict(velocities, motions)
     own = Motions.of(motions)
@@ -119,7 +119,7 @@ def join_velocities(velocities: Velocities, motions: Sequence[Measurement]) -> V
 def _predict(
     velocities: Velocities, motions: Sequence[Measurement]
 ) -> tuple[se2.Array, NDArray[np.float64], Design, NDArray[np.float64]]:
-    """Predicts the motions from the velocities and psi's turns.
+    """Predicts the motions from the velocities and the yaws of psi's motions.
 
     Returns:
         The motions (N, 3), NaN where there is no velocity; their durations (N,) [s]; their derivatives by scale error and
@@ -137,12 +137,12 @@ def _predict(
 
 
 def _find_fault(found: Calibration, residuals: NDArray[np.float64], variances: NDArray[np.float64]) -> str | None:
-    """Returns why velocities cannot be used, or None."""
+    """Returns the reason why velocities cannot be used; None if they can be used."""
     if len(residuals) < FEWEST_MOTIONS:
         return None
     scale = 1.0 + float(found.parameters[0])
     if not 1.0 / LARGEST_SCALE <= scale <= LARGEST_SCALE:
-        return f"the radar travels {scale:.3g} times as far as they say; the Doppler shift of its chirps may be another"
+        return f"the radar travels {scale:.3g} times as far as they say; the Doppler shift of its chirps may be wrong"
     wild = float(np.mean(np.any(residuals**2 > WILD**2 * variances, axis=1)))
     if wild > MOST_WILD:
         return f"they contradict the radar's map in {wild:.0%} of the motions"

@@ -42,15 +42,15 @@ LEAST_SPREAD = 5.0
 
 _MOST_FIXES: Final = 400  # numerical: largest number of fixes that are tried, enough to show whether they fit
 _BETTER: Final = 0.5  # a mistake is named if it leaves at most this share of the differences
-SWAPPED: Final = "they fit if their latitude is the longitude and the other way round"
+SWAPPED: Final = "they fit if their latitudes and longitudes are swapped: swap the two"
 
 
 def find_mistake(fixes: Fixes, times: NDArray[np.float64], starts: NDArray[np.float64], chain: se2.Array) -> str:
-    """Finds the usual mistake that explains why fixes do not fit a trajectory, in words; "" if there is none.
+    """Returns in words the usual mistake that explains why fixes do not fit a trajectory; "" if no usual mistake does.
 
     Args:
         fixes: one or more fixes of the receiver.
-        times: (F,) of the fixes [s], increasing.
+        times: (F,) times of the fixes [s], increasing.
         starts: (N,) start times of the scans [s], increasing.
         chain: (N, 3) poses of the scans.
     """
@@ -99,8 +99,8 @@ _ALIKE_S = 60.0
 _FIXES_OF_KNOT = 5
 # Fixes that wander about the trajectory by more than this [m] in a second are not used: no receiver's error wanders so fast.
 _LARGEST_WALK_M = 3.0
-# If the position of the antenna is not stated, it is taken from the fixes in turns if they show it farther away from the
-# radar than this many standard deviations. Else the antenna is taken to be at the radar.
+# If the position of the antenna is not stated, the fixes show it where the vehicle turns. It is used if it is farther away
+# from the radar than this many standard deviations. Else the antenna is taken to be at the radar.
 _ANTENNA_APART = 3.0
 
 MIRRORED: Final = "the radar is: set sensor.clockwise: false if it is mounted upside down"
@@ -131,7 +131,7 @@ class FixEdges:
     origin: se2.Array
 
     def list_factors(self, chain: se2.Array) -> Iterator[gtsam.NonlinearFactor]:
-        """Yields the factors of the fixes, from the tangent plane's poses e0 .. to the scans, and of the plane's walk."""
+        """Yields the fixes' factors, from the tangent plane's poses e0 .. to scans, and the factors of the plane's walk."""
         for j, k, pose in zip(self.knots.tolist(), self.scans.tolist(), self.poses, strict=True):
             yield gnss_position(E(j), X(k), pose, self.noise.white_m)
         for j, walk_m in enumerate(self.walks_m.tolist()):
@@ -158,11 +158,11 @@ class FixEdges:
 
 @dataclass(frozen=True, slots=True)
 class FixUse(Use[FixEdges]):
-    """How a GNSS receiver's fixes are used; the first statement says whether they are used, once jumps have been judged.
+    """How a GNSS receiver's fixes are used. Once jumps have been judged, the first statement says whether they are used.
 
     Args:
         antenna: position of the antenna as the fixes show it; None if it is stated, or if the fixes are not used.
-        stretch: ratio of the fixes' distances to the trajectory's distances; None if no other scale fits far better.
+        stretch: ratio of the fixes' distances to the trajectory's distances; None if another scale does not fit far better.
         is_mirrored: whether the fixes fit the mirror image of the trajectory far better, so that they turn the other way.
         mistake: the usual mistake that explains why the fixes do not fit, in words; "" if there is none.
     """
@@ -177,11 +177,11 @@ class FixUse(Use[FixEdges]):
         hint = ""
         if self.stretch is not None:
             hint = (
-                f"; they lie {self.stretch:.3g} times as far apart as the trajectory has them, so that not they but the "
-                f"length of a range bin may be wrong: {Remedy.GIVE_RANGE_RESOLUTION}"
+                f"; they lie {self.stretch:.3g} times as far apart as the trajectory has them, so that the "
+                f"length of a range bin may be wrong, not the fixes: {Remedy.GIVE_RANGE_RESOLUTION}"
             )
         if self.is_mirrored:
-            swapped = "as where latitude and longitude are in each other's place"
+            swapped = "as they are if latitude and longitude are swapped"
             hint = f"; they fit the mirror image of the trajectory: they are mirrored, {swapped}, or {MIRRORED}"
         if self.mistake:
             hint = f"; {self.mistake}"
@@ -189,7 +189,7 @@ class FixUse(Use[FixEdges]):
         return replace(self, statements=(statement,), edges=None, antenna=None)
 
     def judge_jumps(self, values: gtsam.Values) -> FixUse:
-        """Counts the fixes that are jumps in an optimised graph; states the number, or refuses the fixes if it is large."""
+        """Returns the use with the number of jumps in an optimised graph, or refuses the fixes if too many are jumps."""
         if self.edges is None:
             return self
         number, jumps = len(self.edges.scans), self.edges.count_rejected(values)
@@ -211,14 +211,14 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
     radar.
 
     Args:
-        fixes: of the receiver.
+        fixes: fixes of the receiver.
         start_us: stamp [us] of the recording's time zero.
-        motions: between successive scans, as the front end measured them.
+        motions: motions between successive scans, as the front end measured them.
         antenna: (2,) stated position of the antenna in the radar's frame [m], or None.
     """
     use = FixUse(fixes.source, ())
     if not motions or not len(fixes):
-        return use.refuse("there is no motion that they could be compared with" if not motions else "there are none")
+        return use.refuse("there is no motion that they could be compared with" if not motions else "there are no fixes")
     chain, starts = se2.chain(m.pose for m in motions), np.array([*(m.t0 for m in motions), motions[-1].t1])
     times: NDArray[np.float64] = np.asarray((fixes.stamps_us - start_us) * 1e-6)
     plane = TangentPlane.at_middle(fixes)
@@ -282,7 +282,7 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
 def _lay(
     sensor: se2.Array, antenna: NDArray[np.float64], positions: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], se2.Array, NDArray[np.float64]]:
-    """Returns the antenna's positions in the map (F, 2), the map's pose in the plane (3,), and the residuals (F, 2)."""
+    """Returns the antenna's positions (F, 2) in the map, the map's pose (3,) in the tangent plane, and residuals (F, 2)."""
     on_map = sensor[:, :2] + _turn(antenna, sensor[:, 2])
     lies = align(on_map, positions)
     return on_map, lies, positions - se2.transform(lies, on_map)

@@ -6,14 +6,14 @@ A drive at constant speed shows no delay, and the clock is left as it is.
 
 Errors of successive fixes are alike, since satellites, atmosphere and reflections change slowly. The fixed positions
 therefore wander about the true positions, and the mean of many fixes is not much better than the mean of a few. How much
-they wander shows in the differences of means over more and more fixes, compared with the trajectory: for white noise the
-differences fall with the number of fixes, for a random walk they rise with it (as in the Allan variance, IEEE Std 952). The
-drift of the trajectory itself in this time is counted as error of the receiver. A receiver that smooths its positions hides
-over short times how far it wanders over long times. If means over longer times differ by more than the walk that fits all
-times explains, the walk is therefore fitted to the longer times.
+they wander shows if fixes are compared with the trajectory, in the differences of successive means over one, two, four and
+more fixes: for white noise the differences fall with the number of fixes in a mean, for a random walk they rise with it (as
+in the Allan variance, IEEE Std 952). The drift of the trajectory itself in this time is attributed to the receiver. A
+receiver that smooths its positions hides over short times how far it wanders over long times. If means over longer times
+differ by more than the walk that fits all times explains, the walk is therefore fitted to the longer times.
 
-In a turn the antenna swings about the radar. The swing shows in the differences of successive fixes, compared with the
-motions between them, since errors that wander with the satellites hardly change from one fix to the next. The pose of the
+While the vehicle turns, the antenna swings about the radar. The swing shows in the differences of successive fixes, compared
+with the motions between them: errors that wander with the satellites hardly change from one fix to the next. The pose of the
 map, a steady drift of its heading, its scale and a delay of the receiver's clock move the fixes, too, and are estimated
 together with the antenna's position. A late clock looks like an antenna farther behind as long as the speed stays the same.
 """
@@ -46,7 +46,7 @@ def align(points: _Array, fixes: _Array) -> se2.Array:
     The scale of the weights is the median residual, so that up to half of the fixes may be wrong (Geman-McClure).
 
     Args:
-        points: (N, 2) m, positions of the antenna at the times of the fixes by the trajectory, in the map's frame.
+        points: (N, 2) m, positions that the trajectory gives the antenna at the times of the fixes, in the map's frame.
         fixes: (N, 2) m, the fixes in the tangent plane.
     """
     weights, pose = np.ones(len(points)), np.zeros(3)
@@ -74,8 +74,8 @@ def measure_stretch(points: _Array, fixes: _Array) -> float | None:
     """Measures the ratio of the fixes' distances to the trajectory's distances; the arguments are those of `align`.
 
     Returns:
-        The median over pairs of fixes that are far apart; None if scaling the trajectory by it does not halve the median
-        residual.
+        The median ratio of pairs of fixes that are far apart; None if scaling the trajectory by this ratio does not halve
+        the median residual.
     """
     lags = [len(points) // share for share in (2, 4, 8) if len(points) // share > 0]
     own, given = (
@@ -96,7 +96,7 @@ def is_mirrored(points: _Array, fixes: _Array) -> bool:
     return mirrored < 0.5 * as_it_is
 
 
-_SPAN_S: Final = 4.0  # time of a distance [s]: far longer than a step of the search, and too short for much drift
+_SPAN_S: Final = 4.0  # time in which a distance is driven [s]: far longer than a search step, too short for much drift
 _STEP_S: Final = 0.05  # step between the delays that are tried [s]; a parabola refines the best one
 _FEWEST_DISTANCES: Final = 20  # least number of distances that show a delay
 _BETTER: Final = 0.5  # a delay is believed if it leaves at most this share of the differences
@@ -106,7 +106,7 @@ def find_fix_delay(times: _Array, positions: _Array, starts: _Array, chain: se2.
     """Finds how late the stamps of fixes are [s]; 0 if nothing shows a delay.
 
     Args:
-        times: (F,) of the fixes [s], increasing.
+        times: (F,) times of the fixes [s], increasing.
         positions: (F, 2) fixed positions [m].
         starts: (N,) start times of the scans [s], increasing.
         chain: (N, 3) poses of the scans.
@@ -139,8 +139,8 @@ def find_fix_delay(times: _Array, positions: _Array, starts: _Array, chain: se2.
     return float(delays[best] + (0.5 * _STEP_S * (before - after) / curvature if np.isfinite(curvature) else 0.0))
 
 
-_FEWEST_DIFFERENCES: Final = 9  # least number of differences per fix in a mean; the median of fewer says nothing
-_OUTAGE: Final = 2.0  # if two means take more than this many times the usual time, they lie on both sides of an outage
+_FEWEST_DIFFERENCES: Final = 9  # least number of differences for each fix in a mean; the median of fewer says nothing
+_OUTAGE: Final = 2.0  # if the fixes of two successive means span more usual times than this, an outage is among them
 _CONTRADICTION: Final = 2.0  # a difference of more standard deviations than this is not chance
 _AROUND: Final = 31  # number of fixes among which jumps are detected; fewer than half of them may be jumps
 _JUMP: Final = 9.0  # least size of a jump, in median distances from the fixes around: six standard deviations of noise
@@ -163,7 +163,7 @@ def measure_fix_noise(times: _Array, residuals: _Array, stated_m: _Array, longes
     """Measures the noise of fixes; a receiver is never taken to be better than it states.
 
     Args:
-        times: (F,) of the fixes [s], increasing.
+        times: (F,) times of the fixes [s], increasing.
         residuals: (F, 2) residuals from the trajectory that is aligned with the fixes [m].
         stated_m: (F,) standard deviations that the receiver states [m], or NaN.
         longest_s: longest time over which means are taken [s].
@@ -190,11 +190,11 @@ def measure_fix_noise(times: _Array, residuals: _Array, stated_m: _Array, longes
 
 
 def _compare_means(times: _Array, residuals: _Array, longest_s: float) -> tuple[_Array, _Array, _Array]:
-    """Compares successive means of one, two, four and more fixes: K lengths of time.
+    """Compares successive means over one, two, four and more fixes; K is the number of such lengths.
 
     Returns:
-        For half the squared differences of the means: (K, 2) the values for white noise and for a walk, each of variance
-        one; (K,) the measured values [m^2]; and (K,) their standard deviations.
+        For half the squared difference of two successive means: (K, 2) its value for white noise and for a walk, each of
+        variance one; (K,) the measured values [m^2]; and (K,) the standard deviations of the measured values.
     """
     usual_s = float(np.median(np.diff(times)))
     sums = np.vstack([np.zeros(2), np.cumsum(residuals, axis=0)])
@@ -216,13 +216,13 @@ def _compare_means(times: _Array, residuals: _Array, longest_s: float) -> tuple[
 
 
 def _fit_variances(columns: _Array, measured: _Array, sigmas: _Array) -> _Array:
-    """Returns the variances (C,) that explain measured values (N,) with sigmas (N,) best, through columns (N, C)."""
+    """Returns the variances (C,) with which columns (N, C) explain measured values (N,) of these sigmas (N,) best."""
     return np.asarray(nnls(columns / sigmas[:, None], measured / sigmas)[0])
 
 
 _ANTENNA_ROUNDS: Final = 5  # rounds of fit and choice of the differences that are no jumps; they settle in fewer
-_TURNED_RAD: Final = 1.0  # numerical: prior of the map's turn, which is far smaller, since the map lies on the fixes
-_SCALED: Final = 0.1  # numerical: prior of the trajectory's error of scale, which is far smaller
+_TURNED_RAD: Final = 1.0  # numerical: prior sigma of the map's yaw, far larger than its error, as the map lies on the fixes
+_SCALED: Final = 0.1  # numerical: prior sigma of the error of the trajectory's scale, which is far smaller
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,7 +249,7 @@ class Antenna:
 
 
 def estimate_antenna(times: _Array, sensor: se2.Array, positions: _Array, noise: FixNoise) -> Antenna:
-    """Estimates where an antenna sits.
+    """Estimates where an antenna sits, from the differences of successive fixes.
 
     Args:
         times: (F,) times of three or more fixes [s], increasing.

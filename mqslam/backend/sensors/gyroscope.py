@@ -1,8 +1,9 @@
-"""A gyroscope besides the radar: calibrates it by psi's turns, refuses it if it contradicts them, and makes its edges.
+"""Calibrates a gyroscope by psi's turns, refuses it if it contradicts them, and makes edges of the pose graph from it.
 
     turn by psi = (1 + scale error) turn by the gyroscope, read later by its delay, - bias x time + noise
 
-The bias may walk: it has a value at every knot and is interpolated between two knots.
+A turn is the angle by which the radar rotates between two successive scans. The bias may walk: it has a value at certain
+times, called knots, and is interpolated between two knots.
 
 The difference of psi's turn and the gyroscope's turn between two scans has three parts: the errors of the two scans' poses,
 which do not add up over time; white noise of the rate, by which the angle walks at random; and the random walk of the
@@ -74,7 +75,7 @@ class Turns(NamedTuple):
     drift: float
 
     def take(self, some: slice) -> Turns:
-        """Returns a part of the turns."""
+        """Returns the turns that a slice selects."""
         begins, ends, yaws = self.begins[some], self.ends[some], self.yaws[some]
         return Turns(begins, ends, yaws, self.variances[some], self.known[some], self.drift)
 
@@ -95,13 +96,13 @@ class Start(NamedTuple):
     correlation: float
 
     def is_convincing(self) -> bool:
-        """Returns whether the correlation is too large for chance; a large delay of the clock needs a larger one."""
+        """Returns whether the correlation is too large for chance; a large delay of the clock asks for more correlation."""
         is_far = abs(self.delay_s) > _USUAL_DELAY_S
         return abs(self.correlation) >= (_FAR_CORRELATION if is_far else _LEAST_CORRELATION)
 
 
 def find_start(gyroscope: Gyroscope, start_us: int, turns: Turns, longest_s: float) -> Start | None:
-    """Finds the axis and the delay at which a gyroscope's turns correlate best with psi's; None if it covers no motion.
+    """Finds the axis and the delay at which a gyroscope's turns correlate best with psi's; None without a correlation.
 
     Args:
         gyroscope: its readings.
@@ -123,7 +124,10 @@ def find_start(gyroscope: Gyroscope, start_us: int, turns: Turns, longest_s: flo
 
 
 def _correlate(angles: NDArray[np.float64], turns: Turns) -> float | None:
-    """Returns the correlation of angles (N,) with psi's turns over the motions for which both are known."""
+    """Returns the correlation of angles (N,) with psi's turns over the motions for which both are known.
+
+    Returns None if both are known for fewer than three motions, or if one of them does not vary.
+    """
     both = turns.known & np.isfinite(angles)
     if both.sum() < 3:
         return None
@@ -133,7 +137,7 @@ def _correlate(angles: NDArray[np.float64], turns: Turns) -> float | None:
     return float(np.sum(weights * a * b) / size) if size > 0.0 else None
 
 
-_FEWEST: Final = 9  # least number of second differences over a time; the median of fewer says nothing
+_FEWEST: Final = 9  # least number of second differences for each motion in a span; the median of fewer says nothing
 _SECOND_DIFFERENCE: Final = 6.0  # variance of second differences of white noise, relative to the variance of the noise
 
 
@@ -141,8 +145,9 @@ class RateNoise(NamedTuple):
     """The noise of a yaw rate.
 
     Args:
-        white: density of the white noise [rad/s/sqrt(Hz)]: the angle walks by this much in the root of a second.
-        walk: standard deviation of the walk of the bias in the root of a second [rad/s].
+        white: density of the white noise [rad/s/sqrt(Hz)], by which the angle walks at random: its standard deviation
+            after a second is this many rad.
+        walk: standard deviation [rad/s] by which the bias walks in a second; it grows with the root of time.
     """
 
     white: float
@@ -166,8 +171,8 @@ def measure_rate_noise(
             [rad]; NaN where either is unknown.
         times: (N + 1,) starts of the scans [s].
         drift: random walk of the yaw of psi's own map [rad/sqrt(s)].
-        most_walk: largest walk of the bias in the root of a second [rad/s], which is taken if the recording is too short to
-            show it.
+        most_walk: largest walk of the bias in a second [rad/s], which is assumed if the recording is too short to show the
+            walk.
     """
     taus, variances, counts = compute_allan_variances(residuals, times)
     if not len(taus):
@@ -209,7 +214,7 @@ def compute_allan_variances(
 
 
 def _measure_white(gyroscope: Gyroscope, axis: int) -> float:
-    """Returns the density of the white noise of single readings: no vehicle turns so much within three readings."""
+    """Returns the density of the white noise in second differences of readings, in which a vehicle's motion hardly shows."""
     second = np.diff(gyroscope.rates[:, axis], 2)
     if not len(second):
         return 0.0
@@ -239,7 +244,7 @@ class Rotation(NamedTuple):
     Args:
         axis: name of the gyroscope's axis that is the radar's vertical.
         sign: -1 if this axis turns the other way than the radar, else 1.
-        scale: turns of the radar per turn about this axis, after the sign [1].
+        scale: angle that the radar turns per angle that the gyroscope measures about this axis, after the sign [1].
         scale_sigma: standard deviation of the scale [1].
         delay_s: how late the gyroscope's clock is [s].
         delay_sigma_s: standard deviation of the delay [s].
@@ -278,7 +283,7 @@ def calibrate(gyroscope: Gyroscope, start: Start, turns: Turns, some: slice = sl
         gyroscope: its readings.
         start: the gyroscope's axis and approximate delay.
         turns: as psi measured them.
-        some: the motions that are used.
+        some: slice of the motions that are used.
     """
     turns = turns.take(some)
     sign, delay_s, turning = float(np.sign(start.correlation)) or 1.0, start.delay_s, start.turning
@@ -326,8 +331,8 @@ class TurnEdges:
 
     Args:
         turns: (N,) turns with sign and clock corrected [rad]; NaN for unknown turns.
-        lasts: (N,) durations [s].
-        sigmas: (N,) standard deviations [rad].
+        lasts: (N,) durations of the turns [s].
+        sigmas: (N,) standard deviations of the turns [rad].
         knots: (N,) number of the bias that applies to each turn.
         walks: (K - 1,) standard deviations of the change from each bias to the next [rad/s].
         bias, scale_error: starting values of the optimisation [rad/s], [1].
@@ -353,7 +358,7 @@ class TurnEdges:
         """Yields the factors of the turns and of the walk of the bias, and the prior of bias and scale error.
 
         Args:
-            chain: (N + 1, 3) poses of the scans, whose yaws are right to within half a turn.
+            chain: (N + 1, 3) poses of the scans, whose yaws are right to within pi [rad].
         """
         for k in np.flatnonzero(np.isfinite(self.turns)).tolist():
             turn = GyroscopeTurn(float(self.turns[k]), float(self.lasts[k]), float(self.sigmas[k]))
@@ -371,8 +376,8 @@ class TurnEdges:
 
 # A smaller delay of the clock [s] is corrected without telling the user.
 DELAY_TOLERANCE_S = 0.01
-# A gyroscope is not used if the standard deviation of its estimated scale is larger than this: a turn by a right angle would
-# be off by half a degree.
+# A gyroscope is not used if the standard deviation of its estimated scale is larger than this: a rotation by a right angle
+# would be off by half a degree.
 _LARGEST_SCALE_SIGMA = 0.005
 
 _LEAST_VARIANCE: Final = 1e-14  # numerical: a turn is never taken to be without error, even if psi states it so
@@ -390,12 +395,12 @@ class GyroscopeUse(Use[TurnEdges]):
 
 
 def join_gyroscope(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float) -> GyroscopeUse:
-    """Compares a gyroscope with psi's motions, calibrates it, and returns its turns if it then agrees.
+    """Compares a gyroscope with psi's motions and calibrates it; the result holds its turns if the two agree.
 
     Args:
         gyroscope: its readings.
         start_us: stamp [us] of the recording's time zero.
-        motions: between successive scans, as the front end measured them.
+        motions: motions between successive scans, as the front end measured them.
         drift: random walk of the yaw of the front end's map [rad/sqrt(s)], as the graph states it.
     """
     known = Motions.of(motions)
@@ -435,7 +440,7 @@ def find_turning(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurem
 
 
 def _find_fault(gyroscope: Gyroscope, start: Start, turns: Turns, found: Calibrated) -> str | None:
-    """Returns why a gyroscope cannot be used, or None."""
+    """Returns the reason why a gyroscope cannot be used; None if it can be used."""
     rotation = found.rotation
     is_told = rotation.scale > TOLD_SIGMAS * rotation.scale_sigma
     if not is_told or not start.is_convincing():
@@ -485,7 +490,7 @@ def _describe_corrections(rotation: Rotation) -> list[str]:
 
 
 def _make_edges(found: Calibrated, turns: Turns) -> TurnEdges:
-    """Returns the turns of a gyroscope as edges; a turn that contradicts psi states the contradiction as its noise."""
+    """Returns the turns of a gyroscope as edges; the noise of a turn that contradicts psi is as large as the difference."""
     rotation, lasts = found.rotation, turns.ends - turns.begins
     white = rotation.noise.white**2 * lasts + _LEAST_VARIANCE
     squares = np.nan_to_num(found.residuals) ** 2

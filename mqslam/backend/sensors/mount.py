@@ -1,12 +1,12 @@
 """Finds where the radar sits on the vehicle: as it is stated, and as odometry shows it, in numbers and in words.
 
 The radar and the vehicle turn by the same angle, so that psi's yaw, which is far better than the yaw of wheels, is used for
-both. The radar's position shows in turns: a radar ahead of the point whose motion odometry reports moves sideways in a turn,
-and a radar to its left moves slower in a left turn. The radar's yaw shows wherever the vehicle drives, since the vehicle
-moves along its own x axis. The point whose motion the wheels report is usually the middle between the rear wheels. If the
-tyres slip sideways in fast turns, it seems to lie elsewhere.
+both. The radar's position shows while the vehicle turns: a radar ahead of the point whose motion odometry reports moves
+sideways, and a radar to the left of this point moves slower in a left turn. The radar's yaw shows wherever the vehicle
+drives, since the vehicle moves along its own x axis. The point whose motion the wheels report is usually halfway between the
+rear wheels. If the tyres slip sideways in fast turns, this point seems to lie elsewhere.
 
-    travel of the radar = turn back by the mount's yaw (scale * travel of the vehicle + swing of the mount's place)
+    travel of the radar = rotation back by the mount's yaw (scale * travel of the vehicle + swing of the mount's position)
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ from mqslam.core.sensors import Mount
 from mqslam.core.wording import left_or_right
 from mqslam.errors import Remedy
 
-# Standard deviation [m] of an estimate of the radar's position by errors of psi that are the same in all turns: 0.015 to
-# 0.028 was found in simulated streets. It is added in quadrature to the standard deviation by errors that scatter from
-# motion to motion.
+# Psi has errors that are the same whenever the vehicle turns. They give an estimate of the radar's position this standard
+# deviation [m]: 0.015 to 0.028 was found in simulated streets. It is added in quadrature to the standard deviation by errors
+# that scatter from motion to motion.
 _COMMON_M = 0.03
-# The same for the yaw [rad]: 0.0001 to 0.0005 was found in these streets.
+# The same for an estimate of the radar's yaw [rad]: 0.0001 to 0.0005 was found in these streets.
 _COMMON_RAD = 0.0005
 
 _ROUNDS: Final = 10  # rounds of fit and noise; they settle in fewer
@@ -75,10 +75,10 @@ def estimate_mount(
     A stated mount does not enter the estimate, so that the two can be compared.
 
     Args:
-        odometry: motions of odometry.
+        odometry: motions of odometry, converted to motions of the radar.
         measured: motions of the front end over the same scans.
         stated: the errors that odometry states.
-        mount: (3,) pose of the radar on the vehicle, with which odometry's motions were converted to motions of the radar.
+        mount: (3,) pose of the radar on the vehicle, with which odometry's motions were converted.
     """
     (seen, _, variances, converged), (given, lasts, noise, _) = Motions.of(measured), Motions.of(odometry)
     if not odometry or converged.sum() < FEWEST:
@@ -144,7 +144,7 @@ def find_mount(
     measured: Sequence[Measurement],
     stated: OdometryConfig,
 ) -> MountUse | None:
-    """Finds where the radar sits: as stated, or else as odometry shows it; None if there is neither.
+    """Finds where the radar sits: as stated, or else as odometry shows it; None if neither is known.
 
     Args:
         mount: the stated mount, or None.

@@ -34,7 +34,7 @@ LEAST_SPEED: Final = 1.0
 """Speed [m/s] above which a wrong scale of odometry, or a wrong length of the range bins, shows."""
 _SPAN_S: Final = 1.0  # time over which turns are compared [s]: long enough for turns to exceed the errors of motions
 _BEYOND: Final = 5.0  # a turn of fewer standard deviations of odometry's yaw rate may be an error of the odometry
-_CONTRARY: Final = 0.7  # turns contradict if they differ by more than this share of the larger: none is half of the other
+_CONTRARY: Final = 0.7  # two turns contradict each other if they differ by more than this share of the larger
 _FEWEST: Final = 3  # with fewer turns than this, contradictions may be slip or errors of psi
 _MEANINGS: Final = {
     -1.0: "it turns the other way than the radar: mend its yaw, or set sensor.clockwise: false if the radar is mirrored",
@@ -92,7 +92,12 @@ def find_odometry_fault(
 
 
 def _count_contrary(turned: NDArray[np.float64], stated_turns: NDArray[np.float64], least: float) -> tuple[int, int]:
-    """Counts the spans in which turns (N,) [rad] of radar and odometry contradict, and the spans in which either turns."""
+    """Counts spans by the turns (N,) [rad] of radar and odometry in them.
+
+    Returns:
+        The number of spans in which the two turns contradict each other and one of them is larger than `least` [rad]; and
+        the number of all spans in which one of them is larger than `least`.
+    """
     larger = np.maximum(np.abs(turned), np.abs(stated_turns))
     contrary = np.abs(turned - stated_turns) > _CONTRARY * larger
     return int(np.count_nonzero(contrary & (larger > least))), int(np.count_nonzero(larger > least))
@@ -106,9 +111,9 @@ _LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the covariance of exact motio
 def hold_odometry(
     scans: Scans, context: Context, frontend: str, measured: Sequence[Measurement]
 ) -> tuple[list[Measurement], OdometryFault | None]:
-    """Returns odometry's motions between successive scans, or none and the reason if they contradict the front end's.
+    """Returns odometry's motions between successive scans and None; or no motions and the reason if they are not used.
 
-    There are none, and no reason, if the front end is the odometry itself.
+    If there is no odometry, or if the front end is the odometry itself, there are no motions, and None is the reason.
 
     Args:
         scans: scans of the recording.
@@ -123,7 +128,7 @@ def hold_odometry(
 
 
 def reckon(scans: Scans, motions: Sequence[Measurement]) -> Trajectory:
-    """Returns the trajectory from the origin by motions between successive scans (dead reckoning)."""
+    """Returns the trajectory that starts at the origin and chains motions between successive scans (dead reckoning)."""
     return Trajectory(scans.stamps_us, se2.chain(motion.pose for motion in motions))
 
 
@@ -140,7 +145,7 @@ def make_odometry_edges(
     states a larger variance, so that the whole stretch gets the right uncertainty. A stretch lasts for as long as psi finds
     all motions itself, or finds none, and for at least `SPAN_S`.
 
-    Where psi did not find a motion it took odometry's motion, so that such a motion shows nothing about odometry. If psi
+    Where psi did not find a motion, psi used odometry's motion, so that such a motion shows nothing about odometry. If psi
     found too few motions, odometry keeps the errors that it states.
 
     Args:
@@ -169,13 +174,13 @@ def make_odometry_edges(
         alike = measure_noise(residuals, variances, span)
         disagreement = measure_disagreement(residuals, variances, alike, span)
         noise = alike + disagreement
-    disagreement[~converged] = disagreement[converged].mean(axis=0)  # odometry is wrong as often there, at unknown places
+    disagreement[~converged] = disagreement[converged].mean(axis=0)  # odometry errs as often there, but unseen
     common = spread_common(calibration.list_sigmas(design), converged, span)
     return _state(odometry, calibration.correct(design), alike + disagreement + common)
 
 
 def spread_common(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], span: int) -> NDArray[np.float64]:
-    """Returns variances (N, 3) whose sum over a stretch is the squared sum of the common errors' standard deviations there.
+    """Returns variances (N, 3) of motions. Their sum over a stretch is the square of the sum of `sigmas` over the stretch.
 
     Args:
         sigmas: (N, 3) standard deviations of motions by errors that are common to all motions.

@@ -1,4 +1,4 @@
-"""Reads and writes the native layout: one `.npz` with a few members per polar scan, each read when it is needed."""
+"""Reads and writes the native layout: one `.npz` with a few members per polar scan, each read only when needed."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from mqslam.formats.recordings.turns import find_usual_turns, measure_turn, plac
 from mqslam.formats.sensors.reading import Reading, add_beside, make_fixes, make_gyroscope
 from mqslam.formats.tables import SensorTable
 
-_MOST_TURNED = 1e6  # azimuths beyond this are damaged [rad]
-_LONGEST_TURN_S = 30.0  # turns that claim to last longer are damaged
+_MOST_TURNED = 1e6  # azimuths larger than this are damaged [rad]
+_LONGEST_TURN_S = 30.0  # a turn of the radar that claims to last longer is damaged
 _REMEDY = "write the file again"
 
 
@@ -40,11 +40,11 @@ class _Archive:
         return name in npz.list_arrays(self.file)
 
     def refuse(self, problem: str) -> DataError:
-        """Returns an error that states a problem of the file."""
+        """Returns the error that states a problem of the file and what to do about it."""
         return DataError(self.path, problem, _REMEDY)
 
     def read(self, name: str, kind: Any, shape: tuple[int, ...]) -> NDArray[Any]:
-        """Reads a member and checks its type and its shape, in which -1 stands for any length."""
+        """Reads a member by its name; raises DataError unless it has the given type and shape, in which -1 is any length."""
         try:
             array = npz.read_array(self.file, name)
         except ValueError as error:
@@ -79,11 +79,11 @@ def recognises(path: Path) -> bool:
 
 
 def open_recording(path: Path, sensing: Sensing) -> NativeRecording:
-    """Indexes a native `.npz`: everything but the polar scans is read."""
+    """Opens a native `.npz` as a recording; reads everything but the polar scans."""
     with _open_archive(path) as archive:
         stamps = archive.read("stamps_us", np.int64, (-1,))
         if not len(stamps) or np.any(np.diff(stamps) <= 0):
-            raise archive.refuse("holds no polar scans whose stamps increase")
+            raise archive.refuse("holds no polar scans, or polar scans whose stamps do not increase")
         missing = {f"power_{k:06d}" for k in range(len(stamps))} - set(npz.list_arrays(archive.file))
         if missing:
             raise archive.refuse(f"lacks {len(missing)} of {len(stamps)} polar scans")
@@ -116,22 +116,25 @@ def _read_range_offset(archive: _Archive) -> float:
 
 
 def _read_turns(archive: _Archive, stamps_us: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Reads the durations (N,) of the turns [us]; older files state only the last turn's end, and the rest is estimated."""
+    """Reads the durations (N,) [us] of the radar's turns.
+
+    Older files state only the end of the last turn; all other durations are estimated there.
+    """
     if "turns_us" in archive:
         turns = archive.read("turns_us", np.int64, stamps_us.shape)
         if np.any(turns <= 0) or np.any(turns > _LONGEST_TURN_S * 1e6):
-            raise archive.refuse("has turns that take no time, or too long")
+            raise archive.refuse(f"states turns of the radar that last no time, or more than {_LONGEST_TURN_S:g} s")
         return turns
     usual = find_usual_turns(stamps_us, lambda k: _measure(archive, k))
     turns = place_turns(stamps_us, "start", usual)[1]
     turns[-1] = int(archive.read("end_us", np.int64, ())) - stamps_us[-1]
     if turns[-1] <= 0:
-        raise archive.refuse("ends before its last turn")
+        raise archive.refuse("states an end that lies before its last polar scan")
     return turns
 
 
 def _measure(archive: _Archive, k: int) -> float | None:
-    """Measures the duration of turn k [us] by its azimuths' times; None where they do not show it."""
+    """Measures the duration [us] of the radar's turn k by its azimuths' times; returns None where they do not show it."""
     try:
         times, azimuths = (archive.read(f"{name}_{k:06d}", np.float64, (-1,)) for name in ("times", "azimuths"))
     except DataError:
@@ -149,12 +152,12 @@ def _read_polar_scan(archive: _Archive, k: int, start_s: float) -> PolarScan:
         raise archive.refuse(f"polar scan {k} has members of different lengths")
     sound = power.size and np.all(np.abs(azimuths) < _MOST_TURNED) and np.all(np.abs(times - start_s) < _LONGEST_TURN_S)
     if not sound or np.any(np.diff(times) < 0.0):
-        raise archive.refuse(f"polar scan {k} has times or azimuths that make no turn")
+        raise archive.refuse(f"polar scan {k} has times or azimuths that are not those of a turn of the radar")
     return PolarScan(times, azimuths, power, valid)
 
 
 def _read_trajectory(archive: _Archive, name: str) -> Trajectory | None:
-    """Reads a trajectory of the archive by its name; None where it holds no such trajectory."""
+    """Reads a trajectory by its name; returns None where the archive holds no such trajectory."""
     if f"{name}_stamps_us" not in archive:
         return None
     stamps = archive.read(f"{name}_stamps_us", np.int64, (-1,))
@@ -162,7 +165,7 @@ def _read_trajectory(archive: _Archive, name: str) -> Trajectory | None:
 
 
 def _read_gyroscope(archive: _Archive) -> Reading[Gyroscope] | None:
-    """Reads the gyroscope; None where there is none."""
+    """Reads the gyroscope; returns None where the archive holds no gyroscope."""
     if "gyroscope_stamps_us" not in archive:
         return None
     stamps = archive.read("gyroscope_stamps_us", np.int64, (-1,))
@@ -171,7 +174,7 @@ def _read_gyroscope(archive: _Archive) -> Reading[Gyroscope] | None:
 
 
 def _read_fixes(archive: _Archive) -> Reading[Fixes] | None:
-    """Reads the GNSS fixes; None where there are none."""
+    """Reads the GNSS fixes; returns None where the archive holds no fixes."""
     if "fixes_stamps_us" not in archive:
         return None
     stamps = archive.read("fixes_stamps_us", np.int64, (-1,))
@@ -181,12 +184,12 @@ def _read_fixes(archive: _Archive) -> Reading[Fixes] | None:
 
 
 def _read_mount(archive: _Archive) -> Mount | None:
-    """Reads the radar's pose on the vehicle; None where the file does not state it."""
+    """Reads the radar's pose on the vehicle; returns None where the archive does not state it."""
     if "mount_pose" not in archive:
         return None
     pose = archive.read("mount_pose", np.float64, (3,))
     if not np.isfinite(pose).all():
-        raise archive.refuse("places the radar by numbers that are not finite")
+        raise archive.refuse("states a pose of the radar on the vehicle that is not finite")
     return Mount(pose, str(archive.read("mount_source", np.str_, ())))
 
 
@@ -196,7 +199,7 @@ def write(path: Path, recording: Recording) -> list[str]:
     Members: `stamps_us`, `turns_us`, `range_resolution`, `range_offset`, `notes`; where the recording has them,
     `odometry_stamps_us` and `odometry_poses`, and the same for `ground_truth`; `gyroscope_stamps_us` and `gyroscope_rates`;
     `fixes_stamps_us`, `fixes_places` (latitude and longitude [degrees], standard deviation [m]) and `fixes_made_truth`;
-    `mount_pose`; and the source of each of these three, such as `mount_source`. For polar scan k there are `times_k`,
+    `mount_pose`; and the sources `gyroscope_source`, `fixes_source` and `mount_source`. For polar scan k there are `times_k`,
     `azimuths_k`, `power_k` and `valid_k` with k in six digits at least. Nothing is compressed.
     """
     with write_aside(path) as aside, zipfile.ZipFile(aside, "w", zipfile.ZIP_STORED) as archive:

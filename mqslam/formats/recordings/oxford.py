@@ -1,9 +1,9 @@
 """Reads and writes the Oxford layout: a folder with `radar/<t>.png`, one image of Oxford rows per polar scan.
 
-Beside the images lie `radar.timestamps`, `odom.csv`, `imu.csv`, `gnss.csv` and `gt/`, where there are any, and `gps/` in
-the dataset itself. GNSS fixes that the ground truth was made from are written as `gt/gnss.csv`. No mount is known for the
-dataset's radar: `extrinsics/radar.txt` of its SDK places it relative to a camera, not to the INS, which measures the fixes
-and rates.
+Beside the folder `radar/` lie `radar.timestamps`, `odom.csv`, `imu.csv`, `gnss.csv` and `gt/`, each if the recording has it,
+and in the dataset itself `gps/`. GNSS fixes that the ground truth was made from are written as `gt/gnss.csv`. No mount is
+known for the dataset's radar: `extrinsics/radar.txt` of its SDK places it relative to a camera, not to the INS, which
+measures the fixes and rates.
 """
 
 from __future__ import annotations
@@ -45,13 +45,13 @@ _COLUMNS = "source_timestamp,destination_timestamp,x,y,z,roll,pitch,yaw,source_r
 
 
 def recognises(path: Path) -> bool:
-    """Returns whether the path is a folder with `radar/<t>.png` in it, or that radar folder."""
+    """Returns whether the path is a folder with `radar/<t>.png` in it, or is the folder `radar` itself."""
     folder = find_image_folder(path)
     return folder.is_dir() and any(image.stem.isdigit() for image in folder.glob("*.png"))
 
 
 def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
-    """Indexes a recording in the Oxford layout: reads names, the first and the last image, and sensors."""
+    """Indexes a recording in the Oxford layout: reads the names of all images, some of the images, and the sensors."""
     folder = find_image_folder(path)
     root = folder.parent
     if not folder.is_dir():
@@ -73,15 +73,15 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
 
 
 def find_image_folder(path: Path) -> Path:
-    """Finds the folder of the images: the path itself if it is called radar, or the radar folder inside."""
+    """Returns the folder of the images: the path itself if it is called radar, else the folder radar inside the path."""
     return path if path.resolve().name == "radar" and not (path / "radar").is_dir() else path / "radar"
 
 
 def _list_names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str], list[str]]:
-    """Lists the names (N,), in order, of the images that exist and are in radar.timestamps, if there is such a list.
+    """Lists the names (N,) of the existing images in order; if there is a `radar.timestamps`, only of those that it lists.
 
     Returns:
-        The names, notes on what was left out, and faults of the list.
+        The names, notes on the images and lines that are left out, and faults of `radar.timestamps`.
     """
     names = list_stamps(folder)
     listing = root / "radar.timestamps"
@@ -128,7 +128,7 @@ def _find_range_offset(root: Path) -> float:
 
 
 def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]:
-    """Finds the length of a range bin [m]; returns it with a note where it is assumed."""
+    """Returns the length of a range bin [m], which is `given` if the user states it, with a note where it is assumed."""
     if given is not None:
         return given, []
     for file in _list_descriptions(root):
@@ -137,7 +137,7 @@ def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]
             if not is_bin_length(value):
                 raise ValueError(value)
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-            problem = "names no range_resolution_m that is a length of range bins"
+            problem = "states no range_resolution_m that can be the length of a range bin"
             raise DataError(file, problem, Remedy.GIVE_RANGE_RESOLUTION) from error
         return value, []
     fit = ", the best fit to Oxford's radar (published: 0.0432 m)"
@@ -145,19 +145,22 @@ def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]
 
 
 def _read_gyroscope(root: Path) -> Reading[Gyroscope] | None:
-    """Reads the gyroscope of a recording or, in the dataset, of its INS."""
+    """Reads the gyroscope of a converted recording or, in the dataset, that of the INS; returns None if there is no file."""
     files = (root / "imu.csv", root / "gps" / "ins.csv")
     return next((read_gyroscope_table(file) for file in files if file.exists()), None)
 
 
 def _read_fixes(root: Path) -> Reading[Fixes] | None:
-    """Reads the GNSS fixes of a recording or, in the dataset, of its GNSS receiver or else its INS."""
+    """Reads the GNSS fixes of a converted recording or, in the dataset, those of the GNSS receiver or else of the INS.
+
+    Returns None if there is no such file.
+    """
     files = (root / name for name in (_GNSS, _TRUTH_GNSS, "gps/gps.csv", "gps/ins.csv"))
     return next((read_fixes_table(file, made_truth=file == root / _TRUTH_GNSS) for file in files if file.exists()), None)
 
 
 def _read_mount(root: Path) -> Mount | None:
-    """Reads the radar's pose on the vehicle, which a converted recording may state."""
+    """Reads the radar's pose on the vehicle; returns None where the recording does not state it."""
     file = root / _RECORDING
     try:
         stated = json.loads(untrusted.read_document(file)) if file.exists() else {}
@@ -172,7 +175,7 @@ def _read_mount(root: Path) -> Mount | None:
 
 
 def _read_ground_truth(root: Path, recording: Recording, notes: list[str]) -> Trajectory | None:
-    """Reads the ground truth of a recording, and adds to `notes` what was left out of it."""
+    """Reads the ground truth of a recording, or returns None; adds to `notes` which rows of it were left out."""
     tum, csv = root / "gt" / "poses_tum.txt", root / "gt" / "radar_odometry.csv"
     if tum.exists():
         return read_tum(tum)
@@ -210,7 +213,7 @@ def write(out: Path, recording: Recording) -> list[str]:
 
 
 def _write_sensors(folder: Path, recording: Recording) -> None:
-    """Writes the gyroscope and the GNSS fixes, and the radar's range bins, range offset and mount."""
+    """Writes the gyroscope, the GNSS fixes, and a file that states the radar's range bins, range offset and mount."""
     stated: dict[str, Any] = {}
     if recording.mount is not None:
         stated[_MOUNT] = dict(zip(_MOUNT_KEYS, recording.mount.pose.tolist(), strict=True))
@@ -228,7 +231,7 @@ def _write_sensors(folder: Path, recording: Recording) -> None:
 
 
 def write_stamps(folder: Path, stamps_us: Iterable[int]) -> None:
-    """Writes the list of the images' stamps [us]."""
+    """Writes `radar.timestamps`, the list of the images' stamps [us]."""
     write_text(folder / "radar.timestamps", "".join(f"{stamp} 1\n" for stamp in stamps_us))
 
 
@@ -241,14 +244,14 @@ def write_ground_truth(folder: Path, recording: Recording) -> None:
 
 
 def write_polar_scan(folder: Path, recording: Recording, k: int, polar_scan: PolarScan) -> int:
-    """Writes the image of polar scan k, and returns its name, the stamp of the first azimuth [us]."""
+    """Writes the image of polar scan k; returns the stamp of its first azimuth [us], after which the image is named."""
     stamp = int(azimuth_stamps(recording, polar_scan)[0])
     write_png(folder / "radar" / f"{stamp}.png", make_rows_of_chirps(recording, k, polar_scan))
     return stamp
 
 
 def _format_moves(truth: Trajectory) -> str:
-    """Formats poses as motions, each in the frame of the pose before; in Oxford's frames, y is right and yaw clockwise."""
+    """Formats the motions between poses, each in the frame of the earlier pose, as CSV; y is right and yaw clockwise."""
     moves = se2.wrapped_between(truth.poses[:-1], truth.poses[1:])
     lines = [_COLUMNS]
     for later, earlier, (x, y, yaw) in zip(truth.stamps_us[1:], truth.stamps_us[:-1], moves.tolist(), strict=True):

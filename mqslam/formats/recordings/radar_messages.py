@@ -2,8 +2,8 @@
 
 Messages are read in every layout, and written as Oxford rows or as the b-scans of Navtech's driver. Some drivers, old and
 new, publish one azimuth per message (`RadarFftDataMessage` and its later names), whose fields are numbers or the bytes of
-numbers, the high byte first; the azimuths of a turn are gathered into one b-scan. These drivers also publish a
-RadarConfigurationMessage, whose `bin_size` is a number or the bytes of one, in metres or in tenths of a millimetre. No
+numbers, the high byte first; the azimuths of one turn of the radar are gathered into one b-scan. These drivers also publish
+a RadarConfigurationMessage, whose `bin_size` is a number or the bytes of one, in metres or in tenths of a millimetre. No
 radar of this kind has bins shorter than 5 mm or longer than 0.5 m, so the size of the number shows its unit.
 """
 
@@ -71,13 +71,13 @@ Messages that carry the times and angles of their azimuths come before the drive
 """
 _FIRST_S = 1_000_000_000  # a clock that shows less has never been set: it counts from the start of the radar
 _NANOSECONDS = 1_000_000_000
-_SPLITS = 2**32  # parts of a second, where fractions are not in nanoseconds
+_SPLITS = 2**32  # parts per second in which `ntp_split_seconds` counts if it does not count nanoseconds
 _CONFIGURATIONS: Final = ("/RadarConfigurationMessage", "/RadarConfigurationMsg")
 _BIN_M: Final = (0.005, 0.5)  # by the hardware: bins are about 4 to 18 cm long
 _PER_M: Final = (1.0, 1e4)  # units per metre in which drivers state the length of a bin
 _ENCODER_TICKS: Final = (400, 65536)  # by the hardware: encoders have at least one tick per azimuth, in 16 bits
 
-_Azimuth = tuple[int, int, int, NDArray[np.uint8], str]  # recorded [ns], tick, stamp [ns], power (B,), frame
+_Azimuth = tuple[int, int, int, NDArray[np.uint8], str]  # recorded at [ns], encoder tick, stamp [ns], power (B,), frame
 
 
 class AzimuthLayout(Enum):
@@ -110,9 +110,9 @@ class RadarTopic:
 
     @property
     def usual_stamp(self) -> Stamp:
-        """Whether a message's stamp, where it has only one, usually is the start or the end of the turn.
+        """Which instant of the radar's turn, its start or its end, a message's stamp usually is, where it has only one.
 
-        It is the end with MulRan's player and Navtech's driver, which send a turn when it is complete.
+        It is the end with MulRan's player and Navtech's driver, which send a polar scan when its turn is complete.
         """
         name = self.name.lower().removesuffix("/compressed")
         is_late = name.endswith(_DRIVER) or (name.endswith(_MULRAN_PLAYER) and self.layout is AzimuthLayout.COLUMNS)
@@ -122,7 +122,7 @@ class RadarTopic:
         """Returns the stamp [us] of a message: its first azimuth's, else the header's, else the time of recording.
 
         Raises:
-            ValueError: its image cannot be used, or times and angles make no turn.
+            ValueError: the message's image cannot be used, or its times and angles are not those of a turn of the radar.
         """
         if self.stamps_azimuths:
             return int(self.read_azimuths(message).stamps_us[0])
@@ -134,7 +134,7 @@ class RadarTopic:
         """Reads the power (A, B) of a message, one row per azimuth.
 
         Raises:
-            ValueError: its image cannot be used.
+            ValueError: the message's image cannot be used.
         """
         if self.layout is AzimuthLayout.B_SCAN:
             image = _read_pixels(message.b_scan_img)
@@ -148,7 +148,7 @@ class RadarTopic:
         """Reads the azimuths of a message that carries their times and angles.
 
         Raises:
-            ValueError: its image cannot be used, or times and angles make no turn.
+            ValueError: the message's image cannot be used, or its times and angles are not those of a turn of the radar.
         """
         turn = self.encoder or self.find_turn(message)
         if self.layout is AzimuthLayout.OXFORD_ROWS:
@@ -179,7 +179,7 @@ def choose_topic(
         encoder: encoder ticks per turn, if they are known.
 
     Raises:
-        DataError: no topic holds polar scans, or several could, or the named one has no images.
+        DataError: no topic holds polar scans, or several topics could be the radar's, or the named topic has no images.
     """
     filled = [connection for connection in reader.connections if connection.msgcount]
     images = [connection for connection in filled if connection.msgtype in (IMAGE_TYPE, COMPRESSED_TYPE)]
@@ -205,7 +205,7 @@ def choose_topic(
 
 
 def _choose_by_shape(path: Path, reader: AnyReader, images: list[Connection]) -> Connection:
-    """Chooses the only topic of images whose first message looks like a radar's."""
+    """Chooses the topic whose first image looks like a radar's; raises a DataError unless exactly one topic does."""
     first_messages: dict[str, tuple[Connection, Any]] = {}
     for connection in images:
         _, _, raw = next(reader.messages([connection]))
@@ -221,7 +221,7 @@ def _choose_by_shape(path: Path, reader: AnyReader, images: list[Connection]) ->
 
 
 def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder: int | None) -> RadarTopic:
-    """Finds the layout of a radar's messages from the first that is a polar scan."""
+    """Returns the radar's topic with the layout of its messages, found from its first message that is a polar scan."""
     first: DataError | None = None
     for _, logged, raw in itertools.islice(reader.messages([connection]), _FIRST_TRIED):
         try:
@@ -235,7 +235,7 @@ def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder:
 
 
 def _interpret_layout(topic: str, message_type: str, message: Any, turn: int) -> AzimuthLayout:
-    """Finds the layout of a topic's messages from one of them; raises ValueError where its image cannot be used."""
+    """Finds the layout of a topic's messages from one of them; raises ValueError where that image cannot be used."""
     if message_type == B_SCAN_TYPE or message_type.endswith(FFT_NAMES):
         return AzimuthLayout.B_SCAN
     image = _read_pixels(message)
@@ -253,7 +253,7 @@ def _interpret_layout(topic: str, message_type: str, message: Any, turn: int) ->
 
 
 def _rank_topic(topic: str) -> int | None:
-    """Ranks a topic of images by its name as `_RANKS` does; None where the name alone does not show that it is a radar's."""
+    """Ranks a topic of images by its name as `_RANKS` does; returns None for a name that does not show a radar."""
     return next((rank for name, rank in _RANKS.items() if topic.lower().endswith(name)), None)
 
 
@@ -274,7 +274,7 @@ def _find_other_depth(message: Any) -> str:
 
 
 def _looks_like_radar(message: Any) -> bool:
-    """Returns whether an image of an unknown topic is polar: Oxford rows, or one side three times the other."""
+    """Returns whether an image of an unknown topic is polar: it has Oxford rows, or one side is three times the other."""
     try:
         image = _read_pixels(message)
     except ValueError:
@@ -286,7 +286,8 @@ def _read_pixels(image: Any) -> NDArray[np.uint8]:
     """Reads the pixels (height, width) of a `sensor_msgs/Image` or `CompressedImage`.
 
     Raises:
-        ValueError: the image is not 8-bit grey, is empty, too large or damaged, or has fewer bytes than its size says.
+        ValueError: the image is not 8-bit grey, is empty, too large or damaged, or has another number of bytes than its
+            size says.
     """
     if image.__msgtype__ == COMPRESSED_TYPE:
         return decode_grey(io.BytesIO(np.asarray(image.data, dtype=np.uint8).tobytes()), _COMPRESSIONS)
@@ -311,7 +312,8 @@ def read_turns(
 ) -> Iterator[tuple[Connection, int, Any]]:
     """Yields a bag's messages; messages of single azimuths on the radar's topic are gathered into one b-scan per turn.
 
-    A turn of which the bag holds at most half, such as the first or last one, is left out, unless there is no other.
+    A turn of the radar of which the bag holds at most half, such as the first or last one, is left out, unless there is no
+    other.
 
     Args:
         reader: reader of the open bag.
@@ -349,13 +351,17 @@ def open_message(reader: AnyReader, connection: Connection, raw: Any) -> Any:
     """Deserialises a message that `read_turns` yields; a gathered b-scan needs no deserialising.
 
     Raises:
-        ValueError: its bytes are not those of its type.
+        ValueError: the bytes are not those of a message of its type.
     """
     return raw if isinstance(raw, SimpleNamespace) else bags.deserialise(reader, connection, raw)
 
 
 def _find_end(gathered: list[_Azimuth], following: _Azimuth) -> int | None:
-    """Returns how many gathered azimuths form a turn that has ended, or None where it goes on; the last may be damaged."""
+    """Returns how many of the gathered azimuths form a complete turn of the radar, or None while that turn goes on.
+
+    A turn ends where the encoder falls and stays low for the following azimuth, too, since a single value may be damaged. It
+    also ends where it would become too large for an image.
+    """
     if len(gathered) < 2:
         return None
     before, last = gathered[-2][1], gathered[-1][1]
@@ -369,7 +375,7 @@ def _find_end(gathered: list[_Azimuth], following: _Azimuth) -> int | None:
 
 
 def _sweeps(azimuths: list[_Azimuth], largest: int) -> bool:
-    """Returns whether azimuths sweep more than half of a turn, whose largest encoder value is given."""
+    """Returns whether azimuths sweep more than half of a turn; `largest` is the largest encoder value of a turn."""
     ticks = [tick for _, tick, *_ in azimuths]
     return 2 * (max(ticks) - min(ticks)) > largest
 
@@ -390,7 +396,7 @@ def _read_azimuth(message: Any, logged: int) -> _Azimuth:
 
 
 def _read_number(stated: Any) -> int:
-    """Reads an unsigned number from itself or from its bytes; raises ValueError where there are no bytes."""
+    """Reads an unsigned number that a field states as a number or as its bytes; raises ValueError if there are no bytes."""
     if np.ndim(stated) == 0:
         return int(stated)
     content = np.asarray(stated, dtype=np.uint8).tobytes()
@@ -400,7 +406,10 @@ def _read_number(stated: Any) -> int:
 
 
 def _make_turn(azimuths: list[_Azimuth]) -> Any:
-    """Makes a message like a b-scan of Navtech's driver; azimuths without the most frequent number of bins are left out."""
+    """Gathers azimuths in a message like a b-scan of Navtech's driver.
+
+    Azimuths whose number of bins is not the most frequent one are left out.
+    """
     widths, counts = np.unique([len(power) for *_, power, _ in azimuths], return_counts=True)
     width = int(widths[counts.argmax()])
     alike = [azimuth[1:] for azimuth in azimuths if len(azimuth[3]) == width]
@@ -424,7 +433,7 @@ def _make_turn(azimuths: list[_Azimuth]) -> Any:
 
 
 def read_bin_size(reader: AnyReader) -> tuple[float, str] | None:
-    """Reads the length of a range bin [m], and the topic that states it; None where no message of an open bag does."""
+    """Reads the length of a range bin [m], and the topic that states it; returns None if no message of an open bag does."""
     for topic, message in _read_configurations(reader):
         for number in _list_numbers(getattr(message, "bin_size", 0)):
             for per_m in _PER_M:
@@ -434,17 +443,17 @@ def read_bin_size(reader: AnyReader) -> tuple[float, str] | None:
 
 
 def read_encoder_size(reader: AnyReader) -> int | None:
-    """Reads the encoder ticks per turn; None where no message of an open bag states them."""
+    """Reads the encoder ticks per turn of the radar; returns None where no message of an open bag states them."""
     for _, message in _read_configurations(reader):
         numbers = [number for number in _list_numbers(getattr(message, "encoder_size", 0)) if number.is_integer()]
         sizes = [int(number) for number in numbers if _ENCODER_TICKS[0] <= number <= _ENCODER_TICKS[1]]
-        if sizes:  # the radar sends the high byte first, an order that is read last
+        if sizes:  # the radar sends the high byte first, and `_list_numbers` reads this order last
             return next((size for size in sizes if size in _ENCODER_TURNS), sizes[-1])
     return None
 
 
 def _read_configurations(reader: AnyReader) -> Iterator[tuple[str, Any]]:
-    """Yields the configuration messages of a bag that can be read, with their topics."""
+    """Yields the topic and the content of each configuration message of a bag; skips the rest of a topic that is damaged."""
     for connection in reader.connections:
         if connection.msgtype.endswith(_CONFIGURATIONS) and connection.msgcount:
             for _, _, raw in reader.messages([connection]):
@@ -455,7 +464,7 @@ def _read_configurations(reader: AnyReader) -> Iterator[tuple[str, Any]]:
 
 
 def _list_numbers(stated: Any) -> Iterator[float]:
-    """Yields the numbers that a field may stand for: itself, or its bytes as numbers in either byte order."""
+    """Yields the numbers that a field may stand for: the field itself, or its bytes as numbers in either byte order."""
     if np.ndim(stated) == 0:
         yield float(stated)
         return
@@ -467,7 +476,7 @@ def _list_numbers(stated: Any) -> Iterator[float]:
 
 
 def make_image(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -> Any:
-    """Makes a mono8 image of Oxford rows of polar scan k.
+    """Makes a mono8 image message from polar scan k, whose rows begin with their time and angle as in Oxford's images.
 
     Raises:
         DataError: the polar scan turns counter-clockwise, or readers would not recognise the rows.
@@ -492,7 +501,7 @@ def make_b_scan(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -
 
 
 def _choose_encoder(polar_scan: PolarScan) -> int:
-    """Chooses the encoder ticks per turn: the larger number if only its ticks fit and a value exceeds the smaller number."""
+    """Chooses the ticks per turn: the larger number if only its ticks fit and some tick exceeds the smaller number."""
     usual, fine = _ENCODER_TURNS
     turns = -polar_scan.azimuths / (2.0 * np.pi)
     on_usual, on_fine = (np.allclose(turns * t, np.round(turns * t), rtol=0.0, atol=1e-6) for t in (usual, fine))

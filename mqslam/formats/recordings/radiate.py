@@ -4,7 +4,7 @@ Their stamps of arrival lie in `Navtech_Polar.txt`, the readings of other sensor
 
 The first line of a message is latitude, longitude [degrees] and altitude; the next three lines are the covariance of the
 position along east, north and up [m^2]; then come the orientation and, in the sixth line, the turn rates about x forward, y
-right and z down [rad/s]. Every message is there twice, with the same stamp. Its clock is not the radar's.
+right and z down [rad/s]. Every message is stored twice, with the same stamp. Its clock is not the radar's.
 
 Source: github.com/marcelsheeny/radiate_sdk, README.md, for the files; their order and axes were found on a drive.
 """
@@ -85,8 +85,8 @@ def read_listing(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Reads numbers of frames (N,) and stamps of arrival (N,) [us] from lines `Frame: 000001 Time: 1574859771.744660272`.
 
     RADIATE's files state the nanoseconds behind the point without their leading zeros: `36.25327499` is 36 s and 25,327,499
-    ns, not 36.25 s. Where fractions differ in length, both ways of reading are tried, and the one is taken in which frames
-    follow one another more steadily.
+    ns, not 36.25 s. Where fractions differ in length, both ways of reading are tried, and the one that gives the more evenly
+    spaced stamps is taken.
 
     Raises:
         DataError: the list cannot be read, or a line has another form.
@@ -114,7 +114,12 @@ def _format_frame(frame: int) -> str:
 
 
 def _read_messages(root: Path) -> SensorTable | None:
-    """Reads latitude, longitude [degrees], standard deviation [m] and three turn rates [rad/s]; NaN in damaged messages."""
+    """Reads the messages of GPS and IMU; returns None where the recording has no folder of them.
+
+    Returns:
+        One row (6,) per message: latitude, longitude [degrees], standard deviation [m] and three turn rates [rad/s]; NaN for
+        a damaged message.
+    """
     folder = root / _NAME
     if not folder.is_dir():
         return None
@@ -125,7 +130,7 @@ def _read_messages(root: Path) -> SensorTable | None:
 
 
 def _read_message(file: Path) -> list[float]:
-    """Reads the numbers of a message from its file; NaN where it cannot be read."""
+    """Reads a message from its file as a row of `_read_messages`; the row is all NaN where the file cannot be read."""
     try:
         lines = [
             [float(word) for word in line.split(",")] for line in untrusted.read_document(file, _MOST_BYTES).splitlines()
@@ -139,7 +144,7 @@ def _read_message(file: Path) -> list[float]:
 
 
 def _make_gyroscope(root: Path, messages: SensorTable | None) -> Reading[Gyroscope] | None:
-    """Makes a gyroscope from the messages of a recording; None where there are none."""
+    """Makes a gyroscope from the messages of a recording; returns None where there are no messages."""
     if messages is None:
         return None
     note = f"the axes of {_NAME} are taken as x forward, y right, z down"
@@ -148,14 +153,14 @@ def _make_gyroscope(root: Path, messages: SensorTable | None) -> Reading[Gyrosco
 
 
 def _make_fixes(root: Path, messages: SensorTable | None) -> Reading[Fixes] | None:
-    """Makes fixes from the messages of a recording; None where there are none."""
+    """Makes fixes from the messages of a recording; returns None where there are no messages."""
     if messages is None:
         return None
     return make_fixes(root / _NAME, messages.with_columns(messages.columns[:, :3]), source=_NAME, own_clock=True)
 
 
 def _find_image_folder(path: Path) -> Path:
-    """Finds the folder of the images: the path itself if it is called Navtech_Polar, or the one inside."""
+    """Returns the folder of the images: the path itself if it is called Navtech_Polar, else the folder of this name."""
     return path.resolve() if path.resolve().name == "Navtech_Polar" else path / "Navtech_Polar"
 
 

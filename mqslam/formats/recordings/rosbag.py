@@ -54,7 +54,7 @@ class RosbagRecording(Recording):
 
     Args:
         radar: the radar's topic.
-        messages_us: (N,) int64 [us], stamp of the message of each polar scan, which is the start or the end of the turn.
+        messages_us: (N,) int64 [us], stamp of the message of each polar scan: the start or the end of the radar's turn.
         logged_ns: (N,) int64 [ns], when the message of each polar scan was recorded.
         clockwise: whether azimuths without stamps and angles of their own follow one another clockwise, seen from above.
     """
@@ -87,7 +87,7 @@ class RosbagRecording(Recording):
                 k += 1
                 if k == wanted.stop:
                     return
-        raise DataError(self.path, f"polar scan {k} on {topic} is gone", "the bag changed since it was opened")
+        raise DataError(self.path, f"polar scan {k} on {topic} is gone: the bag has changed", "open the bag again")
 
     def _until(self, connections: list[Connection], stop: int) -> int | None:
         """Returns the time [ns] up to which the polar scans before `stop` were recorded; None for the end of the bag."""
@@ -221,7 +221,7 @@ class Frames:
         return carried, f"odometry from {topic} is the motion of {frame}"
 
     def place_truth(self, truth: Trajectory, topic: str, frame: str) -> tuple[Trajectory, str]:
-        """Returns ground truth as poses of the radar where transforms lead from its frame to it, and a note on this."""
+        """Returns ground truth, as poses of the radar if transforms connect its frame to the radar, and a note on this."""
         if frame and name_frame(frame) == name_frame(self.radar):
             return truth, f"ground truth from {topic} is the pose of the radar"
         on_vehicle = self._find(frame)
@@ -234,7 +234,7 @@ class Frames:
         return carried, f"ground truth from {topic} is the pose of {frame}, carried to the radar by {self.mount.source}"
 
     def is_of_vehicle(self, frame: str) -> bool:
-        """Returns whether a frame is the vehicle's own, in a bag that does not state where the radar sits on the vehicle."""
+        """Returns whether a frame is the vehicle's own; False if the bag states where the radar sits on the vehicle."""
         on_vehicle = self._find(frame)
         apart = name_frame(frame) != name_frame(self.radar)
         return self.mount is None and apart and on_vehicle is not None and not on_vehicle.any()
@@ -249,9 +249,10 @@ class Frames:
 class _Index:
     """The result of one pass over a bag: stamps of polar scans, unreadable messages of the radar, and poses.
 
-    If azimuths carry stamps, the turns' durations are listed, None where the azimuths do not show them. `unread` counts the
-    unreadable messages, and `error` is that of the first one. The radar's frame is the first that its messages name.
-    `turn_ticks` is the number of encoder ticks that is taken as a turn if none is stated.
+    If azimuths carry stamps, two durations of each turn of the radar are listed: `turns_us` by the span of the azimuths,
+    `measured_turns_us` by their rate alone; None where the azimuths do not show it. `unread` counts the unreadable messages,
+    and `error` is the error of the first one. `radar_frame` is the first frame that the radar's messages name. `turn_ticks`
+    is the number of encoder ticks that is taken as a turn if the bag and the user state none.
     """
 
     stamps_us: list[int] = field(default_factory=list)
@@ -281,7 +282,7 @@ def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[s
 def _read_index(
     path: Path, reader: AnyReader, radar: RadarTopic, pose_topics: set[str | None], sensors: RosSensors
 ) -> _Index:
-    """Reads the messages of the radar, of the pose topics and of the sensors in one pass."""
+    """Reads the messages of the radar and of the pose topics in one pass, and adds those of the sensors to `sensors`."""
     index = _Index()
     read = [c for c in reader.connections if c.topic == radar.name or c.topic in pose_topics or sensors.reads(c.topic)]
     for connection, logged, raw in read_turns(reader, reader.messages(read), radar.name):
@@ -345,7 +346,7 @@ def _list_scans(bag: Bag, recording: Recording, message: Message) -> Iterator[_E
 
 
 def _list_poses(bag: Bag, track: Trajectory, topic: str, frames: tuple[str, str]) -> Iterator[_Entry]:
-    """Yields poses as odometry messages between a fixed and a moving frame, each with the mean twist until the next."""
+    """Yields the poses of a moving frame in a fixed one as odometry messages, each with the mean twist until the next."""
     fixed, moved = frames
     connection = bag.topic(topic, ODOMETRY_TYPE)
     twists = track.mean_twists(track.stamps_us[:-1], track.stamps_us[1:])

@@ -25,7 +25,7 @@ from mqslam.formats.recordings.azimuths import (
 from mqslam.formats.recordings.layout import Sensing
 from mqslam.formats.recordings.turns import find_usual_turns, place_turns
 
-# An image with fewer azimuths than this share of the first image's is damaged, and is left out.
+# An image with less than this share of the first image's number of azimuths is damaged, and is left out.
 _FEWEST_ROWS = 0.1
 # Byte 10 of Oxford rows says whether an azimuth was measured if it is 255 in more than this share of the first image's
 # rows, because few azimuths of a recording are not measured.
@@ -70,8 +70,8 @@ class RowFolder:
             name: name of the image: a stamp [us or ns] within its turn.
 
         Returns:
-            Azimuths and power of the up-chirps, and those of the down-chirps; of all azimuths and None if there is one
-            kind.
+            Azimuths and power of the up-chirps, and those of the down-chirps. If the image has one kind of chirp, all
+            azimuths with their power, and None.
 
         Raises:
             DataError: the image cannot be used, or its stamps do not fit its name.
@@ -88,7 +88,7 @@ class RowFolder:
                 if len(pixels) < 2:
                     raise ValueError(f"has {len(pixels)} up-chirps")
             if len(pixels) < _FEWEST_ROWS * self.usual:
-                raise ValueError(f"has {len(pixels)} azimuths, the first image {self.usual}")
+                raise ValueError(f"has {len(pixels)} azimuths, the first image has {self.usual}")
         except ValueError as error:
             raise DataError(image, str(error), _REMEDY) from error
         apart = int(azimuths.stamps_us[0]) - int(stamps_in_us(np.asarray(name)))
@@ -142,8 +142,8 @@ def open_rows(
         sensing: what the user states about the radar.
 
     Raises:
-        DataError: there are no images, or half of them cannot be used, or their encoder has another number of ticks per
-            turn.
+        DataError: there are no images, or half of them cannot be used, or the azimuths show another number of encoder
+            ticks per turn than the layout's usual one.
     """
     if not len(names):
         raise DataError(folder, "holds no polar scans", "it should hold images named <t>.png, t in microseconds")
@@ -196,10 +196,10 @@ def open_rows(
 
 
 def _interpret_flag(pixels: NDArray[np.uint8]) -> tuple[Flag, tuple[str, ...]]:
-    """Interprets byte 10 of a recording by its first image (A, 11 + B), with a note where it does not mark validity.
+    """Returns the meaning of byte 10 by the first image (A, 11 + B) of a recording, and a note unless it marks validity.
 
-    Where it marks validity, only few rows are not measured. Boreas leaves the byte unused, Boreas-RT puts the direction of
-    the chirp there, which alternates from row to row.
+    Where the byte marks validity, only few rows are not measured. Boreas leaves the byte unused, Boreas-RT puts the
+    direction of the chirp there, which alternates from row to row.
     """
     share = float(np.mean(pixels[:, FLAG_BYTE] == 255)) if pixels.shape[1] > METADATA_BYTES else 1.0
     if share > _VALIDITY_SHARE:
@@ -207,7 +207,7 @@ def _interpret_flag(pixels: NDArray[np.uint8]) -> tuple[Flag, tuple[str, ...]]:
     if share > _CHIRP_SHARE:
         return Flag.CHIRP, (
             f"byte 10 is 255 in {share:.0%} of the rows and is taken as the direction of the chirp "
-            "(Boreas-RT), whose Doppler shifts have opposite signs, so only the up-chirps (255) give returns",
+            "(Boreas-RT); up-chirps and down-chirps have opposite Doppler shifts, so only the up-chirps (255) give returns",
         )
     return Flag.NOTHING, (
         f"byte 10 is 255 in {share:.0%} of the rows and is taken as unused or as down-chirps "

@@ -63,15 +63,15 @@ def measure_turn(stamps_us: NDArray[np.float64], angles: NDArray[np.float64]) ->
 def find_usual_turns(stamps_us: NDArray[np.int64], measure: Measure | None = None) -> NDArray[np.float64]:
     """Finds the usual duration (N - 1,) of a turn [us] at each step from one polar scan to the next; longer steps are gaps.
 
-    It is found from the steps around, since a radar may be told to turn at another rate. Where there are few steps, or
-    where polar scans are missing regularly, the steps alone do not show which of them are gaps; there the azimuths' own
-    stamps show it.
+    The duration is found from the steps around each step, since a radar may be told to turn at another rate. Where there are
+    few steps, or where polar scans are missing regularly, the steps alone do not show which of them are gaps; there the
+    azimuths' own stamps show it.
 
     Args:
         stamps_us: (N,) increasing stamps of the polar scans [us].
         measure: returns the duration of the turn of a polar scan, given by its number, from its azimuths' own stamps [us],
-            or None where these do not show it. It may read the polar scan. So it is called for every polar scan only where
-            there are few, else for one or two per turn rate.
+            or None where these do not show it. It may have to read the polar scan, so it is called for every polar scan
+            only where there are few, else for one or two per turn rate.
     """
     usual = _find_usual_steps(np.diff(stamps_us).astype(np.float64))
     if measure is None or not len(usual):
@@ -90,11 +90,11 @@ def find_usual_turns(stamps_us: NDArray[np.int64], measure: Measure | None = Non
 def place_turns(
     stamps_us: NDArray[np.int64], stamp: Stamp, usual_us: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Finds starts (N,) and durations (N,) [us] of turns that have one stamp each.
+    """Returns starts (N,) and durations (N,) [us] of a radar's turns that have one stamp each.
 
     Where stamps are starts, a turn lasts until the next stamp; where they are ends, it has lasted since the stamp before.
-    Beside a gap, and where there is no such stamp, a turn takes as long as its neighbour, since the turn rate drifts
-    slowly.
+    Beside a gap, and where there is no such stamp, a turn is taken to last as long as the one beside it, since the turn rate
+    drifts slowly.
 
     Args:
         stamps_us: (N,) increasing stamps of the turns [us].
@@ -125,8 +125,8 @@ def _to_us(seconds: float) -> int:
 def _find_usual_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Finds the usual duration (M,) of a turn [us] at each of some steps (M,) [us].
 
-    Where steps are few, it is one of the shortest: no radar delivers a polar scan sooner than it turns, while polar scans
-    may be missing.
+    Where steps are few, the result is one of the shortest steps: no radar delivers a polar scan sooner than it turns, while
+    polar scans may be missing.
     """
     unknown = _to_us(USUAL_TURN_S)
     if len(steps) >= TURNS_AROUND:
@@ -141,7 +141,7 @@ def _explain_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Finds the usual duration (M,) of a turn [us] at each of many steps (M,) [us].
 
     The steps are explained by the sequence of turn rates that needs the cheapest assumptions: that polar scans are missing,
-    that one is late or early, or that the radar is told to turn at another rate.
+    that a polar scan is late or early, or that the radar is told to turn at another rate.
     """
     rates = _collect_rates(steps)
     turns = steps[:, None] / rates
@@ -160,7 +160,7 @@ def _explain_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _collect_rates(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Collects durations of a turn (R,) [us] that may explain steps: the most frequent ones that clearly differ."""
+    """Collects durations of a turn (R,) [us] that may explain steps (M,) [us]: the most frequent that clearly differ."""
     cells = np.round(np.log(steps) / np.log(_RATE_CELL)).astype(np.int64)
     names, counts = np.unique(cells, return_counts=True)
     rates: list[float] = []
@@ -175,7 +175,7 @@ def _collect_rates(steps: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _find_cheapest_path(costs: NDArray[np.float64], change: float) -> NDArray[np.int64]:
-    """Finds the sequence (M,) of states that costs least, changes between states included.
+    """Finds the sequence (M,) of states with the lowest sum of costs, to which each change between states adds `change`.
 
     Args:
         costs: (M, R) cost of each of R states at each step.
@@ -197,9 +197,14 @@ def _find_cheapest_path(costs: NDArray[np.float64], change: float) -> NDArray[np
 
 
 def _choose_examples(steps: NDArray[np.int64], count: int) -> list[int]:
-    """Chooses polar scans whose turns stand for those at some of the steps 0..count - 1, such as all steps at one turn rate.
+    """Chooses one or two polar scans to be measured on behalf of some steps, such as all steps at one turn rate.
 
-    They are the first or last polar scan of all, if the steps reach it, else one in the middle of the longest run of steps.
+    They are the first and the last polar scan of the recording, as far as the steps reach it, else one in the middle of the
+    longest run of successive steps.
+
+    Args:
+        steps: numbers of the steps, increasing.
+        count: number of all steps of the recording.
     """
     ends = [k for k, step in ((0, 0), (count, count - 1)) if step in (steps[0], steps[-1])]
     runs = np.split(steps, np.flatnonzero(np.diff(steps) > 1) + 1)

@@ -41,7 +41,7 @@ _BOREAS_IMU = "give one of the IMU files of a Boreas recording"
 _BOREAS_FIXES = "give a file of a Boreas recording whose header names GPSTime, latitude and longitude"
 _OXFORD_INS = "give gps/ins.csv or gps/gps.csv as the Oxford RobotCar dataset has them"
 _STATUS, _GOOD = "ins_status", "SOLUTION_GOOD"
-_LONGEST_STEP_US = 1_000_000  # a heading may turn by half a turn in a longer time, and its difference would be ambiguous
+_LONGEST_STEP_US = 1_000_000  # in a longer time the heading may change by 180 degrees, and differences would be ambiguous
 _MULRAN_RATES, _MULRAN_PLACE = (0, 8, 9, 10), (0, 1, 2, 4, 8)  # stamp, rates; stamp, place, variances along east and north
 _MULRAN_COLUMNS = (17, 13)  # numbers of columns in the tables of the gyroscope and of the fixes
 
@@ -72,7 +72,7 @@ def read_fixes_table(path: Path, *, made_truth: bool = False) -> Reading[Fixes]:
 
     Args:
         path: the file.
-        made_truth: whether the recording's ground truth was made from them, as it was in these datasets.
+        made_truth: whether the recording's ground truth was made from these fixes; always true for tables of the datasets.
 
     Raises:
         DataError: the file cannot be read, is none of these, or holds no fix.
@@ -131,7 +131,7 @@ def read_transform(file: Path) -> NDArray[np.float64]:
 
 
 def _read_boreas_rates(header: Header) -> Reading[Gyroscope]:
-    """Reads one of the gyroscopes of Boreas, and turns its rates to x forward, y left, z up."""
+    """Reads one of the gyroscopes of Boreas, and rotates its rates to axes x forward, y left, z up."""
     file = header.path
     if file.name in DMU_NAMES:
         names = ("time", "wx", "wy", "wz")
@@ -147,10 +147,10 @@ def _read_boreas_rates(header: Header) -> Reading[Gyroscope]:
 
 
 def _find_dmu_turn(file: Path) -> tuple[NDArray[np.float64], str]:
-    """Finds the rotation (3, 3) from the DMU41's axes to those of Applanix, and notes where it comes from."""
+    """Returns the rotation (3, 3) from the DMU41's axes to those of Applanix, with a note on where it comes from."""
     calibration = file.parent.parent / "calib" / "T_applanix_dmu.txt"
     if calibration.exists():
-        return read_transform(calibration)[:3, :3], f"the axes of {file} are turned by {calibration.name}"
+        return read_transform(calibration)[:3, :3], f"the axes of {file} are rotated by {calibration.name}"
     return _APPLANIX_FROM_DMU, f"the axes of {file} are taken as x right, y backward, z down: there is no {calibration}"
 
 
@@ -198,7 +198,7 @@ def _read_ins_fixes(header: Header) -> Reading[Fixes]:
 
 
 def _read_good_rows(header: Header, names: Sequence[str]) -> tuple[SensorTable, list[str]]:
-    """Reads the status of each row (1 if it is good, else NaN) and some columns, with a note on rows that are not good."""
+    """Reads a column of status (1 in a good row, else NaN) and some columns, with a note on the rows that are not good."""
     columns = header.find(("timestamp", _STATUS, *names), _OXFORD_INS)
     table = read_sensor_table(
         header, columns, "", {columns[1]: lambda text: 1.0 if text.strip().endswith(_GOOD) else np.nan}
@@ -209,7 +209,7 @@ def _read_good_rows(header: Header, names: Sequence[str]) -> tuple[SensorTable, 
 
 
 def _read_mulran_table(header: Header, columns: Sequence[int], count: int, remedy: str) -> SensorTable:
-    """Reads columns of a table without a header, if it has at least as many columns as MulRan's."""
+    """Reads columns of a table without a header; raises a DataError if it has fewer than `count` columns."""
     if len(header.names) < count:
         remedy = f"{remedy}; or one of {count} columns without a header, as MulRan's later versions have it"
         raise DataError(header.path, f"has {len(header.names)} columns in its first line", remedy)

@@ -86,7 +86,12 @@ def read_nmea(path: Path, start_us: int) -> Reading[Fixes]:
 
 
 def _describe_lack(positions: int, useless: Counter[str]) -> str:
-    """Words why a log of some positions holds no fix."""
+    """Returns why a log holds no fix, in words.
+
+    Args:
+        positions: number of GGA sentences in the log.
+        useless: number of GGA sentences by the reason why they give no fix.
+    """
     if not positions:
         return "holds no GGA sentence"
     counts = {what: useless[what] for what in (_UNCHECKED, _UNFIXED)}
@@ -96,7 +101,7 @@ def _describe_lack(positions: int, useless: Counter[str]) -> str:
 
 
 def _list_sentences(path: Path) -> Iterator[tuple[str, list[str], bool]]:
-    """Lists the sentences of a log: their three letters, the words after them, and whether the checksum is right."""
+    """Yields the three letters of each sentence of a log, the fields after them, and whether its checksum is right."""
     with open_lines(path, _REMEDY, "ascii", "replace") as lines:
         for line in lines:
             _, dollar, sentence = line.partition("$")
@@ -109,7 +114,7 @@ def _list_sentences(path: Path) -> Iterator[tuple[str, list[str], bool]]:
 
 
 def _find_first_date(path: Path) -> int | None:
-    """Returns the stamp [us] of the first sentence that states time and date, or None where there is none."""
+    """Returns the stamp [us] of the first sentence that states time and date, or None if no sentence does."""
     for kind, fields, is_sound in _list_sentences(path):
         with suppress(*_DAMAGE):
             if is_sound and (date := _read_date(kind, fields)) is not None:
@@ -118,7 +123,7 @@ def _find_first_date(path: Path) -> int | None:
 
 
 def _read_date(kind: str, fields: Sequence[str]) -> int | None:
-    """Returns the stamp [us] of a sentence that states time and date, else None; receivers may leave both empty at first.
+    """Returns the stamp [us] of a sentence that states time and date, else None: receivers may at first leave both empty.
 
     Raises:
         ValueError: the sentence states a date that does not exist.
@@ -143,7 +148,7 @@ def _read_clock(text: str) -> int:
 
 
 def _read_angle(text: str, side: str, sides: str) -> float:
-    """Reads an angle `dddmm.mmmm` and its side as degrees, positive on the first of the sides, or raises ValueError."""
+    """Reads an angle `dddmm.mmmm` as degrees, positive if its side is the first of `sides`, or raises ValueError."""
     if side not in tuple(sides):
         raise ValueError(side)
     degrees, minutes = divmod(float(text), 100.0)

@@ -19,8 +19,8 @@ from mqslam.formats.poses import mark_places
 from mqslam.formats.stamps import mark_increasing
 from mqslam.formats.tables import SensorTable
 
-_FASTEST_TURN = np.pi  # no vehicle turns faster than half a turn per second [rad/s]: such readings are in another unit
-_SPIKES = 1e-3  # share of readings that may be faster all the same, where the gyroscope was knocked
+_FASTEST_TURN = np.pi  # no vehicle rotates faster [rad/s], half a rotation per second: such readings are in another unit
+_SPIKES = 1e-3  # share of readings that may be faster all the same, because the gyroscope was knocked
 _Sensor = TypeVar("_Sensor", covariant=True)
 _Some = TypeVar("_Some", bound=Recording)
 _Read = TypeVar("_Read")
@@ -31,7 +31,7 @@ class Reading(Generic[_Sensor]):
     """The readings of a sensor, or of all sensors that a run uses, with notes and faults for the user.
 
     Args:
-        sensor: the readings; None where a run uses none.
+        sensor: the readings; None where a run uses no sensor.
         notes: how the readings were understood.
         faults: which rows were left out or why the sensor is not used.
     """
@@ -42,7 +42,7 @@ class Reading(Generic[_Sensor]):
 
 
 def read_beside(read: Callable[[], _Read]) -> tuple[_Read | None, list[str]]:
-    """Reads a file beside the images of a recording; if it cannot be used, it returns a fault and raises no error.
+    """Reads a file beside the images of a recording; if the file cannot be used, returns a fault instead of an error.
 
     Args:
         read: reads the file, or raises a DataError.
@@ -70,7 +70,7 @@ def add_beside(
 
     Args:
         recording: the recording, whose notes come first; it keeps its own trajectories where none are read.
-        gyroscope: reads the gyroscope; None where the recording has none, DataError where it cannot be used.
+        gyroscope: reads the gyroscope; returns None if the recording has none, and raises a DataError if it cannot be used.
         fixes: likewise the GNSS fixes.
         mount: likewise the radar's mount.
         truth: likewise the ground truth.
@@ -157,7 +157,7 @@ def make_fixes(
 
 
 def _describe_unusable(table: SensorTable, kept: int, noun: str, has: str) -> str:
-    """Words how many rows a file holds and how few of them can be used.
+    """Returns, in words, how many rows a file holds and how few of them can be used.
 
     Args:
         table: the rows.
@@ -178,7 +178,14 @@ def _describe_unusable(table: SensorTable, kept: int, noun: str, has: str) -> st
 def _choose_rows(
     source: str, table: SensorTable, sound: NDArray[np.bool_], unsound: str
 ) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
-    """Marks the rows (N,) to keep: sound ones (N,) whose stamps increase; words the faults of the others."""
+    """Returns which rows (N,) of a table are kept, the sound ones whose stamps increase, and the faults of all others.
+
+    Args:
+        source: where the rows come from, for the faults.
+        table: the rows.
+        sound: (N,) whether each row is sound.
+        unsound: what rows hold that are not sound, for the faults.
+    """
     faults = []
     rows = table.unread + len(sound)
     if bad := table.unread + int(np.count_nonzero(~sound)):

@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 IMU_TYPE, FIX_TYPE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
 STATIC_TOPIC = "/tf_static"
 _IMU_TOPIC, _FIX_TOPIC, _TRUTH_FIX_TOPIC = "/imu/data", "/gps/fix", "/ground_truth/fix"
-_IMU_FRAME, _FIX_FRAME = "imu", "gps"  # no transform places these frames, so readers do not turn the rates
+_IMU_FRAME, _FIX_FRAME = "imu", "gps"  # no transform places these frames, so readers do not rotate the rates
 _NOT_GIVEN = -1.0  # first number of a covariance whose quantity an Imu does not state
-_NO_FIX, _UNKNOWN = -1, -2  # statuses of a NavSatFix; drivers that never set the status leave the latter
+_NO_FIX, _UNKNOWN = -1, -2  # statuses of a NavSatFix; drivers that never set the status leave it unknown
 
 
 @dataclass(slots=True)
 class _Rows:
-    """The messages on a topic: their stamps [us], three numbers of each, and how many further ones are damaged."""
+    """The messages on a topic: their stamps [us], three numbers of each, and the number of damaged messages."""
 
     stamps: array[int] = field(default_factory=lambda: array("q"))
     numbers: array[float] = field(default_factory=lambda: array("d"))
@@ -83,7 +83,7 @@ class RosSensors:
 
     @classmethod
     def choose(cls, reader: AnyReader) -> RosSensors:
-        """Chooses the topics of a bag: those with most messages, and ground truth only where there is no other."""
+        """Chooses for each sensor the topic with most messages; fixes of ground truth only if there are no other fixes."""
         imus = [topic for topic in _rank_topics(reader, IMU_TYPE) if not _is_truth(topic)]
         receivers = _rank_topics(reader, FIX_TYPE)
         transforms = tuple(dict.fromkeys(c.topic for c in reader.connections if Mounts.reads(c)))
@@ -94,7 +94,7 @@ class RosSensors:
         return topic in (self.imu_topic, self.fix_topic, *self.transform_topics)
 
     def add(self, reader: AnyReader, connection: Connection, logged_ns: int, raw: bytes) -> None:
-        """Takes in a message of one of the topics; a damaged one is counted."""
+        """Takes in a message of one of the topics; a damaged message is only counted."""
         try:
             topic, message = connection.topic, bags.deserialise(reader, connection, raw)
             if topic in self.transform_topics:
@@ -106,7 +106,7 @@ class RosSensors:
             self.rows[connection.topic].unread += 1
 
     def read_gyroscope(self, path: Path) -> Reading[Gyroscope] | None:
-        """Returns the gyroscope, its rates turned to the vehicle's axes where transforms place it; None without a topic.
+        """Returns the gyroscope, in the vehicle's axes where transforms place it; None if the bag has no gyroscope.
 
         Raises:
             DataError: fewer than two messages can be used.
@@ -118,13 +118,13 @@ class RosSensors:
         if placed is None:
             note = f"the axes of the gyroscope on {self.imu_topic} are taken as x forward, y left, z up"
         else:
-            note = f"the gyroscope on {self.imu_topic} is turned to the vehicle's axes by its frame, {self.imu_frame}"
+            note = f"the gyroscope on {self.imu_topic} is rotated to the vehicle's axes by its frame, {self.imu_frame}"
             with np.errstate(invalid="ignore"):  # rates that are not finite are left out afterwards
                 table = table.with_columns(table.columns @ placed[:3, :3].T)
         return make_gyroscope(path, table, note, source=self.imu_topic)
 
     def read_fixes(self, path: Path) -> Reading[Fixes] | None:
-        """Returns the fixes; None without a topic, or where the receiver never had a fix.
+        """Returns the fixes; None if the bag has no topic of fixes, or the receiver never had a fix.
 
         Raises:
             DataError: no message can be used.
@@ -135,7 +135,7 @@ class RosSensors:
         return make_fixes(path, table, source=self.fix_topic, made_truth=_is_truth(self.fix_topic))
 
     def read_mount(self, path: Path, radar_frame: str) -> Mount | None:
-        """Returns the mount of the radar as the transforms state it; None where they do not.
+        """Returns the mount of the radar as the transforms state it; None if no transform places the radar.
 
         Raises:
             DataError: no transform places the radar, but messages are damaged; or transforms place it by numbers that are
@@ -153,14 +153,14 @@ class RosSensors:
 
     @property
     def notes(self) -> list[str]:
-        """What a user should know about the choice of topics."""
+        """What a user should know about the chosen topics, the messages without a fix, and the stamps."""
         notes = [f"gyroscope from {self.imu_topic}"] if self.imu_topic else []
         notes += [f"GNSS fixes from {self.fix_topic}"] if self.fix_topic else []
         notes += [f"{', '.join(self.others)}: other sensors of these kinds, not read"] if self.others else []
         if self.unfixed:
-            notes.append(f"{count_of(self.unfixed, 'message')} on {self.fix_topic} without a fix")
+            notes.append(f"{count_of(self.unfixed, 'message')} on {self.fix_topic} without a fix: left out")
         if self.unstated:
-            said = "whose status is not set (-2): those with a place are taken as fixes"
+            said = "whose status is not set (-2): those with a position are taken as fixes"
             notes.append(f"{count_of(self.unstated, 'message')} on {self.fix_topic} {said}")
         return notes + self.clock.notes
 
@@ -184,7 +184,7 @@ class RosSensors:
 
 
 def _is_place(latitude: float, longitude: float) -> bool:
-    """Returns whether a latitude and a longitude [degrees] are a place, and not what a receiver writes without a fix."""
+    """Returns whether a latitude and a longitude [degrees] are a position, and not what a receiver writes without a fix."""
     return bool(np.isfinite([latitude, longitude]).all()) and (latitude, longitude) != (0.0, 0.0)
 
 
@@ -213,13 +213,13 @@ def list_sensor_messages(bag: Bag, recording: Recording) -> list[Iterator[tuple[
 
 
 def _list_mount(bag: Bag, mount: Mount, stamp_us: int) -> Iterator[tuple[int, Connection, Any]]:
-    """Yields the transform from the vehicle to the radar, with a stamp [us]."""
+    """Yields a single message: the transform from the vehicle to the radar, at a given stamp [us]."""
     connection = bag.topic(STATIC_TOPIC, TF_TYPE, latched=True)
     yield stamp_us, connection, bag.transform(stamp_us, (VEHICLE_FRAME, RADAR_FRAME), mount.pose)
 
 
 def _list_rates(bag: Bag, gyroscope: Gyroscope) -> Iterator[tuple[int, Connection, Any]]:
-    """Yields the readings of a gyroscope; orientation and acceleration are marked as not given."""
+    """Yields the readings of a gyroscope as messages, whose orientation and acceleration are marked as not given."""
     connection = bag.topic(_IMU_TOPIC, IMU_TYPE)
     level = bag.quaternion(0.0)
     absent, unknown = np.zeros(9), np.zeros(9)
@@ -230,7 +230,7 @@ def _list_rates(bag: Bag, gyroscope: Gyroscope) -> Iterator[tuple[int, Connectio
 
 
 def _list_fixes(bag: Bag, fixes: Fixes) -> Iterator[tuple[int, Connection, Any]]:
-    """Yields GNSS fixes; heights and their variance are not known."""
+    """Yields GNSS fixes as messages; their heights and the variances of these are not known."""
     connection = bag.topic(_TRUTH_FIX_TOPIC if fixes.made_truth else _FIX_TOPIC, FIX_TYPE)
     status = bag.make("sensor_msgs/msg/NavSatStatus", 0, 1)
     places = zip(fixes.latitudes.tolist(), fixes.longitudes.tolist(), fixes.sigmas_m.tolist(), strict=True)

@@ -7,13 +7,13 @@
     psi      = sum_i sum_j S_ij^2                                                       (4)
 
 Source: "Motion Estimation from Map Quality with Millimeter Wave Radar". As printed, a point without a selected neighbour
-costs nothing, so maps that do not overlap score best of all. The setting `unmatched` charges each such point, as a
-separate term, in units of the most that a single pair can cost, (2 s / (pi tau))^2; zero gives the score as printed.
+costs nothing, so a map of scans that do not overlap scores best of all. The setting `unmatched` charges each such point,
+as a separate term, in units of the most that a single pair can cost, (2 s / (pi tau))^2; zero gives the score as printed.
 
 Pairs are selected without an exponential: kappa > xi is the same as q < -ln xi with
-q = ((s - alpha_s)/beta_s)^2 + ((t - alpha_t)/beta_t)^2, and the largest kappa belongs to the least q. Among pairs with the
-same q, the one with the smaller distance is taken, and then the one with the smaller index. The
-readable twin is `mqslam.psi.published.reference`.
+q = ((s - alpha_s)/beta_s)^2 + ((t - alpha_t)/beta_t)^2, and the largest kappa belongs to the least q. If several pairs have
+the least q, the pair with the smallest distance counts as the best, and among equal distances the pair with the smallest
+index. `mqslam.psi.published.reference` holds a readable version of this module.
 """
 
 from __future__ import annotations
@@ -73,11 +73,11 @@ def score(
     Args:
         points: (N, 2) m, any frame: the score is invariant under rigid motion.
         times: (N,) s: only differences matter.
-        revolution_s: duration of one turn [s], the default of alpha_t.
+        revolution_s: duration of one revolution of the radar [s], the default of alpha_t.
         config: parameters of the score.
         jacobians: (N, 2, P) derivatives of the points by motion parameters, for the gradient.
-        lists: candidate neighbours that include all points within `config.s`, for example kept from a nearby motion; None
-            looks them up.
+        lists: candidate neighbours that include all points within `config.s`, for example kept from a similar motion; None
+            finds them anew.
 
     Raises:
         ValueError: points or times are not finite, or their shapes do not fit.
@@ -110,15 +110,15 @@ def score(
 
 
 def check_points(points: NDArray[np.float64], times: NDArray[np.float64]) -> None:
-    """Raises an error for points and times that have no score.
+    """Raises an error if points and times cannot be scored.
 
     Raises:
         ValueError: the points are not (N, 2), the times are not (N,), or a value is not finite.
     """
     if points.ndim != 2 or points.shape[1] != 2 or times.shape != (len(points),):
-        raise ValueError(f"points {points.shape} and times {times.shape} must be (N, 2) and (N,)")
+        raise ValueError(f"points have shape {points.shape} and times {times.shape}: pass (N, 2) and (N,)")
     if not (np.isfinite(points).all() and np.isfinite(times).all()):
-        raise ValueError("points and times must be finite")
+        raise ValueError("points or times hold NaN or infinite values: pass finite ones only")
 
 
 class _Parameters(NamedTuple):
@@ -167,7 +167,7 @@ def _score(
     for i in range(n):
         x, y, t = points[i, 0], points[i, 1], times[i]
         count = 0
-        for k in range(offsets[i], offsets[i + 1]):  # no branches: which candidates are chosen is hard to predict
+        for k in range(offsets[i], offsets[i + 1]):  # no branches: a processor predicts badly which are chosen
             j = indices[k]
             dx, dy = x - points[j, 0], y - points[j, 1]
             d = np.sqrt(dx * dx + dy * dy)

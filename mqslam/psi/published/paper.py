@@ -1,9 +1,10 @@
 """The paper's table I and its figures 2 and 3, reproduced on simulated drives.
 
 Table I holds the motions of three constant drives, estimated by an exhaustive search with the published score and by our
-estimator. The figures show how psi falls as the motion approaches the true one, and how compensation changes the map of
-each case. The paper's sensor is simulated on a slow robot outdoors between buildings. The numbers that describe the
-drives and the sensor are the paper's, or define our simulation of its experiment; the others set the look of the figures.
+estimator. The figures show how psi falls as the motion approaches the true one, and how motion compensation changes the
+map of each case. The paper's sensor is simulated on a slow robot outdoors between buildings. The constants that describe
+the drives and the sensor are the paper's, or define our simulation of its experiment; the others set the look of the
+figures.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
 CASES = ((0.0, -0.3840), (0.1, 0.2967), (1.0, -0.1920))
 """v [m/s] and omega [rad/s] in the cases of Table I."""
 PAPER_LARGEST = (0.1, 0.0227)
-"""Largest errors of v [m/s] and omega [rad/s] in the paper's Table I; its other results are not at hand."""
+"""Largest errors of v [m/s] and omega [rad/s] in the paper's Table I; we do not have its other results."""
 SENSOR = SensorModel(turn_rate_hz=2.0, azimuths=720, range_resolution=0.25, max_range=400.0)
 REVOLUTION_S = 1.0 / SENSOR.turn_rate_hz
 SPEEDS = np.arange(-0.5, 1.6, 0.4)  # speeds that the estimator's search tries [m/s]
@@ -49,8 +50,8 @@ _ESTIMATOR = EstimatorConfig()
 _BEAM = beam_of(_ESTIMATOR, 0.0)
 
 SCANS = 4
-"""Scans of a window in the figures."""
-_MOTION_2 = CASES[2]  # motion of figure 2, which both drives and turns
+"""Number of scans in a window of the figures."""
+_MOTION_2 = CASES[2]  # motion of figure 2, in which the sensor both drives and rotates
 _DPI = 160
 _INK, _SOFT = "#1c2430", "#5b6675"
 _COLOURS = ("#9ecae1", "#4292c6", "#08519c", "#d9620d")  # colours of the scans; the last one stands out
@@ -105,12 +106,12 @@ class Table1Row:
 
     @property
     def mean(self) -> NDArray[np.float64]:
-        """Mean (2,) over the seeds."""
+        """Mean (2,) of v [m/s], omega [rad/s] over the seeds."""
         return np.asarray(self.obtained.mean(axis=0))
 
     @property
     def rms(self) -> NDArray[np.float64]:
-        """Root mean square error (2,) over the seeds."""
+        """Root mean square error (2,) of v [m/s], omega [rad/s] over the seeds."""
         return np.asarray(np.sqrt(((self.obtained - self.case) ** 2).mean(axis=0)))
 
     def tree(self) -> dict[str, object]:
@@ -136,7 +137,7 @@ def compute_table1(
     """Computes Table I: the motions that every method obtains in every case.
 
     Args:
-        seeds: number of simulations, each with its own yard and noise; their seeds are 0 to seeds - 1.
+        seeds: number of simulations of each drive, each with its own yard and noise; their seeds are 0 to seeds - 1.
         scans: number of scans in a window.
         jobs: number of processes; the result does not depend on it.
         cases: v [m/s], omega [rad/s] of each drive.
@@ -155,7 +156,7 @@ def compute_table1(
 
 
 def simulate_window(case: tuple[float, float], seed: int, scans: int) -> Window:
-    """Simulates the drive of a case in the yard of a seed, and returns its scans as the default detector sees them."""
+    """Simulates a case's drive in a seed's yard, and makes one window of the returns that the default detector finds."""
     drive, estimator = ConstantDrive(*case), EstimatorConfig()
     recording = simulate_recording(make_yard_scene(seed), drive, duration_s=scans * REVOLUTION_S, sensor=SENSOR, seed=seed)
     returns = Returns.concatenate(detect_stretch(recording, DetectorConfig(), 0, scans).returns)
@@ -168,7 +169,7 @@ def estimate_motion(window: Window) -> WindowMotion:
 
 
 def _run_trial(search: ExhaustiveSearch, trial: tuple[tuple[float, float], int, int]) -> NDArray[np.float64]:
-    """Returns the motions (methods, 2) that the methods obtain in a trial: a case, a seed and a number of scans."""
+    """Returns what each method obtains in a trial (case, seed, number of scans): (methods, 2) v [m/s], omega [rad/s]."""
     window = simulate_window(*trial)
     grid = (search.speeds, search.yaw_rates)
     scores = _score_grid(window, *grid, list(VARIANTS.values()))
@@ -189,7 +190,7 @@ def _find_lowest(scores: NDArray[np.float64], speeds: NDArray[np.float64], yaw_r
 def _score_grid(
     window: Window, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64], variants: Sequence[PsiConfig]
 ) -> NDArray[np.float64]:
-    """Returns the published scores (V, W, variants) on a grid of motions."""
+    """Returns the published scores (V, W, variants) of a window on a grid of speeds (V,) m/s and yaw rates (W,) rad/s."""
     scores = np.empty((len(speeds), len(yaw_rates), len(variants)))
     s = max(variant.s for variant in variants)
     for i, v in enumerate(speeds):
@@ -202,7 +203,7 @@ def _score_grid(
 
 
 def format_table(rows: Sequence[Table1Row]) -> str:
-    """Returns the table as text with aligned columns."""
+    """Returns the rows of Table I as text with aligned columns."""
     lines = [
         f"{'v':>5}  {'omega':>7}  {'method':<22} {'mean v':>8} {'omega':>8}   {'RMS error v':>11} {'omega':>8}",
         f"{'m/s':>5}  {'rad/s':>7}  {'':<22} {'m/s':>8} {'rad/s':>8}   {'m/s':>11} {'rad/s':>8}",
@@ -227,7 +228,7 @@ class Rendering:
         motion: (2,) v [m/s], omega [rad/s].
         points: (N, 2) m, sensor frame at the window's start.
         scan: (N,) index of the scan that each point was seen in.
-        psi: the published score, unmatched points charged.
+        psi: the published score, with a charge for each unmatched point.
     """
 
     name: str
@@ -238,7 +239,7 @@ class Rendering:
 
 
 def render_motion(window: Window, name: str, motion: se2.Array) -> Rendering:
-    """Renders a window under v [m/s], omega [rad/s] and scores it."""
+    """Renders a window under a motion (2,), v [m/s] and omega [rad/s], and scores it."""
     placed = window.render(motion, CONSTANT_VELOCITY)
     psi = score(placed.points, placed.times, REVOLUTION_S, PsiConfig()).psi
     scan = np.floor(placed.times / REVOLUTION_S + 1e-9).astype(np.int64)
@@ -246,7 +247,7 @@ def render_motion(window: Window, name: str, motion: se2.Array) -> Rendering:
 
 
 def render_figure2(seed: int = 1) -> list[Rendering]:
-    """Renders one window without motion, with half the estimated motion, and with the estimated motion."""
+    """Renders one window three times: without motion, with half the estimated motion, and with the estimated motion."""
     window = simulate_window(_MOTION_2, seed, SCANS)
     best = estimate_motion(window).theta
     return [
@@ -272,7 +273,7 @@ def write_figures(out: Path, seed: int = 1) -> Iterator[tuple[Path, str]]:
     """Writes figure2.png and figure3.png into a folder, which is created if necessary.
 
     Yields:
-        Each path, with the scores that the figure shows.
+        The path of each figure, and the scores that the figure shows as one line.
 
     Raises:
         OutputError: the folder cannot be written to.
@@ -297,7 +298,7 @@ def _format_scores(maps: Sequence[Rendering]) -> str:
 
 
 def _write_figure(path: Path, rows: list[list[Rendering]], labels: list[str]) -> Path:
-    """Writes a figure of rows of maps, with one label for all of them or one per column."""
+    """Writes a figure with rows of maps and returns its path; `labels` holds one text for all maps or one per column."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -1,6 +1,6 @@
-"""Readable twins of `mqslam.psi.published.equations` and `mqslam.psi.score`, against which the tests check them.
+"""Readable twins of `mqslam.psi.published.equations` and `mqslam.psi.score`: the tests compare those modules with them.
 
-They compute the equations literally, and are slow.
+The twins compute the equations literally, and are slow.
 """
 
 from __future__ import annotations
@@ -77,7 +77,10 @@ def evaluate_reference(
     kernel: Kernel,
     moving_references: bool,
 ) -> PsiEvaluation:
-    """Scores query points against reference points; arguments and result are as in `mqslam.psi.score.evaluate`."""
+    """Scores query points against reference points, with the arguments and the result of `mqslam.psi.score.evaluate`.
+
+    `moving_references` says whether the references move with the same state as the queries.
+    """
     revolution_s, beta_t, xi = kernel.revolution_s, kernel.beta_t, kernel.xi
     knows_aspects = len(queries.rays) == len(queries) and len(references.rays) == len(references)
     n, size = len(queries), queries.jacobians.shape[2]

@@ -29,10 +29,11 @@ from mqslam.psi.window import Window
 
 # Number of scans from which a track finds its first motion: three show an acceleration, too.
 START_SCANS = 3
-# The step between the speeds tried is the annealing's widest reach per turn, divided by this number, so that the minimiser
-# surely finds the minimum from the nearest of them.
+# The step between the speeds tried is the annealing's widest reach per revolution of the radar, divided by this number. The
+# minimiser then surely finds the minimum from the nearest of these speeds.
 _START_SPEEDS = 13.0
-# Step between the yaw rates tried, and largest turn that the motion model integrates exactly, both per scan [rad].
+# Step between the yaw rates tried, and largest rotation of the sensor that the motion model integrates exactly, both per
+# scan [rad].
 _START_YAW_STEP, _MOST_TURN = 0.025, 1.0
 # Standard deviations of twist and accelerations around rest, in directions that psi does not observe at a start.
 _AT_REST = np.array([5.0, 0.5, 0.1, SIGMA_AX, START_ALPHA])
@@ -44,8 +45,8 @@ class FirstMotion:
 
     Args:
         motion: (5,) twist and accelerations at the first scan; zero in directions that psi does not observe.
-        covariance: (5, 5) covariance of the motion, large in those directions. Where accelerations were not estimated, it
-            includes the process noise of a scan.
+        covariance: (5, 5) covariance of the motion, large in directions that psi does not observe. Where accelerations were
+            not estimated, the covariance includes process noise.
         matched: share of the returns that have a neighbour in another scan.
         observed: whether psi observes every direction.
     """
@@ -59,13 +60,13 @@ class FirstMotion:
 def find_first_motion(
     scans: Sequence[Scan], matcher: Matcher, begin: se2.Array | None = None, odometry: se2.Array | None = None
 ) -> FirstMotion:
-    """Finds the motion that makes a few scans crispest.
+    """Finds the motion that gives the crispest map of a few scans.
 
     Args:
         scans: two or three scans with returns.
         matcher: holds the bounds of the exhaustive search, the process noise, the settings of the score, and the sensor.
         begin: (3,) twist near the truth, or None for an exhaustive search.
-        odometry: (3,) odometry's twist, for directions that psi alone does not observe.
+        odometry: (3,) twist from odometry: a second start for the minimiser where psi does not observe every direction.
     """
     if begin is None:
         begin = _search_twist(scans, matcher)
@@ -75,7 +76,7 @@ def find_first_motion(
     found = window.estimate(begin, model)
     if odometry is not None and found.status is not Status.CONVERGED:
         found = window.estimate(odometry, model)
-    if not overlaps(found.minimum):  # scans without overlap show no motion: it can be any that a vehicle is capable of
+    if not overlaps(found.minimum):  # scans without overlap show no motion, which may then be any of a vehicle's
         fastest = max(matcher.settings.speed_max, -SPEED_MIN)
         spread = np.array([fastest, fastest, OMEGA_MAX, SIGMA_AX, START_ALPHA])
         return FirstMotion(np.zeros(MODEL.size), np.diag(spread**2), 0.0, observed=False)
@@ -92,7 +93,7 @@ def find_first_motion(
 
 
 def _search_twist(scans: Sequence[Scan], matcher: Matcher) -> se2.Array:
-    """Finds the twist (3,) of the first two scans by exhaustive search over speed and yaw rate."""
+    """Finds the twist (3,) of the first two scans by exhaustive search over speed and yaw rate, with strong returns."""
     revolution_s, (slowest, fastest) = matcher.revolution_s, matcher.speeds
     returns = Returns.concatenate([scan.returns for scan in scans[:2]])
     strong = returns.take(returns.intensities >= np.median(returns.intensities))

@@ -1,4 +1,4 @@
-"""The running map: the rendered returns of the last keyframes, and the settings of matching a track to it."""
+"""The running map: the rendered returns of the last keyframes; and the settings for matching a track to this map."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from mqslam.psi.minimiser import APART_BLUR, APART_SHARE, CORRELATION
 from mqslam.psi.place import PointSet
 from mqslam.psi.score import make_references
 
-# A scan also joins the map after this much turning [rad].
+# A scan also joins the map when the sensor has rotated by more than this since the nearest keyframe [rad].
 _KEYFRAME_RAD = 0.1
 # A map with fewer keyframes than this takes new ones at shorter distances, because it is thin.
 _GROWN_KEYFRAMES = 8
 
 
 class Tuning(NamedTuple):
-    """The settings of matching a track to its map. A quality figure that must stay comparable fixes its own values.
+    """The settings for matching a track to its map. Code whose results must stay comparable sets its own values.
 
     Args:
         keyframe_m: a scan joins the map after this much travel [m]. A map of few keyframes takes scans sooner.
@@ -30,8 +30,8 @@ class Tuning(NamedTuple):
         first_step: first step of the annealing at which the match of a predicted scan begins. A prediction is nearer to the
             match than the start of a search is, and the widest scale pulls scans back to where the map is denser.
         prediction_margin: least beta_s at which a match begins, in units of the error that is expected of its prediction.
-        doubtful_psi: a match whose psi per return is this many times the usual one or more may be at a wrong minimum. Better
-            ones are looked for ahead of it, behind it, and turned to either side.
+        doubtful_psi: a match whose psi per return is more than this many times the usual psi per return may be at a wrong
+            minimum. Better matches are then looked for ahead of it, behind it, and rotated to either side.
         correlation: number of returns that count as one independent measurement (`mqslam.psi.minimiser.CORRELATION`).
         apart_share: factor on the weight of a neighbour that was seen from a quite different direction.
         apart_blur: factor on the blur of such a neighbour.
@@ -61,7 +61,7 @@ class _Keyframe:
 
 
 class LocalMap:
-    """A sliding window of keyframes in the order of time, held fixed while scans are matched to it.
+    """A sliding window of keyframes in the order of time, whose poses stay fixed while scans are matched to them.
 
     Args:
         tuning: says how many keyframes the map holds, and how far they are apart.
@@ -84,12 +84,12 @@ class LocalMap:
         return [keyframe.t0 for keyframe in self._keyframes]
 
     def offer(self, t0: float, pose: se2.Array, placed: PointSet) -> None:
-        """Keeps a rendered scan if it is far from the keyframe nearest in time, or was chosen to be kept.
+        """Keeps a rendered scan if it was chosen, or, without a choice, if it is far from the keyframe nearest in time.
 
         Args:
             t0: start of the scan [s], earlier or later than all keyframes.
-            pose: (3,) its start pose.
-            placed: its points.
+            pose: (3,) start pose of the scan.
+            placed: points of the scan.
         """
         if self._is_far(t0, pose) if self._chosen is None or not self._keyframes else t0 in self._chosen:
             self.add(t0, pose, placed)
@@ -99,8 +99,8 @@ class LocalMap:
 
         Args:
             t0: start of the scan [s].
-            pose: (3,) its start pose.
-            placed: its points.
+            pose: (3,) start pose of the scan.
+            placed: points of the scan.
         """
         kept = sorted([*self._keyframes, _Keyframe(t0, pose.copy(), placed)], key=lambda keyframe: keyframe.t0)
         self._keyframes = kept[-self._tuning.keyframes :]
@@ -112,7 +112,7 @@ class LocalMap:
             return True
         nearest = min(self._keyframes, key=lambda keyframe: abs(keyframe.t0 - t0))
         moved = se2.wrapped_between(nearest.pose, pose)
-        young = min(1.0, len(self._keyframes) / _GROWN_KEYFRAMES)  # a young map is thin: it takes keyframes sooner
+        young = min(1.0, len(self._keyframes) / _GROWN_KEYFRAMES)  # a map of few keyframes is thin
         far = np.hypot(moved[0], moved[1]) > young * self._tuning.keyframe_m
         return bool(far or abs(moved[2]) > _KEYFRAME_RAD)
 

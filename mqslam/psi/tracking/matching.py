@@ -1,4 +1,4 @@
-"""Matches a scan to a map by psi, from a prediction or by a search around an unsure one, and finds its covariance."""
+"""Matches a scan to a map by psi, from a prediction or by a search around it, and finds the covariance of the match."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from mqslam.psi.tracking.state import (
 )
 from mqslam.psi.window import RIVAL
 
-# Change of yaw rate per 0.25 s that yaw acceleration does not explain, for the first scans of a track, whose turning is
+# Change of yaw rate per 0.25 s that yaw acceleration does not explain, for the first scans of a track, whose rotation is
 # hardly known yet [rad/s].
 _START_OMEGA = 0.08
 # Largest number of Newton steps when a scan is matched; with a good prediction a few are enough.
@@ -43,18 +43,18 @@ _MATCHING_STEPS = 24
 # The search ends with a step shorter than this many standard deviations, as psi's curvature states them.
 _SETTLED = 0.05
 # A direction that seems not observed counts as observed if every shift of the scan along it raises psi by more than this
-# many standard deviations of the rise. Along a bare corridor some shift always raises it by less than 1.5, in streets full
-# of traffic every shift by 2.2 or more.
+# many standard deviations of the rise. Along a bare corridor some shift always raises psi by less than 1.5 standard
+# deviations, in streets full of traffic every shift raises it by 2.2 or more.
 _DISTINCT_SIGMAS = 2.0
 
-# Largest angle by which a scan is turned to find a better match beside a doubtful one [rad]. A vehicle that begins to turn
-# at 0.5 rad/s turns by about this much more within a scan than within the scan before.
+# Largest angle by which a scan is rotated to find a better match beside a doubtful match [rad]. A vehicle that begins to
+# rotate at 0.5 rad/s rotates by about this much more within a scan than within the scan before.
 _BESIDE_TURN = 0.08
 # Number of angles that are tried to either side of a doubtful match.
 _BESIDE_TURNS = 4
 # Half width of the search for a scan around its prediction, in the prediction's standard deviations.
 _SEARCH_SIGMAS = 2.0
-# Least and largest half width of the search for a scan, however sure the prediction claims to be [m], [rad].
+# Least and largest half width of the search for a scan in position [m] and in yaw [rad], however sure the prediction is.
 _SEARCH_M, _SEARCH_RAD = (3.0, 30.0), (0.05, 0.8)
 
 
@@ -66,13 +66,13 @@ class Matcher:
         settings: settings of the tracker.
         estimator: settings of the score and of its minimiser.
         beam: the sensor's errors.
-        revolution_s: usual duration of a turn [s].
+        revolution_s: usual duration of a revolution of the radar [s].
         tuning: how scans are matched to the map.
         is_reversed: whether the recording is played backward, so that speeds have the opposite sign.
 
     Attributes:
         matching: settings of the score where a scan is matched to the running map: the final widths are wider.
-        young: settings of the tracker for the first scans of a track, whose yaw rate is less sure to stay as it is.
+        young: settings of the tracker for the first scans of a track, which allow larger changes of the yaw rate.
         kernel: parameters of the score besides its widths.
     """
 
@@ -102,7 +102,7 @@ class Matcher:
         return (-fastest, -slowest) if self.is_reversed else (slowest, fastest)
 
     def place(self, scan: Scan, state: State) -> PointSet:
-        """Renders a scan under a state."""
+        """Renders the returns of a scan as points under a state."""
         return place(scan.returns, scan.t0, state.pose, state.motion, MODEL, self.beam)
 
     def evaluate(self, scan: Scan, state: State, into: LocalMap) -> PsiEvaluation:
@@ -112,9 +112,9 @@ class Matcher:
     def find_weak_directions(self, scan: Scan, state: State, into: LocalMap) -> NDArray[np.float64]:
         """Returns the directions (K, 3) of the start pose that psi does not observe at a match.
 
-        In dense traffic, clutter at the widest scale hides directions that the scan shows at the final one. Shifts of the
-        scan along a direction that seems weak are therefore scored: where the match stands out from all of them, the
-        direction counts as observed.
+        At the widest scale, clutter of dense traffic can make a direction seem unobserved that the scan does show at the
+        final scale. Shifts of the scan along a direction that seems weak are therefore scored: where psi is clearly lower
+        at the match than at all of these shifts, the direction counts as observed.
 
         All views count the same here. If neighbours that were seen from the same direction counted more, even a bare wall
         would seem to hold the scan at the place from which the map was seen.
@@ -147,7 +147,7 @@ class Matcher:
             known: a match that was found before, which competes with the new ones.
 
         Returns:
-            The best match, and whether another place in the map fits about as well.
+            The best match, and whether another place in the map fits the scan about as well.
         """
         minima = sorted([known, *self._refine_peaks(scan, predicted, into)], key=lambda minimum: minimum.evaluation.psi)
         best = minima[0]
@@ -155,11 +155,11 @@ class Matcher:
         return best, any(m.evaluation.psi < RIVAL * best.evaluation.psi for m in elsewhere)
 
     def look_beside(self, scan: Scan, minimum: Minimum, information: NDArray[np.float64], into: LocalMap) -> Minimum | None:
-        """Returns a better match ahead of a match, behind it, or turned to either side; None if there is none.
+        """Returns a better match of a scan ahead of a match, behind it, or rotated to either side; None if none is found.
 
         Vehicles that keep pace with the sensor make a minimum of their own. Where all vehicles set off together, a match
         that begins at the prediction may end there, although psi is much lower a few decimetres ahead. Where the sensor
-        turns more suddenly than predicted, distant returns are matched to wrong neighbours.
+        rotates more suddenly than predicted, distant returns are matched to wrong neighbours.
 
         Args:
             scan: the scan.
@@ -171,7 +171,7 @@ class Matcher:
         ahead = np.arange(config.beta_s, config.beta_s_start, config.beta_s)
         turns = _BESIDE_TURN / _BESIDE_TURNS * np.arange(1, _BESIDE_TURNS + 1)
         beside = [here.moved_ahead(distance, turn_s) for distance in (*-ahead, *ahead)]
-        # how far the scan's start pose has turned depends on whether the turn began before the scan or within it
+        # how far the start pose has rotated depends on whether the rotation began before the scan or within it
         beside += [here.turned(share * angle, angle / turn_s) for angle in (*-turns, *turns) for share in (0.5, 1.0)]
         best = min(beside, key=lambda state: self.evaluate(scan, state, into).psi)
         other = self.minimise(scan, best, Prior(best.vector, information), into, _MATCHING_STEPS)
@@ -194,7 +194,7 @@ class Matcher:
         known[VY, VY] = correlation / SIGMA_VY**2
         known[AX, AX] = correlation / SIGMA_AX**2
         known[ALPHA, ALPHA] = correlation / self.settings.sigma_alpha**2
-        thin = 1.0 + 1.0 / max(len(into), 1)  # the map's points err like the scan's, but keyframes average their errors
+        thin = 1.0 + 1.0 / max(len(into), 1)  # the map's points err, too, but keyframes average their errors
         measured = estimate_covariance(evaluation, placed.points, self.estimator.cluster_m, known)
         return fuse(thin * measured, predicted.covariance, TOLERANCES)[POSE, POSE]
 
@@ -207,7 +207,7 @@ class Matcher:
             minimum: the match.
             prior_information: (8, 8) information of the prediction.
             weak: (K, 3) directions of the start pose that psi does not observe, along which only the prediction counts;
-                None if it observes all directions.
+                None if psi observes all directions.
         """
         evaluation = minimum.evaluation
         information = (evaluation.curvature + STABILISER * evaluation.information) / self.tuning.correlation
@@ -219,14 +219,14 @@ class Matcher:
         return Belief(State(minimum.state), invert(safe + prior_information, 1.0 / TOLERANCES))
 
     def _is_distinct(self, rise: NDArray[np.float64], placed: PointSet) -> bool:
-        """Returns whether shares (N,) of psi rise by more than chance, given the spread of their sums over objects."""
+        """Returns whether the points' shares of psi rise (N,) in sum by more than chance, given the rise of each object."""
         by_object = sum_by_object(rise[:, None], placed.points, self.matching.cluster_m)
         return bool(by_object.sum() > _DISTINCT_SIGMAS * np.sqrt(np.sum(by_object**2)))
 
     def _stands_out(self, scan: Scan, state: State, direction: NDArray[np.float64], into: LocalMap) -> bool:
         """Returns whether psi is lower at a match than at any shift of the scan along a direction (3,) of the start pose.
 
-        The shifts reach as far as the widest scale. Each difference of psi is compared with its own spread over objects.
+        The shifts reach as far as the widest scale. Each difference of psi is compared with its own spread among objects.
         """
         config = self.matching
         points = self._place_blindly(scan, state)
@@ -251,7 +251,7 @@ class Matcher:
         return evaluate(placed, into.references, scale, self.kernel)
 
     def _refine_peaks(self, scan: Scan, predicted: Belief, into: LocalMap) -> Sequence[Minimum]:
-        """Returns the minima of psi that are found from the peaks of a correlation around the prediction."""
+        """Returns the minima of psi that begin at the peaks of a correlation of scan and map around the prediction."""
         x, y, yaw = np.sqrt(np.diag(predicted.covariance))[:3]
         reach_m = float(np.clip(_SEARCH_SIGMAS * np.hypot(x, y), *_SEARCH_M))
         reach_rad = float(np.clip(_SEARCH_SIGMAS * yaw, *_SEARCH_RAD))

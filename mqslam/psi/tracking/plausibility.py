@@ -1,4 +1,4 @@
-"""Plausibility of scans and matches: which scans can be matched, which matches are right, how well predictions fit."""
+"""Judges scans and matches: which scans can be matched, which matches are plausible, and how much predictions err."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from mqslam.psi.tracking.local_map import Tuning
 # Fewest returns of a scan that is matched: five for each of the eight numbers of its state.
 FEWEST_RETURNS = 40
 # Least sector that the directions of a scan's returns span [rad]. A single direction shows one pattern of ranges and no
-# motion across it.
+# motion across that direction.
 _LEAST_SECTOR = 0.2
-# The track may be lost where a scan's matched share is below this part of the usual one.
+# The track may be lost where a scan's matched share is below this part of the usual matched share.
 _LOST_SHARE = 0.5
 # Fewest matched returns of a match. The eight numbers of the state could fit fewer of them by chance.
 _LEAST_MATCHED = 16
@@ -27,18 +27,18 @@ _LEAST_SHARE = 0.15
 _USUAL_MEMORY = 0.95
 # Number of scans of a new track that are measured again together, once they make a map.
 YOUNG_SCANS = 16
-# Number of past scans that show how well predictions foresee where returns lie.
+# Number of past scans whose prediction errors are kept.
 _PREDICTION_SCANS = 40
-# Share of those scans whose predictions erred by less than the error that is expected of the next prediction.
+# The error that is expected of the next prediction is this quantile of the kept errors.
 _PREDICTION_SHARE = 0.9
 
 
 @dataclass(frozen=True, slots=True)
 class Usual:
-    """How well scans usually match, as means that forget slowly.
+    """How well scans usually match: running means over the matches so far, in which old matches fade slowly.
 
     Args:
-        share: matched share.
+        share: matched share, the part of a scan's returns that have a neighbour in the map.
         psi: psi per return; infinite before the first match.
     """
 
@@ -54,11 +54,11 @@ class Usual:
         return Usual(kept * self.share + (1.0 - kept) * share, kept * self.psi + (1.0 - kept) * psi)
 
     def is_poor(self, share: float) -> bool:
-        """Returns whether a matched share is much poorer than the usual one."""
+        """Returns whether a matched share is much lower than the usual matched share."""
         return share < _LOST_SHARE * self.share
 
     def is_doubtful(self, minimum: Minimum, doubtful_psi: float) -> bool:
-        """Returns whether psi of a match is over `doubtful_psi` times the usual one: a better match may lie beside it."""
+        """Returns whether psi per return of a match is over `doubtful_psi` times the usual: a better match may exist."""
         return _measure_psi(minimum) > doubtful_psi * self.psi
 
 
@@ -79,14 +79,14 @@ class PredictionErrors:
         self._errors: list[float] = []
 
     def add(self, predicted: PointSet, matched: PointSet) -> None:
-        """Adds the error of a prediction, given a scan's points at the predicted state and at the match."""
+        """Adds a prediction's error: the root mean square distance between a scan's points as predicted and as matched."""
         moved = matched.points - predicted.points
         error = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
         self._errors = [*self._errors, error][-_PREDICTION_SCANS:]
 
     @property
     def is_young(self) -> bool:
-        """Whether too few predictions are known, because the track has just begun, or has gone on after a loss."""
+        """Whether too few errors are known, because the track has just begun or has just gone on after a loss."""
         return len(self._errors) < min(YOUNG_SCANS, _PREDICTION_SCANS)
 
     def forget(self) -> None:
@@ -115,7 +115,7 @@ def is_usable(scan: Scan) -> bool:
 
 
 def overlaps(minimum: Minimum) -> bool:
-    """Returns whether enough returns of a scan are matched for it to overlap the map at all."""
+    """Returns whether enough returns of a scan are matched to say that the scan overlaps the map at all."""
     matched = int(np.count_nonzero(minimum.evaluation.matched))
     return matched >= _LEAST_MATCHED and minimum.evaluation.overlap >= _LEAST_SHARE
 

@@ -24,24 +24,26 @@ SIZE = 8
 POSE, TWIST, ACCELERATION = slice(X, VX), slice(VX, AX), slice(AX, SIZE)
 MOTION = slice(VX, SIZE)  # twist and accelerations: the motion model's parameters
 TOLERANCES = np.array([1e-3, 1e-3, 2e-5, 5e-3, 5e-3, 1e-4, 2e-2, 1e-3])
-"""Steps of the state that end a search, and its units when matrices are inverted: numerical, far below any error."""
+"""Steps of the state that end a search, far below any error; also the state's units when matrices are inverted."""
 _FRAME = np.diag([1e-8, 1e-8, 1e-12])  # covariance of a pose that defines the frame: zero but for rounding
 
 # Slowest speed that the cold start tries [m/s]; negative is backwards. Vehicles hardly reverse faster.
 SPEED_MIN = -5.0
 # Fastest yaw rate that the cold start tries, to either side [rad/s].
 OMEGA_MAX = 1.0
-# A longer gap is a pause or a jump of the clock [s]. No motion is extrapolated across it: it could amount to kilometres.
+# A longer gap is a pause or a jump of the clock [s]. No motion is extrapolated across it: the error could be kilometres.
 LONGEST_COAST_S = 60.0
-# Longest time between two scans over which an acceleration is taken to last: in seconds, and in turns for slow radars.
+# Longest time between two scans over which an acceleration is assumed to last: in seconds, and, for slow radars, in
+# revolutions.
 _STEADY_S, _STEADY_TURNS = 0.75, 1.5
 
 _NOISE_PERIOD_S = 0.25  # process noise and persistence are stated per this time: a definition
-# Change of forward speed that acceleration does not explain [m/s], and of sideways speed [m/s].
+# Change of forward speed that acceleration does not explain [m/s], and change of sideways speed [m/s].
 _SIGMA_VX, SIGMA_VY = 0.6, 0.15
 # Change of forward acceleration [m/s^2].
 SIGMA_AX = 4.0
-# Change of yaw acceleration for the first scans of a track, and its standard deviation when nothing is known [rad/s^2].
+# Change of yaw acceleration for the first scans of a track, and standard deviation of yaw acceleration when nothing is
+# known of it [rad/s^2].
 START_ALPHA = 0.6
 # Process noise of the start pose's position [m], and of its yaw [rad].
 _SIGMA_POSITION_M, _SIGMA_YAW = 0.01, 0.0003
@@ -49,8 +51,8 @@ _SIGMA_POSITION_M, _SIGMA_YAW = 0.01, 0.0003
 _PERSISTENCE = 0.9
 
 _DEPENDENT = 1e-6  # singular values of unit vectors below this are rounding
-_HALF = 0.5**0.5  # root of one half: both poses of a motion between scans add to its variance, each with one half
-_WALKS = np.logspace(-3.0, 3.0, 13)  # a walk's step variance over the noise variance: from nearly all noise to nearly none
+_HALF = 0.5**0.5  # root of one half: each of the two poses that a motion lies between gets half the motion's variance
+_WALKS = np.logspace(-3.0, 3.0, 13)  # a walk's step variance over the noise variance: from mostly noise to hardly any noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +101,7 @@ class State:
         return State.of(pose, self.motion + np.eye(SIZE)[VX, MOTION] * distance / duration_s)
 
     def turned(self, angle: float, rate: float) -> State:
-        """Returns the state of a sensor that has turned by an angle [rad] more, and turns faster by a rate [rad/s]."""
+        """Returns the state of a sensor that has rotated by an angle [rad] more, and rotates faster by a rate [rad/s]."""
         return State(self.vector + angle * np.eye(SIZE)[YAW] + rate * np.eye(SIZE)[OMEGA])
 
 
@@ -131,7 +133,7 @@ class Belief:
         return Prior(self.mean.vector, self.information)
 
     def in_its_own_frame(self) -> Belief:
-        """Returns the belief in a frame that its pose defines: the pose is known, and independent of the motion."""
+        """Returns the belief in a frame that its pose defines: the pose is then known, and independent of the motion."""
         covariance = self.covariance.copy()
         covariance[POSE, :] = covariance[:, POSE] = 0.0
         covariance[POSE, POSE] = _FRAME
@@ -139,21 +141,21 @@ class Belief:
 
 
 ORIGIN = Belief(State(np.zeros(SIZE)), np.eye(SIZE))
-"""The belief at rest at the origin of the tracker's frame."""
+"""A belief whose mean is at rest at the origin of the tracker's frame; its covariance is the identity."""
 
 
 @dataclass(frozen=True, slots=True)
 class Blindness:
-    """The uncertainty of the motion along a direction that psi does not observe, for travel and for turning.
+    """The uncertainty of the motion along a direction that psi does not observe, for translation and for rotation.
 
     Along such a direction the predicted motion is kept. Its error grows with the process noise, up to the whole range
-    that the settings allow. The error is common to all scans of the stretch, so that the errors of their poses add up
-    linearly, not in square.
+    that the settings allow. The error is common to all successive scans without that direction, so that the errors of
+    their poses add up linearly, not in square.
 
     Args:
         speeds: (2,) standard deviations of the speed [m/s] and of the yaw rate [rad/s].
-        travelled: (2,) standard deviations of the travel and of the turn over the stretch so far [m, rad].
-        step: (2,) standard deviations of the last scan's part of them, if these parts are to add up in square [m, rad].
+        travelled: (2,) standard deviations of the distance and of the rotation over these scans so far [m, rad].
+        step: (2,) standard deviations of the last scan's part of `travelled`, whose squares add up over the scans [m, rad].
     """
 
     speeds: NDArray[np.float64]
@@ -171,7 +173,10 @@ class Blindness:
         return cls(_bound_speeds(settings), np.zeros(2), np.zeros(2))
 
     def forget(self, known: NDArray[np.bool_], settings: TrackerConfig) -> Blindness:
-        """Resets travel, turn, or both (2,) where other sensors gave the motion: psi then knows nothing of these speeds."""
+        """Returns the uncertainty after other sensors gave the speed, the yaw rate, or both: `known` (2,).
+
+        There the uncertainty begins anew, with the whole range of speeds, because psi did not measure them.
+        """
         speeds = np.where(known, _bound_speeds(settings), self.speeds)
         return Blindness(speeds, np.where(known, 0.0, self.travelled), np.where(known, 0.0, self.step))
 
@@ -184,7 +189,7 @@ class Blindness:
 
     @property
     def pose(self) -> NDArray[np.float64]:
-        """(3,) standard deviations of a scan's start pose [m, m, rad]: half the variance of its step, which has two ends."""
+        """(3,) standard deviations of a scan's start pose [m, m, rad]: half the variance of a step, which has two poses."""
         return np.asarray(self.step[[0, 0, 1]] * _HALF)
 
 
@@ -194,8 +199,8 @@ class LastMatch:
 
     Args:
         t0: start of the scan [s].
-        turn_s: its duration [s]; the radar may turn at another rate later.
-        belief: belief about its state.
+        turn_s: duration of the scan [s]; the radar may revolve at another rate later.
+        belief: belief about the scan's state.
         blind: uncertainty of the motion along directions that psi does not observe.
         twists: twists (3,) of the last scans whose motion psi observed.
     """
@@ -208,11 +213,11 @@ class LastMatch:
 
     @property
     def pose(self) -> se2.Array:
-        """(3,) its start pose."""
+        """(3,) start pose of the scan."""
         return self.belief.pose
 
     def is_before(self, scan: Scan) -> bool:
-        """Returns whether a scan follows so soon that the acceleration is taken to last."""
+        """Returns whether a scan follows this one so soon that the acceleration is assumed to last until then."""
         return scan.t0 - self.t0 <= limit_step(self.turn_s)
 
     def predict(self, scan: Scan, settings: TrackerConfig) -> Belief:
@@ -225,7 +230,7 @@ class LastMatch:
         return coast(belief, min(dt, LONGEST_COAST_S), self.turn_s, settings)
 
     def predict_steadily(self, scan: Scan, settings: TrackerConfig) -> State | None:
-        """Predicts the state of a later scan from the smoothed twist of the last scans; None if psi observed none.
+        """Predicts the state of a later scan from the smoothed twist of the last scans; returns None if `twists` is empty.
 
         The twist of a single match errs by a few tenths of a metre per second. That is little for the next scan, which is
         matched again, but too much where scans are not matched along a direction for some time.
@@ -259,20 +264,20 @@ def predict(belief: Belief, dt: float, settings: TrackerConfig) -> Belief:
     pose_noise = [_SIGMA_POSITION_M, _SIGMA_POSITION_M, _SIGMA_YAW]
     noise = np.square(np.r_[pose_noise, list_motion_noise(settings)]) * (abs(dt) / _NOISE_PERIOD_S)
     joint = transition @ belief.covariance @ transition.T + np.diag(noise)
-    velocity = np.array([*(_rotation(pose[2])[:2, :2] @ [vx, vy]), omega])  # with which a wrong stamp moves the pose
+    velocity = np.array([*(_rotation(pose[2])[:2, :2] @ [vx, vy]), omega])  # velocity by which a wrong stamp moves the pose
     joint[POSE, POSE] += 2.0 * (settings.stamp_sigma_s or 0.0) ** 2 * np.outer(velocity, velocity)
     return Belief(State.of(pose, motion), symmetric(joint))
 
 
 def coast(belief: Belief, dt: float, turn_s: float, settings: TrackerConfig) -> Belief:
-    """Predicts the state a long time later: the twist is kept, and its possible changes add up turn by turn.
+    """Predicts the state a long time later: the twist is kept, and its possible changes add up with each revolution.
 
-    Nobody brakes for long, so the acceleration is forgotten: it is as unknown at the end as at the start of a recording.
+    Nobody brakes for long, so the acceleration is forgotten: at the end it is as unknown as at the start of a recording.
 
     Args:
         belief: belief about the state at the start.
-        dt: how much later [s], more than a turn.
-        turn_s: duration of a turn [s], the step in which changes of the twist are added.
+        dt: how much later [s], more than a revolution of the radar.
+        turn_s: duration of a revolution of the radar [s], the step in which changes of the twist are added.
         settings: process noise.
     """
     steps = max(1, round(dt / turn_s))
@@ -291,7 +296,7 @@ def _forget_acceleration(belief: Belief, variances: NDArray[np.float64]) -> Beli
 
 
 def smooth_last(values: NDArray[np.float64], change: float) -> float:
-    """Estimates a changing value at the last of successive noisy measurements of it.
+    """Estimates a changing value at the time of the last of several noisy measurements.
 
     The value is modelled as a random walk that is measured with noise. The ratio of the two variances is not known, so
     Kalman filters for several ratios are averaged. Each is weighted by the likelihood of the measurements under it, and
@@ -340,7 +345,7 @@ def limit_step(turn_s: float) -> float:
 
 
 def hold_directions(prior: Prior, weak: NDArray[np.float64]) -> Prior:
-    """Makes a prior stiff along directions (K, 3) that psi does not observe: for pose, twist and acceleration."""
+    """Returns a prior, made stiff along directions (K, 3) that psi does not observe: for pose, twist and acceleration."""
     along = _follow_directions(weak, prior.mean[YAW]) / TOLERANCES
     return Prior(prior.mean, prior.information + along.T @ along)
 
@@ -350,7 +355,7 @@ def drop_directions(information: NDArray[np.float64], weak: NDArray[np.float64],
 
     Args:
         information: information of psi alone.
-        weak: the directions, for the start pose.
+        weak: directions of the start pose; twist and accelerations along them lose their information, too.
         yaw: yaw of the start pose [rad].
     """
     if not len(weak):
@@ -378,7 +383,7 @@ def _follow_directions(weak: NDArray[np.float64], yaw: float) -> NDArray[np.floa
 
 
 def list_motion_noise(settings: TrackerConfig) -> NDArray[np.float64]:
-    """Returns the standard deviations (5,) by which twist and accelerations change per scan."""
+    """Returns the standard deviations (5,) by which twist and accelerations change per noise period."""
     return np.array([_SIGMA_VX, SIGMA_VY, settings.sigma_omega, SIGMA_AX, settings.sigma_alpha])
 
 
@@ -389,6 +394,6 @@ def _bound_speeds(settings: TrackerConfig) -> NDArray[np.float64]:
 
 
 def _rotation(yaw: float) -> NDArray[np.float64]:
-    """Returns the matrix (3, 3) that carries a twist from a frame that is rotated by yaw [rad] to the frame that is not."""
+    """Returns the matrix (3, 3) that carries a twist from a frame rotated by yaw [rad] to the frame that is not rotated."""
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -21,7 +21,7 @@ from mqslam.psi.tracking.tracker import Tracked, Tracker
 
 # Number of lost scans in a row after which the map is given up and a new one is tried.
 _PATIENCE = 8
-# Fewest scans that are measured again: fewer make no map better than the first one.
+# Fewest scans that are measured again. Fewer scans make no better map than the map they were first matched to.
 _YOUNG_LEAST = 6
 
 
@@ -43,16 +43,16 @@ class Track:
         self._find_twist = find_twist
         self._tracked: dict[int, Tracked] = {}  # scans that are not handed on yet
         self._young: list[int] = []  # scans of a track that has only begun
-        self._matched = 0  # the last scan that was matched
+        self._matched = 0  # number of the last scan that was matched
         self._pose = np.zeros(3)  # the pose of that scan
         self._lost: list[int] = []  # scans since the last matched one
         self._patience = _PATIENCE  # number of lost scans at which a new map is tried
 
     def follow(self) -> Iterator[Tracked]:
-        """Yields the scans in their order, each as soon as it will not change any more.
+        """Yields the tracked scans in their order, each as soon as its result cannot change any more.
 
         Raises:
-            EstimationError: fewer than two scans.
+            EstimationError: there are fewer than two scans.
             FewReturnsError: no two scans in a row hold enough returns.
         """
         first = _find_start(self._scans)
@@ -61,7 +61,7 @@ class Track:
         handed_on = 0
         while k < len(self._scans):
             k = self._step(k)
-            settled = min([k, *self._young[:1], *self._lost[:1]])  # the scans before this one will not change any more
+            settled = min([k, *self._young[:1], *self._lost[:1]])  # earlier scans cannot change any more
             while handed_on in self._tracked and handed_on < settled:
                 yield self._tracked.pop(handed_on)
                 handed_on += 1
@@ -70,7 +70,7 @@ class Track:
             yield self._tracked.pop(n)
 
     def _start(self, first: int) -> None:
-        """Begins the track with the first scans that hold enough returns, and places those before them."""
+        """Begins the track with the first scans that hold enough returns, and predicts the poses of all earlier scans."""
         head = _take_head(self._scans, first)
         self._tracked[first] = self._tracker.start(head, odometry=_whole(self._find_twist(head[0].t0, head[-1].t1)))
         self._young, self._matched = [first], first
@@ -78,7 +78,7 @@ class Track:
             self._tracked[n] = self._tracker.look_back(self._scans[n])
 
     def _step(self, k: int) -> int:
-        """Tracks scan k, or begins again after a gap or a loss, and returns the next scan to track."""
+        """Tracks scan k, or begins again after a gap or a loss, and returns the number of the next scan to track."""
         scan = self._scans[k]
         if not self._lost and self._tracker.loses(scan):
             self._measure_again()
@@ -95,7 +95,7 @@ class Track:
         return self._begin_again(k) if len(self._lost) == self._patience else k + 1
 
     def _begin_again(self, k: int) -> int:
-        """Gives the map up if the last lost scans show a motion of their own; returns the next scan to track."""
+        """Gives the map up if the last lost scans show a motion of their own; returns the number of the next scan."""
         first = self._lost[-START_SCANS]
         before, self._lost = self._lost, []
         if self._resume(first):
@@ -126,7 +126,7 @@ class Track:
                 self._measure_again()
 
     def _measure_again(self) -> None:
-        """Measures a second time the scans of a track that has only begun, if there are enough of them."""
+        """Measures a second time the scans of a track that has only begun, if there are enough of these scans."""
         young, self._young = self._young, []
         if len(young) >= _YOUNG_LEAST:
             again = self._tracker.remeasure([self._scans[n] for n in young], [self._tracked[n] for n in young])
@@ -141,7 +141,7 @@ class Track:
         return self._tracker.score(scan, pose, now)
 
     def _twist_to(self, scan: Scan) -> se2.Array | None:
-        """Returns the mean twist since the last scan that was matched, as other sensors measure it."""
+        """Returns the mean twist (3,) from the last matched scan to a scan, as `find_twist` gives it."""
         return self._find_twist(self._scans[self._matched].t0, scan.t0)
 
 
@@ -170,7 +170,7 @@ def _find_start(scans: Sequence[Scan]) -> int:
 
 
 def _take_head(scans: Sequence[Scan], first: int) -> list[Scan]:
-    """Returns up to `START_SCANS` scans from `first` on that hold enough returns without a gap; at least scan `first`."""
+    """Returns scans from number `first` on: up to `START_SCANS` with enough returns and no gap, and at least the first."""
     head: list[Scan] = []
     for scan in scans[first : first + START_SCANS]:
         gap = bool(head) and scan.t0 - head[-1].t0 > limit_step(head[-1].t1 - head[-1].t0)

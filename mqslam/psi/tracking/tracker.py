@@ -1,8 +1,8 @@
 """Odometry by psi over a running map: each scan is matched to the last keyframes.
 
 The state of a scan (see `mqslam.psi.tracking.state`) is found by minimising psi plus a prior, the prediction from the
-scan before. The start pose must be free: if it were fixed at the end of the last scan, errors of successive scans would
-alternate.
+scan before. The start pose must be free: if it were fixed at the end of the last scan, the errors of successive scans
+would alternate in sign.
 
 After a gap or a loss a scan is predicted from both sides. The scans before the gap show the motion at its start, and the
 scans after the gap the motion at its end; between the two, the sensor moved as the process noise allows. Only a match
@@ -70,12 +70,12 @@ class Tracked:
         state: its start pose and motion.
         covariance: (3, 3) covariance of the start pose relative to the map, as psi's curvature shows it; zero without a
             match.
-        unseen: (3, 3) covariance to add to it, for directions that psi does not observe or because there is no match.
+        unseen: (3, 3) covariance to add to `covariance`, for directions that psi does not observe or for want of a match.
         evaluation: psi at the minimum.
-        status: how far it can be trusted.
-        begins_map: whether a new map begins with it.
+        status: how far the state can be trusted.
+        begins_map: whether a new map begins with this scan.
         arrival: (3, 3) covariance that a gap or a loss before the scan adds to its start pose; else None.
-        earlier: (3,) start pose as it was first measured, where it was measured again; else None.
+        earlier: (3,) start pose of the first measurement, where the scan was measured a second time; else None.
         psi_odometry: psi at the pose that odometry predicts; NaN without odometry.
     """
 
@@ -97,7 +97,7 @@ class Tracked:
 
     @property
     def is_found(self) -> bool:
-        """Whether the track goes on from it: it was matched, or a new map begins with it."""
+        """Whether the track goes on from this scan, because it was matched or a new map begins with it."""
         return self.status is not Status.LOST or self.begins_map
 
 
@@ -108,9 +108,9 @@ class Tracker:
         settings: settings of the tracker.
         estimator: settings of the score.
         beam: the sensor's errors.
-        revolution_s: duration of a turn [s].
-        keyframes: starts [s] of the scans that join the map; None takes scans that are far from the nearest keyframe in
-            time.
+        revolution_s: duration of a revolution of the radar [s].
+        keyframes: starts [s] of the scans that join the map; None takes scans that are far from the keyframe that is
+            nearest in time.
         tuning: how scans are matched to the map.
         is_reversed: whether the recording is played backward, so that speeds have the opposite sign.
     """
@@ -139,12 +139,12 @@ class Tracker:
         return self._map.times
 
     def start(self, scans: Sequence[Scan], begin: se2.Array | None = None, odometry: se2.Array | None = None) -> Tracked:
-        """Finds the motion of the first scans from psi alone and begins the map with the first of them.
+        """Finds the motion of the first scans by psi and begins the map with the first of these scans.
 
         Args:
             scans: the first scans: `START_SCANS` if there are as many, and two at least.
             begin: (3,) twist near the truth, or None for an exhaustive search.
-            odometry: (3,) odometry's twist, for directions in which psi alone does not observe the motion.
+            odometry: (3,) twist from odometry: a second start for the minimiser where psi does not observe every direction.
 
         Raises:
             FewReturnsError: a scan holds too few returns.
@@ -153,13 +153,13 @@ class Tracker:
             counts = ", ".join(str(len(scan.returns)) for scan in scans)
             raise FewReturnsError(f"the first scans hold {counts} returns, and {FEWEST_RETURNS} in each are needed")
         first = find_first_motion(scans, self._matcher, begin, odometry)
-        changed = np.diag(list_motion_noise(self._matcher.young) ** 2)  # the motion may have changed since
+        changed = np.diag(list_motion_noise(self._matcher.young) ** 2)  # the motion may change while these scans last
         if first.observed:
             self._last = replace(self._last, blind=Blindness.none())
         return self._begin_map(scans[0], replace_motion(ORIGIN, first.motion, changed + first.covariance), Status.CONVERGED)
 
     def look_back(self, scan: Scan) -> Tracked:
-        """Predicts the pose of a scan before the start that holds too few returns."""
+        """Predicts the pose of a scan that lies before the start of the track because it holds too few returns."""
         return self._pass_over(scan, predict(self._last.belief, scan.t0 - self._last.t0, self._settings))
 
     def loses(self, scan: Scan) -> bool:
@@ -174,8 +174,8 @@ class Tracker:
 
         Args:
             scan: the scan.
-            twist: (3,) mean twist since the last matched scan by other sensors, NaN where they do not measure it. It is
-                used where psi alone does not find or does not observe the motion.
+            twist: (3,) mean twist since the last matched scan according to other sensors, NaN where they do not measure it.
+                It is used where psi alone does not find or does not observe the motion.
         """
         matcher, last = self._matcher, self._last
         predicted = last.predict(scan, matcher.young if self._prediction_errors.is_young else self._settings)
@@ -200,7 +200,7 @@ class Tracker:
         return self._accept(scan, minimum, predicted, weak, blind)
 
     def resume(self, scans: Sequence[Scan], twist: se2.Array | None = None) -> Tracked:
-        """Matches the first scan after a gap or a loss; the motion is found from the scans after it.
+        """Matches the first scan after a gap or a loss; its motion is found from this scan and the scans after it.
 
         Without a sure match the track goes on from the prediction, with a new map.
 
@@ -235,8 +235,9 @@ class Tracker:
         """Measures the first scans of a track again, and makes the map anew from the scans at their new poses.
 
         The first scans were matched to a map of a few scans whose own motion was hardly known. The later half of the
-        scans is taken as it is; the earlier half is matched to it backward in time, the latest first. If a scan does not
-        match there, it and all earlier scans keep their first motions, and move along with the scan after them.
+        scans keeps its poses; the earlier half is matched to the later half backward in time, the latest scan first. If a
+        scan does not match there, it and all earlier scans keep their first motions, and move along with the scan after
+        them.
 
         Args:
             scans: scans of the track so far.
@@ -278,7 +279,7 @@ class Tracker:
         return self._matcher.evaluate(scan, State.at_constant_twist(pose, twist), self._map).psi
 
     def _move_by(self, twist: se2.Array | None, state: State, scan: Scan) -> State:
-        """Replaces the motion of a state since the last match by a twist (3,), in the components that are known."""
+        """Returns the state of a scan whose mean twist since the last match is `twist`, with `state` in place of any NaN."""
         if twist is None:
             return state
         dt = scan.t0 - self._last.t0
@@ -286,7 +287,7 @@ class Tracker:
         return State.at_constant_twist(se2.compose(self._last.pose, se2.exp(mean, dt)), mean)
 
     def _find_motion_after(self, scans: Sequence[Scan], predicted: Belief) -> FirstMotion | None:
-        """Finds the motion of the scans after a gap from themselves; returns None where they do not show it."""
+        """Finds the motion of the scans after a gap from these scans alone; returns None where they do not show it."""
         if len(scans) < 2 or not all(is_usable(scan) for scan in scans):
             return None
         for begin in (predicted.mean.twist, None):  # the exhaustive search costs much more
@@ -302,14 +303,14 @@ class Tracker:
         self._prediction_errors.forget()
         self._map = LocalMap(self._tuning, self._chosen)
         self._map.offer(scan.t0, known.pose, self._matcher.place(scan, known.mean))
-        middle_s = 0.5 * (scan.t1 - scan.t0)  # an error of its twist moves the scan's middle, and so the map
+        middle_s = 0.5 * (scan.t1 - scan.t0)  # an error of the twist moves the scan's midpoint, and the map with it
         covariance, skew = known.covariance[POSE, POSE], known.covariance[TWIST, TWIST] * middle_s**2
         return Tracked(scan.t0, known.mean, covariance, skew, _NOTHING, status, begins_map=True)
 
     def _accept(
         self, scan: Scan, minimum: Minimum, predicted: Belief, weak: NDArray[np.float64], blind: Blindness
     ) -> Tracked:
-        """Takes a match as the new state, and as a keyframe where the last one is far away."""
+        """Makes a match the new state, and offers its scan to the map as a keyframe."""
         belief = self._matcher.update_belief(minimum, predicted.information, weak)
         placed = self._matcher.place(scan, belief.mean)
         covariance = self._matcher.measure_covariance(minimum.evaluation, placed, predicted, self._map)

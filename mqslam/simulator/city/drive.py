@@ -1,4 +1,4 @@
-"""A drive through a city: a route of rounds, driven in the right lane, slower in corners, with stops at some crossings.
+"""A drive through a city: a route of rounds in the right-hand lane, slower in corners, with stops at some crossings.
 
 The numbers of this file define the simulated world: with other numbers the same seed would give other recordings.
 """
@@ -38,11 +38,11 @@ STOP_S = (2.0, 6.0)
 """Shortest and longest stop [s]."""
 
 UNDER_WAY_S = 10.0
-"""Time for which the vehicle has been on the route at the drive's time zero [s]."""
+"""Time for which the vehicle has already been on its route when the drive's time is zero [s]."""
 
 
 def make_city_drive(seed: int, duration_s: float) -> SampledDrive:
-    """Makes a drive through the city of the same seed, of a duration [s]."""
+    """Makes a drive that lasts `duration_s` [s] through the city of the same seed."""
     plan = lay_plan(seed)
     fastest = max(street.profile.speed for street in plan.driven_streets())
     points, speeds, crossings = _lay_path(plan, plan_route(seed, plan, fastest * (duration_s + 2.0 * UNDER_WAY_S)))
@@ -68,8 +68,8 @@ def _lay_path(plan: CityPlan, route: list[Course]) -> tuple[Array, Array, list[i
     """Makes the path along the lanes of a route, with rounded corners and bends.
 
     Returns:
-        Points (N, 2) [m], about `SPACING` apart; usual speeds (N,) [m/s] there; the index of the last point before each
-        crossing.
+        Points (N, 2) [m], about `SPACING` apart; the usual speed at each point (N,) [m/s]; the index of the last point
+        before each crossing.
     """
     corners = np.zeros(len(plan.crossings))
     for street in plan.driven_streets():
@@ -101,7 +101,7 @@ def _lay_path(plan: CityPlan, route: list[Course]) -> tuple[Array, Array, list[i
 
 
 def _round_corner(before: Array, after: Array) -> Array:
-    """Returns points (N, 2) on a rounded corner from the end of the piece `before` (2, 2) to the start of `after` (2, 2)."""
+    """Returns points (N, 2) on a rounded corner from the end of piece `before` (2, 2) to the start of piece `after`."""
     a, b = before[1], after[0]
     distance = float(np.hypot(*(b - a)))
     u, v = before[1] - before[0], after[1] - after[0]
@@ -112,7 +112,7 @@ def _round_corner(before: Array, after: Array) -> Array:
 
 
 def _wander(rng: np.random.Generator, points: Array) -> Array:
-    """Moves points (N, 2) of a path a little to its sides, since nobody drives in the middle of the lane."""
+    """Moves points (N, 2) of a path a little to its sides, since nobody drives exactly on the centre line of a lane."""
     sigma = WANDER_LENGTH / SPACING
     aside = gaussian_filter1d(rng.standard_normal(len(points)), sigma) * np.sqrt(2.0 * np.sqrt(np.pi) * sigma) * WANDER
     along = np.gradient(points, axis=0)
@@ -127,7 +127,10 @@ def _curvatures(line: CubicSpline, along: Array) -> Array:
 
 
 def _time_progress(along: Array, speeds: Array, waits: Array) -> tuple[Array, Array]:
-    """Returns times (M,) [s] and the distances (M,) [m] reached at these times, with constant acceleration in between."""
+    """Returns times (M,) [s] and the distances (M,) [m] reached at these times.
+
+    Speeds (N,) [m/s] and waits (N,) [s] are given at distances `along` (N,) [m]. In between, the acceleration is constant.
+    """
     steps = 2.0 * np.diff(along) / (speeds[1:] + speeds[:-1])
     arrived = np.r_[0.0, np.cumsum(steps + waits[:-1])]
     leaving = arrived + waits
@@ -135,7 +138,7 @@ def _time_progress(along: Array, speeds: Array, waits: Array) -> tuple[Array, Ar
 
 
 def _drive_along(line: CubicSpline, times: Array, reached: Array, duration_s: float) -> SampledDrive:
-    """Drives along a line (parameter: distance [m]) so that distances `reached` [m] are passed at given times [s]."""
+    """Makes a drive along a line (parameter: distance [m]) that passes the distances `reached` [m] at given times [s]."""
     ticks = np.asarray(np.arange(-200, round(duration_s / 0.02) + 250) * 0.02, dtype=np.float64)
     progress = gaussian_filter1d(np.interp(ticks + UNDER_WAY_S, times, reached), TIME_SMOOTHING / 0.02)
     kept = (ticks >= -1.0) & (ticks <= duration_s + 1.0)
@@ -147,17 +150,17 @@ def _drive_along(line: CubicSpline, times: Array, reached: Array, duration_s: fl
 
 
 OUTWARD = 300.0
-"""Length [m] of a round's way out, after which it turns back."""
+"""Length [m] of a round's way out, after which the round turns back."""
 LONGEST = 1300.0
 """Length [m] of the longest round; a round that would be longer turns back earlier."""
 AGAIN = 2.0
 """Factor by which a street that was driven before counts as longer, so that rounds prefer new streets."""
 LONGEST_BACK = 1100.0
-"""Largest length [m] of a round that is driven backwards, including the way to turn round after it."""
+"""Largest length [m] of a round that is driven backwards, including the way on which the vehicle turns round."""
 
 
 class Course(NamedTuple):
-    """A street driven in one direction: way 1 leads from its first end to its second, -1 the other way."""
+    """A street driven in one direction: way 1 leads from the street's first end to its second end, way -1 back."""
 
     street: Street
     way: int
@@ -174,15 +177,15 @@ class Course(NamedTuple):
 
     @property
     def line(self) -> Array:
-        """Middle (K, 2) [m] of the street, in the direction of the course."""
+        """Centre line (K, 2) [m] of the street, in the direction of the course."""
         return self.street.line[:: self.way]
 
 
 def plan_route(seed: int, plan: CityPlan, length: float) -> list[Course]:
     """Plans a route of rounds through several blocks each, without turning round in a street.
 
-    A round leads out to something new and back by other streets. Each round is driven twice. Of every other round, if it
-    is short, the second drive is backwards. Then the route goes on to the start of the next round.
+    A round leads out to something new and back by other streets. Each round is driven twice. For every other
+    round, if the round is short, the second drive is backwards. Then the route goes on to the start of the next round.
 
     Args:
         seed: seed of the route.
@@ -190,7 +193,7 @@ def plan_route(seed: int, plan: CityPlan, length: float) -> list[Course]:
         length: least length of the route [m].
     """
     rng = np.random.default_rng([seed, 8])
-    courses = [Course(street, way) for street in plan.driven_streets() for way in (1, -1)]  # k ^ 1 is the way back of k
+    courses = [Course(street, way) for street in plan.driven_streets() for way in (1, -1)]  # k ^ 1: the way back of k
     net = _Net(courses)
     park = {street.ends for block in plan.blocks if block.kind == "park" for street in block.fronts}
     wide = [k for k, course in enumerate(courses) if course.street.kind == "carriageway"]
@@ -212,13 +215,13 @@ def plan_route(seed: int, plan: CityPlan, length: float) -> list[Course]:
 
 
 def _make_round(net: _Net, base: int, goals: list[int], driven: NDArray[np.bool_]) -> list[int]:
-    """Returns the courses of a round that begins after the course `base` and ends with it.
+    """Returns the numbers of the courses of a round that begins after the course `base` and ends with this course.
 
     Args:
         net: the courses of the city.
-        base: where the round begins and ends.
-        goals: courses that are worth a visit; the nearest comes first.
-        driven: (C,) which courses lie in streets driven before.
+        base: number of the course after which the round begins.
+        goals: numbers of courses that are worth a visit; the round visits the nearest one first.
+        driven: (C,) whether each course lies in a street that was driven before.
     """
     way = [base]
     gone = 0.0
@@ -239,7 +242,7 @@ def _make_round(net: _Net, base: int, goals: list[int], driven: NDArray[np.bool_
 
 
 def _turn_round(net: _Net, here: int, tour: list[int]) -> list[int]:
-    """Returns the way after the course `here` to the nearest street of a round, and the whole round backwards."""
+    """Returns the way from the end of the course `here` to the nearest street of a round, then the whole round backwards."""
     tour = [k ^ 1 for k in tour[::-1]]
     way = net.find_way(here, tour, np.ones(len(net.lengths)))
     begin = tour.index(way[-1])
@@ -247,7 +250,10 @@ def _turn_round(net: _Net, here: int, tour: list[int]) -> list[int]:
 
 
 class _Net:
-    """All courses with their lengths [m]. A course may be followed by any that begins at its end, except by its way back."""
+    """All courses with their lengths [m].
+
+    A course can be followed by any course that begins at its end, except by its own way back.
+    """
 
     def __init__(self, courses: list[Course]) -> None:
         self.lengths = np.array([course.street.length for course in courses])
@@ -259,11 +265,14 @@ class _Net:
         ).T
 
     def are_driven(self, route: list[int]) -> NDArray[np.bool_]:
-        """Returns which courses lie in streets that a route uses in one direction or the other."""
+        """Returns for each course (C,) whether it lies in a street that a route uses, in either direction."""
         return np.isin(np.arange(len(self.lengths)) // 2, np.array(route) // 2)
 
     def find_way(self, here: int, goals: list[int], factors: NDArray[np.float64]) -> list[int]:
-        """Returns the shortest way to the nearest goal, as the courses after `here`; lengths are multiplied by `factors`."""
+        """Returns the shortest way to the nearest goal as numbers of courses, without the course `here` at which it begins.
+
+        The lengths of the courses are multiplied by `factors` (C,).
+        """
         costs = (self.lengths * factors)[self._after]
         size = len(self.lengths)
         costs, before = dijkstra(

@@ -1,4 +1,4 @@
-"""The plan of a city: a warped net of streets of several widths, the blocks between them, and its geometry.
+"""The plan of a city: a warped net of streets of several widths, the blocks between them, and functions for their geometry.
 
 The numbers of this file define the simulated world: with other numbers the same seed would give other recordings.
 """
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mqslam.simulator.scene import Array
 
 COLUMNS, ROWS = 12, 10
-"""Crossings of the net along x and along y; nobody drives to the outermost ones."""
+"""Numbers of crossings of the net along x and along y; no drive goes to the outermost crossings."""
 MEDIAN = 1.6
 """Half of the width of the strip between the two roadways of the dual carriageway [m]."""
 
@@ -23,11 +23,11 @@ BlockKind = Literal["closed", "open", "halls", "square", "park", "river"]
 
 
 class Profile(NamedTuple):
-    """The cross section of a street, the same to both sides of its middle."""
+    """The cross section of a street, the same on both sides of its centre line."""
 
     half: float  # half of the roadway's width [m]
     verge: float  # width of the strip between roadway and houses [m]
-    # distances of the lanes' middles from the street's middle [m]; a drive uses the last lane on the right side
+    # distances of the lanes' centre lines from the street's centre line [m]; a drive uses the last lane on the right
     lanes: tuple[float, ...]
     speed: float  # usual speed of a drive [m/s]
 
@@ -37,17 +37,22 @@ class Street:
     """A street from one crossing to the next."""
 
     ends: tuple[int, int]  # numbers of its two crossings
-    line: Array  # (K, 2) its middle [m], from the first end to the second
+    line: Array  # (K, 2) its centre line [m], from the first end to the second
     kind: StreetKind  # what it is; a footway has no vehicles
     profile: Profile  # its cross section
 
     @property
     def length(self) -> float:
-        """Length of the middle [m]."""
+        """Length of the centre line [m]."""
         return float(np.hypot(*np.diff(self.line, axis=0).T).sum())
 
     def places(self, along: Array, left: float) -> tuple[Array, Array]:
-        """Returns places (N, 2) [m] at distances `along` (N,) [m], `left` of the middle [m], and the headings (N,) [rad]."""
+        """Returns positions (N, 2) [m] beside the centre line, and the headings (N,) [rad] of the street there.
+
+        Args:
+            along: (N,) distances along the centre line [m].
+            left: distance to the left of the centre line [m].
+        """
         steps = np.diff(self.line, axis=0)
         lengths = np.hypot(*steps.T)
         begins = np.r_[0.0, np.cumsum(lengths)]
@@ -61,8 +66,8 @@ class Street:
 class Block:
     """The area that four streets enclose."""
 
-    kind: BlockKind  # what stands there
-    outline: Array  # (K, 2) the middles of the streets around it [m], counter-clockwise
+    kind: BlockKind  # what stands in it
+    outline: Array  # (K, 2) the centre lines of the streets around it [m], counter-clockwise
     insets: Array  # (K,) distance of the house line from each piece of the outline [m]
     fronts: tuple[Street, ...]  # (K,) the street along each piece of the outline
 
@@ -71,7 +76,7 @@ class Block:
 class CityPlan:
     """The streets and blocks of a city."""
 
-    crossings: Array  # (C, 2) places of the crossings [m]
+    crossings: Array  # (C, 2) positions of the crossings [m]
     streets: tuple[Street, ...]  # all streets
     blocks: tuple[Block, ...]  # all blocks
 
@@ -84,7 +89,7 @@ class CityPlan:
         return reach
 
     def driven_streets(self) -> tuple[Street, ...]:
-        """Returns the streets that a drive can use: those for vehicles, without the outermost ones."""
+        """Returns the streets that a drive can use: those for vehicles, without those at the edge of the net."""
         return tuple(s for s in self.streets if s.kind != "footway" and _is_inside(s.ends))
 
 
@@ -125,7 +130,7 @@ def _choose_sights(rng: np.random.Generator) -> _Sights:
 
 
 def _place_crossings(rng: np.random.Generator, carriageway: int) -> Array:
-    """Returns the crossings (C, 2) [m] of an uneven grid, moved at random and along long waves."""
+    """Returns the crossings (C, 2) [m] of an uneven grid, displaced at random and by long waves."""
     x, y = (np.r_[0.0, np.cumsum(rng.uniform(*span, n - 1))] for n, span in ((COLUMNS, (78, 165)), (ROWS, (66, 120))))
     grid = np.stack(np.meshgrid(x - x.mean(), y - y.mean()), axis=-1)
     moves = rng.uniform(-7.0, 7.0, grid.shape)
@@ -167,7 +172,7 @@ def _lay_streets(rng: np.random.Generator, crossings: Array, sights: _Sights) ->
 
 
 def _name_street(is_row: bool, column: int, row: int, sights: _Sights) -> StreetKind:
-    """Returns the kind of the street that begins at a crossing and runs along x (`is_row`), or else along y."""
+    """Returns the kind of the street that begins at a crossing and runs along x if `is_row` is true, else along y."""
     across, up = sights.park
     if is_row:
         if row == sights.carriageway:
@@ -193,7 +198,7 @@ def _draw_profile(rng: np.random.Generator) -> Profile:
 def _lay_street(
     rng: np.random.Generator, crossings: Array, ends: tuple[int, int], kind: StreetKind, profile: Profile
 ) -> Street:
-    """Lays one street, straight or with a bend in its middle."""
+    """Lays one street, straight or with a bend near its midpoint."""
     a, b = crossings[list(ends)]
     if kind == "footway":
         profile = Profile(1.0, rng.uniform(0.8, 2.5), (), 0.0)

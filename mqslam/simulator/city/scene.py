@@ -32,11 +32,11 @@ USUAL_TRAFFIC = 0.2
 def make_city_scene(seed: int, *, movers: int | None = None) -> Scene:
     """Makes a city of about 1.3 km by 0.9 km, with 12 km of streets that a drive can use.
 
-    Vehicles move on all lanes and do not give way: `give_way` removes those that a drive would run into.
+    Vehicles move on all lanes and do not give way: `give_way` removes the vehicles that a drive would meet.
 
     Args:
         seed: another seed gives another city.
-        movers: number of moving vehicles; None takes one for every 125 m of lane.
+        movers: number of moving vehicles; None means one vehicle for every 125 m of lane.
     """
     plan = lay_plan(seed)
     parts = SceneParts()
@@ -60,7 +60,7 @@ def give_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
 
 
 def _draw_traffic(rng: np.random.Generator, plan: CityPlan, number: int | None) -> Array:
-    """Puts vehicles (M, 9) on the lanes of a city, at most one in a slot."""
+    """Returns vehicles (M, 9), rows of `Scene.movers`, on the lanes of a city, at most one in each slot."""
     slots = [(lane, place) for lane in _lay_lanes(rng, plan) for place in np.arange(0.0, lane[3] - SLOT + 1.0, SLOT)]
     number = int(USUAL_TRAFFIC * len(slots)) if number is None else min(number, len(slots))
     movers = np.empty((number, 9))
@@ -103,7 +103,7 @@ Span = tuple[float, float]
 
 
 class _Style(NamedTuple):
-    """How a block is built up: setback, depth and length of its houses, probability and length of gaps between them [m]."""
+    """How a block is built up: spans [m] of setback, depth and length of its houses, and probability and span of gaps."""
 
     setback: Span
     depth: Span
@@ -133,7 +133,7 @@ def build_block(rng: np.random.Generator, block: Block, parts: SceneParts) -> No
 
 
 def add_low_wall(rng: np.random.Generator, start: Array, end: Array, reflectivity: Span, parts: SceneParts) -> None:
-    """Adds a railing, a fence or a barrier of pieces whose lengths and reflectivities vary, with a few posts."""
+    """Adds a railing, fence or barrier between two points (2,) [m]: pieces of random length and reflectivity, some posts."""
     length = float(np.hypot(*(end - start)))
     cuts = np.cumsum(np.r_[0.0, rng.uniform(2.0, 9.0, int(length / 2.0) + 1)])
     cuts = np.minimum(cuts[: np.searchsorted(cuts, length) + 1], length)
@@ -146,7 +146,7 @@ def add_low_wall(rng: np.random.Generator, start: Array, end: Array, reflectivit
 
 
 def add_trees(rng: np.random.Generator, places: Array, crown_chance: float, parts: SceneParts) -> None:
-    """Adds trees at places (N, 2) [m]: trunks, and crowns low enough for the radar on some of them."""
+    """Adds trees at positions (N, 2) [m]: trunks, and on some of them crowns that are low enough for the radar to see."""
     number = len(places)
     parts.add_poles(places, rng.uniform(0.1, 0.35, number), 1.3 * rng.lognormal(0.0, 0.5, number))
     low = places[rng.random(number) < crown_chance]
@@ -154,13 +154,13 @@ def add_trees(rng: np.random.Generator, places: Array, crown_chance: float, part
 
 
 def _add_plants(rng: np.random.Generator, places: Array, radius: Span, density: Span, parts: SceneParts) -> None:
-    """Adds plants at places (N, 2) [m]."""
+    """Adds plants at positions (N, 2) [m], with radii [m] and densities drawn from two spans."""
     number = len(places)
     parts.plants.append(np.c_[places, rng.uniform(*radius, number), rng.uniform(*density, number)])
 
 
 def _add_hedge(rng: np.random.Generator, start: Array, end: Array, parts: SceneParts) -> None:
-    """Adds a hedge, with gaps."""
+    """Adds a hedge with gaps between two points (2,) [m]."""
     length = float(np.hypot(*(end - start)))
     steps = rng.uniform(0.9, 1.6, int(length)) + np.where(rng.random(int(length)) < 0.06, 5.0, 0.0)
     along = np.cumsum(steps)
@@ -199,7 +199,7 @@ def _build_houses(rng: np.random.Generator, block: Block, house_line: Array, sty
 
 
 def _overlaps(shape: Array, others: list[Array]) -> bool:
-    """Returns whether a house (4, 2) reaches into one of the others."""
+    """Returns whether a rectangle with corners (4, 2) [m] reaches into one of the other rectangles."""
     boxes = np.array(others).reshape(-1, 4, 2)
     near = (boxes.min(axis=1) < shape.max(axis=0)) & (boxes.max(axis=1) > shape.min(axis=0))
     inner = 0.9 * shape + 0.1 * shape.mean(axis=0)
@@ -208,7 +208,7 @@ def _overlaps(shape: Array, others: list[Array]) -> bool:
 
 
 def _bound_plot(rng: np.random.Generator, start: Array, end: Array, parts: SceneParts) -> None:
-    """Adds a hedge, a fence or nothing along a side of an open block."""
+    """Adds a hedge, a fence or nothing along a side of a block, from `start` to `end` (2,) [m]."""
     chance = rng.random()
     if chance < 0.35:
         _add_hedge(rng, start, end, parts)
@@ -234,7 +234,7 @@ def _fill_court(rng: np.random.Generator, block: Block, house_line: Array, house
 
 
 def _add_where_free(box: Array, house_line: Array, taken: list[Array], parts: SceneParts) -> None:
-    """Adds a box of four walls (4, 6) if it lies within the house line and overlaps nothing in `taken`."""
+    """Adds a box of four walls (4, 6) if it lies within the house line and reaches into no box in `taken`."""
     corners = box[:, :2]
     if not _overlaps(corners, taken) and np.all(contains(house_line, corners)):
         taken.append(corners)
@@ -242,7 +242,7 @@ def _add_where_free(box: Array, house_line: Array, taken: list[Array], parts: Sc
 
 
 def _plant_park(rng: np.random.Generator, block: Block, house_line: Array, parts: SceneParts) -> None:
-    """Adds trees, shrubs, hedges and benches of a quarter of the park."""
+    """Adds trees, shrubs, hedges and benches to one of the park's four blocks."""
     for side, street in enumerate(block.fronts):
         if street.kind != "footway":
             start, end = house_line[side], house_line[(side + 1) % len(house_line)]
@@ -269,7 +269,7 @@ def _build_banks(rng: np.random.Generator, block: Block, house_line: Array, part
 
 
 def _furnish_square(rng: np.random.Generator, house_line: Array, parts: SceneParts) -> None:
-    """Adds a monument, kiosks, lamps and trees of an open square."""
+    """Adds a monument, kiosks, lamps and trees to an open square."""
     inside = offset_line(house_line, np.full(len(house_line), 3.0), closed=True)
     places = draw_inside(rng, inside, 7)
     for place in places:
@@ -326,13 +326,13 @@ def _furnish_side(
 
 
 def _add_lamps(rng: np.random.Generator, street: Street, along: Array, left: float, parts: SceneParts) -> None:
-    """Adds lamp posts at distances (N,) along a street, `left` of its middle [m]."""
+    """Adds lamp posts at distances (N,) [m] along a street, `left` [m] to the left of its centre line."""
     places, _ = street.places(along, left)
     parts.add_poles(places, rng.uniform(0.06, 0.1, len(places)), rng.lognormal(0.0, 0.4, len(places)))
 
 
 def _draw_places(rng: np.random.Generator, first: float, last: float, steps: tuple[float, float]) -> Array:
-    """Draws distances (N,) along a street [m] between `first` and `last`, at random steps [m]."""
+    """Draws distances (N,) along a street [m] between `first` and `last`, with random steps from a span [m]."""
     number = max(0, int((last - first) / steps[0])) + 1
     along = first + np.cumsum(rng.uniform(*steps, number)) - rng.uniform(0.0, steps[0])
     return np.asarray(along[along < last])

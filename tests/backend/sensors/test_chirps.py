@@ -78,8 +78,8 @@ def test_what_is_wrong_all_the_time_is_put_right(chirps: Chirps) -> None:
 @pytest.mark.parametrize(
     ("chirps", "why"),
     [
-        (Chirps(scale=2.0), "0.5 times as far as they say; the Doppler shift of its chirps may be another"),
-        (Chirps(scale=-1.0), "the Doppler shift of its chirps may be another"),
+        (Chirps(scale=2.0), "0.5 times as far as they say; the Doppler shift of its chirps may be wrong"),
+        (Chirps(scale=-1.0), "the Doppler shift of its chirps may be wrong"),
     ],
 )
 def test_velocities_that_contradict_the_map_are_refused_and_said(chirps: Chirps, why: str) -> None:

@@ -120,7 +120,7 @@ def test_a_gyroscope_that_is_mounted_upside_down_is_turned(tmp_path: Path) -> No
 def test_a_receiver_without_a_fix_gives_none(tmp_path: Path) -> None:
     recording = write(tmp_path / "drive.mcap", "mcap", ("/fix", FIX, fixes(status=-1)))
     assert recording.fixes is None and not recording.faults
-    assert "5 messages on /fix without a fix" in recording.notes
+    assert "5 messages on /fix without a fix: left out" in recording.notes
 
 
 def test_a_covariance_of_unknown_type_is_no_deviation(tmp_path: Path) -> None:
@@ -180,7 +180,7 @@ def test_damaged_transforms_cost_the_mount_only(tmp_path: Path) -> None:
 def test_fixes_whose_status_is_not_set_are_taken_if_they_have_a_place(tmp_path: Path) -> None:
     recording = write(tmp_path / "a.mcap", "mcap", ("/fix", FIX, fixes(status=-2)))
     assert recording.fixes is not None and len(recording.fixes.stamps_us) == 5
-    assert "5 messages on /fix whose status is not set (-2): those with a place are taken as fixes" in recording.notes
+    assert "5 messages on /fix whose status is not set (-2): those with a position are taken as fixes" in recording.notes
     assert not any("without a fix" in note for note in recording.notes)
     nowhere = write(tmp_path / "b.mcap", "mcap", ("/fix", FIX, fixes(status=-2, latitude=float("nan"))))
     assert nowhere.fixes is None and not nowhere.faults
