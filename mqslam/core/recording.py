@@ -58,7 +58,7 @@ class Recording(ABC):
         turns_us: (N,) int64 [us], duration of each revolution: the time until the next one begins, unless a gap follows.
         range_resolution: length of a range bin [m].
         range_offset: true range of an object at rest minus the range of the bin's centre [m].
-        is_resolution_assumed: whether the recording does not state the length of a bin, so that the layout's usual one is used.
+        is_resolution_assumed: whether the recording does not state its bins' length, so that the usual one is used.
         stamp_sigma_s: standard deviation of a polar scan's stamp [s] where stamps are arrival times corrected for their
             delays; 0 where stamps are exact.
         odometry: dead-reckoned poses that the recording contains, or None. They are poses of the vehicle's frame if the

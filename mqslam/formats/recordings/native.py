@@ -199,8 +199,8 @@ def write(path: Path, recording: Recording) -> list[str]:
     Members: `stamps_us`, `turns_us`, `range_resolution`, `range_offset`, `notes`; where the recording has them,
     `odometry_stamps_us` and `odometry_poses`, and the same for `ground_truth`; `gyroscope_stamps_us` and `gyroscope_rates`;
     `fixes_stamps_us`, `fixes_places` (latitude and longitude [degrees], standard deviation [m]) and `fixes_made_truth`;
-    `mount_pose`; and the sources `gyroscope_source`, `fixes_source` and `mount_source`. For polar scan k there are `times_k`,
-    `azimuths_k`, `power_k` and `valid_k` with k in six digits at least. Nothing is compressed.
+    `mount_pose`; and the sources `gyroscope_source`, `fixes_source` and `mount_source`. For polar scan k there are
+    `times_k`, `azimuths_k`, `power_k` and `valid_k` with k in six digits at least. Nothing is compressed.
     """
     with write_aside(path) as aside, zipfile.ZipFile(aside, "w", zipfile.ZIP_STORED) as archive:
         for name, array in _list_members(recording):
