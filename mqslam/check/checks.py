@@ -8,6 +8,7 @@ order in which they are stored: in the other order, motion compensation moves re
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -16,13 +17,26 @@ from numpy.typing import NDArray
 from scipy.stats import wilcoxon
 
 from mqslam.backend.sensors.odometry import LEAST_SPEED
-from mqslam.check.stretches import FEWEST_STEPS, FollowedStretches, Steps, Stretch, follow, read_stretches
+from mqslam.check.stretches import (
+    FEWEST_STEPS,
+    FollowedStretches,
+    Steps,
+    Stretch,
+    choose_spans,
+    follow,
+    read_stretches,
+    track_scans,
+)
 from mqslam.config import Config
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
+from mqslam.errors import EstimationError
+from mqslam.execution.local_engine import HERE
 from mqslam.formats.recordings.turns import find_usual_turns
 from mqslam.psi.place import Beam
+from mqslam.psi.ranging import FEWEST_STRETCHES, RangeErrors, measure_on_stretches
+from mqslam.psi.tracking.tracker import Tracker
 
 # Share of a revolution of the radar by which the durations of nine tenths of all revolutions may differ.
 _UNSTEADY = 0.1
@@ -65,6 +79,9 @@ _MIRRORED = 4.0
 _SHIFTS = 61
 # Relative difference between the radar's speed and odometry's that is suspicious.
 _WRONG_SCALE = 0.05
+
+_SPREAD = 12  # stretches of the recording that are read for the errors of the ranges
+_SURE = 3.0  # standard deviations by which the range offset has to differ from the one in use to be suspicious
 
 _LEAST_SLOPE = 1e-9  # numerical [rad/s^2]: keeps the error of a shift finite where the yaw rate does not change
 _LEAST_RATIO = 0.1  # at a lower ratio of the speeds they have little in common, and no length of the range bins would fit
@@ -156,7 +173,58 @@ def check_recording(
         else:
             text = f"no odometry: {unseen}" if odometry is None else followed.shortage
             findings.append(CheckFinding(name, CheckVerdict.UNTOLD, text))
-    return Check(tuple(findings), tuple(notes), sum(len(stretch.scans) for stretch in stretches), len(recording))
+    spread = read_spread(recording, settings, progress)
+    findings += check_ranges(recording, spread, settings, beam)
+    read = sum(len(stretch.scans) for stretch in (*stretches, *spread))
+    return Check(tuple(findings), tuple(notes), read, len(recording))
+
+
+def read_spread(recording: Recording, settings: Config, progress: Callable[[int, int], object]) -> list[Stretch]:
+    """Reads the stretches that show errors of the ranges; none if the recording has too few without gaps."""
+    if len(choose_spans(recording, None, _SPREAD)) < FEWEST_STRETCHES:
+        return []
+    return read_stretches(recording, None, settings.detector, progress, _SPREAD)
+
+
+def _measure_ranges(stretches: Sequence[Stretch], settings: Config, beam: Beam) -> RangeErrors | None:
+    """Tracks stretches by psi, and measures the errors of the ranges on them; None if too few show them."""
+    tracked = []
+    for stretch in stretches:
+        tracker = Tracker(settings.tracker, settings.estimator, beam, stretch.scans.revolution_s)
+        with suppress(EstimationError):
+            tracked.append((stretch.scans, np.array([scan.pose for scan in track_scans(stretch.scans, tracker)])))
+    return measure_on_stretches(tracked, settings.estimator, beam, HERE)
+
+
+def check_ranges(recording: Recording, stretches: Sequence[Stretch], settings: Config, beam: Beam) -> list[CheckFinding]:
+    """Checks whether psi shows another range offset than the one in use; returns nothing if too few stretches show it.
+
+    Args:
+        recording: the recording.
+        stretches: stretches of the recording, spread over it.
+        settings: all settings.
+        beam: the sensor's errors.
+    """
+    found = _measure_ranges(stretches, settings, beam)
+    if found is not None:  # tracks are better with the right Doppler shift, and show the offset better
+        found = _measure_ranges(stretches, settings, beam._replace(doppler_beta=found.beta)) or found
+    if found is None:
+        return []
+    sigma, sigma_beta = np.sqrt(np.diag(found.covariance)).tolist()
+    used = recording.range_offset
+    numbers = {
+        "range_offset_m": used + found.offset,
+        "sigma_m": sigma,
+        "doppler_beta": found.beta,
+        "doppler_sigma": sigma_beta,
+    }
+    shown = f"psi shows a range offset of {used + found.offset:.2f} ± {sigma:.2f} m where {used:.2f} m is used"
+    shift = f"a Doppler shift of {found.beta:.3f} ± {sigma_beta:.3f} s"
+    if abs(found.offset) <= _SURE * sigma:
+        return [CheckFinding("ranges", CheckVerdict.OK, f"{shown}, and {shift}", numbers)]
+    longer = f"lengths are off by about {abs(found.lengthening * found.offset):.1%}"
+    remedy = "state the offset that the radar's maker or calibration gives (sensor.range_offset_m)"
+    return [CheckFinding("ranges", CheckVerdict.SUSPICIOUS, f"{shown}, and {shift}: {longer}; {remedy}", numbers)]
 
 
 def check_stamps(recording: Recording, stretches: Sequence[Stretch]) -> CheckFinding:

@@ -82,6 +82,7 @@ def read_stretches(
     odometry: Trajectory | None,
     detector: DetectorConfig,
     progress: Callable[[int, int], object],
+    count: int = STRETCHES,
 ) -> list[Stretch]:
     """Reads the most telling stretches: where odometry's yaw rate changes most, or else spread over the recording.
 
@@ -90,8 +91,9 @@ def read_stretches(
         odometry: odometry on the same clock, or None.
         detector: settings of the detector.
         progress: called with (number of polar scans read, number of polar scans to read).
+        count: most stretches to read.
     """
-    spans = choose_spans(recording, odometry)
+    spans = choose_spans(recording, odometry, count)
     total = sum(end - begin for begin, end in spans)
     returns: dict[int, Returns] = {}
     turns: dict[int, Turn] = {}
@@ -117,7 +119,7 @@ def read_stretches(
     ]
 
 
-def choose_spans(recording: Recording, odometry: Trajectory | None) -> list[tuple[int, int]]:
+def choose_spans(recording: Recording, odometry: Trajectory | None, count: int = STRETCHES) -> list[tuple[int, int]]:
     """Chooses stretches that have no gaps and do not overlap; each is (its first polar scan, its last polar scan + 1).
 
     Where gaps leave no stretch of the usual size, all stretches are as long as the longest one without a gap.
@@ -129,14 +131,14 @@ def choose_spans(recording: Recording, odometry: Trajectory | None) -> list[tupl
     begins = np.arange(len(recording) - size + 1)
     begins = begins[gaps[begins] == gaps[begins + size - 1]]
     if odometry is None or size == 1:
-        even = np.linspace(0, len(begins) - 1, 2 * STRETCHES + 1)[1::2]
+        even = np.linspace(0, len(begins) - 1, 2 * count + 1)[1::2]
         order = begins[np.round(even).astype(np.int64)]
     else:
         yaw_rates = odometry.mean_twists(recording.stamps_us[:-1], recording.stamps_us[1:])[:, 2]
         order = begins[np.argsort([-np.std(yaw_rates[b : b + size - 1]) for b in begins], kind="stable")]
     chosen: list[int] = []
     for begin in order.tolist():
-        if len(chosen) < STRETCHES and all(abs(begin - other) >= size for other in chosen):
+        if len(chosen) < count and all(abs(begin - other) >= size for other in chosen):
             chosen.append(begin)
     return [(begin, begin + size) for begin in sorted(chosen)]
 

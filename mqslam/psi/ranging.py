@@ -30,14 +30,17 @@ from mqslam.psi.minimiser import Prior, Search, final_scale, kernel_of, minimise
 from mqslam.psi.place import Beam, PointSet, compute_beam_covariance
 from mqslam.psi.score import evaluate
 
-_STRETCHES, _SCANS = 24, 12  # most stretches, spread over the recording, and number of successive scans in each
+STRETCH_SCANS: Final = 12
+"""Number of successive scans of a stretch."""
+_STRETCHES: Final = 24  # most stretches, spread over the recording
 _KNOT_SCANS: Final = 4  # scans from one knot of the correction to the next
-_LEAST_PATH_M: Final = 15.0  # a stretch with a shorter path passes too little
-_FEWEST: Final = 5  # fewest stretches whose spread gives a covariance
+_LEAST_PATH_M: Final = 10.0  # a stretch with a shorter path passes too little
+FEWEST_STRETCHES: Final = 5
+"""Fewest stretches whose spread gives a covariance."""
 _USUAL: Final = np.array([0.3, 0.03])  # weak prior that keeps a step finite: larger offsets [m] and shifts [s] are unknown
 _TOLERANCES: Final = (2e-3, 2e-3, 1e-4), (2e-3, 5e-4)  # steps that end the search: of a knot [m, m, rad], of the errors
 _DIFFERENCE_STEP: Final = 4.0  # step of the differences that give the curvature, in units of the tolerances
-_FIRST_STEP: Final = 4  # step of the annealing that the search begins with: the trajectory is near the best already
+_FIRST_STEP: Final = 2  # step of the annealing that the search begins with: its width covers the errors of Navtech's radars
 _ROBUST: Final = 2.0  # stretches farther from the mean than this, in units of the usual distance, count for less
 _MEDIAN: Final = 1.386  # by definition: median of a chi-square with two degrees of freedom
 _DEPTH_M: Final = (
@@ -97,21 +100,36 @@ def measure_range_errors(
         The errors; None if fewer than five stretches show them.
     """
     begins = _choose_stretches(scans, poses)
-    cases = [(scans[b : b + _SCANS], poses[b : b + _SCANS]) for b in begins]
-    shown = [one for one in engine.map(_measure_stretch, (estimator, beam), cases) if one is not None]
-    return _combine(shown) if len(shown) >= _FEWEST else None
+    stretches = [(scans[b : b + STRETCH_SCANS], poses[b : b + STRETCH_SCANS]) for b in begins]
+    return measure_on_stretches(stretches, estimator, beam, engine)
+
+
+def measure_on_stretches(
+    stretches: Sequence[tuple[Scans, se2.Array]], estimator: EstimatorConfig, beam: Beam, engine: Engine
+) -> RangeErrors | None:
+    """Measures range offset and Doppler shift from stretches of scans, as `measure_range_errors` does.
+
+    Args:
+        stretches: successive scans, and the poses (K, 3) at their starts.
+        estimator: settings of the score.
+        beam: the sensor's errors.
+        engine: where the stretches are measured; the result does not depend on it.
+    """
+    moving = [case for case in stretches if se2.path_lengths(case[1])[-1] >= _LEAST_PATH_M]
+    shown = [one for one in engine.map(_measure_stretch, (estimator, beam), moving) if one is not None]
+    return _combine(shown) if len(shown) >= FEWEST_STRETCHES else None
 
 
 def _choose_stretches(scans: Scans, poses: se2.Array) -> list[int]:
     """Returns the first scans of stretches without gaps, of enough path, that do not overlap, spread over the recording."""
     travelled = np.r_[0.0, np.cumsum(se2.step_lengths(poses))]
     gapless = np.r_[0, np.cumsum(np.diff(scans.start_times) > 1.5 * scans.revolution_s)]
-    begins = np.arange(max(len(scans) - _SCANS + 1, 0))
-    last = begins + _SCANS - 1
+    begins = np.arange(max(len(scans) - STRETCH_SCANS + 1, 0))
+    last = begins + STRETCH_SCANS - 1
     begins = begins[(travelled[last] - travelled[begins] >= _LEAST_PATH_M) & (gapless[last] == gapless[begins])]
     chosen: list[int] = []
-    for b in begins[:: max(len(begins) // (_STRETCHES * _SCANS), 1)].tolist():
-        if not chosen or b >= chosen[-1] + _SCANS:
+    for b in begins[:: max(len(begins) // (_STRETCHES * STRETCH_SCANS), 1)].tolist():
+        if not chosen or b >= chosen[-1] + STRETCH_SCANS:
             chosen.append(b)
     return [chosen[k] for k in np.unique(np.linspace(0, len(chosen) - 1, _STRETCHES).round().astype(int))] if chosen else []
 

@@ -193,3 +193,19 @@ def test_one_polar_scan_is_enough_to_be_checked(tmp_path: Path) -> None:
     write_native(tmp_path / "drive.npz", replace(short, ground_truth=None))
     assert len(open_recording(tmp_path / "drive.npz")) == 1
     assert not suspicious(verdicts(tmp_path / "drive.npz"))
+
+
+@pytest.mark.slow
+def test_a_range_offset_is_named_and_once_it_is_stated_fits(tmp_path: Path) -> None:
+    motion, radar = make_loop_drive(22.0, speed=8.0), replace(SENSOR, range_offset=-0.5)
+    scene = clear_way(make_street_scene(1, movers=0), motion, 22.0)
+    write_native(tmp_path / "drive.npz", simulate_recording(scene, motion, duration_s=22.0, sensor=radar))
+    (tmp_path / "stated.yaml").write_text("sensor: {range_offset_m: -0.5}\n")
+    unstated, stated = (
+        verdicts(tmp_path / "drive.npz", *words)["ranges"] for words in ([], ["--config", tmp_path / "stated.yaml"])
+    )
+    assert unstated["verdict"] == "suspicious" and "sensor.range_offset_m" in unstated["text"]
+    assert stated["verdict"] == "ok" and "where -0.50 m is used" in stated["text"]
+    for finding in (unstated, stated):
+        assert finding["numbers"]["range_offset_m"] == pytest.approx(-0.5, abs=0.1)
+        assert abs(finding["numbers"]["doppler_beta"]) < 0.006
