@@ -66,8 +66,8 @@ class Surface:
 
         H is the Gauss-Newton Hessian of the residuals over x, y, yaw under Geman-McClure weights, s^2 their weighted mean
         square. When a wall is moved along itself, its points find neighbours as near as before. Residuals along a surface
-        therefore count only in proportion to its flatness (variance across over variance along); otherwise ICP would
-        claim to know the position along a corridor.
+        are therefore weighted by the ratio of the variance across the surface to the variance along it, which is 0 for a
+        flat wall; otherwise ICP would claim to know the position along a corridor.
 
         Args:
             scan: (N, 2) m, sensor frame at the pose.

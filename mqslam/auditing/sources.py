@@ -177,11 +177,11 @@ def divide_cloud(
         beam: the sensor's errors.
 
     Raises:
-        DataError: the cloud was measured all at once, or the trajectory does not cover it.
+        DataError: all points of the cloud have the same time, or the trajectory does not cover it.
     """
     stamps, of_stamp = np.unique(cloud.stamps_us, return_inverse=True)
     if len(stamps) < 2:
-        raise DataError(cloud.path, "was measured all at once", "give a cloud with the time of every scan or point")
+        raise DataError(cloud.path, "has the same time for all points", "give a cloud with the time of every scan or point")
     if len(stamps) * _FEW_STAMPS <= len(cloud):
         numbers, turns = of_stamp, of_stamp.astype(np.float64)
         revolution_s = float(np.median(np.diff(stamps))) * 1e-6

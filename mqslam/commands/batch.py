@@ -81,7 +81,7 @@ def _prepare_order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
     data = folder / run.data
     name = run.name if run.name is not None else data.name
     if not re.fullmatch(r"\w[\w. -]*", name):
-        raise ConfigError(f"name {name!r}: cannot be the name of a folder; give one of letters and digits")
+        raise ConfigError(f"name {name!r}: cannot be the name of a folder; choose a name of letters and digits")
     if name in taken:
         raise ConfigError(f"name {name}: is the name of another run too; give one of them another name")
     frontends.find_entry_point(run.frontend)

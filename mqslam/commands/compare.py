@@ -198,7 +198,7 @@ def _make_given_rows(
     rows, understood = [], []
     for name, given in trajectories.items():
         if not re.fullmatch(r"[\w.-]*\w", name):
-            raise ConfigError(f"trajectory '{name}': cannot be the name of a folder; give one of letters and digits")
+            raise ConfigError(f"trajectory '{name}': cannot be the name of a folder; choose a name of letters and digits")
         if name in frontends:
             raise ConfigError(f"trajectory '{name}': there is a row {name} already; choose another name")
         if isinstance(given, Trajectory):

@@ -160,7 +160,7 @@ def describe_offset(late_s: float) -> str:
 
 
 def find_offset(first_us: int, last_us: int, start_us: int, end_us: int) -> float | None:
-    """Finds the delay of `KNOWN_S` that explains why stamps lie outside the time of a recording.
+    """Finds which of the delays in `KNOWN_S` explains why stamps lie outside the time of a recording.
 
     Args:
         first_us: the first stamp [us].

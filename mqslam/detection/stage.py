@@ -1,4 +1,4 @@
-"""The first stage of a run: detects each polar scan's returns and the sensor's velocity, and then frees its power."""
+"""The first stage of a run: detects each polar scan's returns and the sensor's velocity, then drops the scan."""
 
 from __future__ import annotations
 

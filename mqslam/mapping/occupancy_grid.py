@@ -20,8 +20,9 @@ _BLOCK = 200_000  # points that are counted, and cells that are filled, at a tim
 def make_occupancy_grid(points: NDArray[np.float64], cell_m: float) -> OccupancyGrid:
     """Makes a grid of the points in which the cells with enough returns are occupied.
 
-    An occupied cell holds at least the geometric mean of one return, which may be a stray one, and the number of returns in
-    a well-seen cell. The threshold therefore follows the speed of the drive and the turn rate of the radar.
+    A cell is occupied if it holds at least sqrt(n) returns, where n is the number of returns in a well-seen cell: the
+    geometric mean of n and the single return that may be a stray one. The threshold therefore follows the speed of the
+    drive and the turn rate of the radar.
 
     Args:
         points: (N, 2) [m], world frame.

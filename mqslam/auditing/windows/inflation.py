@@ -115,7 +115,7 @@ class _Window:
         return evaluate(self.render(twist), None, scale, self.kernel)
 
     def minimise(self, share: float) -> Minimum:
-        """Finds the twist that makes the map its best, by an annealing that begins with a share of its full widths."""
+        """Finds the twist with the lowest psi; the widths of the annealing begin at a share of the usual ones."""
         start, free, tolerances = np.zeros(3), Prior(np.zeros(3), np.zeros((3, 3))), _STEP * self.units
         return minimise(start, self.render, None, free, self.estimator, self.kernel, tolerances, Search(share=share))
 

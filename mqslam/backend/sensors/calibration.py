@@ -1,4 +1,4 @@
-"""Calibrates a sensor besides the radar: finds its systematic errors and its noise from motions that psi found itself.
+"""Calibrates a sensor other than the radar: finds its systematic errors and its noise from motions that psi found itself.
 
 Systematic errors are the same in all motions. For the motion of odometry between two scans they are modelled as
 

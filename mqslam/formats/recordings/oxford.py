@@ -122,13 +122,13 @@ def _find_range_offset(root: Path) -> float:
             if not is_range_offset(value):
                 raise ValueError(value)
         except (OSError, ValueError, AttributeError, TypeError, RecursionError) as error:
-            raise DataError(file, "states a range_offset_m that no radar has", "repair or remove it") from error
+            raise DataError(file, "states a range_offset_m that no radar has", "correct or remove that entry") from error
         return value
     return 0.0
 
 
 def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]:
-    """Returns the length of a range bin [m], which is `given` if the user states it, with a note where it is assumed."""
+    """Returns the length of a range bin [m], `given` if the user states one, and a note if the length is assumed."""
     if given is not None:
         return given, []
     for file in _list_descriptions(root):

@@ -297,7 +297,7 @@ def _read_pixels(image: Any) -> NDArray[np.uint8]:
     data = np.asarray(image.data, dtype=np.uint8)
     check_size(height, width)
     if height < 1 or width < 1 or step < width or data.size != height * step:
-        raise ValueError(f"holds {data.size} bytes for {height} rows of {width} pixels")
+        raise ValueError(f"holds an image of {data.size} bytes, which are not {height} rows of {width} pixels")
     return data.reshape(height, step)[:, :width]
 
 

@@ -137,8 +137,8 @@ def open_rows(
         format: name of its layout.
         folder: folder of the images.
         names: (N,) names of the images, increasing.
-        choose_resolution: returns the length of a range bin [m] of a recording that begins at a stamp [us], with a note
-            where it is assumed.
+        choose_resolution: takes the stamp [us] at which a recording begins, and returns the length of its range bins [m]
+            and a note if this length is assumed.
         sensing: what the user states about the radar.
 
     Raises:

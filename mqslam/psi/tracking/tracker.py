@@ -92,7 +92,7 @@ class Tracked:
 
     @property
     def pose(self) -> se2.Array:
-        """(3,) start pose."""
+        """(3,) pose of the sensor at the start of the scan, in the map's frame."""
         return self.state.pose
 
     @property
