@@ -27,7 +27,7 @@ class Evaluation:
     Args:
         ate_rmse_m: position error [m], root mean square after the best rigid alignment, without scale.
         drift_percent: mean translation error [%] of KITTI's segments of 100 to 800 m; None on a path under 100 m.
-        drift_deg_per_100m: mean rotation error [deg / 100 m] of the same segments, or None.
+        drift_deg_per_100m: mean rotation error [deg / 100 m] of the same segments; None on a path under 100 m.
         rpe_v_rms: forward speed error [m/s] from stamp to stamp, root mean square.
         rpe_w_rms: yaw rate error [rad/s] from stamp to stamp, root mean square.
         rpe_v_bias: mean forward speed error [m/s], positive where the estimate is too fast.
@@ -44,7 +44,7 @@ class Evaluation:
 
 
 def list_errors(estimate: Trajectory, truth: Trajectory | None) -> dict[str, Any] | None:
-    """Returns the errors of an estimate against ground truth by name; None without ground truth or enough shared stamps."""
+    """Returns the errors of an estimate against ground truth by name; None without ground truth or 3 shared stamps."""
     errors = None if truth is None else evaluate(estimate, truth)
     return None if errors is None else asdict(errors)
 
@@ -57,7 +57,7 @@ def evaluate(estimate: Trajectory, truth: Trajectory) -> Evaluation | None:
         truth: ground truth.
 
     Returns:
-        the errors, or None where the two share fewer than 3 stamps.
+        the errors; None where fewer than 3 stamps of the truth lie in the estimate's span.
     """
     pair = pair_poses(estimate, truth)
     if pair is None:
@@ -104,7 +104,7 @@ def measure_drift_by_length(estimate: Trajectory, truth: Trajectory) -> DriftByL
         truth: ground truth.
 
     Returns:
-        the errors; None where the two share no path of 100 m.
+        the errors; None where the estimate covers no 100 m of the true path.
     """
     pair = pair_poses(estimate, truth)
     segments = None if pair is None else _measure_segments(*(track.poses for track in pair))
@@ -124,8 +124,8 @@ def trace_errors(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.fl
         truth: ground truth.
 
     Returns:
-        the length (M,) [m] of the true path up to each pose, and the position error (M,) [m] there; None where the two share
-        fewer than 3 stamps.
+        at the M stamps of the truth that lie in the estimate's span, the length (M,) [m] of the true path so far, and the
+        position error (M,) [m]; None where there are fewer than 3 such stamps.
     """
     pair = pair_poses(estimate, truth)
     if pair is None:
@@ -145,7 +145,8 @@ def measure_nees(measurements: Sequence[Measurement], truth: Trajectory, start_u
         start_us: stamp of the recording's start [us], which is time zero of the motions.
 
     Returns:
-        the mean over the motions within the truth's span; None if there are none, or if a covariance allows no error.
+        the mean over the motions within the truth's span; None if no motion lies in it, or a covariance is not positive
+        definite.
     """
     spans = start_us + np.round(np.array([(m.t0, m.t1) for m in measurements]).reshape(-1, 2) * 1e6).astype(np.int64)
     inside = [k for k, (begin, end) in enumerate(spans.tolist()) if truth.covers(begin, end, SLACK_US)]
@@ -161,7 +162,8 @@ def measure_nees(measurements: Sequence[Measurement], truth: Trajectory, start_u
 def pair_poses(estimate: Trajectory, truth: Trajectory) -> tuple[Trajectory, Trajectory] | None:
     """Returns the estimate and the truth, both at those stamps of the truth that lie in the estimate's span.
 
-    If two stamps almost coincide, the second is left out, since such a step shows no speed. None if fewer than 3 are left.
+    If two stamps almost coincide, the second is left out, since such a step shows no speed. Returns None if fewer than 3
+    stamps are left.
     """
     first, last = estimate.stamps_us[0] - SLACK_US, estimate.stamps_us[-1] + SLACK_US
     inside = np.flatnonzero((truth.stamps_us >= first) & (truth.stamps_us <= last))
@@ -179,13 +181,13 @@ def align_positions(estimate: Trajectory, truth: Trajectory) -> se2.Array | None
 
 
 def _measure_distances(estimated: se2.Array, true: se2.Array) -> NDArray[np.float64]:
-    """Returns the distances (M,) [m] of the positions of poses (M, 3) from the true ones after the best rigid alignment."""
+    """Returns the distances (M,) [m] between the positions of estimated and true poses (M, 3), after the best alignment."""
     placed = se2.transform(_fit_rigid_motion(estimated, true), estimated[:, :2])
     return np.asarray(np.hypot(*(placed - true[:, :2]).T))
 
 
 def _fit_rigid_motion(estimated: se2.Array, true: se2.Array) -> se2.Array:
-    """Returns the rigid motion (3,) of the estimate with the least sum of squared distances to the true positions."""
+    """Returns the rigid motion (3,) that moves the positions of estimated poses (M, 3) as near as possible to the true."""
     centre, target = estimated[:, :2].mean(axis=0), true[:, :2].mean(axis=0)
     a, b = estimated[:, :2] - centre, true[:, :2] - target
     yaw = np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b))
@@ -196,9 +198,9 @@ def _fit_rigid_motion(estimated: se2.Array, true: se2.Array) -> se2.Array:
 def _measure_segments(
     estimated: se2.Array, true: se2.Array
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
-    """Returns the lengths [m], translation errors [m/m] and rotation errors [rad/m] (N,) of KITTI's segments, or None.
+    """Returns the lengths (N,) [m], translation errors (N,) [m/m] and rotation errors (N,) [rad/m] of KITTI's segments.
 
-    It returns None if the path is shorter than every segment.
+    Returns None if the true path of the poses (M, 3) is shorter than every segment.
 
     Source: A. Geiger et al., "Are we ready for autonomous driving? The KITTI vision benchmark suite", 2012.
     """

@@ -1,4 +1,4 @@
-"""Opens files of unknown origin: checks their kind and bounds, and turns every failure into an error about the file."""
+"""Opens files of unknown origin: checks their kind and size, and turns every failure into an error that names the file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import Concatenate, ParamSpec, Protocol, TextIO, TypeVar
 from mqslam.errors import DataError, MqslamError, raise_interrupt
 
 _ALWAYS_BYTES = 16_000_000  # compressed data of any size may unpack to this many bytes
-_MOST_EXPANSION = 20  # and to this many times their own size on top: measurements hardly compress
+_MOST_EXPANSION = 20  # plus this many times their packed size: measurements hardly compress
 YAML_BYTES = 300_000  # largest YAML text, since parsing takes seconds and five hundred times as much memory
 _LONGEST_LINE = 1_000_000  # bytes; no table, log or listing has longer lines
 _UTF_16 = re.compile(rb"\xff\xfe[\x01-\x7f]\0|\xfe\xff\0[\x01-\x7f]")  # byte order mark, then an ASCII character
@@ -46,10 +46,10 @@ def bound_unpacked(packed_bytes: int) -> int:
 
 
 def check_file(path: Path) -> Path:
-    """Returns the path of a file if it may be opened; a missing file or a folder raises only when it is opened.
+    """Returns the path of a file if it may be opened. A missing file and a folder pass: opening them raises the error.
 
     Raises:
-        DataError: it is a pipe, a socket or a device, or a link out of the folder that is being read.
+        DataError: the path is a pipe, a socket or a device, or a link that leads out of the folder that is being read.
     """
     folder = _folder.get()
     if folder is not None and path.is_symlink():
@@ -67,19 +67,19 @@ def check_file(path: Path) -> Path:
 
 
 def check_link(path: Path, *inside: Path) -> None:
-    """Checks that a link leads to a place in one of the given folders.
+    """Checks that a link leads to a file or folder inside one of the given folders.
 
     Raises:
-        DataError: it leads out of them.
+        DataError: the link leads out of all these folders.
     """
     target = path.resolve()
     if not any(target.is_relative_to(folder) for folder in inside):
-        raise DataError(path, f"is a link out of the recording (to {target})", "copy the file in its place")
+        raise DataError(path, f"is a link out of the recording (to {target})", "replace the link by a copy of the file")
 
 
 @contextmanager
 def stay_within(folder: Path) -> Iterator[None]:
-    """Makes `check_file` refuse links that lead out of a folder, while the block lasts; links elsewhere are allowed."""
+    """Makes `check_file` refuse links in a folder that lead out of it, while the block lasts; other links are allowed."""
     before = _folder.set(folder.absolute())
     try:
         yield
@@ -91,8 +91,8 @@ def open_text(path: Path, encoding: str = "utf-8", errors: str | None = None) ->
     """Opens a text file whose lines are of bounded length; a byte order mark sets the encoding and is skipped.
 
     Raises:
-        DataError: it is not a regular file, or has a line that is too long.
-        OSError: it cannot be opened.
+        DataError: the path is not a regular file, or the file has a line that is too long.
+        OSError: the file cannot be opened.
     """
     _check_lines(check_file(path))
     with path.open("rb") as file:
@@ -104,7 +104,7 @@ def decode(content: bytes) -> str:
     """Decodes a text in UTF-8, or in the encoding that its byte order mark states.
 
     Raises:
-        UnicodeDecodeError: it is in another encoding.
+        UnicodeDecodeError: the text is in another encoding.
     """
     return content.decode(_read_mark(content) or "utf-8")
 
@@ -113,9 +113,9 @@ def read_text(path: Path, encoding: str = "utf-8") -> str:
     """Reads a text file whose lines are of bounded length.
 
     Raises:
-        DataError: it is not a regular file, or has a line that is too long.
-        OSError: it cannot be read.
-        UnicodeDecodeError: it is not in the encoding.
+        DataError: the path is not a regular file, or the file has a line that is too long.
+        OSError: the file cannot be read.
+        UnicodeDecodeError: the text is not in the encoding.
     """
     with open_text(path, encoding) as file:
         return file.read()
@@ -125,12 +125,12 @@ def read_document(path: Path, most_bytes: int = _ALWAYS_BYTES) -> str:
     """Reads a JSON or YAML file of bounded size; YAML needs the bound `YAML_BYTES`, since parsing takes much memory.
 
     Raises:
-        DataError: it is not a regular file, or is too large.
-        OSError: it cannot be read.
-        UnicodeDecodeError: it is not UTF-8.
+        DataError: the path is not a regular file, or the file is too large.
+        OSError: the file cannot be read.
+        UnicodeDecodeError: the text is not UTF-8.
     """
     if check_file(path).stat().st_size > most_bytes:
-        raise DataError(path, f"is larger than {most_bytes / 1e6:g} MB, which nothing of its kind is", "give another one")
+        raise DataError(path, f"is larger than {most_bytes / 1e6:g} MB, too large for its kind", "give another file")
     return decode(path.read_bytes())
 
 
@@ -158,9 +158,9 @@ def blame_file(path: Path) -> Iterator[None]:
 
 
 def reads_file(read: Callable[Concatenate[Path, P], T]) -> Callable[Concatenate[Path, P], T]:
-    """Decorates a function that reads the file or folder in its first argument: all its errors become errors about that.
+    """Decorates a function that reads the file or folder at a path, its first argument: all errors become errors about it.
 
-    If it is a folder, links that lead out of it are refused.
+    If the first argument is a folder, links in it that lead out of it are refused.
     """
 
     @wraps(read)
@@ -172,7 +172,7 @@ def reads_file(read: Callable[Concatenate[Path, P], T]) -> Callable[Concatenate[
 
 
 def reads_recording(read: Callable[Concatenate[R, P], Iterator[T]]) -> Callable[Concatenate[R, P], Iterator[T]]:
-    """Decorates a method that reads parts of a recording: all its errors become errors about that recording."""
+    """Decorates a method that yields parts of a recording: all its errors become errors about the recording."""
 
     @wraps(read)
     def read_and_blame(recording: R, /, *arguments: P.args, **named: P.kwargs) -> Iterator[T]:

@@ -1,4 +1,4 @@
-"""The checkpoint of a run: what it has computed so far is kept on disk, so that a run that dies can be resumed.
+"""The checkpoint of a run: the results so far are kept on disk, so that a run that dies can be resumed.
 
 A checkpoint keeps the returns of every stretch of polar scans, the measurements once all of them are made, the loops and
 the refinement. A stage that was cut short is done again from its start; everything is deterministic, so the result is the
@@ -98,10 +98,10 @@ class Checkpoint:
     Args:
         out: the run's result folder; the checkpoint lies in it while the run goes on.
         key: hash of what the run's result depends on.
-        resume: whether to use a checkpoint that is there.
+        resume: whether to use the checkpoint that an earlier run has left there.
 
     Raises:
-        OutputError: `resume` is given, but the folder belongs to another run.
+        OutputError: `resume` is set, but the checkpoint belongs to a run of other data or settings.
     """
 
     def __init__(self, out: Path, key: str, *, resume: bool) -> None:
@@ -127,11 +127,11 @@ class Checkpoint:
 
     @property
     def holds_anything(self) -> bool:
-        """Whether there is something to resume."""
+        """Whether the checkpoint holds any result, so that a run can be resumed."""
         return any(self._folder.glob("*.npz"))
 
     def find(self, kept: Kept[R]) -> R | None:
-        """Returns the kept result of a kind, or None if there is none or its file is damaged."""
+        """Returns the result of a kind; None if the checkpoint does not hold it, or its file is damaged."""
         try:
             with (
                 untrusted.check_file(self._folder / kept.file).open("rb") as file,
@@ -142,7 +142,7 @@ class Checkpoint:
             return None
 
     def keep(self, kept: Kept[R], result: R) -> None:
-        """Keeps the result of a kind.
+        """Writes the result of a kind to the checkpoint.
 
         Raises:
             OutputError: the file cannot be written.

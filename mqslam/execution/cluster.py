@@ -1,4 +1,4 @@
-"""An engine that works on a Dask cluster, whose tasks are calls of the stages' functions.
+"""An engine that calls the stages' functions as tasks on a Dask cluster.
 
 The workers read the recording themselves, so its path must be the same on all machines; only returns, points and
 measurements are sent.
@@ -34,7 +34,7 @@ R = TypeVar("R")
 _ANSWER_S = 10.0  # how long a scheduler and its first worker may take to answer
 _LOOK_S = 15.0  # time between two checks for workers; a cluster without workers at two checks in a row is lost
 _LOSSES = 3  # how many times in a row the shared data is sent again after all of its copies are lost
-_TASKS = 8  # number of tasks per worker that many items are grouped into
+_TASKS = 8  # number of tasks per worker into which items are grouped if there are many
 _SMALL = 10_000  # bytes; smaller data travels with each task and cannot be lost with a worker
 _LOGGERS = ("distributed", "distributed.client", "tornado")
 
@@ -43,15 +43,15 @@ _LOGGERS = ("distributed", "distributed.client", "tornado")
 def connect(address: str) -> Iterator[Engine]:
     """Connects to a cluster and yields its workers as an engine.
 
-    Workers on this machine are processes without a network port. Whoever can reach a scheduler of Dask can run programs
-    as the scheduler's owner, and all users of this machine could reach one that runs here.
+    Workers on this machine are processes without a network port, not workers of Dask. Whoever can reach a scheduler of
+    Dask can run programs as the scheduler's owner, and all users of this machine could reach a scheduler on it.
 
     Args:
         address: `tcp://host:port` of a scheduler, or `local:N` for N workers on this machine while the block lasts.
 
     Raises:
         ConfigError: the address has another form.
-        ClusterError: no scheduler answers there, or its machines have another version of mqslam.
+        ClusterError: no scheduler answers at the address, it has no workers, or a machine has another version of mqslam.
     """
     for name in _LOGGERS:  # Dask's own log is noise: what matters is raised as an error
         logging.getLogger(name).setLevel(logging.CRITICAL)
@@ -92,7 +92,7 @@ def _check_versions(client: Client, address: str) -> None:
 
 
 def _version() -> str:  # machines with another version of mqslam look this function up by its name
-    """Returns the version of mqslam on the machine that runs this."""
+    """Returns the version of mqslam on the machine that calls this function."""
     return __version__
 
 
@@ -162,7 +162,7 @@ class DaskEngine:
         items: Sequence[T],
         done: Callable[[int, R | None], None] = ignore_result,
     ) -> list[R | None]:
-        """Calls the function as `Engine.map_apart` does, as many at a time as there are workers."""
+        """Calls the function as `Engine.map_apart` does, with as many calls at a time as there are workers."""
         return self._collect(function, shared, items, done, may_die=True)
 
     def _collect(
@@ -174,7 +174,7 @@ class DaskEngine:
         *,
         may_die: bool,
     ) -> list[Any]:
-        """Returns the tasks' results; if the workers that held `shared` have died, the missing tasks are sent again.
+        """Calls the function for each item and returns the results; tasks are sent again if the workers with `shared` die.
 
         The result of a task that has killed its workers is None if `may_die` is set.
 
@@ -192,7 +192,7 @@ class DaskEngine:
                     except KilledWorker as error:
                         if not may_die:
                             remedy = "give each worker more memory"
-                            raise ClusterError(f"{self._address}: workers died of a task", remedy) from error
+                            raise ClusterError(f"{self._address}: a task killed its workers", remedy) from error
                         result = None
                     losses = 0
                     results.append(result)
@@ -260,7 +260,7 @@ class DaskEngine:
         return bool(self._client.status != "running")
 
     def _describe_loss(self, error: Exception | None) -> ClusterError:
-        """Makes the error of a lost cluster: no error, or a timeout, means no workers; any other means no connection."""
+        """Makes the error for a lost cluster: None and a timeout mean that no workers are left, others a lost connection."""
         unmanned = error is None or isinstance(error, TimeoutError)
         what = "has no workers left" if unmanned and not self._lost else "the connection to the scheduler is lost"
         return ClusterError(f"{self._address}: {what}")
@@ -275,7 +275,7 @@ def choose_group_size(items: int, workers: int) -> int:
 
 
 def _call_each(function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> tuple[list[R], Exception | None]:
-    """Returns function(shared, item) for each item up to the first that fails, and its error, or None."""
+    """Returns function(shared, item) for the items before the first that fails, and the error of that item, if one fails."""
     results: list[R] = []
     for item in items:
         result, error = _attempt(function, shared, item)
@@ -286,7 +286,7 @@ def _call_each(function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> 
 
 
 def _attempt(function: Callable[[S, T], R], shared: S, item: T) -> tuple[R | None, Exception | None]:
-    """Returns the function's result or its error, so that an error that a future raises is always one of the cluster."""
+    """Returns (result, None) or (None, error) of the call, so that any error that a future raises is one of the cluster."""
     try:
         return function(shared, item), None
     except Exception as error:

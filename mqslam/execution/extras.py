@@ -65,7 +65,7 @@ def _name_command(extra: str) -> str:
 
 
 def _read_source() -> dict[str, Any]:
-    """Reads from which source the installer took mqslam; empty if the installer has not recorded it."""
+    """Returns the content of `direct_url.json`, which states the source of mqslam; empty if the installer wrote none."""
     try:
         text = metadata.distribution("mqslam").read_text("direct_url.json")
         source = json.loads(text or "{}")

@@ -19,7 +19,7 @@ from mqslam.errors import OutputError, Remedy, show_lines
 
 @contextlib.contextmanager
 def blame_output(path: Path, done: str, remedy: Remedy) -> Iterator[None]:
-    """Turns an OSError of the block into an error about an output that cannot be `done`: made, or written.
+    """Turns an OSError of the block into an error that an output cannot be "made" or "written", as `done` words it.
 
     Raises:
         OutputError: the block raised an OSError.
@@ -67,14 +67,14 @@ def flush(path: Path) -> None:
 
 
 def _read_umask() -> int:
-    """Returns the user's umask; the system tells it only when it is set, so it is set and then restored."""
+    """Returns the user's umask; the system tells it only when another one is set, so this sets one and then restores it."""
     mask = os.umask(0o077)
     os.umask(mask)
     return mask
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a UTF-8 text file, whole or not at all, with escapes for characters that are not fit to be shown."""
+    """Writes a UTF-8 text file, whole or not at all, with escapes for control characters."""
     with write_aside(path) as aside:
         aside.write_text(show_lines(text), encoding="utf-8")
 
@@ -90,7 +90,7 @@ def to_json(content: Mapping[str, Any]) -> str:
 
 
 def to_json_values(value: Any) -> Any:
-    """Converts a value for JSON: NaN and infinity to None, NumPy's numbers to Python's, texts to ones fit to be shown."""
+    """Converts a value for JSON: NaN and infinity to None, NumPy's numbers to Python's, control characters to escapes."""
     if isinstance(value, Mapping):
         return {key: to_json_values(part) for key, part in value.items()}
     if isinstance(value, list | tuple):

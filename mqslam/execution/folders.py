@@ -1,7 +1,7 @@
 """Result folders: each is claimed first, written under a temporary name and then renamed, so it is whole or absent.
 
-While a command works, no other command writes the folder. Files that others put into it meanwhile are kept: mqslam only
-ever removes files with names that it writes itself.
+While a command works, no other command writes the folder. Files that other programs put into it meanwhile are kept:
+mqslam only ever removes files with names that it writes itself.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mqslam.errors import OutputError, Remedy
 from mqslam.execution.files import blame_output, flush
 from mqslam.execution.guards.locks import Lock, lock_output
 
-CHECKPOINT = "checkpoint"  # folder in the result of a run that is not finished
+CHECKPOINT = "checkpoint"  # name of the folder in an unfinished result folder
 _RESULTS = """
     summary.json audit.json compare.json batch.json config.yaml run.log report.html
     trajectory.tum trajectory_*.tum odometry.tum ground_truth.tum mended.tum trajectory_at_truth.tum trajectory.geojson
@@ -41,7 +41,7 @@ _UNFINISHED, _REPLACED = "unfinished", "replaced"  # suffixes of folders beside 
 
 
 class _Claim(NamedTuple):
-    """The claim of this process on a result folder: its lock, and the entries found in it that may be replaced."""
+    """The claim of this process on a result folder: its lock, and the entries in it that may be replaced."""
 
     lock: Lock
     replaceable: Sequence[PurePosixPath]
@@ -133,7 +133,7 @@ def _put(aside: Path, out: Path, claim: _Claim) -> None:
 
 
 def _give_back(out: Path, lock: Lock) -> None:
-    """Restores the folder that a killed command was about to replace."""
+    """Restores the result folder `out` if a killed command was about to replace it."""
     for left in _list_left(out, lock, _REPLACED):
         if not out.exists():
             left.rename(out)
@@ -143,14 +143,14 @@ def _give_back(out: Path, lock: Lock) -> None:
 
 
 def _list_left(out: Path, lock: Lock, word: str) -> list[Path]:
-    """Lists the folders beside `out` that killed commands have left and noted in its lock with a word."""
+    """Lists the folders beside `out` that killed commands have left behind and noted in its lock after the given word."""
     names = [note.partition(" ")[2] for note in lock.notes if note.startswith(f"{word} .{out.name}.{word}")]
     left = [out.with_name(name) for name in names if "/" not in name]
     return [folder for folder in left if folder.is_dir() and not folder.is_symlink()]
 
 
 def _name_beside(out: Path, word: str) -> Path:
-    """Returns a path beside a folder at which nothing exists."""
+    """Returns a path beside a folder at which no file exists yet; its name ends in the given word."""
     path, number = out.with_name(f".{out.name}.{word}"), 0
     while os.path.lexists(path):
         number += 1
@@ -162,7 +162,7 @@ def _check_place(out: Path, recording: Path | None) -> None:
     """Checks that a result folder can be made at its path.
 
     Raises:
-        OutputError: the folder cannot be made there, or it holds the recording or lies in it.
+        OutputError: the folder cannot be made there, holds the recording, or lies in the recording.
     """
     if out.name in ("", ".."):
         raise OutputError(f"{out}: is not the name of a new folder", Remedy.CHOOSE_OUTPUT)
@@ -177,7 +177,7 @@ def _check_free(out: Path, *, force: bool, resume: bool) -> None:
     """Checks that a result folder holds nothing that must stay.
 
     Raises:
-        OutputError: the folder holds such content, or is a file.
+        OutputError: the folder holds content that must stay, or is a file.
     """
     unfinished = (out / CHECKPOINT).is_dir()
     is_in_use = out.is_dir() and any(out.iterdir()) and not force and not (resume and unfinished)
@@ -232,7 +232,7 @@ def list_written(folder: Path, entries: Iterable[PurePosixPath]) -> list[PurePos
 
 
 def remove_entries(folder: Path, entries: Iterable[PurePosixPath]) -> None:
-    """Removes files below a folder where they exist, and the folders in between that are empty then."""
+    """Removes the given files below a folder, where they exist, and then the folders above them that are left empty."""
     for entry in entries:
         with contextlib.suppress(OSError):
             (folder / entry).unlink()
@@ -250,7 +250,7 @@ def remove_checkpoint(out: Path) -> None:
 
 
 def carry_over(folder: Path, out: Path) -> None:
-    """Moves all files below a folder to the same place in another folder; `.kept` is added to names that are taken."""
+    """Moves all files below a folder to the same place in another folder; `.kept` is added to names that exist there."""
     for entry in list_entries(folder):
         target = out / entry
         while os.path.lexists(target):
@@ -264,5 +264,5 @@ def carry_over(folder: Path, out: Path) -> None:
 
 
 def _matches(entry: PurePosixPath, name: str) -> bool:
-    """Returns whether an entry has a name, in which `*` stands for any part of the name of one file or folder."""
+    """Returns whether an entry matches a name in which `*` stands for any part of the name of one file or folder."""
     return len(entry.parts) == name.count("/") + 1 and entry.match(name)

@@ -20,7 +20,7 @@ Arrays = dict[str, NDArray[Any]]
 _VELOCITIES = {field.name: f"velocity_{field.name}" for field in fields(Velocities)}  # array names by field
 _STATUSES = tuple(Status)
 _DOPPLER = ("doppler_beta", "doppler_sigma")
-_COUNTS = ("tried", "ambiguous", "implausible", "unsure")  # counts of a search for loops
+_COUNTS = ("tried", "ambiguous", "implausible", "unsure")  # fields of a search for loops that are counts
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Kept(Generic[R]):
     """A kind of result that a checkpoint keeps.
 
     Args:
-        file: name of its file.
+        file: name of the file that holds the result.
         pack: converts the result to arrays by name.
         unpack: restores the result from these arrays; it raises KeyError if one is missing.
     """

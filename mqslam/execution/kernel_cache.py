@@ -1,4 +1,4 @@
-"""The choice where numba keeps compiled kernels: beside the code, else in the user's cache, else in a temporary folder.
+"""Chooses where numba keeps compiled kernels: beside the code, else in the user's cache, else in a temporary folder.
 
 Numba itself chooses one of the first two. If it can write to none of them, as in a read-only container, it would refuse
 to compile at all.
@@ -20,7 +20,7 @@ def choose_cache() -> None:
 
 
 def _list_user_caches() -> list[Path]:
-    """Returns the folder that numba takes for a user's cache; none for a user without a home folder, as in containers."""
+    """Lists the folder that numba uses as the user's cache; empty for a user without a home folder, as in containers."""
     named = os.environ.get("XDG_CACHE_HOME")
     if named:
         return [Path(named)]
@@ -31,7 +31,7 @@ def _list_user_caches() -> list[Path]:
 
 
 def _is_writable(folder: Path) -> bool:
-    """Returns whether files can be made in a folder, which may have to be made first."""
+    """Returns whether files can be made in a folder, which need not exist yet."""
     there = next((parent for parent in (folder, *folder.parents) if parent.exists()), None)
     return there is not None and os.access(there, os.W_OK)
 

@@ -39,7 +39,7 @@ _WORTH_PROCESSES = 5  # for fewer items, starting processes takes longer than it
 class LocalEngine:
     """The processes of this machine as an engine; they start when they are first needed, and end with the engine.
 
-    A child process must close its engine, or leave its `with` block, before it ends.
+    A child process that makes an engine must close it, or leave its `with` block, before the process ends.
 
     Args:
         jobs: number of processes that work at a time; 1 means this process itself.
@@ -74,7 +74,7 @@ class LocalEngine:
         items: Sequence[T],
         done: Callable[[int, R], None] = ignore_result,
     ) -> list[R]:
-        """Calls the function as `Engine.map` does; this process does a few items itself if no other runs yet."""
+        """Calls the function as `Engine.map` does; if no worker runs yet, this process does up to four items itself."""
         if self._jobs == 1 or (self._workers is None and len(items) < _WORTH_PROCESSES):
             return _collect((function(shared, item) for item in items), done)
         with self._close_on_error():
@@ -130,7 +130,7 @@ class LocalEngine:
                 raise
 
 
-HERE: Final = LocalEngine(1)  # does one item after the other, in this thread
+HERE: Final = LocalEngine(1)  # calls functions for one item after the other, in this thread
 
 
 def _collect(results: Iterable[R], done: Callable[[int, R], None]) -> list[R]:
@@ -154,7 +154,7 @@ def _call_apart(function: Callable[[S, T], R], shared: S, item: T) -> R | None:
 
 
 def _call_interruptibly(function: Callable[[S, T], R], shared: S, item: T) -> R:
-    """Returns function(shared, item); processes that the function starts end with this one."""
+    """Returns function(shared, item); if a signal stops this process, the processes that the function started end, too."""
     with raise_interrupts():
         return function(shared, item)
 
@@ -230,7 +230,7 @@ class WorkerProcesses:
         return self._write_bytes(pickle.dumps((paths, content))), arrays
 
     def _write_once(self, raw: memoryview) -> Path:
-        """Returns the file with the bytes of an array, which is written the first time only."""
+        """Returns the file with the bytes of an array; the file is written only the first time."""
         for key, (array, path) in list(self._written.items()):
             if array() is None:
                 del self._written[key]
@@ -261,10 +261,10 @@ _held: tuple[Path, Callable[[Any, Any], Any], Any, list[mmap.mmap]] | None = Non
 
 
 def _call(path: Path, item: Any) -> Any:
-    """Calls the function that a file holds for an item, in a process of `WorkerProcesses`."""
+    """Calls the function that a file holds with its shared argument and an item, in a process of `WorkerProcesses`."""
     global _held
     if _held is None or _held[0] != path:
-        _held = None  # the last call's memory is released before the next call takes some
+        _held = None  # the memory of the last call is released before this call needs more
         return_free_memory()
         paths, content = pickle.loads(path.read_bytes())
         maps = [_map_into_memory(array) for array in paths]
@@ -284,7 +284,7 @@ def _map_into_memory(path: Path) -> mmap.mmap:
 
 
 def end_with_parent(folder: Path | None = None) -> None:
-    """Ends this process when its parent ends, even if the parent is killed, and removes the parent's folder."""
+    """Ends this process when its parent ends, even if the parent is killed, and then removes `folder`, if given."""
     parent = parent_process()
 
     def end() -> None:

@@ -26,7 +26,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 Watch = Callable[[Scan, se2.Array, NDArray[np.float64]], None]  # a scan, its pose (3,) and points (N, 2) [m]
 
-_BATCH = 32  # results of a stage that are in memory at a time: no result depends on it
+_BATCH = 32  # results of a stage that are in memory at a time; no result depends on this number
 
 _log = logging.getLogger(__name__)
 
@@ -35,7 +35,7 @@ class Runner:
     """Services for the stages of one run: timing, progress, kept results and tolerated failures.
 
     Args:
-        engine: where work is done; no result depends on it.
+        engine: calls the functions of the stages; no result depends on the choice of the engine.
         progress: called with a stage, the number of steps done and their total, as stages go on.
         checkpoint: keeps and finds the results of stages; None keeps nothing.
         watch: called with every scan once its motion is measured, with its pose and its points in the first scan's frame.
@@ -63,7 +63,7 @@ class Runner:
 
     @contextmanager
     def time_stage(self, stage: str) -> Iterator[None]:
-        """Adds the time that the block takes to the runtime of a stage, unless the block raises, and frees its memory."""
+        """Adds the time that the block takes to the runtime of a stage and frees unused memory, unless the block raises."""
         begin = time.perf_counter()
         yield
         spent = time.perf_counter() - begin

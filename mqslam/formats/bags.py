@@ -78,7 +78,7 @@ _LATEST_US = 2**31 * 1_000_000  # ROS 2 counts seconds in 31 bits [us]
 
 
 def explain_packed(path: Path) -> DataError | None:
-    """Returns the error for a file that is compressed as a whole, such as a .zst of a ROS 2 bag, or None for any other."""
+    """Returns the error for a file that is compressed as a whole, such as a .zst of a ROS 2 bag, or None for other files."""
     packed = _PACKED.fullmatch(path.name.lower())
     if packed is None or not path.is_file():
         return None
@@ -97,13 +97,13 @@ def recognises(path: Path) -> bool:
 
 @contextlib.contextmanager
 def open_bag(path: Path) -> Iterator[AnyReader]:
-    """Opens a bag.
+    """Opens a bag and yields its reader.
 
     Args:
         path: a ROS 1 `.bag`, a ROS 2 folder, `.db3` or `.mcap`.
 
     Raises:
-        DataError: it is no readable bag.
+        DataError: the path is no readable bag.
     """
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -145,7 +145,7 @@ def deserialise(reader: AnyReader, connection: Connection, raw: bytes) -> Any:
     """Deserialises a message.
 
     Raises:
-        ValueError: its bytes do not fit its type.
+        ValueError: the message's bytes do not fit its type.
     """
     try:
         return reader.deserialize(raw, connection.msgtype)
@@ -154,7 +154,7 @@ def deserialise(reader: AnyReader, connection: Connection, raw: bytes) -> Any:
 
 
 def list_topics(reader: AnyReader) -> str:
-    """Lists the bag's topics with their types, twelve at most, for an error."""
+    """Returns a text for errors that lists the bag's topics with their types, twelve at most."""
     return ", ".join(f"{c.topic} [{c.msgtype}]" for c in reader.connections[:12]) or "none"
 
 
@@ -166,7 +166,7 @@ def require_topic(path: Path, topic: str, there: Iterable[Connection], what: str
         topic: name of the topic.
         there: the connections to choose from.
         what: name of what is read from the topic, for the error.
-        kind: name of the kind of messages that hold it, for the error.
+        kind: name of the kind of messages that hold what is read, for the error.
 
     Raises:
         DataError: none of the connections has that topic; the error lists their topics, twelve at most.
@@ -214,7 +214,7 @@ class Clock:
         """Notes for the user about messages without stamps: one line per topic."""
         return [
             f"{'the' if count == self.read[topic] else f'{count} of {self.read[topic]}'} messages on {topic} "
-            "have no stamps in their headers: they are taken at the times at which they were recorded"
+            "have no stamps in their headers: the times at which they were recorded are used instead"
             for topic, count in self.unstamped.items()
         ]
 
@@ -226,7 +226,7 @@ class PoseLog:
     Args:
         clock: reads the stamps of messages.
         rows: stamp [us], x, y [m] and yaw [rad] by topic.
-        frames: by topic, the frame whose poses they are; "" where the messages do not name it.
+        frames: by topic, the name of the frame whose poses it holds; "" where the messages do not name the frame.
     """
 
     clock: Clock = field(default_factory=Clock)
@@ -253,7 +253,7 @@ class PoseLog:
         return Trajectory(np.array([row[0] for row in kept], dtype=np.int64), np.array([row[1:] for row in kept]))
 
     def note_left_out(self, topic: str | None) -> list[str]:
-        """Returns a note on the poses of a topic that `trajectory` leaves out: one line, or none."""
+        """Returns a list with a note on the poses of a topic that `trajectory` leaves out; empty if it leaves none out."""
         rows = self.rows.get(topic or "", [])
         if rows and self.trajectory(topic) is None:
             return [f"{topic} is left out: it holds no two poses at different times"]
@@ -268,8 +268,8 @@ def _pose_of(pose: Any, stamp_us: int) -> PoseRow:
 
 
 def describe_left_out(count: int, which: str) -> list[str]:
-    """Returns a note that `count` invalid poses or transforms, named by `which`, are left out: one line, or none."""
-    return [f"{which} {is_or_are(count)} left out: a quaternion of zeros, or no finite number"] if count else []
+    """Returns a list with a note that `count` invalid poses or transforms, worded by `which`, are left out; empty for 0."""
+    return [f"{which} {is_or_are(count)} left out: a quaternion of zeros, or numbers that are not finite"] if count else []
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,7 +287,7 @@ class Bag:
     is_ros1: bool
 
     def topic(self, name: str, message_type: str, *, latched: bool = False) -> Connection:
-        """Adds a topic; if it is latched, subscribers that come late still get its last message."""
+        """Adds a topic and returns its connection; late subscribers of a latched topic still get its last message."""
         kept: dict[str, Any] = {"latching": 1} if self.is_ros1 else {"offered_qos_profiles": [_make_latched_qos()]}
         connection: Connection = self.writer.add_connection(
             name, message_type, typestore=self.store, **(kept if latched else {})
@@ -304,7 +304,7 @@ class Bag:
         return self.store.types[message_type](*fields)
 
     def header(self, stamp_us: int, frame: str) -> Any:
-        """Makes the header of a message in a frame.
+        """Makes the header of a message from its stamp [us] and its frame.
 
         Raises:
             OutputError: the stamp lies before 1970 or after 2038, which ROS cannot hold.
@@ -345,7 +345,7 @@ def write_bag(out: Path, kind: str) -> Iterator[Bag]:
         OutputError: the bag cannot be written.
     """
     if kind == "rosbag2" and set("?#%") & set(str(out)):
-        raise OutputError(f"{out}: sqlite takes ?, # and % in a path for something else; choose another output")
+        raise OutputError(f"{out}: sqlite gives ?, # and % in a path a special meaning; choose another output")
     try:
         if KINDS[kind]:
             with write_aside(out) as aside, tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
@@ -378,7 +378,7 @@ def _start_bag(path: Path, kind: str) -> Iterator[Bag]:
     for message_type, definition in _DEFINITIONS.items():
         if message_type not in store.types:
             store.register(get_types_from_msg(definition, message_type))
-    # some distributions that are still in use do not know version 9 of the metadata
+    # some ROS 2 distributions that are still in use do not know version 9 of the metadata
     plugin = StoragePlugin.SQLITE3 if kind == "rosbag2" else StoragePlugin.MCAP
     with Writer1(path) if is_ros1 else Writer2(path, version=8, storage_plugin=plugin) as writer:
         yield Bag(writer, store, is_ros1)

@@ -28,7 +28,7 @@ _WANTED = "a cloud needs x, y and one of time, t, timestamp, stamp or gps_time f
 _COARSEST_S = 0.05  # coarser times cannot tell one sweep of a sensor from the next: such files are refused
 _NOTED_S = 1e-3  # finer time steps than this do not matter for a map and get no note
 _YEAR_US = 365.25 * 86400e6
-_LONGEST_US = 10 * _YEAR_US  # longer times are damaged, and would make an audit judge a huge number of windows
+_LONGEST_US = 10 * _YEAR_US  # longer spans of time are damaged, and would make an audit judge a huge number of windows
 _MOST_NUMBERS = 10_000  # limit on the numbers per point that a header may claim
 Columns = Mapping[str, Any]
 _RECORD_BYTES, _COMPRESSED = 54, 0x80  # of LAS: size of a variable-length record's header, flag of compressed points
@@ -45,8 +45,8 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
     the comment also states the stamp from which times are counted.
 
     Args:
-        path: a `.ply`, `.pcd`, `.las`, `.laz` or `.npz` with fields x, y and a time. An `.npz` holds arrays x, y and t, or
-            points (N, 2) or (N, 3) and t, times or stamps.
+        path: a `.ply`, `.pcd`, `.las`, `.laz` or `.npz` with fields x, y and a time. An `.npz` holds arrays x, y and t;
+            or points (N, 2) or (N, 3), and t, times or stamps.
         z_range: lowest and highest z [m] to keep; None keeps every point, whatever its z.
 
     Raises:
@@ -67,7 +67,7 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
     if clock is None:
         return cloud
     if clock.start_us + int(cloud.stamps_us[-1]) > LATEST_US:
-        raise DataError(path, "states a start beyond any clock", "write the file again")
+        raise DataError(path, "states that its times count from a stamp beyond any clock", "write the file again")
     notes = [f"they are counted from {clock.start_us} us, as the file states"] if clock.start_us else []
     return replace(cloud, stamps_us=cloud.stamps_us + clock.start_us, notes=(*cloud.notes, *notes), scan_us=clock.scan_us)
 
@@ -105,7 +105,7 @@ def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | Non
         raise DataError(path, f"{name} {error}", _WANTED) from error
     begin, end = np.quantile(stamps, [0.05, 0.95])
     if end - begin > _LONGEST_US:
-        raise DataError(path, f"{name} runs over {(end - begin) / _YEAR_US:.0f} years", "write the file again")
+        raise DataError(path, f"{name} spans {(end - begin) / _YEAR_US:.0f} years, too many", "write the file again")
     order = np.argsort(stamps, kind="stable")
     points = np.column_stack([x[whole], y[whole]]).astype(np.float64)
     notes.append(f"times are {name} in {unit}")
@@ -116,7 +116,7 @@ def _join(seconds: NDArray[Any], parts: NDArray[Any]) -> NDArray[Any]:
     """Joins whole seconds (N,) and their nanoseconds (N,) to times in nanoseconds."""
     if seconds.shape != parts.shape or not all(np.issubdtype(values.dtype, np.integer) for values in (seconds, parts)):
         return np.round(seconds.astype(np.float64) * 1e9)
-    if np.abs(parts).max(initial=0) >= 10**9:  # they are complete times already
+    if np.abs(parts).max(initial=0) >= 10**9:  # the parts are complete times already
         return parts
     return np.asarray(seconds.astype(np.int64) * 10**9 + parts.astype(np.int64))
 
@@ -164,7 +164,7 @@ def _load_pcd(path: Path) -> Columns:
         if (
             min(header.count, default=1) < 1 or sum(header.count) > _MOST_NUMBERS
         ):  # pypcd4 would make a list of all that the header claims
-            raise DataError(path, f"states {sum(header.count)} numbers per point", "write the file again")
+            raise DataError(path, f"cannot have {sum(header.count)} numbers per point", "write the file again")
         claimed = header.points * header.build_dtype().itemsize
         if claimed > untrusted.bound_unpacked(path.stat().st_size):
             raise DataError(
@@ -208,7 +208,7 @@ def _load_npz(path: Path) -> Columns:
         if "points" in others:
             points = npz.read_array(archive, "points")
             if points.ndim != 2 or points.shape[1] not in (2, 3):
-                raise DataError(path, f"points are {points.shape}", "give points (N, 2) or (N, 3)")
+                raise DataError(path, f"has points of shape {points.shape}", "give points (N, 2) or (N, 3)")
             columns.update(zip("xyz", points.T, strict=False))
     return {**columns, **others}
 
@@ -224,7 +224,7 @@ _LOADERS: dict[str, Callable[[Path], Columns]] = {
 
 @contextmanager
 def unpack(path: Path) -> Iterator[Path]:
-    """Yields the path of an uncompressed LAS file: the given one, or an unpacked copy of a LAZ, which is deleted in the end.
+    """Yields the path of an uncompressed LAS file: the given one, or an unpacked copy of a LAZ, which is deleted afterwards.
 
     Raises:
         DataError: the file cannot be unpacked.
@@ -253,7 +253,7 @@ def write_unpacked(words: list[str]) -> bytes:
     """Unpacks the LAZ file at the first path into a LAS file at the second; `call_apart` calls it in another process."""
     import laspy
 
-    backend = laspy.LazBackend.Lazrs  # the parallel one aborts on damaged chunks
+    backend = laspy.LazBackend.Lazrs  # the parallel backend aborts on damaged chunks
     with laspy.open(words[0], laz_backend=backend, read_evlrs=False) as file:
         count, cloud = file.header.point_count, file.read()
     if len(cloud.points) != count:
@@ -272,7 +272,7 @@ def _read_covariances(path: Path) -> tuple[bool, int]:
 
 
 def _is_plausible(path: Path) -> bool:
-    """Returns whether a file can hold the records and chunks that it claims: laspy and lazrs allocate memory for all."""
+    """Returns whether a file can hold the records and chunks that it claims: laspy and lazrs allocate memory for them."""
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(107).ljust(107, b"\0")
@@ -297,7 +297,7 @@ def _is_plausible(path: Path) -> bool:
 
 
 def _are_plausible_items(block: bytes, records: int, point_bytes: int) -> bool:
-    """Returns whether a LAZ file's records list the items of a packed point, with sizes that add up: else lazrs panics."""
+    """Returns whether a LAZ file's records list items of a packed point whose sizes add up to its own; else lazrs panics."""
     at = 0
     for _ in range(records):
         user, number, length = struct.unpack_from("<2x16sHH", block.ljust(at + _RECORD_BYTES, b"\0"), at)

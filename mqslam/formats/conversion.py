@@ -22,11 +22,11 @@ _LEFT = "is left behind: mqslam does not write it in this layout"
 
 
 def find_target(out: Path, name: str | None = None, message: Message = "image") -> Target:
-    """Finds the layout that a path is to be written in.
+    """Finds the layout in which a file or folder is to be written.
 
     Args:
         out: the file or folder.
-        name: name of the layout; None takes the layout of the path's suffix, and Oxford's for a folder.
+        name: name of the layout; None chooses the layout with the path's suffix, or Oxford's if it has no suffix.
         message: type of the messages in which a bag holds polar scans.
 
     Raises:
@@ -44,7 +44,7 @@ def find_target(out: Path, name: str | None = None, message: Message = "image") 
         raise ConfigError(f"layout '{name}': is unknown; {suggest(name, names)}")
     target = ways.get(message, ways["image"])
     if target.suffix and out.suffix != target.suffix:
-        raise ConfigError(f"{out}: {name} is a file that ends in {target.suffix}; name it so, or name another layout")
+        raise ConfigError(f"{out}: {name} is a file that ends in {target.suffix}; rename it, or name another layout")
     return target
 
 
@@ -83,7 +83,7 @@ def write_recording(recording: Recording, out: Path, target: Target, progress: C
         recording: the recording.
         out: the file or folder, which is replaced if it exists.
         target: the layout.
-        progress: called with (polar scans written, polar scans in all).
+        progress: called with (number of polar scans written, number of all polar scans).
 
     Returns:
         Notes for the user: which parts the layout does not hold, and how to read the result.
@@ -110,7 +110,7 @@ def _drop_single(track: Trajectory | None) -> Trajectory | None:
 
 
 def _list_losses(recording: Recording, target: Target, unmarked: int) -> list[str]:
-    """Returns notes on the parts of a recording that a layout does not hold, and on how to read the rest.
+    """Returns notes on the parts of a recording that a layout does not hold, and on how to read the result.
 
     Args:
         recording: the recording.
@@ -129,7 +129,7 @@ def _list_losses(recording: Recording, target: Target, unmarked: int) -> list[st
         if sensor is not None and not target.sensors:
             notes.append(f"{name} {_LEFT}")
     if unmarked:
-        notes.append(f"{count_of(unmarked, 'azimuth')} marked as not measured: the layout has no place for that mark")
+        notes.append(f"{count_of(unmarked, 'azimuth')} marked as not measured: the layout cannot hold this mark")
     assumed = target.assumed_resolution(recording) if target.assumed_resolution else None
     if assumed is not None and recording.range_resolution != assumed:
         remedy = f"{Remedy.READ_WITH_RANGE_RESOLUTION} {recording.range_resolution:.9g}"

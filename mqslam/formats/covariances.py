@@ -34,7 +34,7 @@ class StampedCovariances:
 
 
 def write_covariances(path: Path, given: StampedCovariances) -> None:
-    """Writes a row per pose: its stamp [us] and the terms of its covariance [m^2, m rad, rad^2]."""
+    """Writes a row per pose: its stamp [us] and the six terms of its covariance [m^2, m rad, rad^2]."""
     lines = [",".join(_COLUMNS)]
     for stamp, covariance in zip(given.stamps_us.tolist(), given.covariances, strict=True):
         lines.append(",".join([str(stamp), *(f"{term:.12g}" for term in covariance[np.triu_indices(3)])]))
@@ -57,7 +57,7 @@ def read_covariances(path: Path) -> StampedCovariances:
         raise DataError(path, "holds no covariances", _REMEDY)
     for (_, (before, _)), (number, (stamp, _)) in itertools.pairwise(rows.items()):
         if stamp <= before:
-            raise DataError(path, f"the stamp of line {number} is not later than the one before", _REMEDY)
+            raise DataError(path, f"the stamp of line {number} is not later than the stamp before", _REMEDY)
     stamps, covariances = zip(*rows.values(), strict=True)
     return StampedCovariances(np.array(stamps, dtype=np.int64), np.array(covariances))
 
@@ -77,7 +77,7 @@ def _parse_row(path: Path, number: int, line: str) -> tuple[int, NDArray[np.floa
     if not np.all(covariance.diagonal() > 0.0):
         raise DataError(path, f"line {number} has a variance that is not positive", _REMEDY)
     if not _is_covariance(covariance):
-        raise DataError(path, f"the terms of line {number} are not those of a covariance", _REMEDY)
+        raise DataError(path, f"the terms of line {number} do not form a covariance", _REMEDY)
     return stamp, covariance
 
 

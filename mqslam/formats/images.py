@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mqslam.core.wording import is_or_are
 from mqslam.errors import DataError, untrusted
 
-_MOST_PIXELS, _LONGEST_SIDE = 16_000_000, 65_535  # largest polar scan: larger ones are damaged, or made to fill the memory
+_MOST_PIXELS, _LONGEST_SIDE = 16_000_000, 65_535  # largest polar scan: larger images are damaged, or made to fill the memory
 _MOST_EXPANSION = 1032  # deflate packs at most this many pixels into a byte: a file with more is cut short
 CONVERT_IMAGES = "convert the images to 8-bit grey (mono8)"
 _Read = TypeVar("_Read")
@@ -82,7 +82,7 @@ def check_size(height: int, width: int) -> None:
 
 
 def list_stamps(folder: Path) -> NDArray[np.int64]:
-    """Lists the stamps t (N,) of the images `<t>.png` in a folder, in increasing order; other files do not count."""
+    """Lists the stamps t (N,) of the images `<t>.png` in a folder, in increasing order; other files are ignored."""
     names = (name for name in list_numbers(folder) if len(name) <= 19 and str(int(name)) == name)
     return np.array(sorted(stamp for stamp in map(int, names) if stamp < 2**63), dtype=np.int64)
 
@@ -110,10 +110,11 @@ def read_first(names: Sequence[int], read: Callable[[int], _Read], place: str) -
     Args:
         names: names of the images, in the order in which they are tried.
         read: reads the image of a name, or raises a DataError.
-        place: place of the first name in the recording, for the fault: "first" or "last".
+        place: where the first name lies in the recording, as the fault words it: "first" or "last".
 
     Returns:
-        The image, the number of images before it that could not be read, and a fault for the user if there are any.
+        The image, the number of images before it that could not be read, and a list with a fault for the user if there
+        are such images.
 
     Raises:
         DataError: half of the images could not be read.
@@ -137,7 +138,7 @@ def read_first(names: Sequence[int], read: Callable[[int], _Read], place: str) -
 
 
 def write_png(path: Path, image: NDArray[np.uint8]) -> None:
-    """Writes an 8-bit grey PNG, with the least compression: it is many times as fast, and files are hardly larger."""
+    """Writes an 8-bit grey PNG, with the least compression, which is many times as fast and makes hardly larger files."""
     from PIL import Image
 
     Image.fromarray(image).save(path, compress_level=1)

@@ -19,7 +19,7 @@ _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.r
 
 @contextmanager
 def open_npz(path: Path, remedy: str) -> Iterator[zipfile.ZipFile]:
-    """Opens an archive; its arrays are not read yet.
+    """Opens and yields an archive; its arrays are not read yet.
 
     Args:
         path: the file.
@@ -37,7 +37,7 @@ def open_npz(path: Path, remedy: str) -> Iterator[zipfile.ZipFile]:
     with archive:
         unpacked = sum(member.file_size for member in archive.infolist())
         if unpacked > untrusted.bound_unpacked(path.stat().st_size):
-            raise DataError(path, f"would unpack to {unpacked / 1e6:.0f} MB", remedy)
+            raise DataError(path, f"would unpack to {unpacked / 1e6:.0f} MB, too much for its size", remedy)
         yield archive
 
 

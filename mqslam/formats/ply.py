@@ -36,7 +36,7 @@ class MapClock:
 def write_ply(path: Path, pointmap: PointMap, clock: MapClock | None = None) -> None:
     """Writes a binary little-endian PLY with the vertex properties x, y, z, intensity, time and psi; z is 0.
 
-    Open3D's tensor reader (`open3d.t.io.read_point_cloud`) keeps all of them; time is a double, the rest are floats.
+    Open3D's tensor reader (`open3d.t.io.read_point_cloud`) keeps all properties; time is a double, the others are floats.
 
     Args:
         path: the file.
@@ -86,7 +86,7 @@ def read_clock(path: Path) -> MapClock | None:
 
 @untrusted.reads_file
 def read_ply(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
-    """Reads vertex properties (N,) of a run's PLY by name.
+    """Reads vertex properties, each (N,), of a run's PLY, and returns them by name.
 
     Raises:
         DataError: the file cannot be read, or lacks one of the properties.

@@ -17,26 +17,26 @@ _FARTHEST = 1e9  # no coordinate of any frame on the Earth is larger [m]
 
 
 def yaw_of_quaternion(qx: float, qy: float, qz: float, qw: float) -> float:
-    """Returns the yaw [rad] of a quaternion of any length, or NaN for a quaternion of zeros, which is no rotation."""
+    """Returns the yaw [rad] of a quaternion of any norm, or NaN for a quaternion of zeros, which is no rotation."""
     if not any((qx, qy, qz, qw)):
         return float("nan")
     return float(np.arctan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz))
 
 
 def read_yaw(path: Path, place: str, quaternion: Sequence[float]) -> float:
-    """Returns the yaw [rad] of a file's quaternion x, y, z, w of any length; `place` names its place in errors.
+    """Returns the yaw [rad] of a file's quaternion x, y, z, w of any norm; `place` says in errors where it stands.
 
     Raises:
         DataError: the quaternion is zero.
     """
     yaw = yaw_of_quaternion(*quaternion)
     if np.isnan(yaw):
-        raise DataError(path, f"{place} has a quaternion of zeros", "give a rotation; 0 0 0 1 turns nothing")
+        raise DataError(path, f"{place} has a quaternion of zeros", "give a rotation; 0 0 0 1 has a yaw of 0")
     return yaw
 
 
 def round_yaw(yaw: float) -> float:
-    """Rounds a yaw [rad] to nine decimals in (-pi, pi), so that a file's rotation of twelve digits gives it back exactly."""
+    """Rounds a yaw [rad] to nine decimals in (-pi, pi), so that it survives being written as a rotation of 12 digits."""
     return float(np.clip(round(float(se2.wrap(yaw)), 9), -3.141592653, 3.141592653))
 
 

@@ -37,15 +37,15 @@ def test_a_row_holds_the_upper_triangle_of_the_covariance(tmp_path: Path) -> Non
         ("", "does not begin with the columns stamp_us,cov_xx"),
         ("t0,t1,dx,dy\n0,1,2,3\n", "does not begin with the columns stamp_us,cov_xx"),
         (f"{HEAD}\n", "holds no covariances"),
-        (f"{HEAD}\n{ROW}\n{ROW}\n", "the stamp of line 3 is not later than the one before"),
+        (f"{HEAD}\n{ROW}\n{ROW}\n", "the stamp of line 3 is not later than the stamp before"),
         (f"{HEAD}\n{ROW},1\n", "line 2 is not a stamp [us] and six finite numbers"),
         (f"{HEAD}\n{ROW.replace('0.04', 'nan')}\n", "line 2 is not a stamp [us] and six finite numbers"),
         (f"{HEAD}\n9999{ROW}\n", "line 2 is not a stamp [us] and six finite numbers"),
         (f"{HEAD}\n{ROW.replace('0.04', 'much')}\n", "line 2 is not made of numbers"),
         (f"{HEAD}\n{ROW.replace('1547131046353776', '1547131046.353776')}\n", "line 2 is not made of numbers"),
         (f"{HEAD}\n{ROW.replace('0.04', '-0.04')}\n", "line 2 has a variance that is not positive"),
-        (f"{HEAD}\n{ROW.replace('-0.002', '1e308')}\n", "the terms of line 2 are not those of a covariance"),
-        (f"{HEAD}\n{ROW.replace('0.01', '0.07')}\n", "the terms of line 2 are not those of a covariance"),
+        (f"{HEAD}\n{ROW.replace('-0.002', '1e308')}\n", "the terms of line 2 do not form a covariance"),
+        (f"{HEAD}\n{ROW.replace('0.01', '0.07')}\n", "the terms of line 2 do not form a covariance"),
     ],
 )
 def test_a_file_of_anything_else_is_refused_with_its_line(tmp_path: Path, text: str, problem: str) -> None:

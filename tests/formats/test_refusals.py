@@ -118,7 +118,7 @@ def test_a_finer_encoder_is_kept_by_the_drivers_messages(tmp_path: Path) -> None
 
 
 def test_sqlite_is_not_given_a_path_it_would_misread(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="sqlite takes"):
+    with pytest.raises(OutputError, match="sqlite gives"):
         convert(left_turn(), tmp_path / "50%", "rosbag2")
     assert not list((tmp_path / "50%").iterdir())
 

@@ -184,7 +184,7 @@ def test_poses_of_a_bag_without_a_rotation_are_left_out_and_counted(arc: Traject
             bag.write(topic, stamp, message)
     track, notes = read_with_notes(path)
     assert len(track) == len(arc) - 2
-    assert notes == [f"2 of {len(arc)} poses on /slam are left out: a quaternion of zeros, or no finite number"]
+    assert notes == [f"2 of {len(arc)} poses on /slam are left out: a quaternion of zeros, or numbers that are not finite"]
 
 
 def test_a_bag_without_two_poses_is_refused(tmp_path: Path) -> None:

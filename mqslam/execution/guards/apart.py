@@ -1,4 +1,4 @@
-"""Calls functions on hostile files in a process of their own, which may crash and has bounded memory and time."""
+"""Calls functions that read hostile files, each in a process of its own that may crash and has bounded memory and time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _ONE_THREAD: Final = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_TH
 
 
 class ProcessFailed(Exception):
-    """The error of a process that did not finish; its text says what went wrong, as far as that is known."""
+    """The error of a process that did not finish; its text says what went wrong, as far as known."""
 
 
 def call_apart(function: Callable[[list[str]], bytes], words: list[str], content: bytes = b"", *, most_bytes: int) -> bytes:

@@ -18,13 +18,13 @@ from mqslam.errors.untrusted import bound_unpacked
 
 _LONGEST_QUALITIES = 4000  # characters of quality-of-service profiles; a profile takes 300
 _LONGEST_DEFINITION = 1_000_000  # characters
-_LONGEST_ARRAY = 1000  # strings or messages in an array of fixed length, for each of which rosbags writes code
-_LARGE_CONSTANT = re.compile(r"<<|\bconst\b[^;]*=[^;]*\*")  # a few of these make numbers that fill the memory
+_LONGEST_ARRAY = 1000  # strings or messages in an array of fixed length: rosbags writes code for each
+_LARGE_CONSTANT = re.compile(r"<<|\bconst\b[^;]*=[^;]*\*")  # computed constants, of which a few fill the memory
 
 
 @cache
 def bound_rosbags() -> None:
-    """Replaces functions of rosbags by bounded ones, once."""
+    """Replaces functions of rosbags by bounded ones; only the first call has an effect."""
     names = "rosbag1.reader", "rosbag2.reader", "rosbag2.storage_mcap", "rosbag2.storage_sqlite3", "highlevel.anyreader"
     first, second, mcap, sqlite, reading = (cast(Any, importlib.import_module(f"rosbags.{name}")) for name in names)
     lz4, zstd = _unpack_with("lz4.frame", "LZ4FrameDecompressor"), _BoundedZstd(second.zstd)
@@ -37,7 +37,7 @@ def bound_rosbags() -> None:
 
 
 def _unpack_with(module: str, name: str) -> Callable[[bytes], bytes]:
-    """Returns a function that unpacks data up to a bound, with the class of a name in a module."""
+    """Returns a function that unpacks data up to a bound, with the class that has the given name in a module."""
     return partial(_unpack, getattr(importlib.import_module(module), name))
 
 
@@ -104,7 +104,7 @@ def _refuse(most_bytes: int) -> ValueError:
 
 
 def _parse_qualities(parse: Callable[[Any], list[Any]], profiles: Any) -> list[Any]:
-    """Parses quality-of-service profiles; returns none for damaged YAML, or long or repetitive YAML that fills memory."""
+    """Parses quality-of-service profiles; returns [] for YAML that is damaged, or too long or repetitive for the memory."""
     is_short = isinstance(profiles, str) and len(profiles) <= _LONGEST_QUALITIES and not set("&*") & set(profiles)
     try:
         return parse(profiles) if is_short else []
@@ -124,9 +124,9 @@ def _bound_definitions(parse: Callable[..., Mapping[str, Any]]) -> Callable[...,
 
     def parse_bounded(text: str, *name: str) -> Mapping[str, Any]:
         if len(text) > _LONGEST_DEFINITION:
-            raise ValueError(f"the definition of a message has {len(text)} characters")
+            raise ValueError(f"the definition of a message is too long ({len(text)} characters)")
         if _LARGE_CONSTANT.search("".join(text.split('"')[::2])):
-            raise ValueError("the definition of a message computes its constants")
+            raise ValueError("the definition of a message computes constants, which may fill the memory")
         types = parse(text, *name)
         for message, (_, fields) in types.items():
             for field, (kind, what) in fields:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from mqslam.errors import OutputError, Remedy
 
-_TITLE = "mqslam, process"  # first words of a lock; a file of its name with another beginning belongs to someone else
+_TITLE = "mqslam, process"  # first words in the file of a lock; a file that begins otherwise belongs to someone else
 _LONGEST = 10_000  # characters of a lock that are read
 _HELD = (errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES)  # any other error means a file system without locks
 _TRIES = 5  # attempts, since the owner may remove the file between our opening and our locking it
@@ -25,7 +25,7 @@ class Lock:
     Args:
         path: file of the lock.
         handle: handle of the file, which is open and locked.
-        found: content of the file that an owner left when it was killed.
+        found: content that an owner left in the file when it was killed; else empty.
     """
 
     def __init__(self, path: Path, handle: int, found: bytes) -> None:
@@ -43,7 +43,7 @@ class Lock:
             self._path.unlink()
 
     def restore(self) -> None:
-        """Leaves the file as it was found, or removes it if there was none."""
+        """Restores the content that was found in the file, or removes the file if it was empty or missing."""
         if not self._found:
             self.remove()
             return
@@ -93,7 +93,7 @@ def lock_output(out: Path) -> Iterator[Lock]:
 
 
 def _take(path: Path, out: Path, opened: contextlib.ExitStack) -> Lock:
-    """Opens the file of a lock, and locks it."""
+    """Opens the file of a lock for an output, and locks it; `opened` closes the file in the end."""
     for _ in range(_TRIES):
         handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
         try:
@@ -116,7 +116,7 @@ def _take(path: Path, out: Path, opened: contextlib.ExitStack) -> Lock:
 
 
 def _try_to_lock(handle: int) -> bool:
-    """Locks a file; returns False if another owner holds it. On a file system without locks, nothing is locked."""
+    """Locks a file; returns False if another owner holds it. On a file system without locks, returns True."""
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

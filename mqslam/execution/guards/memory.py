@@ -10,10 +10,10 @@ _UNIT_MB = 2.0**-20 if sys.platform == "darwin" else 2.0**-10  # macOS counts by
 
 
 def find_peak_mb(*, children: bool = False) -> float:
-    """Returns the peak memory [MB] of this process, or the largest peak among it and its ended children.
+    """Returns the peak memory [MB] of this process, or the largest peak of this process and its ended children.
 
     Args:
-        children: whether children count, too.
+        children: whether to include child processes that have ended.
     """
     whose = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN) if children else (resource.RUSAGE_SELF,)
     return max(resource.getrusage(who).ru_maxrss for who in whose) * _UNIT_MB
@@ -25,9 +25,9 @@ def bound_memory(most_bytes: int) -> None:
 
 
 def return_free_memory() -> None:
-    """Gives freed memory that the C library keeps for later back to the system; after a stage that is often 100 MB.
+    """Gives freed memory that the C library keeps for later use back to the system: often 100 MB after a stage.
 
-    Only glibc does so on request.
+    Does nothing with other C libraries than glibc.
     """
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:

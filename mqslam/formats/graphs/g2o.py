@@ -86,7 +86,7 @@ def format_g2o(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, size: 
 def format_poses_and_edges(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]) -> str:
     """Formats poses and the edges between them as text.
 
-    Of a robust noise model the Gaussian below the loss is written; GTSAM's own writer does not take robust noise.
+    If a factor's noise model is robust, the Gaussian under its loss is written. GTSAM's own writer refuses robust noise.
 
     Args:
         factors: the graph, of which the factors between two of these poses are written.
@@ -138,7 +138,7 @@ def replace_poses(path: Path, values: gtsam.Values) -> str:
 def read_g2o(path: Path) -> StoredGraph:
     """Reads a graph of planar poses, or of poses in space.
 
-    Comments (`#`) are left out. The vertices of `FIX` are held; without `FIX`, the vertex with the lowest number is held.
+    Comments (`#`) are left out. Vertices that `FIX` names stay fixed; without `FIX`, the vertex with the lowest number does.
     GTSAM's own reader is not used: it reads no edge of a file with a comment or with `FIX`, skips lines that it does not
     know, makes up missing vertices, and accepts any matrix as an information matrix.
 
@@ -168,7 +168,7 @@ def read_g2o(path: Path) -> StoredGraph:
 
 @untrusted.reads_file
 def read_edges(path: Path) -> tuple[list[tuple[int, int]], int]:
-    """Returns the pairs of poses that the edges of a run's graph join, in the order of the file, and the number of poses.
+    """Returns the numbers of the two poses that each edge of a run's graph joins, in file order, and the count of all poses.
 
     Raises:
         DataError: the file cannot be read or is no graph.
@@ -182,7 +182,7 @@ def read_edges(path: Path) -> tuple[list[tuple[int, int]], int]:
 
 
 def _guess_content(words: Sequence[str]) -> str:
-    """Returns a guess, for the error, at what a file that is no graph holds, by the words of its first line; "" for none."""
+    """Guesses, for the error, what a file that is no graph holds, by the words of its first line; returns "" if unsure."""
     try:
         for word in words:
             float(word)
@@ -194,7 +194,7 @@ def _guess_content(words: Sequence[str]) -> str:
 def _parse_lines(
     path: Path, lines: Iterable[tuple[int, list[str]]], kind: _Kind
 ) -> tuple[dict[int, list[float]], list[_Edge], set[int]]:
-    """Returns the pose of each vertex, the edges, and the vertices that are held."""
+    """Returns the numbers of each vertex's pose, the edges, and the numbers of the vertices that stay fixed."""
     poses, edges, held = dict[int, list[float]](), list[_Edge](), set[int]()
     for line, words in lines:
         tag = words[0]
@@ -215,14 +215,14 @@ def _parse_lines(
         else:
             poses[ends[0]] = numbers
     if not poses or not edges:
-        raise DataError(path, f"holds {len(poses)} poses and {len(edges)} edges", _REMEDY)
+        raise DataError(path, f"holds {len(poses)} poses and {len(edges)} edges, but a graph needs both", _REMEDY)
     for line, (a, b), _ in edges:
         if a == b or not {a, b} <= poses.keys():
             missing = min({a, b} - poses.keys(), default=a)
             what = f"the vertex {a} with itself" if a == b else f"the vertex {missing}, which is not there"
             raise DataError(path, f"line {line} joins {what}", "give every vertex, and edges between two of them")
     if not held <= poses.keys():
-        raise DataError(path, f"holds the vertex {min(held - poses.keys())}, which is not there", "give every vertex")
+        raise DataError(path, f"fixes the vertex {min(held - poses.keys())}, which is not there", "give every vertex")
     return poses, edges, held
 
 
@@ -237,7 +237,7 @@ def _parse_words(words: Sequence[str], ends: int, count: int) -> tuple[list[int]
 
 
 def _make_informations(path: Path, edges: Sequence[_Edge], kind: _Kind) -> NDArray[np.float64]:
-    """Returns the information matrix of every edge in GTSAM's order."""
+    """Returns the information matrix of every edge, (E, 3, 3) or (E, 6, 6), in GTSAM's order of the variables."""
     matrices = np.zeros((len(edges), kind.width, kind.width))
     rows, columns = np.triu_indices(kind.width)
     matrices[:, rows, columns] = matrices[:, columns, rows] = [edge.numbers[kind.size :] for edge in edges]
@@ -249,7 +249,7 @@ def _make_informations(path: Path, edges: Sequence[_Edge], kind: _Kind) -> NDArr
 
 
 def _make_pose(numbers: Sequence[float]) -> gtsam.Pose2 | gtsam.Pose3:
-    """Makes a pose of the numbers in a line."""
+    """Makes a pose from its numbers in a line: 3 if it is planar, 7 if it is spatial."""
     import gtsam
 
     if len(numbers) == _PLANAR.size:
@@ -260,7 +260,7 @@ def _make_pose(numbers: Sequence[float]) -> gtsam.Pose2 | gtsam.Pose3:
 
 
 def _read_value(values: gtsam.Values, key: int) -> tuple[_Kind, list[float]]:
-    """Returns the kind and the numbers of the pose with a key."""
+    """Returns the kind and the numbers of the pose that the values hold for a key."""
     try:
         return _read_pose(values.atPose2(key))
     except RuntimeError:  # GTSAM offers no other way to ask what kind of pose it is
@@ -301,7 +301,7 @@ class StoredGraph:
         factors: the graph.
         values: the values of all variables, as the file has them.
         keys: keys of the poses, Pose2 or Pose3, in increasing order.
-        held: keys of the poses that stay fixed, to anchor the graph; none if its factors anchor it.
+        held: keys of the poses that stay fixed, to anchor the graph; empty if its factors anchor it.
     """
 
     factors: gtsam.NonlinearFactorGraph

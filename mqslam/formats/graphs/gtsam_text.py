@@ -32,7 +32,7 @@ def recognises(path: Path) -> bool:
 def read_gtsam(graph: Path, values: Path) -> StoredGraph:
     """Reads a graph and the values of its variables.
 
-    The first pose is held unless a factor on a single pose anchors the graph, such as a prior or a position by GNSS.
+    The first pose stays fixed unless a factor on a single pose, such as a prior or a GNSS position, anchors the graph.
 
     Raises:
         DataError: a file cannot be read, a variable has no value, there is no pose, or the graph's error is not finite.
@@ -56,10 +56,10 @@ def read_gtsam(graph: Path, values: Path) -> StoredGraph:
 
 
 def write_again(words: list[str]) -> bytes:
-    """Reads an archive of the GTSAM class that the word names from stdin, and returns it as GTSAM writes it again.
+    """Reads from stdin an archive of the GTSAM class that the first word names, and returns it as GTSAM writes it again.
 
     Some damaged archives make GTSAM end the process. Therefore `call_apart` calls this function in another process, and
-    this process reads only the archive that the other one has written again.
+    the main process reads only the archive that this function returns.
     """
     import gtsam
 
@@ -86,7 +86,7 @@ def _has_finite_error(factors: gtsam.NonlinearFactorGraph, known: gtsam.Values) 
     """Returns whether the error of the factors at the values can be computed and is finite."""
     try:
         return math.isfinite(factors.error(known))
-    except RuntimeError:  # a value is of another kind than its factor needs
+    except RuntimeError:  # a value has another type than its factor needs
         return False
 
 

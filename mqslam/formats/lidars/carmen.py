@@ -2,7 +2,7 @@
 
 A FLASER line states no angles. Its n readings sweep 180 degrees, from -90 degrees on. If n is even, they end one step
 before +90 (180: -90 to +89 by 1, 360: -90 to +89.5 by 0.5); if n is odd, they end at +90 (181 by 1, 361 by 0.5). On the
-Intel and ACES logs this gives sharper maps than centring an even number of readings or stretching them over the half turn.
+Intel and ACES logs this gives sharper maps than centring an even number of readings or stretching them over the 180 degrees.
 Other numbers of readings come from other lidars. A setting or the log's parameters must then state the field of view, or
 the log is refused.
 """
@@ -38,16 +38,16 @@ _SAME = np.array([0.01, 0.01, 0.01])  # poses [m, m, rad] that differ by less ar
 _SAME_TRACK = np.array([0.05, 0.05, 0.02])
 _ENDINGS = (".log", ".log.gz", ".clf", ".clf.gz")
 _ERROR_CODES_M = 81.82  # SICK lidars write what they could not measure as 81.83 m to 81.91 m
-_CLIP_TOLERANCE_M = 1e-6  # ranges are written with fewer digits than that
+_CLIP_TOLERANCE_M = 1e-6  # ranges are written with fewer decimals than this
 _LEAST_MAXIMUM_M = 1.0  # a smaller maximum among the parameters is no lidar's
-_HALF_TURNS = {180, 181, 360, 361}  # readings of SICK's lidars, whose field of view is 180 degrees
+_HALF_TURNS = {180, 181, 360, 361}  # numbers of readings in a scan of SICK's lidars, which see 180 degrees
 _FIELDS_OF_VIEW = ("laser_front_laser_fov", "laser_laser1_fov")  # parameters [degrees]
 _LEAST_FOV_DEG, _FULL_DEG = 10.0, 360.0  # bounds of a field of view; a smaller number may be in radians
-_FEW = 90  # no known lidar has fewer readings: over half a turn they would lie more than two degrees apart
+_FEW = 90  # no known lidar has fewer readings: over 180 degrees they would lie more than two degrees apart
 _MOST_METRES, _MOST_OFFSET_M = 100.0, 2.0  # larger maxima and offsets among the parameters are in centimetres
 _LONGEST_LINE = 1 << 20  # [bytes] longer lines would fill the memory
 _GZIP_MAGIC = b"\x1f\x8b"
-_MOST_EXPANSION = 100  # a file may unpack to this many times its size: numbers pack to a tenth
+_MOST_EXPANSION = 100  # a file may unpack to this many times its size: numbers pack to a tenth of their size
 
 
 def recognises(path: Path) -> bool:
@@ -60,7 +60,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
 
     All beams of a scan have the scan's time, since the format states no others. The trajectory consists of the sensor's
     poses beside the scans. The odometry comes from the ODOM lines. In a log without them it consists of the robot's poses
-    beside the scans, unless these are rigidly connected to the sensor's poses. It is carried from the robot to the sensor.
+    beside the scans, unless these are rigidly connected to the sensor's poses. Odometry is carried from robot to sensor.
 
     Args:
         path: the log.
@@ -102,7 +102,7 @@ def _choose_scans(
     rows = np.flatnonzero(mark_increasing(stamps.tolist())).tolist()
     if len(rows) < 2:
         there = ", ".join(f"{count} {name}" for name, count in log.messages.most_common(8)) or "none"
-        problem = f"holds {len(rows)} scans with stamps that increase (messages: {there[:200]})"
+        problem = f"holds {len(rows)} scans with stamps that increase, not two or more (messages: {there[:200]})"
         raise DataError(path, problem, "give a CARMEN log with FLASER or ROBOTLASER1 lines")
     if dropped := len(log.scans[kind]) - len(rows):
         notes.append(f"{count_of(dropped, 'scan')} with a stamp that repeats or runs backward: left out")
@@ -116,7 +116,10 @@ def _choose_scans(
 def _spread_readings(
     path: Path, scans: list[ScanLine], parameters: dict[str, float], settings: ReadingConfig
 ) -> tuple[list[ScanLine], list[str]]:
-    """Returns FLASER scans with angles over the field of view that the user or the log's parameters state, and a note."""
+    """Spreads the readings of FLASER scans over the field of view that the user or the log's parameters state.
+
+    Returns the scans and notes on it. Where no field of view is stated, the scans keep their angles.
+    """
     fov_deg, whose = settings.lidar_fov_deg, "reading.lidar_fov_deg"
     for name in _FIELDS_OF_VIEW if fov_deg is None else ():
         if _LEAST_FOV_DEG <= parameters.get(name, 0.0) <= _FULL_DEG:
@@ -139,7 +142,7 @@ def _spread_readings(
 
 
 def _parse_stamps(path: Path, words: list[str]) -> NDArray[np.int64]:
-    """Parses words [s] as stamps [us]."""
+    """Parses words, each a stamp [s], into stamps (N,) [us]."""
     try:
         return parse_stamps(words, "s")
     except ValueError as error:
@@ -149,7 +152,7 @@ def _parse_stamps(path: Path, words: list[str]) -> NDArray[np.int64]:
 def _drop_clipped(
     scans: Sequence[ScanLine], times: NDArray[np.float64], parameters: dict[str, float]
 ) -> tuple[list[Returns], list[str]]:
-    """Drops the readings of scans, at times (N,) [s], that are no returns; returns the other readings and a note."""
+    """Returns each scan's readings that are returns, with its time out of `times` (N,) [s], and a note on a ceiling."""
     below = np.concatenate([scan.ranges[scan.ranges < min(scan.maximum_m, _ERROR_CODES_M)] for scan in scans])
     ceiling = _find_ceiling(below, sum(len(scan.ranges) for scan in scans), parameters)
     returns = []
@@ -163,7 +166,7 @@ def _drop_clipped(
 def _find_ceiling(ranges: NDArray[np.float64], readings: int, parameters: dict[str, float]) -> float:
     """Finds the range [m], below the sensor's own maximum, at which a log clips its readings; inf where it clips none.
 
-    It is the longest range if that is repeated too often to be a real object. Else it is the maximum that the parameters
+    That is the longest range, if it occurs too often to be a real object. Else it is the maximum that the parameters
     state, in metres or centimetres, unless some range is longer: robot_front_laser_max may limit the robot's obstacle
     avoidance instead.
     """
@@ -179,8 +182,8 @@ def _find_ceiling(ranges: NDArray[np.float64], readings: int, parameters: dict[s
 def _find_mount(sensor: se2.Array, robot: se2.Array, parameters: dict[str, float]) -> tuple[se2.Array, bool]:
     """Finds the pose (3,) of the lidar on the robot, and whether the poses (N, 3) of both are rigidly connected.
 
-    If they are and differ, their difference is the lidar's pose. Else the parameter robot_frontlaser_offset states it, in
-    metres or, above 2, in centimetres.
+    If the poses are rigidly connected and differ, the difference is the lidar's pose. Else the lidar's pose is what the
+    parameter robot_frontlaser_offset states, in metres or, above 2, in centimetres.
     """
     offset = parameters.get("robot_frontlaser_offset", 0.0)
     named = np.array([offset if abs(offset) <= _MOST_OFFSET_M else offset / 100.0, 0.0, 0.0])
@@ -232,7 +235,7 @@ def _mark_consistent(stamps: NDArray[np.int64], lines: list[OdometryLine], scans
 
 
 def _is_same_motion(a: Trajectory, b: Trajectory) -> bool:
-    """Returns whether two trajectories, from one common first pose, agree to centimetres at the stamps of the first one."""
+    """Returns whether two trajectories, moved to a common first pose, agree to centimetres at the stamps of `a`."""
     one, other = a.poses, b.at(a.stamps_us)
     apart = se2.wrapped_between(se2.between(one[0], one), se2.between(other[0], other))
     return bool(np.all(np.abs(apart) < _SAME_TRACK))
@@ -339,7 +342,7 @@ def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
                 if unpacked > limit:
                     raise DataError(path, f"unpacks to more than {limit / 1e6:.0f} MB", "give a CARMEN log")
                 if len(line) == _LONGEST_LINE:
-                    raise DataError(path, f"line {number} does not end", "give a CARMEN log")
+                    raise DataError(path, f"line {number} is longer than a line of numbers can be", "give a CARMEN log")
                 yield number, line.decode("ascii", errors="replace")
     except (OSError, EOFError, zlib.error) as error:
         raise DataError(

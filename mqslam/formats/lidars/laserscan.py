@@ -35,7 +35,7 @@ _COMMANDS = ("goal", "initialpose", "initial_pose")
 
 @dataclass(slots=True)
 class _ScanIndex:
-    """The result of one pass over a bag: scans, whose times count from their own stamps, poses, a frame and mounts."""
+    """What one pass over a bag finds: scans with times since their own stamps, poses, the lidar's frame, and mounts."""
 
     stamps_us: list[int] = field(default_factory=list)
     scans: list[Returns] = field(default_factory=list)
@@ -78,7 +78,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
     stamps = np.array(index.stamps_us, dtype=np.int64)[rows]
     scans = [index.scans[row] for row in rows]
     if len(scans) < 2 or not any(map(len, scans)):
-        problem = f"has {len(scans)} scans with stamps that increase on {topic}, {sum(map(len, scans))} returns in them"
+        problem = f"has too few scans with rising stamps ({len(scans)}) or returns ({sum(map(len, scans))}) on {topic}"
         raise DataError(path, problem, "give a bag in which the lidar moves and sees something")
     notes = [f"scans from {topic}", *index.poses.clock.notes]
     if dropped := len(index.scans) - len(scans):
@@ -111,10 +111,10 @@ def _choose_topic(path: Path, reader: AnyReader) -> str:
     """Chooses the topic of scans: the only one or, of several, the only one whose last name is `scan`."""
     topics = sorted({c.topic for c in reader.connections if c.msgtype == SCAN_TYPE and c.msgcount})
     if not topics:
-        raise DataError(path, f"has no scans (topics: {bags.list_topics(reader)})", f"scans are {SCAN_TYPE}")
+        raise DataError(path, f"has no scans (topics: {bags.list_topics(reader)})", f"give a bag with {SCAN_TYPE}")
     named = [topic for topic in topics if topic.rsplit("/", 1)[-1].lower() == "scan"] if len(topics) > 1 else topics
     if len(named) != 1:
-        remedy = "give a bag with one of them, or with one that is named scan"
+        remedy = "give a bag with only one such topic, or with only one that is named scan"
         raise DataError(path, f"has several topics of scans ({', '.join(topics[:12])})", remedy)
     return named[0]
 
@@ -156,11 +156,11 @@ def _parse_scan(message: Any) -> Returns:
     """Parses a message into the returns of a scan, whose times count from the message's stamp.
 
     Raises:
-        ValueError: the angles are not finite, or the range limits are no numbers that increase.
+        ValueError: an angle or time increment is not finite, or range_min is not below range_max.
     """
     numbers = (message.angle_min, message.angle_increment, message.time_increment)
     if not np.isfinite(numbers).all() or not message.range_min < message.range_max:
-        raise ValueError(f"has angles {numbers[:2]} and range limits ({message.range_min}, {message.range_max})")
+        raise ValueError(f"has bad angles {numbers[:2]}, times or ranges ({message.range_min}, {message.range_max})")
     ranges = np.asarray(message.ranges, dtype=np.float64)
     intensities = np.asarray(message.intensities, dtype=np.float64)
     beams = np.arange(len(ranges))

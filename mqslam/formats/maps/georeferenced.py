@@ -1,7 +1,7 @@
 """Writes an occupancy grid as a GeoTIFF (OGC 19-008r4), for GIS programs to show on other maps, and a path as GeoJSON.
 
 The GeoTIFF's coordinates are a transverse Mercator projection about the map's own tangent plane: within some kilometres the
-two differ by less than a millimetre. An affine transformation in the file states how the map's frame is turned against them.
+two differ by less than a millimetre. An affine transformation in the file leads from pixels to these coordinates.
 """
 
 from __future__ import annotations

@@ -112,7 +112,7 @@ def read_keyframes(path: Path) -> KeyframeMap:
         path: the folder of keyframes, or the folder of the result that holds it.
 
     Raises:
-        DataError: there is no map, it is damaged, or a newer version has written it.
+        DataError: there is no map, the map is damaged, or its format has another version.
     """
     folder = find_keyframes(path)
     if folder is None:
@@ -197,7 +197,7 @@ def _read_index(path: Path) -> dict[str, Any]:
 
 @untrusted.reads_file
 def _read_array(path: Path, kind: np.dtype[Any], shape: tuple[int | None, ...]) -> NDArray[Any]:
-    """Opens the array in a file as a memory map, and checks its type and shape; None in the shape is any length."""
+    """Opens the array in a file as a memory map, and checks its type and shape; None in the shape allows any length."""
     try:
         array: NDArray[Any] = np.load(
             untrusted.check_file(path), mmap_mode="r" if 0 not in shape else None, allow_pickle=False

@@ -83,7 +83,7 @@ def read_nav2_map(file: Path) -> Nav2Map:
     """Reads a `map.yaml` and the image it names, as map_server would.
 
     Raises:
-        DataError: a file cannot be read, or the files are no such map.
+        DataError: a file cannot be read, or the files hold no map that map_server can load.
     """
     try:
         settings = yaml.safe_load(untrusted.read_document(file, untrusted.YAML_BYTES))
@@ -100,7 +100,7 @@ def read_nav2_map(file: Path) -> Nav2Map:
         origin = np.array(settings["origin"], dtype=np.float64).reshape(3)
         resolution = float(settings["resolution"])
         if not (mark_places(origin) and 0.0 < resolution < _WIDEST_M):
-            raise ValueError("its resolution or origin is no length or place")
+            raise ValueError("its resolution is no length of a cell, or its origin is no pose")
         return Nav2Map(meaning[image[::-1]], resolution, origin)
     except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError) as error:
         problem = f"is not a readable map ({str(error).splitlines()[0]})"

@@ -56,13 +56,13 @@ def open_recording(
         range_resolution: length of a range bin [m]; None takes it from the recording or the layout's default.
         range_offset: true range of an object at rest minus the range of the bin's centre [m]; None takes what the recording
             states, else 0.
-        clockwise: whether the radar turns clockwise, seen from above; None takes the direction in which the azimuths turn,
-            or the layout's default.
+        clockwise: whether the radar spins clockwise, seen from above; None takes the order in which the azimuths follow one
+            another, or the layout's default.
         stamp: whether the stamp of a polar scan is its start or its end, where azimuths carry no stamps; None takes the
             layout's default.
         topics: topics of a bag to read, where types and names do not show which ones are meant.
-        encoder_size: encoder ticks per turn, where azimuths carry encoder values; None takes the number that the recording
-            states, else that of Navtech's radars.
+        encoder_size: encoder ticks per revolution, where azimuths carry encoder values; None takes the number that the
+            recording states, else that of Navtech's radars.
 
     Raises:
         ConfigError: the format is unknown, or the range resolution cannot be the length of a range bin.
@@ -74,7 +74,7 @@ def open_recording(
     if format is not None and format not in FORMATS:
         raise ConfigError(f"format '{format}': is unknown; {suggest(format, FORMATS)}")
     if range_offset is not None and not is_range_offset(range_offset):
-        raise ConfigError(f"range offset {range_offset}: is none that a radar has; give metres, such as -0.33")
+        raise ConfigError(f"range offset {range_offset}: is no range offset of a radar; give metres, such as -0.33")
     with untrusted.blame_file(path), untrusted.stay_within(_find_root(path)):
         if not path.exists():
             raise DataError(path, "does not exist", "check the path")
@@ -101,7 +101,7 @@ def _load(format: str) -> Layout:
 
 
 def _find_root(path: Path) -> Path:
-    """Returns the root folder of a recording: the path itself or, if it is a folder of images, the folder above."""
+    """Returns the root folder of a recording: the path itself or, if the path is a folder of images, the folder above it."""
     root = path.resolve()
     while root.name in _IMAGE_FOLDERS:
         root = root.parent

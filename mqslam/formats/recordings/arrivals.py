@@ -1,8 +1,8 @@
-"""Estimates when turns ended or began from stamps of arrival, which are late by varying delays.
+"""Estimates from stamps of arrival, late by varying delays, when the revolutions (turns) of a radar ended or began.
 
 Where a recording has one stamp per polar scan, it is the stamp of a message or a file, which a computer sets when it finds
-the time: each is late by another delay, and some are so late that their stamps lie after those of the next polar scans. The
-order of polar scans is therefore that of their numbers or messages, never that of their stamps. The radar itself turns
+the time: each stamp is late by a different delay, and some are so late that they lie after the stamps of the next polar
+scans. The order of polar scans is therefore that of their numbers or messages, never that of their stamps. The radar turns
 steadily, since its antenna has inertia: the duration of a turn changes little from one turn to the next. So the stamps a_k
 of the recording are modelled as
 
@@ -32,9 +32,9 @@ _LEAST_JITTER_S = 1e-4  # less jitter [s] is left alone: at 30 m/s a vehicle dri
 # duration. Each ratio is ten times the one before. The largest averages stamps over about a hundred turns.
 _ROUGHEST_RATIO, _SMOOTHEST_RATIO = 1e-4, 1e8
 # Ratios whose costs (twice the negative log-likelihood) differ by less than this count as equally likely, and the smallest
-# is taken. Three polar scans cannot tell jitter from changes of the turn rate.
+# one is chosen. Three polar scans cannot tell jitter from changes of the turn rate.
 _EQUAL_LIKELIHOOD = 0.01
-_MOST_TURN_CHANGE = 0.1  # share by which a turn can be faster or slower than the one before: a turning mass allows no more
+_MOST_TURN_CHANGE = 0.1  # share by which a turn can be faster or slower than the one before: a rotating mass allows no more
 _STRAY_SPREADS = 5.0  # a stamp further than this many spreads of the jitter from its estimate is ignored
 _MOST_LATE_S = 3.0  # a stamp later than its estimate by more than this [s] is damaged, not late
 _MOST_EARLY = 0.5  # a stamp earlier than its estimate by more turns than this is damaged, since nothing arrives early
@@ -43,7 +43,7 @@ _BREAK_SPREADS = 7.0  # a step further than this many spreads of the jitter from
 _BREAK_LASTS = 0.6  # share of an unusual step by which the stamps after it must stay shifted for it to be a break
 _NEAR = 3  # breaks fewer polar scans apart than this may be the same break
 _IGNORED = 1e-4  # weight of an ignored stamp; above zero, so that a whole stretch of them can be solved
-_ROUNDS = 8  # most rounds of looking for stamps to ignore; two or three suffice
+_ROUNDS = 8  # limit on the rounds that look for stamps to ignore; two or three suffice
 _PROBES = 64  # polar scans whose variances stand for those of all
 _LOW = 0.2  # low quantile of the delays of some stamps; hardly any stamp below it is late
 _AVERAGED = 37  # turns over which their usual duration is averaged: the median of nine still shows the jitter of stamps
@@ -52,7 +52,7 @@ _MOST_MISSING = 100  # a larger hole in the numbers counts as this many turns, s
 
 @dataclass(frozen=True, slots=True)
 class Arrivals:
-    """Stamps of the ends or starts of turns, estimated from stamps of arrival.
+    """Stamps of the ends or starts of a radar's revolutions, estimated from stamps of arrival.
 
     Args:
         stamps_us: (N,) int64 [us], strictly increasing; equal to the stamps of arrival if these show no delays.
@@ -72,7 +72,7 @@ def estimate_arrivals(stamps_us: NDArray[np.int64], numbers: NDArray[np.int64] |
 
     Args:
         stamps_us: (N,) stamps of arrival [us] in the order of the polar scans; they may repeat and run backward.
-        numbers: (N,) increasing numbers of the polar scans, of which some may be missing; None numbers them one by one.
+        numbers: (N,) increasing numbers of the polar scans, of which some may be missing; None means that none is missing.
     """
     if len(stamps_us) < 2:
         return Arrivals(stamps_us)
@@ -100,10 +100,10 @@ def estimate_arrivals(stamps_us: NDArray[np.int64], numbers: NDArray[np.int64] |
 
 
 def _estimate_once(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> tuple[NDArray[np.int64], float, float]:
-    """Removes the delays that stamps of arrival (N,) [us] show; places (N,) count the turns, missing ones included.
+    """Removes the delays that stamps of arrival (N,) [us] show; places (N,) number the turns, missing ones included.
 
     Returns:
-        the stamps (N,) [us], how long a turn usually takes [us], and the standard deviation of the stamps [s].
+        the stamps (N,) [us], the usual duration of a revolution [us], and the standard deviation of the stamps [s].
     """
     known = _mark_in_time(stamps_us, places)
     smooth, usual = _fill_turns(stamps_us, places, known)
@@ -119,23 +119,23 @@ def _estimate_once(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> t
 
 
 def _describe_damaged(numbers: NDArray[np.int64], damaged: NDArray[np.bool_]) -> str:
-    """Words the fault that some stamps (N,) are damaged."""
+    """Words a fault for the user: the stamps of those polar scans, numbered (N,), that a mask (N,) marks are damaged."""
     count = int(np.count_nonzero(damaged))
     others = f" and of {count_of(count - 1, 'other')}" if count > 1 else ""
     return (
         f"the stamp of number {numbers[damaged][0]}{others} among {count_of(len(numbers), 'polar scan')} lies too far from "
-        "those around it: when its turn was is estimated from them"
+        "the stamps around it, from which the time of its turn is estimated instead"
     )
 
 
 def _find_takes(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Finds the usual duration (N - 1,) of a turn [us] in each gap of stamps (N,) [us]; places (N,) number the turns."""
+    """Finds the usual duration (N - 1,) [us] of a turn between successive stamps (N,) [us]; places (N,) number the turns."""
     steps = np.maximum(1, np.diff(stamps_us) // np.diff(places))
     return find_usual_turns(np.append(0, np.cumsum(steps)))
 
 
 def _mark_in_time(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Marks increasing stamps (N,) [us] that leave the radar enough time for the turns until every later one of them."""
+    """Marks increasing stamps (N,) [us] that leave enough time for the revolutions up to every later one of these stamps."""
     from scipy.ndimage import minimum_filter1d
 
     rows = np.flatnonzero(mark_increasing(stamps_us.tolist()))
@@ -152,7 +152,8 @@ def _fill_turns(
 ) -> tuple[NDArray[np.int64], float]:
     """Estimates the stamps (M,) [us] of all turns, evenly between known ones; returns a turn's usual duration [us] as well.
 
-    Where a gap lies between two known turns, an unknown turn lies behind the gap if it arrived there, else before it.
+    Where a gap lies between two known turns, an unknown turn lies after the gap if its stamp of arrival does, else before.
+    A turn is a revolution of the radar.
     """
     stamps, counts = stamps_us[known], places[known]
     apart, steps, takes = np.diff(counts), np.diff(stamps), _find_takes(stamps, counts)
@@ -194,14 +195,14 @@ def _smooth_once(stamps_us: NDArray[np.int64], known: NDArray[np.float64]) -> tu
 
 
 def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Marks the polar scans (N - 2,) that the next two follow without a break at the same turn rate.
+    """Marks the polar scans (N - 2,) that the next two follow without a break and at the same rate of rotation.
 
     A break is a step after which the stamps stay behind their schedule, or ahead of it: a gap, or a clock that jumps. A
     single late polar scan is no break, since the next ones are on time again.
 
     Args:
         stamps_us: (N,) stamps of the polar scans [us], at least three.
-        usual: (N - 1,) usual duration of a turn at each step between them [us].
+        usual: (N - 1,) usual duration of a revolution [us] at each step from one polar scan to the next.
     """
     from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
@@ -242,14 +243,14 @@ def _estimate_delays(
     known: NDArray[np.float64],
     usual: NDArray[np.float64],
 ) -> _Fit | None:
-    """Estimates by how much each stamp (N,) comes later than its turn; None where no known stamps are tied.
+    """Estimates the delay of each stamp (N,); returns None where no known stamp is tied to others.
 
     Args:
         bends: (N - 2,) second differences of the stamps [us].
-        tied: (N - 2,) True where the three turns of a second difference follow one another steadily.
+        tied: (N - 2,) True where the three revolutions of a second difference follow one another steadily.
         known: (N,) weights of the stamps; near zero where a stamp is only estimated.
-        usual: (N - 2,) usual duration of a turn at each second difference [us]; turns whose duration would change by more
-            than a turning mass allows are untied.
+        usual: (N - 2,) usual duration of a revolution at each second difference [us]; revolutions whose duration would
+            change by more than a rotating mass allows are untied.
     """
     for _ in range(_ROUNDS):
         if not np.any(_mark_members(tied) & (known == 1.0)):
@@ -263,10 +264,11 @@ def _estimate_delays(
 
 
 def _choose_fit(bends: NDArray[np.float64], tied: NDArray[np.bool_], known: NDArray[np.float64], turn: float) -> _Fit:
-    """Chooses by likelihood the ratio of variances and the stray stamps, each of which may lie anywhere in a turn [us].
+    """Chooses the likeliest ratio of variances and stray stamps, which may lie anywhere in a turn; it takes `turn` [us].
 
-    The first ratio holds turns steadiest, and each later one lets them change more. So stamps that are late together, while
-    a computer is busy, are recognised against the steady turns around them before the turns can bend to follow them.
+    The first ratio that is tried holds turns steadiest; each later ratio lets them change more. So stamps that are late
+    together, while a computer is busy, are recognised against the steady turns around them before the turns can bend to
+    follow them.
     """
     members = _mark_members(tied) & (known == 1.0)
     cost_stray = 2.0 * np.log(turn) - np.log(2.0 * np.pi) - 1.0
@@ -288,7 +290,7 @@ def _choose_fit(bends: NDArray[np.float64], tied: NDArray[np.bool_], known: NDAr
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """The best split of stamps into delays and turns at one ratio of variances.
+    """The best split of stamps into delays and times of revolutions, for one ratio of variances.
 
     Args:
         delays: (N,) delays of the stamps [us].
@@ -303,7 +305,7 @@ class _Fit:
     variance: float
 
     def measure_sigma(self, members: NDArray[np.bool_]) -> float:
-        """Returns the median standard deviation [us] of the estimated stamps of those turns that a mask (N,) marks."""
+        """Returns the median standard deviation [us] of the estimated stamps that a mask (N,) marks."""
         from scipy.linalg import cho_solve_banded
 
         chosen = np.flatnonzero(members)[pick_evenly(int(np.count_nonzero(members)), _PROBES)]
@@ -314,7 +316,9 @@ class _Fit:
 
 
 def _fit_delays(bends: NDArray[np.float64], tied: NDArray[np.bool_], weights: NDArray[np.float64], ratio: float) -> _Fit:
-    """Splits stamps into delays and turns by least squares: of the delays plus `ratio` times the turns' second differences.
+    """Splits stamps into delays d and times t of turns; minimises sum(weights d^2) + ratio sum((second differences of t)^2).
+
+    A turn is a revolution of the radar; only tied second differences count.
 
     The normal equations (W + ratio D'TD) delays = ratio D'T bends have five diagonals. W are the weights, T picks the bends
     that are tied, and D takes second differences.

@@ -1,4 +1,4 @@
-"""Reads and writes a turn's azimuths as Oxford rows, which begin with time, angle and validity, or spreads them evenly."""
+"""Reads and writes a revolution's azimuths as Oxford rows (time, angle, validity, power), or spreads azimuths evenly."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SAME_TURN = 0.02
 METADATA_BYTES = 11
 FLAG_BYTE = 10
 TURN_TICKS = 5600
-"""Number of bytes before the power in an Oxford row, index of the flag byte among them, and encoder ticks per turn."""
+"""Number of bytes before the power in an Oxford row, index of the flag byte among them, and encoder ticks per revolution."""
 FIRST_NS = 1e17
 """Larger than any stamp since 1970 in us, and smaller than the stamps of any radar's recording in ns."""
 STATE_ENCODER = "state the encoder's ticks per turn by sensor.encoder_size if it has others"
@@ -34,12 +34,12 @@ _LONGEST_TURN_US = 30e6  # a stamp further than this from the median stamp of it
 
 @dataclass(frozen=True, slots=True)
 class Azimuths:
-    """Times and angles at which the azimuths of one turn were measured.
+    """Times and angles at which the azimuths of one revolution of the radar were measured.
 
     Args:
         stamps_us: (A,) int64 [us], not decreasing.
-        angles: (A,) [rad] counter-clockwise from straight ahead, unwrapped along the turn.
-        valid: (A,) bool, False where the recording marks the azimuth as not measured, or its time or angle had to be
+        angles: (A,) [rad] counter-clockwise from straight ahead, unwrapped along the revolution.
+        valid: (A,) bool, False where the recording marks the azimuth as not measured, or where its time or angle is
             interpolated.
     """
 
@@ -54,14 +54,14 @@ class Azimuths:
         return last + max(1, round((last - first) / (len(self.stamps_us) - 1)))
 
     def measure_turn(self) -> float | None:
-        """Measures how long a whole turn takes [us] at the rate of these azimuths; None where they do not show it."""
+        """Measures how long a whole revolution takes [us] at the rate of these azimuths; None where they do not show it."""
         return measure_turn((self.stamps_us - self.stamps_us[0]).astype(np.float64), self.angles)
 
     def find_duration(self) -> int | None:
-        """Finds how long the turn takes [us]; None where these azimuths do not show it.
+        """Finds how long the revolution takes [us]; None where these azimuths do not show it.
 
-        It is the time from the first azimuth to `end_us`, unless the rate of the azimuths shows that they do not cover
-        exactly one turn.
+        The duration is the time from the first azimuth to `end_us`, unless the rate of the azimuths shows that they do not
+        cover exactly one revolution.
         """
         until_end, measured = self.end_us - int(self.stamps_us[0]), self.measure_turn()
         if measured is None:
@@ -73,7 +73,7 @@ class Azimuths:
         return Azimuths(self.stamps_us[chosen], self.angles[chosen], self.valid[chosen])
 
     def to_polar_scan(self, power: NDArray[np.uint8], start_us: int) -> PolarScan:
-        """Makes a polar scan of these azimuths and their power (A, B), its times counted from a start [us]."""
+        """Makes a polar scan of these azimuths and their power (A, B), with times [s] since a start [us]."""
         times = ((self.stamps_us - start_us) * 1e-6).astype(np.float64)
         return PolarScan(times, self.angles, power, self.valid)
 
@@ -83,21 +83,21 @@ def repair_azimuths(
 ) -> Azimuths:
     """Makes azimuths of raw times and encoder ticks.
 
-    A time that breaks the order of the others, or a tick outside the turn or against the sense of rotation, is
-    replaced by interpolation over the row number, and the row is marked invalid.
+    A time that breaks the order of the others, and a tick above `turn` or against the sense of rotation, are replaced by
+    interpolation over the row number, and their rows are marked invalid.
 
     Args:
         stamps_us: (A,) raw times [us].
         ticks: (A,) clockwise encoder values from straight ahead.
         measured: (A,) True where the recording says that the azimuth was measured.
-        turn: encoder ticks per turn.
+        turn: encoder ticks per revolution.
 
     Raises:
         ValueError: there are fewer than two rows, fewer than half of the times or ticks are usable, or over half of the
             ticks are equal.
     """
     if len(stamps_us) < 2:
-        raise ValueError(f"has {len(stamps_us)} azimuths")
+        raise ValueError(f"has {len(stamps_us)} azimuths, at least two are needed")
     near = np.abs(stamps_us.astype(np.float64) - np.median(stamps_us.astype(np.float64))) < _LONGEST_TURN_US
     timed = _mark_ordered(stamps_us.astype(np.float64), near)
     inside = ticks <= turn
@@ -111,7 +111,7 @@ def repair_azimuths(
     values, counts = np.unique(ticks, return_counts=True)
     if 2 * counts.max() > len(ticks) > 2 and np.ptp(stamps_us) > 0:
         value, many = values[counts.argmax()], f"{counts.max()} of its {len(ticks)} rows"
-        raise ValueError(f"has the encoder value {value} in {many}: the radar's encoder told nothing")
+        raise ValueError(f"has the encoder value {value} in {many}: the radar's encoder did not work")
     rows = np.arange(len(ticks))
     if not timed.all():
         stamps_us = np.round(np.interp(rows, rows[timed], stamps_us[timed])).astype(np.int64)
@@ -126,14 +126,14 @@ def stamps_in_us(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def spread_azimuths(count: int, stamp_us: int, duration_us: int, *, clockwise: bool = True) -> Azimuths:
-    """Spreads azimuths (count,) evenly over a turn that begins straight ahead at a stamp [us]."""
+    """Spreads azimuths (count,) evenly over a revolution that begins straight ahead at a stamp [us]."""
     fractions = np.arange(count) / count
     stamps_us = stamp_us + np.round(fractions * duration_us).astype(np.int64)
     return Azimuths(stamps_us, (-2.0 if clockwise else 2.0) * np.pi * fractions, np.ones(count, dtype=np.bool_))
 
 
 def note_spread(whose: str, stamp: Stamp, clockwise: bool) -> str:
-    """Words the note on how azimuths without stamps and angles are placed, by stamps of files or headers (`whose`)."""
+    """Words the note on how azimuths without stamps and angles are placed, by the stamps of `whose`: "file" or "header"."""
     return (
         "azimuths carry no stamps of their own and are spread evenly over the turn; "
         f"{whose} stamps are taken as the {stamp} of the turn (sensor.stamp), "
@@ -144,22 +144,22 @@ def note_spread(whose: str, stamp: Stamp, clockwise: bool) -> str:
 def check_encoder(
     path: Path, stamps_us: NDArray[np.int64], ends: Sequence[float | None], turn: int = TURN_TICKS
 ) -> list[str]:
-    """Checks that turns do not seem to overlap by far, as they do if the encoder has fewer ticks per turn than assumed.
+    """Checks the ticks per revolution: if an encoder has fewer than assumed, revolutions seem to last into the next ones.
 
-    They also seem to overlap if the radar slowly sweeps only a part of the turn. The number of ticks that the turns show
-    tells the two cases apart, since encoders are made with only a few numbers of ticks.
+    They also seem to overlap if the radar slowly sweeps only a part of the circle. The number of ticks that the revolutions
+    show tells the two cases apart, since encoders are made with only a few numbers of ticks.
 
     Args:
         path: path of the recording, for errors.
         stamps_us: (N,) stamps of its polar scans [us].
-        ends: durations of the first and the last turn at the rate of their azimuths [us]; None where these do not show it.
-        turn: encoder ticks per turn that were assumed.
+        ends: durations of the first and the last revolution by the rate of their azimuths [us]; None where unknown.
+        turn: encoder ticks per revolution that were assumed.
 
     Returns:
-        A fault for the user if turns seem to overlap, but no encoder is made with as many ticks as they show.
+        A list with a fault for the user if revolutions seem to overlap, but no encoder has as many ticks as they show.
 
     Raises:
-        DataError: turns seem to overlap, and an encoder with another number of ticks explains it.
+        DataError: revolutions seem to overlap, and an encoder with another number of ticks explains it.
     """
     steps = np.diff(stamps_us)
     if len(steps) < _NEAR_STEPS:
@@ -178,13 +178,13 @@ def check_encoder(
 def read_metadata(image: NDArray[np.uint8], *, flags_validity: bool = True, turn: int = TURN_TICKS) -> Azimuths:
     """Reads the azimuths of an image (A, 11 + B) of Oxford rows.
 
-    A row begins with int64 time [us or ns], uint16 encoder (5600 a turn, clockwise from straight ahead), both
-    little-endian, and a byte that is 255 where the azimuth was measured, unless it flags something else.
+    A row begins with int64 time [us or ns], uint16 encoder (`turn` ticks a revolution, clockwise from straight ahead), both
+    little-endian, and a flag byte that is 255 where the azimuth was measured, unless the byte has another meaning.
 
     Args:
         image: the rows.
-        flags_validity: whether the byte says which azimuths were measured.
-        turn: encoder ticks per turn.
+        flags_validity: whether the flag byte says which azimuths were measured.
+        turn: encoder ticks per revolution.
 
     Raises:
         ValueError: the rows are no Oxford rows.
@@ -199,7 +199,7 @@ def read_metadata(image: NDArray[np.uint8], *, flags_validity: bool = True, turn
 
 
 def has_times(image: NDArray[np.uint8]) -> bool:
-    """Returns whether the rows of an image (A, W) begin with the times of a turn, whatever their angles."""
+    """Returns whether the rows of an image (A, W) begin with the times of one revolution, whatever their angles."""
     if len(image) < 2 or image.shape[1] <= METADATA_BYTES:
         return False
     stamps = np.ascontiguousarray(image[:, :8]).view("<i8")[:, 0].astype(np.int64)
@@ -208,7 +208,7 @@ def has_times(image: NDArray[np.uint8]) -> bool:
 
 
 def has_metadata(image: NDArray[np.uint8], turn: int = TURN_TICKS) -> bool:
-    """Returns whether the rows of an image (A, W) begin with times and angles that sweep at least half a turn."""
+    """Returns whether the rows of an image (A, W) begin with times and angles that sweep at least half a revolution."""
     try:
         azimuths = read_metadata(image, turn=turn)
     except ValueError:
@@ -232,7 +232,7 @@ def make_rows(recording: Recording, k: int, polar_scan: PolarScan, per_us: int =
         per_us: units of the written time per microsecond: 1 to write us, 1000 to write ns.
 
     Raises:
-        DataError: the polar scan turns counter-clockwise.
+        DataError: the azimuths of the polar scan run counter-clockwise, or it has one azimuth.
     """
     stamps, ticks = azimuth_stamps(recording, polar_scan) * per_us, encode_azimuths(recording, k, polar_scan, TURN_TICKS)
     head = [stamps.astype("<i8").view(np.uint8).reshape(-1, 8), ticks.astype("<u2").view(np.uint8).reshape(-1, 2)]
@@ -241,7 +241,7 @@ def make_rows(recording: Recording, k: int, polar_scan: PolarScan, per_us: int =
 
 
 def make_rows_of_chirps(recording: Recording, k: int, polar_scan: PolarScan) -> NDArray[np.uint8]:
-    """Makes the image (A, 11 + B) of Oxford rows of polar scan k with both directions of its chirps, if it has both.
+    """Makes the image (A, 11 + B) of Oxford rows of polar scan k with its up-chirps and, if it has any, its down-chirps.
 
     Byte 10 is then 255 where the chirp goes up and 0 where it goes down, as in Boreas-RT. It then cannot mark azimuths that
     were not measured, so these are left out.
@@ -252,7 +252,7 @@ def make_rows_of_chirps(recording: Recording, k: int, polar_scan: PolarScan) -> 
         polar_scan: polar scan k.
 
     Raises:
-        DataError: the polar scan turns counter-clockwise.
+        DataError: the azimuths of the polar scan run counter-clockwise, or it has one azimuth.
     """
     if polar_scan.down is None:
         return make_rows(recording, k, polar_scan)
@@ -263,10 +263,10 @@ def make_rows_of_chirps(recording: Recording, k: int, polar_scan: PolarScan) -> 
 
 
 def encode_azimuths(recording: Recording, k: int, polar_scan: PolarScan, turn: int) -> NDArray[np.int64]:
-    """Encodes the azimuths of polar scan k as clockwise encoder values (A,) from 0 to `turn`, the number of ticks per turn.
+    """Encodes the azimuths of polar scan k as clockwise encoder values (A,) from 0 to `turn`, the ticks per revolution.
 
     Raises:
-        DataError: the polar scan turns counter-clockwise, or has one azimuth.
+        DataError: the azimuths of the polar scan run counter-clockwise, or it has one azimuth.
     """
     if len(polar_scan.azimuths) < 2:
         raise DataError(recording.path, f"polar scan {k} has one azimuth, rows need two", "convert it to .npz")
@@ -278,7 +278,7 @@ def encode_azimuths(recording: Recording, k: int, polar_scan: PolarScan, turn: i
 
 
 def _mark_ordered(values: NDArray[np.float64], candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Marks the longest subsequence of some candidates (A,) whose values (A,) do not decrease."""
+    """Marks, of the entries that a mask `candidates` (A,) marks, the longest subsequence of values that do not decrease."""
     mask = candidates.copy()
     if np.any(np.diff(values[candidates]) < 0):
         mask[candidates] = mark_increasing(values[candidates].tolist(), strictly=False)

@@ -1,13 +1,13 @@
 """Reads and writes the layouts Boreas and Boreas-RT: `radar/<t>.png` of Oxford rows, with `calib/` or `applanix/` beside it.
 
 Source: github.com/utiasASRL/pyboreas, DATA_REFERENCE.md, DATA_RT_REFERENCE.md, pyboreas/utils, and issue 44. An image and
-its pose are stamped in the middle of the turn (row floor(A / 2) - 1). Bin b is at the range b * resolution + radar_offset.
-Poses lie in `applanix/radar_poses.csv`, calibrations in `calib/`: `T_a_b` takes points of frame b to frame a. The Applanix
-frame is x right, y forward, z up; the radar's is x forward, y right, z down.
+its pose are stamped in the middle of the revolution (row floor(A / 2) - 1). Bin b is at the range b * resolution +
+radar_offset. Poses lie in `applanix/radar_poses.csv`, calibrations in `calib/`: `T_a_b` takes points of frame b to frame a.
+The Applanix frame is x right, y forward, z up; the radar's is x forward, y right, z down.
 
 Readings of other sensors lie in `applanix/` and `imu/`. In Boreas, applanix/imu.csv holds the post-processed solution, from
-which the ground truth comes, too; for Boreas-RT, the authors advise against it for the same reason. So it is read only
-where a user names it.
+which the ground truth comes, too; for Boreas-RT, the authors advise against that file for the same reason. So it is
+read only where a user names it.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
     )
     poses = root / "applanix" / "radar_poses.csv"
     imus = (*(root / "imu" / name for name in DMU_NAMES), root / "applanix" / "imu_raw.csv")
-    imu = next((file for file in imus if file.exists()), None)  # the one that the ground truth depends on least
+    imu = next((file for file in imus if file.exists()), None)  # the file on which the ground truth depends least
     unread = root / "applanix" / "imu.csv"
     dependent = f"{unread} comes from the same solution as the ground truth, and is not read as a gyroscope"
     offset, notes = (0.0, []) if sensing.range_offset is not None else _read_radar_offset(root / "calib" / _MISC)
@@ -83,10 +83,10 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
 
 
 def _read_radar_offset(file: Path) -> tuple[float, list[str]]:
-    """Reads the range [m] of the near end of bin 0; returns the usual one, with a note, if no file states it.
+    """Reads the range [m] of the near end of bin 0; returns the usual range, with a note, if the file does not exist.
 
     Raises:
-        DataError: the file cannot be read, or states an offset that no radar has.
+        DataError: the file cannot be read, or states an offset that is too large for a radar.
     """
     if not file.exists():
         note = f"a range offset of {_RADAR_OFFSET_M:g} m is assumed, as the devkit has it: {Remedy.OVERRIDE_RANGE_OFFSET}"
@@ -97,12 +97,12 @@ def _read_radar_offset(file: Path) -> tuple[float, list[str]]:
         if not is_range_offset(offset):
             raise ValueError(offset)
     except (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError, yaml.YAMLError) as error:
-        raise DataError(file, "states no radar_offset in metres that a radar has", "repair or remove it") from error
+        raise DataError(file, "states no radar_offset that fits a radar", "repair or remove it") from error
     return offset, []
 
 
 def _find_fixes(root: Path) -> Path | None:
-    """Returns the file of the fixes, or None where no file names latitude and longitude."""
+    """Returns the file of the GNSS fixes, or None where no file has columns of latitude and longitude."""
     for name in ("gps_post_process.csv", "gps.csv"):
         file = root / "applanix" / name
         if file.exists() and {"gpstime", "latitude", "longitude"} <= set(read_header(file, "repair or remove it").names):
@@ -136,8 +136,8 @@ def _read_poses(file: Path) -> Trajectory:
 
     Columns: stamp, easting, northing, altitude [m], three velocities, roll, pitch, heading [rad], three rates; and
     C_enu_radar = R1(roll) R2(pitch) R3(heading), where the rotations R1, R2 and R3 turn the axes, not the vectors. Roll is
-    near pi, so the heading goes counter-clockwise from east as yaw does; exactly, the yaw is the direction of the radar's x
-    axis.
+    near pi, so the heading goes counter-clockwise from east as yaw does; to be exact, the yaw is the direction of the
+    radar's x axis.
     """
     stamps, table = read_stamped(file, [1, 2, 7, 8, 9])
     easting, northing, roll, pitch, heading = table.T
@@ -147,7 +147,7 @@ def _read_poses(file: Path) -> Trajectory:
 
 
 def write(out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a folder; see `Target`."""
+    """Writes a recording as a folder, as `Target.write` describes it."""
     middles = np.empty(len(recording), dtype=np.int64)
     with write_folder_aside(out) as folder:
         for name in ("radar", "applanix", "calib"):
@@ -163,7 +163,7 @@ def write(out: Path, recording: Recording) -> list[str]:
 def _write_poses(folder: Path, truth: Trajectory, middles: NDArray[np.int64]) -> list[str]:
     """Writes the poses of the polar scans that ground truth covers, at the stamps (N,) [us] of their images.
 
-    The radar's frame is x forward, y right, z down in a frame of east, north and up: roll is pi and the heading the yaw.
+    The radar's frame is x forward, y right, z down in a frame of east, north and up: roll is pi and the heading is the yaw.
     """
     stamps = middles[(middles >= truth.stamps_us[0]) & (middles <= truth.stamps_us[-1])]
     if len(stamps) < 2:

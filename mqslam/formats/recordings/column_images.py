@@ -31,7 +31,7 @@ class ColumnImages:
     Args:
         folder: folder of the images.
         names: (N,) int64, names of the images.
-        digits: least number of digits of a name.
+        digits: number of digits to which names are padded with zeros.
     """
 
     folder: Path
@@ -61,7 +61,7 @@ class ColumnImageRecording(Recording):
 
     Args:
         images: the images, one per polar scan.
-        shape: range rows and azimuth columns of every image.
+        shape: number of range rows and number of azimuth columns of every image.
         clockwise: whether azimuths follow one another clockwise, seen from above.
     """
 
@@ -109,11 +109,11 @@ def open_columns(
         path: the recording.
         format: name of its layout.
         images: the images.
-        named_us: (N,) stamps [us] in the order of the polar scans: the ends of turns, unless `sensing` says otherwise.
+        named_us: (N,) stamps [us] in the order of the polar scans: the ends of revolutions, unless `sensing` says otherwise.
         numbers: (N,) increasing numbers of the polar scans, of which some may be missing; None numbers them one by one.
         usual_resolution: length of a range bin [m], unless `sensing` says otherwise, and the name of the radar that has
             such bins.
-        sensing: what the user states about the radar; it turns clockwise, unless stated otherwise.
+        sensing: what the user states about the radar, which spins clockwise unless the user states otherwise.
 
     Raises:
         DataError: there are no images, or half of them cannot be used.
@@ -145,8 +145,9 @@ def open_columns(
 def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> list[str]:
     """Writes a polar image `<name>.png` per polar scan into a folder, one polar scan in memory at a time.
 
-    The first column looks straight ahead. Where turns begin one step later, as Oxford's do, it is the last azimuth of the
-    turn before; it stays empty in the first image and after a gap. Stamps stay those of the turns.
+    The first column looks straight ahead. Where revolutions begin one azimuth step later, as Oxford's do, the first column
+    is the last azimuth of the revolution before; the column stays empty in the first image and after a gap. The stamps stay
+    those of the revolutions.
 
     Args:
         folder: folder for the images.
@@ -160,7 +161,7 @@ def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> l
         DataError: polar scans differ in size, or azimuths are not spread evenly from straight ahead.
     """
     shape, apart, clockwise, late = (0, 0), 0.0, True, False
-    # where turns begin one step late, a turn's last azimuth is the first column of the next image
+    # where revolutions begin one step late, the last azimuth of each is the first column of the next image
     ahead: NDArray[np.uint8] | None = None
     follows = np.append(False, recording.ends_us[:-1] == recording.stamps_us[1:])
     for k, polar_scan in enumerate(recording.polar_scans()):
@@ -207,7 +208,7 @@ def _find_misfit(k: int, polar_scan: PolarScan, shape: tuple[int, int], off: flo
 
 
 def _measure_deviation(polar_scan: PolarScan, clockwise: bool, late: int) -> float:
-    """Measures how far azimuths lie from where readers of polar images will place them [rad]; column `late` is the first."""
+    """Measures how far azimuths lie off even steps [rad], of which the first lies `late` steps after straight ahead."""
     even = spread_azimuths(len(polar_scan.azimuths), 0, 0, clockwise=clockwise).angles
     even = even + late * (even[1] - even[0])
     return float(np.abs(se2.wrap(polar_scan.azimuths - even)).max())

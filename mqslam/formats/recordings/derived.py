@@ -14,13 +14,13 @@ from mqslam.errors import ConfigError, DataError
 
 @dataclass(frozen=True, kw_only=True)
 class DerivedRecording(Recording):
-    """The polar scans of another recording, from one of them on and perhaps mirrored.
+    """A recording that holds the polar scans of another one from a given scan on, and may mirror them.
 
     Args:
-        inner: the recording.
+        inner: the other recording.
         first: number in the inner recording of the polar scan that comes first here.
         earlier_s: time from the start of the inner recording to the start of this one [s].
-        is_mirrored: whether the radar turns the other way than the inner recording says.
+        is_mirrored: whether the radar spins the other way than the inner recording says, so that azimuths change sign.
     """
 
     inner: Recording
@@ -85,11 +85,11 @@ def mirror(recording: Recording, note: str) -> Recording:
 
 
 def turn_as_told(recording: Recording, clockwise: bool | None) -> Recording:
-    """Returns a recording whose radar turns the way that the user states; it is mirrored if its azimuths turn the other way.
+    """Returns a recording whose radar spins the way that the user states, mirrored if its azimuths run the other way.
 
     Args:
         recording: the recording.
-        clockwise: whether the radar turns clockwise, seen from above; None leaves the recording as it is.
+        clockwise: whether the radar spins clockwise, seen from above; None leaves the recording as it is.
     """
     if clockwise is None or _is_clockwise(recording) is clockwise:
         return recording

@@ -51,10 +51,10 @@ class Sensing:
 
     Args:
         range_resolution: length of a range bin [m].
-        clockwise: whether the radar turns clockwise, seen from above.
-        stamp: whether a polar scan's stamp, where it has only one, is its start or its end.
+        clockwise: whether the radar spins clockwise, seen from above.
+        stamp: whether the stamp of a polar scan that has only one is the scan's start or its end.
         topics: topics of a bag to read.
-        encoder_size: encoder ticks per turn, where azimuths carry encoder values.
+        encoder_size: encoder ticks per revolution, where azimuths carry encoder values.
         range_offset: true range of an object at rest minus the range of the bin's centre [m].
     """
 
@@ -77,7 +77,7 @@ class Sensing:
         return usual_m, [note_resolution(usual_m, f", as {whose} has it")]
 
     def note_unused(self) -> list[str]:
-        """Notes that the user's choice of stamp has no effect, in a recording whose azimuths carry stamps of their own."""
+        """Returns a list with a note that a choice of stamp has no effect, for recordings whose azimuths carry stamps."""
         return [] if self.stamp is None else ["azimuths carry stamps of their own: sensor.stamp has no effect"]
 
 
@@ -118,13 +118,14 @@ class Target:
             recording, and an OutputError where it cannot be written.
         suffix: suffix of the file, "" for a folder.
         odometry: whether the layout holds odometry.
-        truth: whether it holds ground truth.
-        sensors: whether it holds the gyroscope, GNSS fixes and the radar's mount.
-        validity: whether it can mark an azimuth as not measured.
-        range_offset: whether it holds the radar's range offset.
-        assumed_resolution: length of a range bin [m] that readers assume for a recording; None where the layout states it.
-        message: type of the messages in which a bag holds polar scans; it has no meaning for other layouts.
-        is_bag: whether it is a ROS bag, which can also hold the results of a run.
+        truth: whether the layout holds ground truth.
+        sensors: whether the layout holds the gyroscope, GNSS fixes and the radar's mount.
+        validity: whether the layout can mark an azimuth as not measured.
+        range_offset: whether the layout holds the radar's range offset.
+        assumed_resolution: returns the length of a range bin [m] that readers assume for a recording; None if files of the
+            layout state this length.
+        message: type of the messages in which a bag holds polar scans; without meaning for other layouts.
+        is_bag: whether the layout is a ROS bag, which can also hold the results of a run.
     """
 
     name: str

@@ -71,15 +71,15 @@ class Restorer:
             return False
 
     def _count(self, k: int) -> int:
-        """Counts the azimuths that image k lost; none where the image before is missing."""
+        """Counts the azimuths that image k lost; returns 0 where the image before is missing."""
         return count_lost(self._image(k - 1), self._image(k)) if self._is_there(k - 1) else 0
 
     def _cut(self, k: int) -> NDArray[np.float32]:
-        """Returns the power (bands, rows, A) of image k in bands of range."""
+        """Returns the power (bands, rows, A) of image k, cut into bands of range."""
         return _cut_bands(self._image(k))
 
     def _spread_evenly(self, k: int) -> NDArray[np.int64]:
-        """Returns which column (A,) of image k shows each azimuth if losses are spread evenly over the turn."""
+        """Returns which column (A,) of image k shows each azimuth if losses are spread evenly over the revolution."""
         azimuths, lost = self._image(k).shape[1], self._lost(k)
         return _list_sources(azimuths, np.arange(1, lost + 1) * azimuths // (lost + 1))
 
@@ -93,7 +93,7 @@ class Restorer:
         beside = (k - 1, k + 1)
         if not 0 < self._lost(k) <= _MOST_PLACED or not all(self._is_there(other) for other in beside):
             return self._spread_evenly(k)
-        # a lost azimuth of a neighbour is replaced by the one before it
+        # a lost azimuth of a neighbour is replaced by the azimuth before it
         sources = (np.maximum(np.maximum.accumulate(of_neighbour(other)), 0) for other in beside)
         before, after = (self._bands(other)[:, :, source] for other, source in zip(beside, sources, strict=True))
         bands = self._bands(k)
@@ -101,15 +101,15 @@ class Restorer:
 
 
 def count_lost(before: Image, image: Image) -> int:
-    """Counts the last columns of an image that still show the turn before."""
+    """Counts the columns at the end of an image that still show the revolution before, that of the image `before`."""
     old, new = _choose_rows(before), _choose_rows(image)
 
     def measure_change(shift: int) -> NDArray[np.float32]:
-        """Returns the RMS change (A,) of each column from the column that lies `shift` further right in the turn before."""
+        """Returns the RMS change (A,) of each column from the column that lies `shift` further right in the image before."""
         change = _centre_columns(new - np.roll(old, -shift, axis=1))
         return np.asarray(np.sqrt((change**2).mean(axis=0)))
 
-    # after a turn that lost azimuths, most columns show another azimuth than in the image before
+    # after a revolution that lost azimuths, most columns show another azimuth than in the image before
     usual = min(float(np.median(measure_change(shift))) for shift in range(-_MOST_LOST, _MOST_LOST + 1))
     copied = measure_change(0) < np.minimum(_STALE * usual, _ALIKE * new.std(axis=0))
     return int(np.argmin(copied[::-1]))
@@ -118,11 +118,11 @@ def count_lost(before: Image, image: Image) -> int:
 def place_losses(
     before: NDArray[np.float32], bands: NDArray[np.float32], after: NDArray[np.float32], lost: int
 ) -> NDArray[np.int64]:
-    """Finds where in a turn azimuths were lost.
+    """Finds where in a revolution azimuths were lost.
 
     Each column gets a score for each number of azimuths that may have been lost before it. The score is the sum over bands
     of range of the column's correlation with the images before and after, at the shift of the scene that suits the band
-    best. Along the turn, the number of lost azimuths cannot decrease. Dynamic programming finds the numbers with the
+    best. Along the revolution, the number of lost azimuths cannot decrease. Dynamic programming finds the numbers with the
     greatest sum of scores.
 
     Args:
@@ -155,7 +155,7 @@ def place_losses(
 
 
 def _list_sources(azimuths: int, places: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Returns which column (A,) shows each azimuth, -1 where it was lost; `places`: columns before which one was lost."""
+    """Returns which column (A,) shows each azimuth, -1 where it was lost; `places` are the columns after a lost one."""
     columns = np.arange(azimuths - len(places))
     source = np.full(azimuths, -1, dtype=np.int64)
     source[columns + np.searchsorted(places, columns, side="right")] = columns
@@ -163,7 +163,7 @@ def _list_sources(azimuths: int, places: NDArray[np.int64]) -> NDArray[np.int64]
 
 
 def _choose_rows(image: Image) -> NDArray[np.float32]:
-    """Returns the rows of an image that are compared, so many that they can be cut into bands of equal size."""
+    """Returns the rows of an image that are compared, as many as can be cut into bands of equal size."""
     near = image.shape[0] // _NEAR_SHARE
     rows = image[near :: max(1, image.shape[0] // _ROWS)]
     return rows[: max(1, len(rows) // _BANDS) * _BANDS].astype(np.float32)
@@ -175,7 +175,7 @@ def _centre_columns(rows: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _cut_bands(image: Image) -> NDArray[np.float32]:
-    """Returns the power (bands, rows, A) of an image in bands of range; a band's columns have mean zero and length one."""
+    """Returns the power (bands, rows, A) of an image in bands of range; a band's columns have zero mean and unit norm."""
     rows = _choose_rows(image)
     bands = _centre_columns(rows.reshape(min(_BANDS, len(rows)), -1, rows.shape[1]))
     return np.asarray(bands / np.sqrt((bands**2).sum(axis=1, keepdims=True) + 1e-6), dtype=np.float32)

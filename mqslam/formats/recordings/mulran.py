@@ -1,8 +1,8 @@
 """Reads and writes the layout MulRan: polar images under `sensor_data/radar/`, in one of two forms or both.
 
 `polar/<t>.png` has one column per azimuth and no metadata; `polar_oxford_form/<t>.png` has Oxford rows, whose stamps are in
-ns as in the names. An image is stamped at the end of its turn. The poses of the vehicle lie in `global_pose.csv`, the
-readings of its sensors in `xsens_imu.csv` and `gps.csv`.
+ns, like those in the file names. An image is stamped at the end of its revolution. The poses of the vehicle
+lie in `global_pose.csv`, the readings of its sensors in `xsens_imu.csv` and `gps.csv`.
 
 Source: sites.google.com/view/mulran-pr; github.com/url-kaist/outlier-robust-radar-odometry (ORORA), which states the stamp
 and the calibration.
@@ -92,14 +92,14 @@ def _read_poses(file: Path) -> Trajectory:
 
 
 def write(out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a folder of polar images; see `Target`."""
+    """Writes a recording as a folder of polar images, as `Target.write` describes it."""
     with write_folder_aside(out) as folder:
         images = _prepare_folder(folder, recording, _COLUMNS)
         return write_columns(images, recording, [f"{end}000" for end in recording.ends_us.tolist()])
 
 
 def write_rows(out: Path, recording: Recording) -> list[str]:
-    """Writes a recording as a folder of images of Oxford rows; see `Target`."""
+    """Writes a recording as a folder of images of Oxford rows, as `Target.write` describes it."""
     with write_folder_aside(out) as folder:
         images = _prepare_folder(folder, recording, _ROWS)
         for k, polar_scan in enumerate(recording.polar_scans()):
@@ -110,9 +110,9 @@ def write_rows(out: Path, recording: Recording) -> list[str]:
 
 
 def _prepare_folder(folder: Path, recording: Recording, form: str) -> Path:
-    """Makes the folder of the images and writes the poses above it; returns the folder."""
+    """Makes and returns the folder of a form's images below `folder`, and writes the ground truth, if any, to `folder`."""
     if recording.start_us * 1000 <= FIRST_NS:
-        problem = f"begins at {recording.start_us} us: in MulRan's ns such stamps are taken for us"
+        problem = f"begins at {recording.start_us} us: such early stamps in MulRan's ns would be read as us"
         raise DataError(recording.path, problem, "convert it to another layout")
     if recording.ground_truth is not None:
         write_text(folder / "global_pose.csv", _format_poses(recording.ground_truth))

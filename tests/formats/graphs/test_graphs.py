@@ -102,7 +102,7 @@ def test_the_vertices_of_fix_are_held_or_else_the_first_one(tmp_path: Path) -> N
         ("EDGE_SE2 5 5 1 0 0.1 10 1 0.5 20 0.2 30", "line 7 joins the vertex 5 with itself"),
         ("EDGE_SE2 5 6 1 0 0.1 -10 1 0.5 20 0.2 30", "line 7 has an information matrix that is not positive definite"),
         ("FIX", "line 7 is not FIX and vertices"),
-        ("FIX 9", "holds the vertex 9, which is not there"),
+        ("FIX 9", "fixes the vertex 9, which is not there"),
     ],
 )
 def test_a_line_that_cannot_be_meant_is_named(tmp_path: Path, line: str, message: str) -> None:
@@ -115,7 +115,7 @@ def test_a_line_that_cannot_be_meant_is_named(tmp_path: Path, line: str, message
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "holds 0 poses and 0 edges; give a graph of VERTEX_SE2"),
+        ("", "holds 0 poses and 0 edges, but a graph needs both; give a graph of VERTEX_SE2"),
         ("VERTEX_SE2 0 0 0 0\n", "holds 1 poses and 0"),
     ],
 )

@@ -159,7 +159,7 @@ def test_a_bag_without_scans_is_named_with_its_topics(tmp_path: Path, kind: str)
     [
         ({"ranges": [np.inf] * 3}, "has 2 scans .* 0 returns"),
         ({"ranges": []}, "has 2 scans .* 0 returns"),
-        ({"ranges": [1, 2, 3], "angle_min": np.nan}, r"the message on /scan recorded at \d+ ns has angles \(nan"),
+        ({"ranges": [1, 2, 3], "angle_min": np.nan}, r"the message on /scan recorded at \d+ ns has bad angles \(nan"),
         ({"ranges": [1, 2, 3], "range_max": 0.0}, r"the message on /scan recorded at \d+ ns has .* limits \(0.1"),
     ],
 )

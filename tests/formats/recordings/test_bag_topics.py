@@ -208,7 +208,7 @@ def test_messages_of_ros_1_in_an_mcap_are_named(tmp_path: Path) -> None:
 
 SCAN, PATH = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Path"
 TRACK = circle(START_US + np.arange(0, 1_600_000, 50_000))
-SAID = "messages on {} have no stamps in their headers: they are taken at the times at which they were recorded"
+SAID = "messages on {} have no stamps in their headers: the times at which they were recorded are used instead"
 
 
 def write_poses(bag: Bag, topic: str, kind: str = ODOMETRY, stamped: int = 0) -> None:

@@ -51,7 +51,7 @@ def test_the_range_offset_counts_from_the_near_end_of_a_bin(boreas: Path) -> Non
         "radar_offset: null",
     ):
         stated.write_text(text)
-        with pytest.raises(DataError, match=r"misc_calibrations.yaml: states no radar_offset in metres that a radar has"):
+        with pytest.raises(DataError, match=r"misc_calibrations.yaml: states no radar_offset that fits a radar"):
             open_recording(boreas)
 
 

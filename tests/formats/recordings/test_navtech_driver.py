@@ -230,7 +230,7 @@ def test_rows_of_an_encoder_that_tells_nothing_are_named(tmp_path: Path, zeros: 
         return np.where(row < zeros, 0, row * 14)
 
     for path in (write_folder(tmp_path / "drive", told), write_bag(bag_path(tmp_path, "ros2"), "ros2", told)):
-        with pytest.raises(DataError, match=f"has the encoder value 0 in {named} rows: the radar's encoder told nothing"):
+        with pytest.raises(DataError, match=f"has the encoder value 0 in {named} rows: the radar's encoder did not work"):
             open_recording(path)
 
 
