@@ -57,7 +57,7 @@ class Slam:
     def __init__(
         self, config: Config | None = None, frontend: str = PSI, runner: Runner | None = None, *, strict: bool = False
     ) -> None:
-        frontends.find_entry_point(frontend)
+        frontends.require(frontend)
         self._config, self._name, self._runner, self._strict = config or Config(), frontend, runner or Runner(), strict
 
     def run(self, recording: Recording, odometry: Trajectory | None = None, sensors: Sensors = NO_SENSORS) -> Run:

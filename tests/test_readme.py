@@ -27,7 +27,8 @@ from support.sensors import gga, rmc, stamps, write_imu_csv, write_lines
 import mqslam as mqslam_package
 from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.frontend import Context
+from mqslam.core.frontend import Context, load
+from mqslam.errors import ConfigError
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import write_tum
 from mqslam.simulator import simulate
@@ -198,7 +199,7 @@ def test_the_graph_of_ones_own_is_built_as_printed(place: Path) -> None:
     assert mqslam("optimise", "graph.txt", "--values", "values.txt").code == 0
 
 
-def test_the_front_end_of_ones_own_is_one() -> None:
+def test_the_front_end_of_ones_own_is_one(tmp_path: Path) -> None:
     (source,) = [text for text in snippets("python") if "class Mine" in text]
     names: dict[str, Any] = {}
     exec(source, names)
@@ -207,6 +208,14 @@ def test_the_front_end_of_ones_own_is_one() -> None:
     motions = list(names["Mine"](context).measure(scans))
     assert len(motions) == len(scans) - 1
     np.testing.assert_allclose(se2.chain(m.pose for m in motions)[-1], [2.0 * len(motions), 0.0, 0.0])
+    (tmp_path / "mine.py").write_text(source)
+    assert load(str(tmp_path / "mine.py")).__name__ == "Mine"
+    with pytest.raises(ConfigError, match="defines 0 classes with a method measure; define one"):
+        (tmp_path / "none.py").write_text("")
+        load(str(tmp_path / "none.py"))
+    with pytest.raises(ConfigError, match=r"cannot be imported \(.*No module named 'nowhere'"):
+        (tmp_path / "broken.py").write_text("import nowhere")
+        load(str(tmp_path / "broken.py"))
     (entry,) = snippets("toml")
     project = {"name": "my_package", "version": "0.1", "entry-points": {"mqslam.frontends": {"mine": "my_package:Mine"}}}
     assert tomllib.loads(entry) == {"project": project}

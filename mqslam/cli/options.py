@@ -156,7 +156,7 @@ OPTIONS: Final[Options] = {
     "frontend": option(
         str,
         "psi",
-        "Front end: psi, kiss_icp, open3d_icp, odometry, or one that you have installed.",
+        "Front end: psi, kiss_icp, open3d_icp, odometry, one that you have installed, or a Python file that defines one.",
         autocompletion=_complete("mqslam.core.frontend", lambda module: module.list_front_ends()),
     ),
     "config": option(

@@ -84,7 +84,7 @@ def _prepare_order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
         raise ConfigError(f"name {name!r}: cannot be the name of a folder; choose a name of letters and digits")
     if name in taken:
         raise ConfigError(f"name {name}: is the name of another run too; give one of them another name")
-    frontends.find_entry_point(run.frontend)
+    frontends.require(run.frontend)
     config = run.config if run.config is None or run.config in list_shipped() else folder / run.config
     if run.extrinsics not in _CHOICES:
         read_extrinsics(run.extrinsics)

@@ -179,7 +179,9 @@ def _check_names(frontends: Sequence[str], *, odometry_only: bool) -> None:
         if "+" in front_end:
             bare = front_end.split("+")[0]
             raise ConfigError(f"front end {name}: +gyro is the only sensor that can be added; name {bare} or {bare}+gyro")
-        known_frontends.find_entry_point(front_end)
+        known_frontends.require(front_end)
+        if Path(front_end).name != front_end:
+            raise ConfigError(f"front end {name}: its row is named after the file; compare in the folder of that file")
         if has_gyroscope and odometry_only:
             raise ConfigError(
                 f"front end {name}: +gyro needs a pose graph, and this comparison makes none; name {front_end} alone"

@@ -22,7 +22,7 @@ from mqslam.commands.inputs import choose_settings, open_data
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, set_doppler_beta
 from mqslam.core import se2
-from mqslam.core.frontend import Context, find_entry_point, measure_motions
+from mqslam.core.frontend import Context, measure_motions, require
 from mqslam.core.measurement import Loop, Measurement, Status
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Scans
@@ -166,7 +166,7 @@ def psi_factors(
         ...     graph.push_back(factor)
         >>> values.insert(factors.make_initial(values))  # doctest: +SKIP
     """
-    find_entry_point(frontend)  # raises before the recording is read
+    require(frontend)  # raises before the recording is read
     with _look_at(recording, config, work) as radar:
         settings, scans = radar.config, radar.scans
         lift, scan_keys = _choose_lift(pose), _list_keys(keys, len(scans))

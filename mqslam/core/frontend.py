@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import logging
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
 from typing import Protocol, Self
 
 import numpy as np
@@ -32,6 +36,7 @@ from mqslam.errors import (
 )
 
 _log = logging.getLogger(__name__)
+_FILE = ".py"  # suffix of a front end that is a file
 _NEGATIVE = 1e-6  # a negative eigenvalue of a covariance is a rounding error if it is smaller than this share of the trace
 
 
@@ -145,18 +150,50 @@ def list_front_ends() -> list[str]:
 
 
 def load(name: str) -> type[FrontEnd]:
-    """Loads the class of a front end by its name.
+    """Loads the class of a front end by its name, or from a Python file if the name ends in `.py`.
 
     Raises:
         ConfigError: no front end has that name, or it cannot be imported.
     """
     try:
-        front_end: type[FrontEnd] = find_entry_point(name).load()
+        front_end: type[FrontEnd] = _load_file(Path(name)) if name.endswith(_FILE) else find_entry_point(name).load()
+    except ConfigError:
+        raise
     except Exception as error:  # a front end may be anyone's code
         raise_interrupt(error)
         _log.info("front end %s cannot be imported", name, exc_info=error)
         raise ConfigError(f"front end {name}: cannot be imported ({describe_error(error)})") from error
     return front_end
+
+
+def require(name: str) -> None:
+    """Checks that a front end exists, without importing it.
+
+    Raises:
+        ConfigError: no front end has that name, or there is no such file.
+    """
+    if not name.endswith(_FILE):
+        find_entry_point(name)
+    elif not Path(name).is_file():
+        raise ConfigError(f"front end {name}: there is no such file; check the path")
+
+
+@cache
+def _load_file(path: Path) -> type[FrontEnd]:
+    """Loads the class with a method `measure` that a Python file defines.
+
+    Raises:
+        ConfigError: the file defines no such class, or more than one.
+    """
+    spec = spec_from_file_location(f"mqslam_front_end_{path.stem}", path)
+    assert spec is not None and spec.loader is not None, path
+    module = sys.modules[spec.name] = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    own = [one for one in vars(module).values() if isinstance(one, type) and one.__module__ == module.__name__]
+    front_ends: list[type[FrontEnd]] = [one for one in own if callable(getattr(one, "measure", None))]
+    if len(front_ends) != 1:
+        raise ConfigError(f"front end {path}: defines {len(front_ends)} classes with a method measure; define one")
+    return front_ends[0]
 
 
 def create(name: str, context: Context) -> FrontEnd:

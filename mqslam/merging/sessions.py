@@ -299,6 +299,6 @@ def _explain(sessions: Sequence[Session], joined: set[int], recognitions: Sequen
             agreeing = max(m.relation.agreeing for m in own)
             why += f", and {agreeing} matches agree on one relation and {rivals} on another"
     return EstimationError(
-        f"{names}: no place that it shares with the other recordings is recognised with certainty; {why}",
+        f"{names}: shares no place with the other recordings that is recognised with certainty; {why}",
         "give recordings that pass through the same streets",
     )

@@ -192,7 +192,7 @@ def test_a_single_result_and_a_repeated_one_are_refused(days: Days, tmp_path: Pa
     with pytest.raises(ConfigError, match="given twice"):
         mqslam.merge([days["monday"], days["monday"]], tmp_path / "out")
     shutil.copytree(days["monday"], tmp_path / "copy")
-    with pytest.raises(DataError, match=r"holds monday\.drive, as .*monday does"):
+    with pytest.raises(DataError, match=r"holds monday\.drive, and so does .*monday"):
         mqslam.merge([days["monday"], tmp_path / "copy"], tmp_path / "out")
 
 

@@ -45,6 +45,7 @@ class _Checked:
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
         self.path, self.range_resolution = recording.path, recording.range_resolution
+        self.range_offset = recording.range_offset
         self.start_us, self.stamps_us, self.turns_us = recording.start_us, recording.stamps_us, recording.turns_us
 
     def polar_scans(self, start: int, stop: int) -> Any:
@@ -57,6 +58,7 @@ def check_recording(recording: Recording) -> None:
     assert recording.stamps_us.dtype == np.int64 and 0 < len(recording) < _MOST
     assert np.all(np.diff(recording.stamps_us) > 0) and recording.end_us > recording.stamps_us[-1]
     assert np.isfinite(recording.range_resolution) and recording.range_resolution > 0.0
+    assert np.isfinite(recording.range_offset)
     for track in (recording.odometry, recording.ground_truth):
         if track is not None:
             check_trajectory(track)

@@ -113,7 +113,7 @@ def test_a_gyroscope_that_is_mounted_upside_down_is_turned(tmp_path: Path) -> No
         lambda bag: [(START_US, static(bag, "base_link", "imu_link", (0.0, 0.0, 0.0), TURNED_OVER))],
     )
     recording = write(tmp_path / "drive.mcap", "mcap", ("/imu", IMU, imus(rate=RATE * [1, -1, -1])), over)
-    assert recording.gyroscope is not None and any("turned to the vehicle's axes" in note for note in recording.notes)
+    assert recording.gyroscope is not None and any("rotated to the vehicle's axes" in note for note in recording.notes)
     np.testing.assert_allclose(recording.gyroscope.rates, np.tile(RATE, (40, 1)), rtol=0.0, atol=1e-12)
 
 
