@@ -14,6 +14,7 @@ from typing import Any
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
+from origins import CONSTANTS, ORIGINS
 
 from mqslam.auditing.table import TESTS
 from mqslam.config import Config
@@ -21,7 +22,12 @@ from mqslam.config import Config
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the generated pages to those that are written by hand."""
-    for name, text in (("reference/cli.md", describe_commands()), ("reference/settings.md", describe_settings())):
+    pages = {
+        "reference/cli.md": describe_commands(),
+        "reference/settings.md": describe_settings(),
+        "reference/constants.md": describe_constants(),
+    }
+    for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
     return files
 
@@ -51,6 +57,32 @@ def describe_settings() -> str:
             lines.append(f"| `{key}` | `{values[key]}` | {description} |")
         lines.append("")
     return "\n".join(lines)
+
+
+def describe_constants() -> str:
+    """Returns the page of the constants that decide a covariance: where each comes from, and how many come from where."""
+    counts = [f"{sum(c.origin == origin for c in CONSTANTS)} {origin}" for origin in ORIGINS]
+    lines = [
+        "# Constants that decide a covariance",
+        "",
+        "These standard deviations, floors, priors, factors, shares and random walks decide how large a covariance is: that "
+        "of a motion, of a factor, of a sensor's calibration, of the graph or of an audit's registration. The values are "
+        "read from the program; the origins are known from comments, benchmarks and the history of the repository.",
+        "",
+        f"There are {len(CONSTANTS)} constants; by origin, {', '.join(counts[:-1])} and {counts[-1]}.",
+        "",
+        "| origin | what it means |",
+        "|---|---|",
+        *(f"| {origin} | {meaning} |" for origin, meaning in ORIGINS.items()),
+        "",
+        "| constant | value | what it decides | origin |",
+        "|---|---|---|---|",
+    ]
+    for constant in CONSTANTS:
+        values = ", ".join(f"{number:.6g}" for number in constant.list_numbers())
+        origin = f"{constant.origin}: {constant.on}" if constant.on else constant.origin
+        lines.append(f"| `{constant.module}` `{constant.name}` | `{values}` | {constant.decides} | {origin} |")
+    return "\n".join([*lines, ""])
 
 
 def on_page_content(content: str, **_: Any) -> str:

@@ -14,8 +14,9 @@ from mqslam.errors import ConfigError
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
-def test_the_page_about_the_verdict_is_made_from_the_table() -> None:
+def test_the_page_about_the_verdict_is_made_from_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
     """`python -c "import generate; print(generate.describe_verdict(), end='')"` in docs/hooks makes it anew."""
+    monkeypatch.syspath_prepend(DOCS / "hooks")  # as MkDocs does
     page = runpy.run_path(str(DOCS / "hooks" / "generate.py"))["describe_verdict"]()
     assert (DOCS / "explanation" / "verdict.md").read_text(encoding="utf-8") == page
     assert len(page.splitlines()) < 45  # one screen
