@@ -60,7 +60,7 @@ class Constant(NamedTuple):
 
 _FIRST_800 = "the first 800 scans of the twin's kaist01"
 _SHARED_DRIFT = "the twin's kaist01, the city's seeds 1 to 3 and the first 800 scans of the twin's kaist02"
-_RANGING = "four simulated worlds without a range offset; which ones is not recorded"
+_RANGING = "simulated drives without a range offset: two cities (kind, hard) and two drives of the twin (kind, hard)"
 _MOUNTS = "simulated streets; which ones is not recorded"
 _GUARD = "a guard against rounding"
 
