@@ -157,10 +157,13 @@ def test_a_bag_without_scans_is_named_with_its_topics(tmp_path: Path, kind: str)
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
-        ({"ranges": [np.inf] * 3}, "has too few scans with rising stamps \(2\) or returns \(0\)"),
-        ({"ranges": []}, "has too few scans with rising stamps \(2\) or returns \(0\)"),
+        ({"ranges": [np.inf] * 3}, r"has too few scans with rising stamps \(2\) or returns \(0\)"),
+        ({"ranges": []}, r"has too few scans with rising stamps \(2\) or returns \(0\)"),
         ({"ranges": [1, 2, 3], "angle_min": np.nan}, r"the message on /scan recorded at \d+ ns has bad angles \(nan"),
-        ({"ranges": [1, 2, 3], "range_max": 0.0}, r"the message on /scan recorded at \d+ ns has bad angles .* or ranges \(0\.1"),
+        (
+            {"ranges": [1, 2, 3], "range_max": 0.0},
+            r"the message on /scan recorded at \d+ ns has bad angles .* or ranges \(0\.1",
+        ),
     ],
 )
 def test_scans_that_cannot_be_used_are_named(tmp_path: Path, content: dict[str, Any], problem: str) -> None:
