@@ -334,7 +334,7 @@ def test_a_run_shows_progress_a_table_and_the_report(
     assert "psi per point" in shown.out and "verdict: " in shown.out and "ATE [m]" in shown.out
     assert all(f"\nnot judged: {line}\n" in shown.out for line in summary_of(tmp_path / "out")["not_judged"])
     sigma_m = summary_of(tmp_path / "out")["last_pose"]["sigma_along_m"]
-    assert f"\nlast pose: ± {sigma_m:.2g} m along" in shown.out and "is a prior" not in shown.out  # nor is there a map
+    assert f"\nlast pose: ± {sigma_m:.2g} m along" in shown.out and "(a prior)" not in shown.out  # nor is there a map
     assert shown.code == 0 and "report: out/report.html" in shown.out.splitlines()[-2:]
     assert "\x1b" not in shown.out + shown.err
 

@@ -40,14 +40,15 @@ def _measure_simulated(out: Path) -> list[Row]:
                 radar = replace(COARSE_SENSOR, range_offset=offset, doppler_beta=beta)
                 data = simulate("city", world, seed, 60.0, radar)
                 track, found = _solve(data)
+                drift = _score(out, track, data)
                 cells: dict[str, Cell] = {
                     "world": world,
                     "seed": f"{seed}",
                     "offset": f"{offset:.2f}",
                     "beta": f"{beta:.2f}",
                     **_list_cells(found),
-                    "drift": _score(out, track, data),
-                    "mended": _score(out, _solve(data, offset)[0], data),
+                    "drift": drift,
+                    "mended": _score(out, _solve(data, offset)[0], data) if offset else drift,
                 }
                 if found is not None:
                     cells |= {"offset_error": found.offset - offset, "beta_error": found.beta - beta}

@@ -50,6 +50,7 @@ class Beams(NamedTuple):
     foot_widths: float  # its width in widths of the main lobe
     resolution: float  # length of a range bin [m]
     betas: Array  # (A,) range shift per closing speed [s], signed by the chirp
+    offset: float = 0.0  # true range of an object at rest minus the range of the centre of its bin [m]
 
 
 @nb.njit(cache=True, nogil=True)
@@ -74,7 +75,7 @@ def add_echoes(echoes: Echoes, beams: Beams, field: NDArray[np.complex128]) -> N
             r = np.sqrt(dx * dx + dy * dy)
             off = (np.cos(beams.poses[a, 2]) * dy - np.sin(beams.poses[a, 2]) * dx) / r
             closing = ((beams.velocities[a, 0] - vx) * dx + (beams.velocities[a, 1] - vy) * dy) / r
-            place = (r - beams.betas[a] * closing) / beams.resolution - 0.5
+            place = (r - beams.offset - beams.betas[a] * closing) / beams.resolution - 0.5
             b = int(np.floor(place))
             if b < 0 or b >= bins - 1:
                 continue

@@ -103,6 +103,7 @@ class HardWorld:
             foot_widths=self.realism.foot_widths,
             resolution=self.sensor.range_resolution,
             betas=self.sensor.betas,
+            offset=self.sensor.range_offset,
         )
 
     def _obstruct(self, vehicles: Vehicles) -> Obstacles:
