@@ -67,6 +67,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     write_lines(folder / "log.nmea", rmc("122639.00", "130920"), *(gga(f"1226{second}.00") for second in range(40, 44)))
     (folder / "my_kiss.yaml").write_text("mapping:\n  voxel_size: 1.0\ndata:\n  max_range: 100.0\n")
     (folder / "mine.yaml").write_text("tracker: {sigma_alpha: 0.3}\n")
+    (folder / "mine.py").write_text(next(text for text in snippets("python") if "class Mine" in text))
     for name in ("drive1", "drive2", "DATA2"):
         (folder / name).symlink_to(folder / "DATA")
     (folder / "runs.yaml").write_text(snippets("yaml")[0])
