@@ -82,7 +82,7 @@ def read_stretches(
     odometry: Trajectory | None,
     detector: DetectorConfig,
     progress: Callable[[int, int], object],
-    count: int = STRETCHES,
+    count: int | None = None,
 ) -> list[Stretch]:
     """Reads the most telling stretches: where odometry's yaw rate changes most, or else spread over the recording.
 
@@ -91,7 +91,7 @@ def read_stretches(
         odometry: odometry on the same clock, or None.
         detector: settings of the detector.
         progress: called with (number of polar scans read, number of polar scans to read).
-        count: most stretches to read.
+        count: most stretches to read; None reads `STRETCHES`.
     """
     spans = choose_spans(recording, odometry, count)
     total = sum(end - begin for begin, end in spans)
@@ -119,11 +119,12 @@ def read_stretches(
     ]
 
 
-def choose_spans(recording: Recording, odometry: Trajectory | None, count: int = STRETCHES) -> list[tuple[int, int]]:
+def choose_spans(recording: Recording, odometry: Trajectory | None, count: int | None = None) -> list[tuple[int, int]]:
     """Chooses stretches that have no gaps and do not overlap; each is (its first polar scan, its last polar scan + 1).
 
     Where gaps leave no stretch of the usual size, all stretches are as long as the longest one without a gap.
     """
+    count = STRETCHES if count is None else count
     gap_after = np.zeros(len(recording), dtype=np.int64)
     gap_after[[k for k, _ in recording.gaps()]] = 1
     gaps = np.cumsum(gap_after) - gap_after  # number of gaps before each polar scan
