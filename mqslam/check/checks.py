@@ -210,7 +210,7 @@ def check_ranges(recording: Recording, stretches: Sequence[Stretch], settings: C
         found = _measure_ranges(stretches, settings, beam._replace(doppler_beta=found.beta)) or found
     if found is None:
         return []
-    sigma, sigma_beta = np.sqrt(np.diag(found.covariance)).tolist()
+    sigma, sigma_beta = found.sigmas.tolist()
     used = recording.range_offset
     numbers = {
         "range_offset_m": used + found.offset,

@@ -156,7 +156,9 @@ def load(name: str) -> type[FrontEnd]:
         ConfigError: no front end has that name, or it cannot be imported.
     """
     try:
-        front_end: type[FrontEnd] = _load_file(Path(name)) if name.endswith(_FILE) else find_entry_point(name).load()
+        front_end: type[FrontEnd] = (
+            _load_file(Path(name).resolve()) if name.endswith(_FILE) else find_entry_point(name).load()
+        )
     except ConfigError:
         raise
     except Exception as error:  # a front end may be anyone's code

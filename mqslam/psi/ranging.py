@@ -66,6 +66,11 @@ class RangeErrors(NamedTuple):
     lengthening: float
     stretches: int
 
+    @property
+    def sigmas(self) -> NDArray[np.float64]:
+        """(2,) standard deviations of the offset [m] and of the Doppler shift [s]."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
 
 @dataclass(frozen=True, slots=True)
 class _Shown:
@@ -122,7 +127,7 @@ def measure_on_stretches(
 
 def _choose_stretches(scans: Scans, poses: se2.Array) -> list[int]:
     """Returns the first scans of stretches without gaps, of enough path, that do not overlap, spread over the recording."""
-    travelled = np.r_[0.0, np.cumsum(se2.step_lengths(poses))]
+    travelled = se2.path_lengths(poses)
     gapless = np.r_[0, np.cumsum(np.diff(scans.start_times) > 1.5 * scans.revolution_s)]
     begins = np.arange(max(len(scans) - STRETCH_SCANS + 1, 0))
     last = begins + STRETCH_SCANS - 1
@@ -167,12 +172,8 @@ def _measure_stretch(shared: tuple[EstimatorConfig, Beam], case: tuple[Scans, se
     gradient = minimum.evaluation.gradient
     pull = gradient[-2:] - follows.T @ gradient[:-2]  # the prior keeps the minimum off psi's own by this gradient
     errors = minimum.state[-2:] - np.linalg.solve(left, pull)
-    ahead = se2.between(poses[0], poses[-1])[:2]
-    path = float(np.hypot(*ahead))
-    turned = np.array([np.cos(poses[0, 2]), np.sin(poses[0, 2])])
-    end = -follows[-3:-1, 0]
-    along = ahead[0] * (turned @ end) + ahead[1] * (np.array([-turned[1], turned[0]]) @ end)
-    lengthening = float(along / path**2) if path > 0.0 else 0.0
+    way, correction = poses[-1, :2] - poses[0, :2], -follows[-3:-1, 0]  # of the last knot per metre of the offset
+    lengthening = float(way @ correction / (way @ way)) if way.any() else 0.0
     return _Shown(errors + np.array([0.0, beam.doppler_beta]), left, scores.T @ scores, lengthening)
 
 

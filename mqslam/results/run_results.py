@@ -114,7 +114,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
 
 def _summarise_ranges(errors: RangeErrors, recording: Recording) -> dict[str, Any]:
     """Returns the errors of the ranges that psi shows as JSON data, for summary.json."""
-    sigmas = np.sqrt(np.diag(errors.covariance))
+    sigmas = errors.sigmas
     return {
         "range_offset_m": recording.range_offset + errors.offset,
         "range_offset_sigma_m": float(sigmas[0]),

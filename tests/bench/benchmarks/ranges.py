@@ -86,12 +86,11 @@ def _measure_real(out: Path) -> list[Row]:
 def _list_cells(found: RangeErrors | None) -> dict[str, Cell]:
     if found is None:
         return {}
-    sigmas = np.sqrt(np.diag(found.covariance))
     return {
         "found": found.offset,
-        "sigma": float(sigmas[0]),
+        "sigma": float(found.sigmas[0]),
         "found_beta": found.beta,
-        "beta_sigma": float(sigmas[1]),
+        "beta_sigma": float(found.sigmas[1]),
         "length": found.lengthening,
         "stretches": float(found.stretches),
     }
