@@ -98,7 +98,7 @@ def test_a_cloud_whose_points_have_times_of_their_own_is_cut_into_sweeps() -> No
 
 def test_a_cloud_without_a_course_of_time_is_refused() -> None:
     result = cloud(POSES)
-    with pytest.raises(DataError, match="all at once"):
+    with pytest.raises(DataError, match="the same time for all points"):
         divide_cloud(TimedCloud(result.path, result.points, np.full(len(result), TIMES_US[0]), ()), None, BEAM)
     with pytest.raises(DataError, match="which the trajectory does not cover"):
         divide_cloud(result, Trajectory(TIMES_US[:5] - 10**9, POSES[:5]), BEAM)

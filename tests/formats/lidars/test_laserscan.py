@@ -162,7 +162,7 @@ def test_a_bag_without_scans_is_named_with_its_topics(tmp_path: Path, kind: str)
         ({"ranges": [1, 2, 3], "angle_min": np.nan}, r"the message on /scan recorded at \d+ ns has bad angles \(nan"),
         (
             {"ranges": [1, 2, 3], "range_max": 0.0},
-            r"on /scan recorded at \d+ ns has bad angles .* or ranges \(0\.1",
+            r"the message on /scan recorded at \d+ ns has bad angles .* or ranges \(0\.1",
         ),
     ],
 )
