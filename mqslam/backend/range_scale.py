@@ -1,0 +1,118 @@
+"""The scale of the radar's ranges: what other sensors show of it, and how well the lengths of a trajectory are known.
+
+psi shows nothing of the scale: bins that are longer than stated stretch map and motion alike. Two things are known of it
+beforehand. The length of a bin is stated to a few digits, or assumed from the format of the recording. psi measures the
+range offset, and an error of the offset changes all lengths by a share that each recording shows. GNSS fixes measure
+lengths themselves, and so does odometry as far as `odometry.sigma_travel` trusts its scale. If they contradict what is
+known beforehand, the ranges are scaled. Otherwise the ranges stay as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from mqslam.backend.marginals import measure_scale_error
+from mqslam.backend.problem import Problem
+from mqslam.core.measurement import Measurement
+from mqslam.psi.ranging import RangeErrors
+
+# Standard deviation of the relative error of a stated length of the bins: three or four digits are usual.
+STATED: Final = 0.0005
+# The same where the length is assumed: lengths published for Navtech's radars differ by up to 1.4 % (0.0432 and 0.0438 m).
+ASSUMED: Final = 0.005
+# The same where nothing but other sensors shows the scale; a larger error would be a wrong unit.
+UNKNOWN: Final = 0.05
+# Standard deviation of the range offset [m] where psi does not measure it: Navtech's radars have -0.3 m.
+_OFFSET_M: Final = 0.3
+# Relative change of lengths per metre of the offset [1/m] where psi does not measure it: 0.01 to 0.03 in streets.
+_LENGTHENING: Final = 0.02
+# Other sensors contradict the radar's scale, and psi the range offset in use, from this many standard deviations.
+_CONTRADICTION: Final = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class RangeScale:
+    """The scale of the radar's ranges, as a run uses it.
+
+    Args:
+        factor: what the recording's ranges are multiplied by; 1 where no other sensor contradicts them.
+        sigma: standard deviation of the relative error of all lengths of the radar, without the sensors of the graph.
+        statements: sentences for the user.
+    """
+
+    factor: float
+    sigma: float
+    statements: tuple[str, ...]
+
+    @classmethod
+    def beforehand(cls, is_assumed: bool, errors: RangeErrors | None) -> RangeScale:
+        """Returns what is known of the scale before other sensors are asked.
+
+        Args:
+            is_assumed: whether the length of a range bin is assumed and not stated by the recording or the settings.
+            errors: errors of the ranges as psi shows them; None if psi does not show them.
+        """
+        bins = ASSUMED if is_assumed else STATED
+        offset = _OFFSET_M * _LENGTHENING
+        if errors is not None:
+            sigma = float(errors.sigmas[0])
+            unused = (
+                errors.offset if abs(errors.offset) > _CONTRADICTION * sigma else 0.0
+            )  # psi shows it; a run does not use it
+            offset = abs(errors.lengthening) * float(np.hypot(sigma, unused))
+        sigma = float(np.hypot(bins, offset))
+        word = "assumed" if is_assumed else "stated"
+        return cls(
+            1.0,
+            sigma,
+            (
+                f"the radar alone knows lengths to ± {sigma:.2%}: ± {bins:.2%} by the {word} length of the range bins and "
+                f"± {offset:.2%} by the range offset",
+            ),
+        )
+
+    def ask_sensors(self, problem: Problem, odometry: Sequence[Measurement], sigma_travel: float) -> RangeScale:
+        """Returns the scale after other sensors have been asked; they replace what they contradict.
+
+        Args:
+            problem: the trajectory with the other sensors, measured with the present factor.
+            odometry: motions of odometry before calibration; empty if there is no odometry.
+            sigma_travel: standard deviation of odometry's travel, as a share of it.
+        """
+        if self == NOT_OF_RADAR:
+            return self
+        stated, trust = _compare_odometry(problem.measurements, odometry, sigma_travel)
+        if "gnss" not in problem.sensors and trust >= UNKNOWN:
+            return self
+        graph, optimum = replace(problem, scale_sigma=trust).optimise([])
+        error, sigma = measure_scale_error(graph, optimum.values)
+        error += stated * (sigma / trust) ** 2  # odometry's scale is the mean of the prior
+        if self.factor == 1.0 and abs(error) <= _CONTRADICTION * np.hypot(sigma, self.sigma):
+            return self
+        factor = self.factor * (1.0 + error)
+        names = ["GNSS"] * ("gnss" in problem.sensors) + ["odometry"] * (trust < UNKNOWN)
+        said = (
+            f"by {' and '.join(names)}, true lengths are {factor:.4f} (± {sigma:.4f}) times those of the radar, and all "
+            "ranges are multiplied by this; sensor.range_resolution_m, multiplied by it, does so in other commands"
+        )
+        return RangeScale(factor, trust, (said,))
+
+
+NOT_OF_RADAR: Final = RangeScale(1.0, 0.0, ())
+"""The scale of a trajectory whose lengths the radar does not measure."""
+
+
+def _compare_odometry(
+    motions: Sequence[Measurement], odometry: Sequence[Measurement], sigma_travel: float
+) -> tuple[float, float]:
+    """Returns odometry's travel over the radar's, minus 1, and how far odometry's scale is trusted (standard deviation)."""
+    pairs = [(seen.pose[:2], said.pose[:2]) for seen, said in zip(motions, odometry, strict=False) if seen.on_map]
+    if sigma_travel >= UNKNOWN or not pairs:
+        return 0.0, UNKNOWN
+    seen, said = np.array(pairs).transpose(1, 0, 2)
+    travelled = float(np.sum(seen**2))
+    return (float(np.sum(seen * said)) / travelled - 1.0, sigma_travel) if travelled > 0.0 else (0.0, UNKNOWN)
