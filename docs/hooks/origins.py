@@ -602,7 +602,6 @@ CONSTANTS = (
         "Limit of squared differences, over their median, where the drift is learnt.",
         "not recorded",
     ),
-    Constant("mqslam.backend.submaps", "_PER_M", "Path for which the drift in common is stated [m].", "definition"),
     Constant(
         "mqslam.backend.loops.registration",
         "TOLERANCES",
