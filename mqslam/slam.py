@@ -16,7 +16,7 @@ from mqslam.backend.marginals import compute_all_marginals
 from mqslam.backend.measuring import find_doppler, measure
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
-from mqslam.backend.range_scale import NOT_OF_RADAR, RangeScale
+from mqslam.backend.range_scale import NOT_OF_RADAR, Joined, RangeScale, join_at_scale
 from mqslam.backend.refinement import refine
 from mqslam.backend.sensor_use import SensorUse, join_sensors
 from mqslam.backend.sensors.odometry import ODOMETRY, hold_odometry, make_odometry_edges, reckon
@@ -40,7 +40,6 @@ from mqslam.solution import CHECK, Run, Solution
 
 PSI: Final = "psi"
 """The front end that measures motion by map quality."""
-_SCALE_ROUNDS: Final = 3  # rounds in which other sensors may correct the scale of the ranges; it settles in fewer
 
 
 class Slam:
@@ -120,7 +119,11 @@ class Slam:
         if self._name == ODOMETRY:
             scale = NOT_OF_RADAR
         with runner.time_stage("optimise"):
-            before, problem, used, scale = self._join_sensors(scans, context, measurements, scale)
+            joined, scale = join_at_scale(
+                lambda factor: self._join_sensors(factor, scans, context, measurements), scale, config.odometry, runner
+            )
+        used, problem = joined.used, replace(joined.problem, scale_sigma=scale.sigma)
+        before = reckon(scans, joined.odometry or problem.measurements)
         scans = scans.scale_ranges(scale.factor)
         search = self._close_loops(scans, problem, beam)
         refined, rounds = Refined(search.loops, []), config.refinement.rounds
@@ -167,28 +170,18 @@ class Slam:
                 measurements = straighten(measurements, scans, self._config, beam, runner)
         return measurements
 
-    def _join_sensors(
-        self, scans: Scans, context: Context, measurements: Sequence[Measurement], scale: RangeScale
-    ) -> tuple[Trajectory, Problem, SensorUse, RangeScale]:
-        """Joins odometry and the other sensors; they correct the scale of the ranges where they contradict it.
-
-        Returns:
-            The trajectory before optimisation, the problem, the use of the sensors, and the scale of the ranges.
-        """
+    def _join_sensors(self, factor: float, scans: Scans, context: Context, measurements: Sequence[Measurement]) -> Joined:
+        """Joins odometry and the other sensors to the front end's motions, whose distances are multiplied by a factor."""
         settings, sensors, start_us = self._config.odometry, context.sensors, scans.start_us
-        for _ in range(_SCALE_ROUNDS):
-            motions = [stretch(motion, scale.factor) for motion in measurements]
-            odometry, fault = hold_odometry(scans, context, self._name, motions)
-            edges = make_odometry_edges(odometry, motions, settings, sensors.mount)
-            problem, used = Problem(motions, edges, scale_sigma=scale.sigma), SensorUse(odometry=fault)
-            asked = scale
-            with self._runner.tolerate("the sensors beside the radar"):
-                problem, used = join_sensors(problem, odometry, sensors, context.velocities, start_us, settings, fault)
-                asked = scale.ask_sensors(problem, odometry, settings.sigma_travel)
-            if asked == scale:
-                break
-            scale = asked
-        return reckon(scans, odometry or motions), problem, used, scale
+        motions = [stretch(motion, factor) for motion in measurements]
+        odometry, fault = hold_odometry(scans, context, self._name, motions)
+        edges = make_odometry_edges(odometry, motions, settings, sensors.mount)
+        joined = Joined(Problem(motions, edges), SensorUse(odometry=fault), odometry)
+        with self._runner.tolerate("the sensors beside the radar"):
+            joined = Joined(
+                *join_sensors(joined.problem, odometry, sensors, context.velocities, start_us, settings, fault), odometry
+            )
+        return joined
 
     def _close_loops(self, scans: Scans, problem: Problem, beam: Beam) -> LoopSearch:
         """Searches for loop closures of the trajectory; returns an empty result if the settings switch the search off."""

@@ -9,15 +9,18 @@ known beforehand, the ranges are scaled. Otherwise the ranges stay as they are.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from mqslam.backend.marginals import measure_scale_error
 from mqslam.backend.problem import Problem
+from mqslam.backend.sensor_use import SensorUse
+from mqslam.config import OdometryConfig
 from mqslam.core.measurement import Measurement
+from mqslam.execution.runner import Runner
 from mqslam.psi.ranging import RangeErrors
 
 # Standard deviation of the relative error of a stated length of the bins: three or four digits are usual.
@@ -32,6 +35,7 @@ _OFFSET_M: Final = 0.3
 _LENGTHENING: Final = 0.02
 # Other sensors contradict the radar's scale, and psi the range offset in use, from this many standard deviations.
 _CONTRADICTION: Final = 3.0
+_ROUNDS: Final = 2  # rounds in which other sensors are joined at the scale that they showed before; it settles in them
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,35 +79,99 @@ class RangeScale:
             ),
         )
 
-    def ask_sensors(self, problem: Problem, odometry: Sequence[Measurement], sigma_travel: float) -> RangeScale:
-        """Returns the scale after other sensors have been asked; they replace what they contradict.
+    def replace_by(self, shown: ShownScale, factor: float) -> RangeScale:
+        """Returns the scale with a factor that other sensors show if it contradicts what is known, else this scale.
 
         Args:
-            problem: the trajectory with the other sensors, measured with the present factor.
-            odometry: motions of odometry before calibration; empty if there is no odometry.
+            shown: what other sensors show of the ranges once they are multiplied by the factor.
+            factor: what the ranges are to be multiplied by.
+        """
+        if abs(factor - 1.0) <= _CONTRADICTION * np.hypot(shown.sigma, self.sigma):
+            return self
+        said = (
+            f"by {shown.sensors}, true lengths are {factor:.4f} (± {shown.sigma:.4f}) times those of the radar, and all "
+            "ranges are multiplied by this; sensor.range_resolution_m, multiplied by it, does so in other commands"
+        )
+        return RangeScale(factor, shown.trust, (said,))
+
+
+@dataclass(frozen=True, slots=True)
+class ShownScale:
+    """What other sensors show of the scale of the radar's ranges.
+
+    Args:
+        sensors: names of the sensors.
+        error: true length over the radar's length, minus 1.
+        sigma: standard deviation of the error.
+        trust: standard deviation of the error by odometry alone, whose lengths the graph does not use.
+    """
+
+    sensors: str
+    error: float
+    sigma: float
+    trust: float
+
+    @classmethod
+    def by(cls, joined: Joined, sigma_travel: float) -> ShownScale | None:
+        """Returns what other sensors show; None if none of them measures lengths.
+
+        Args:
+            joined: the trajectory that the sensors have joined.
             sigma_travel: standard deviation of odometry's travel, as a share of it.
         """
-        if self == NOT_OF_RADAR:
-            return self
-        stated, trust = _compare_odometry(problem.measurements, odometry, sigma_travel)
-        if "gnss" not in problem.sensors and trust >= UNKNOWN:
-            return self
+        problem = joined.problem
+        stated, trust = _compare_odometry(problem.measurements, joined.odometry, sigma_travel)
+        names = ["GNSS"] * ("gnss" in problem.sensors) + ["odometry"] * (trust < UNKNOWN)
+        if not names:
+            return None
         graph, optimum = replace(problem, scale_sigma=trust).optimise([])
         error, sigma = measure_scale_error(graph, optimum.values)
         error += stated * (sigma / trust) ** 2  # odometry's scale is the mean of the prior
-        if self.factor == 1.0 and abs(error) <= _CONTRADICTION * np.hypot(sigma, self.sigma):
-            return self
-        factor = self.factor * (1.0 + error)
-        names = ["GNSS"] * ("gnss" in problem.sensors) + ["odometry"] * (trust < UNKNOWN)
-        said = (
-            f"by {' and '.join(names)}, true lengths are {factor:.4f} (± {sigma:.4f}) times those of the radar, and all "
-            "ranges are multiplied by this; sensor.range_resolution_m, multiplied by it, does so in other commands"
-        )
-        return RangeScale(factor, trust, (said,))
+        return cls(" and ".join(names), error, sigma, trust)
 
 
 NOT_OF_RADAR: Final = RangeScale(1.0, 0.0, ())
 """The scale of a trajectory whose lengths the radar does not measure."""
+
+
+class Joined(NamedTuple):
+    """A trajectory that the other sensors have joined.
+
+    Args:
+        problem: the trajectory.
+        used: how each sensor is used.
+        odometry: motions of odometry before calibration; empty if there is no odometry.
+    """
+
+    problem: Problem
+    used: SensorUse
+    odometry: Sequence[Measurement]
+
+
+def join_at_scale(
+    join: Callable[[float], Joined], scale: RangeScale, settings: OdometryConfig, runner: Runner
+) -> tuple[Joined, RangeScale]:
+    """Joins other sensors to the radar's motions, at the scale that they show if it contradicts what is known beforehand.
+
+    Args:
+        join: joins the sensors to the motions with all distances multiplied by a factor.
+        scale: what is known of the scale beforehand.
+        settings: settings of the odometry.
+        runner: tolerates that the sensors cannot show the scale.
+    """
+    joined = join(1.0)
+    with runner.tolerate("the scale of the ranges by other sensors"):
+        shown = None if scale == NOT_OF_RADAR else ShownScale.by(joined, settings.sigma_travel)
+        if shown is not None:
+            factor, again = 1.0, joined
+            for _ in range(_ROUNDS):  # how much a sensor errs is seen only at the right scale
+                factor *= 1.0 + shown.error
+                again = join(factor)
+                shown = ShownScale.by(again, settings.sigma_travel) or shown
+            replaced = scale.replace_by(shown, factor)
+            if replaced != scale:
+                return again, replaced
+    return joined, scale
 
 
 def _compare_odometry(
