@@ -122,7 +122,7 @@ class Slam:
             joined, scale = join_at_scale(
                 lambda factor: self._join_sensors(factor, scans, context, measurements), scale, config.odometry, runner
             )
-        used, problem = joined.used, replace(joined.problem, scale_sigma=scale.sigma)
+        used, problem = joined.used, replace(joined.problem, scale_sigma=scale.prior)
         before = reckon(scans, joined.odometry or problem.measurements)
         scans = scans.scale_ranges(scale.factor)
         search = self._close_loops(scans, problem, beam)

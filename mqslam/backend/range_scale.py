@@ -44,12 +44,14 @@ class RangeScale:
 
     Args:
         factor: what the recording's ranges are multiplied by; 1 where no other sensor contradicts them.
-        sigma: standard deviation of the relative error of all lengths of the radar, without the sensors of the graph.
+        sigma: standard deviation of the factor.
+        prior: standard deviation of the factor without the sensors of the graph, with which the graph computes covariances.
         statements: sentences for the user.
     """
 
     factor: float
     sigma: float
+    prior: float
     statements: tuple[str, ...]
 
     @classmethod
@@ -73,6 +75,7 @@ class RangeScale:
         return cls(
             1.0,
             sigma,
+            sigma,
             (
                 f"the radar alone knows lengths to ± {sigma:.2%}: ± {bins:.2%} by the {word} length of the range bins and "
                 f"± {offset:.2%} by the range offset",
@@ -92,7 +95,7 @@ class RangeScale:
             f"by {shown.sensors}, true lengths are {factor:.4f} (± {shown.sigma:.4f}) times those of the radar, and all "
             "ranges are multiplied by this; sensor.range_resolution_m, multiplied by it, does so in other commands"
         )
-        return RangeScale(factor, shown.trust, (said,))
+        return RangeScale(factor, shown.sigma, shown.trust, (said,))
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +133,7 @@ class ShownScale:
         return cls(" and ".join(names), error, sigma, trust)
 
 
-NOT_OF_RADAR: Final = RangeScale(1.0, 0.0, ())
+NOT_OF_RADAR: Final = RangeScale(1.0, 0.0, 0.0, ())
 """The scale of a trajectory whose lengths the radar does not measure."""
 
 

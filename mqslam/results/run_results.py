@@ -281,7 +281,7 @@ def _describe_last_pose(run: Run) -> dict[str, Any] | None:
     along, across, yaw = np.sqrt(np.diag(sure.covariances[-1])).tolist()
     is_placed = run.sensors.fixes is not None and run.sensors.fixes.edges is not None
     first, last = run.optimised.poses[[0, -1], :2]
-    by_scale = 0.0 if is_placed else run.range_scale.sigma**2 * float(np.sum((last - first) ** 2))
+    by_scale = 0.0 if is_placed else run.range_scale.prior**2 * float(np.sum((last - first) ** 2))
     share = min(by_scale / (along**2 + across**2), 1.0)
     return {"sigma_along_m": along, "sigma_across_m": across, "sigma_yaw_rad": yaw, "prior_share": share}
 

@@ -56,7 +56,7 @@ def test_an_offset_that_psi_does_not_show_leaves_lengths_less_known() -> None:
 
 def test_wheels_that_are_trusted_correct_bins_that_are_too_short() -> None:
     found = ask(motions(0.99), motions(1.0), 0.001)
-    assert found.factor == pytest.approx(1.0 / 0.99, abs=2e-4) and found.sigma == 0.001
+    assert found.factor == pytest.approx(1.0 / 0.99, abs=2e-4) and found.prior == 0.001
     assert "odometry" in found.statements[0]
 
 
