@@ -81,7 +81,6 @@ _SHIFTS = 61
 _WRONG_SCALE = 0.05
 
 _SPREAD = 12  # stretches of the recording that are read for the errors of the ranges
-_SURE = 3.0  # standard deviations by which the range offset has to differ from the one in use to be suspicious
 
 _LEAST_SLOPE = 1e-9  # numerical [rad/s^2]: keeps the error of a shift finite where the yaw rate does not change
 _LEAST_RATIO = 0.1  # at a lower ratio of the speeds they have little in common, and no length of the range bins would fit
@@ -218,13 +217,8 @@ def check_ranges(recording: Recording, stretches: Sequence[Stretch], settings: C
         "doppler_beta": found.beta,
         "doppler_sigma": sigma_beta,
     }
-    shown = f"psi shows a range offset of {used + found.offset:.2f} ± {sigma:.2f} m where {used:.2f} m is used"
-    shift = f"a Doppler shift of {found.beta:.3f} ± {sigma_beta:.3f} s"
-    if abs(found.offset) <= _SURE * sigma:
-        return [CheckFinding("ranges", CheckVerdict.OK, f"{shown}, and {shift}", numbers)]
-    longer = f"lengths are off by about {abs(found.lengthening * found.offset):.1%}"
-    remedy = "state the offset that the radar's maker or calibration gives (sensor.range_offset_m)"
-    return [CheckFinding("ranges", CheckVerdict.SUSPICIOUS, f"{shown}, and {shift}: {longer}; {remedy}", numbers)]
+    verdict = CheckVerdict.SUSPICIOUS if found.contradicts else CheckVerdict.OK
+    return [CheckFinding("ranges", verdict, "; ".join(found.describe(used)), numbers)]
 
 
 def check_stamps(recording: Recording, stretches: Sequence[Stretch]) -> CheckFinding:

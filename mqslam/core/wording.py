@@ -59,38 +59,23 @@ def describe_delay(delay_s: float) -> str:
     return f"{abs(delay_s):.2f} s {'late' if delay_s >= 0.0 else 'early'}"
 
 
-_SURE = 3.0  # standard deviations by which a range offset has to differ from the one in use to be worth a setting
 _NAMES = {"gyroscope": "the gyroscope", "gnss": "GNSS"}
 
 
 def list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
-    """Returns the notes on the sensors in use and on the radar's mount, and a doubt if the sensors may bend the map.
+    """Returns the notes on the sensors in use, the radar's mount and its ranges, and a doubt if sensors may bend the map.
 
     Notes on a sensor that is not used are shown elsewhere, as warnings.
 
     Args:
-        summary: content of summary.json; it may lack the entries on sensors and mount.
+        summary: content of summary.json; it may lack the entries on sensors, mount and ranges.
     """
     sensors = summary.get("sensors") or {}
-    parts = [*sensors.values(), summary.get("mount")]
+    parts = [*sensors.values(), summary.get("mount"), summary.get("range_errors")]
     found = (part for part in parts if part is not None and part.get("used", True))
     used = [_NAMES[name] for name, part in sensors.items() if name in _NAMES and part and part.get("used")]
     statements = [statement for part in found for statement in part["statements"]]
-    return statements + _describe_range_errors(summary) + _doubt_sensors(summary, used)
-
-
-def _describe_range_errors(summary: Mapping[str, Any]) -> list[str]:
-    """Returns a note on the range offset and the Doppler shift that psi shows, if it shows them."""
-    found = summary.get("range_errors")
-    if found is None:
-        return []
-    offset, sigma, used = (found[f"range_offset_{name}"] for name in ("m", "sigma_m", "used_m"))
-    shift = f"a Doppler shift of {found['doppler_beta']:.3f} ± {found['doppler_sigma']:.3f} s"
-    lengths = f"{sigma:.2g} m of it change lengths by {abs(found['length_per_offset']) * sigma:.2%}"
-    shown = f"psi shows a range offset of {offset:.2f} ± {sigma:.2f} m ({used:.2f} m is used; {lengths}) and {shift}"
-    if abs(offset - used) <= _SURE * sigma:
-        return [shown]
-    return [f"{shown}: sensor.range_offset_m states the offset, if the radar's maker or calibration gives one"]
+    return statements + _doubt_sensors(summary, used)
 
 
 def _doubt_sensors(summary: Mapping[str, Any], used: Sequence[str]) -> list[str]:

@@ -42,6 +42,7 @@ _TOLERANCES: Final = (2e-3, 2e-3, 1e-4), (2e-3, 5e-4)  # steps that end the sear
 _DIFFERENCE_STEP: Final = 4.0  # step of the differences that give the curvature, in units of the tolerances
 _FIRST_STEP: Final = 2  # step of the annealing that the search begins with: its width covers the errors of Navtech's radars
 _ROBUST: Final = 2.0  # stretches farther from the mean than this, in units of the usual distance, count for less
+_SURE: Final = 3.0  # standard deviations by which the range offset has to differ from the one in use to be worth a setting
 _MEDIAN: Final = 1.386  # by definition: median of a chi-square with two degrees of freedom
 _DEPTH_M: Final = (
     0.1  # spread of the offset over kinds of objects: -0.13 to 0.01 m in four simulated worlds without an offset
@@ -70,6 +71,29 @@ class RangeErrors(NamedTuple):
     def sigmas(self) -> NDArray[np.float64]:
         """(2,) standard deviations of the offset [m] and of the Doppler shift [s]."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the true range offset surely differs from the one in use."""
+        return bool(abs(self.offset) > _SURE * self.sigmas[0])
+
+    def describe(self, used: float) -> list[str]:
+        """Describes the errors in sentences for the user; the second one says what to do about the range offset.
+
+        Args:
+            used: range offset that the ranges of the returns have been corrected by [m].
+        """
+        sigma, sigma_beta = self.sigmas.tolist()
+        offset = f"a range offset of {used + self.offset:.2f} ± {sigma:.2f} m where {used:.2f} m is used"
+        shown = f"psi shows {offset}, and a Doppler shift of {self.beta:.3f} ± {sigma_beta:.3f} s"
+        if not self.contradicts:
+            return [shown, f"{sigma:.2g} m of range offset, its uncertainty, change lengths by {self._lengthen(sigma):.2%}"]
+        longer = f"the range offset in use makes lengths wrong by about {self._lengthen(self.offset):.1%}"
+        return [shown, f"{longer}: state the one that the radar's maker or calibration gives (sensor.range_offset_m)"]
+
+    def _lengthen(self, offset: float) -> float:
+        """Returns by which share a range offset [m] changes lengths, without its sign."""
+        return abs(self.lengthening * offset)
 
 
 @dataclass(frozen=True, slots=True)

@@ -124,6 +124,7 @@ def _summarise_ranges(errors: RangeErrors, recording: Recording) -> dict[str, An
         "correlation": float(errors.covariance[0, 1] / (sigmas[0] * sigmas[1])),
         "length_per_offset": errors.lengthening,
         "stretches": errors.stretches,
+        "statements": errors.describe(recording.range_offset),
     }
 
 

@@ -83,13 +83,20 @@ def test_a_drive_that_hardly_moves_shows_nothing() -> None:
     assert measure(empty, poses) is None
 
 
-def test_the_note_names_the_setting_only_where_the_offset_is_sure_to_differ() -> None:
-    found = {"range_offset_m": -0.54, "range_offset_sigma_m": 0.1, "range_offset_used_m": 0.0, "doppler_beta": 0.045}
-    found |= {"doppler_sigma": 0.002, "length_per_offset": 0.0066}
-    (note,) = list_sensor_notes({"range_errors": found})
-    assert note.startswith(
-        "psi shows a range offset of -0.54 ± 0.10 m (0.00 m is used; 0.1 m of it change lengths by 0.07%)"
+def test_the_setting_is_named_only_where_the_offset_is_sure_to_differ() -> None:
+    errors = RangeErrors(-0.54, 0.045, np.diag([0.1**2, 0.002**2]), 0.0066, 12)
+    shown, remedy = errors.describe(0.0)
+    assert shown == (
+        "psi shows a range offset of -0.54 ± 0.10 m where 0.00 m is used, and a Doppler shift of 0.045 ± 0.002 s"
     )
-    assert "sensor.range_offset_m" in note
-    (note,) = list_sensor_notes({"range_errors": found | {"range_offset_used_m": -0.33}})
-    assert note.endswith("and a Doppler shift of 0.045 ± 0.002 s")
+    assert errors.contradicts and remedy.startswith("the range offset in use makes lengths wrong by about 0.4%: ")
+    assert "sensor.range_offset_m" in remedy
+    sound = errors._replace(offset=-0.21)
+    shown, uncertain = sound.describe(-0.33)
+    assert "of -0.54 ± 0.10 m where -0.33 m is used" in shown
+    assert not sound.contradicts and uncertain == "0.1 m of range offset, its uncertainty, change lengths by 0.07%"
+
+
+def test_what_a_run_states_of_the_ranges_is_among_its_notes() -> None:
+    assert list_sensor_notes({"range_errors": {"statements": ["one", "two"]}}) == ["one", "two"]
+    assert list_sensor_notes({"range_errors": None}) == []
