@@ -5,8 +5,8 @@ new, publish one azimuth per message (`RadarFftDataMessage` and its later names)
 numbers, the high byte first; the azimuths of one turn of the radar are gathered into one b-scan. These drivers also publish
 a RadarConfigurationMessage, whose `bin_size` is a number or the bytes of one, in metres or in tenths of a millimetre. No
 radar of this kind has bins shorter than 5 mm or longer than 0.5 m, so the size of the number shows its unit. Newer drivers
-also state the radar's own calibration: by Navtech's SDK (CFAR_Peak_finder.cpp in cpp_17/src/navigation of iasdk-public), bin b
-is at the range b * bin_size * range_gain + range_offset [m].
+also state the radar's own calibration: by Navtech's SDK (iasdk-public, CFAR_Peak_finder.cpp), bin b is at the range
+b * bin_size * range_gain + range_offset [m].
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ from mqslam.formats.recordings.arrivals import estimate_arrivals
 from mqslam.formats.recordings.azimuths import azimuth_stamps, check_encoder, note_spread, spread_azimuths
 from mqslam.formats.recordings.derived import mirror
 from mqslam.formats.recordings.layout import Message, Sensing, Target, Topics, note_resolution
-from mqslam.formats.recordings.radar_messages import RadarTopic, open_message, read_turns
+from mqslam.formats.recordings.radar_messages import RadarTopic, StatedRanges, open_message, read_turns
 from mqslam.formats.recordings.turns import find_usual_turns, place_turns
 from mqslam.formats.sensors.reading import add_beside, read_beside
 from mqslam.formats.sensors.ros_sensors import RosSensors, list_sensor_messages
@@ -142,17 +142,8 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
         notes.append(f"{radar.layout.value} of the images are taken as azimuths; " + note_spread("header", stamp, clockwise))
         notes += arrivals.notes
         faults += arrivals.faults
-    resolution = sensing.range_resolution
-    if resolution is None and stated is not None:
-        resolution = stated.bin_length
-        notes.append(f"range resolution {resolution:.6g} m, as {stated.topic} states it")
-    elif resolution is None:
-        notes.append(note_resolution(RANGE_RESOLUTION_M))
-    range_resolution, offset = resolution or RANGE_RESOLUTION_M, 0.0
-    if sensing.range_offset is None and stated is not None and stated.near_end is not None:
-        offset = stated.near_end - 0.5 * range_resolution
-        note = f"a range offset of {offset:.4g} m, as {stated.topic} states it for the near end of a bin"
-        notes.append(f"{note}: {Remedy.OVERRIDE_RANGE_OFFSET}")
+    resolution, offset, ranged = _choose_ranges(sensing, stated)
+    notes += ranged
     odometry, truth = (index.poses.trajectory(name) for name in (odometry_topic, truth_topic))
     for name in (odometry_topic, truth_topic):
         faults += index.poses.note_left_out(name)
@@ -171,9 +162,9 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
         format="rosbag",
         stamps_us=starts,
         turns_us=turns,
-        range_resolution=range_resolution,
+        range_resolution=resolution,
         range_offset=offset,
-        is_resolution_assumed=resolution is None,
+        is_resolution_assumed=sensing.range_resolution is None and stated is None,
         stamp_sigma_s=stamp_sigma_s,
         odometry=odometry,
         ground_truth=truth,
@@ -270,6 +261,22 @@ class _Index:
     poses: bags.PoseLog = field(default_factory=bags.PoseLog)
     radar_frame: str = ""
     turn_ticks: int = 0
+
+
+def _choose_ranges(sensing: Sensing, stated: StatedRanges | None) -> tuple[float, float, list[str]]:
+    """Returns the length of a range bin and the range offset of the bins' centres [m], with notes on both."""
+    notes, resolution, offset = [], sensing.range_resolution, 0.0
+    if resolution is None and stated is not None:
+        resolution = stated.bin_length
+        notes.append(f"range resolution {resolution:.6g} m, as {stated.topic} states it")
+    elif resolution is None:
+        resolution = RANGE_RESOLUTION_M
+        notes.append(note_resolution(resolution))
+    if sensing.range_offset is None and stated is not None and stated.near_end is not None:
+        offset = stated.near_end - 0.5 * resolution
+        note = f"a range offset of {offset:.4g} m, as {stated.topic} states it for the near end of a bin"
+        notes.append(f"{note}: {Remedy.OVERRIDE_RANGE_OFFSET}")
+    return resolution, offset, notes
 
 
 def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[str | None, str | None]:
