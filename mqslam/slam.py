@@ -5,6 +5,7 @@ recording -> scans -> measurements -> pose graph -> trajectory -> map -> psi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -15,13 +16,14 @@ from mqslam.backend.marginals import compute_all_marginals
 from mqslam.backend.measuring import find_doppler, measure
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
+from mqslam.backend.range_scale import NOT_OF_RADAR, Joined, RangeScale, join_at_scale
 from mqslam.backend.refinement import refine
 from mqslam.backend.sensor_use import SensorUse, join_sensors
-from mqslam.backend.sensors.odometry import hold_odometry, make_odometry_edges, reckon
+from mqslam.backend.sensors.odometry import ODOMETRY, hold_odometry, make_odometry_edges, reckon
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
-from mqslam.core.measurement import LoopSearch, Measurement, Refined
+from mqslam.core.measurement import LoopSearch, Measurement, Refined, stretch
 from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Scans
@@ -84,8 +86,9 @@ class Slam:
                 solution = self.solve(scans, found)
             except FewReturnsError as error:
                 raise EstimationError(f"{error}: {detected.counts.remedy}") from error
+            scans = scans.scale_ranges(solution.range_scale.factor)
             before, after = self._render(scans, solution)
-            checked, range_errors, kept = self._audit(scans, solution), self._measure_ranges(scans, solution), None
+            checked, kept = self._audit(scans, solution), None
             with runner.time_stage("render"), runner.tolerate("the keyframes of the map"):
                 kept = solution.keep_map(scans, recording, runner.engine)
         return Run(
@@ -94,7 +97,6 @@ class Slam:
             map_optimised=after,
             kept=kept,
             checked=checked,
-            range_errors=range_errors,
             runtime_s=runner.runtime_s,
             unread=detected.unread,
         )
@@ -112,14 +114,17 @@ class Slam:
         config, runner, estimator = self._config, self._runner, self._config.estimator
         beam = beam_of(estimator, context.doppler_beta)
         measurements = self._track(scans, context, beam)
+        errors = self._measure_ranges(scans, reckon(scans, measurements), beam)
+        scale = RangeScale.beforehand(context.is_resolution_assumed, errors)
+        if self._name == ODOMETRY:
+            scale = NOT_OF_RADAR
         with runner.time_stage("optimise"):
-            odometry, fault = hold_odometry(scans, context, self._name, measurements)
-            edges = make_odometry_edges(odometry, measurements, config.odometry, context.sensors.mount)
-            before = reckon(scans, odometry or measurements)
-            problem, used = Problem(measurements, edges), SensorUse(odometry=fault)
-            with runner.tolerate("the sensors beside the radar"):
-                sensors, velocities, start_us = context.sensors, context.velocities, scans.start_us
-                problem, used = join_sensors(problem, odometry, sensors, velocities, start_us, config.odometry, fault)
+            joined, scale = join_at_scale(
+                lambda factor: self._join_sensors(factor, scans, context, measurements), scale, config.odometry, runner
+            )
+        used, problem = joined.used, replace(joined.problem, scale_sigma=scale.prior)
+        before = reckon(scans, joined.odometry or problem.measurements)
+        scans = scans.scale_ranges(scale.factor)
         search = self._close_loops(scans, problem, beam)
         refined, rounds = Refined(search.loops, []), config.refinement.rounds
         with runner.time_stage("refine"), runner.tolerate("the refinement"):
@@ -138,17 +143,19 @@ class Slam:
             config=config,
             doppler_beta=context.doppler_beta,
             doppler_sigma=context.doppler_sigma,
-            measurements=measurements,
+            measurements=problem.measurements,
             odometry=before,
             optimised=Trajectory(scans.stamps_us, poses),
             graph=graph,
             values=optimum.values,
             covariances=covariances,
-            odometry_factors=len(edges),
+            odometry_factors=len(problem.odometry),
             loops=search.loops,
             loops_rejected=search.tried - len(search.loops),
             refined=refined,
             sensors=used,
+            range_errors=errors,
+            range_scale=scale,
             unoptimised=optimum.failure,
             warnings=tuple(runner.warnings),
         )
@@ -162,6 +169,19 @@ class Slam:
             if self._name == PSI:
                 measurements = straighten(measurements, scans, self._config, beam, runner)
         return measurements
+
+    def _join_sensors(self, factor: float, scans: Scans, context: Context, measurements: Sequence[Measurement]) -> Joined:
+        """Joins odometry and the other sensors to the front end's motions, whose distances are multiplied by a factor."""
+        settings, sensors, start_us = self._config.odometry, context.sensors, scans.start_us
+        motions = [stretch(motion, factor) for motion in measurements]
+        odometry, fault = hold_odometry(scans, context, self._name, motions)
+        edges = make_odometry_edges(odometry, motions, settings, sensors.mount)
+        joined = Joined(Problem(motions, edges), SensorUse(odometry=fault), odometry)
+        with self._runner.tolerate("the sensors beside the radar"):
+            joined = Joined(
+                *join_sensors(joined.problem, odometry, sensors, context.velocities, start_us, settings, fault), odometry
+            )
+        return joined
 
     def _close_loops(self, scans: Scans, problem: Problem, beam: Beam) -> LoopSearch:
         """Searches for loop closures of the trajectory; returns an empty result if the settings switch the search off."""
@@ -190,10 +210,10 @@ class Slam:
                 return audit_trajectory(scans, solution.optimised, self._config, solution.beam, runner, optimum)
         return None
 
-    def _measure_ranges(self, scans: Scans, solution: Solution) -> RangeErrors | None:
+    def _measure_ranges(self, scans: Scans, track: Trajectory, beam: Beam) -> RangeErrors | None:
         """Measures the errors of the radar's ranges by psi; returns None if that fails or the drive does not show them."""
         runner, estimator = self._runner, self._config.estimator
         found: RangeErrors | None = None
         with runner.time_stage("check"), runner.tolerate("the errors of the ranges"):
-            found = measure_range_errors(scans, solution.optimised.poses, estimator, solution.beam, runner.engine)
+            found = measure_range_errors(scans, track.poses, estimator, beam, runner.engine)
         return found

@@ -13,6 +13,7 @@ from mqslam.backend.loops.passes import MappedDrive
 from mqslam.backend.loops.recognition import describe_places
 from mqslam.backend.marginals import PoseCovariances
 from mqslam.backend.pose_graph import PoseGraph
+from mqslam.backend.range_scale import RangeScale
 from mqslam.backend.sensor_use import SensorUse
 from mqslam.backend.sensors.odometry import ODOMETRY
 from mqslam.config import Config
@@ -55,6 +56,8 @@ class Solution:
         loops_rejected: number of loop candidates that psi, the graph or the map rejected.
         refined: result of the refinement that follows the loop closures, including psi across passes.
         sensors: how each of the other sensors is used, or why it is not.
+        range_errors: errors of the returns' ranges as psi shows them before the sensors join; None where it shows none.
+        range_scale: the scale of the ranges; measurements, trajectories and maps are made with its factor.
         unoptimised: why the graph could not be optimised and its starting values were kept, or None.
         warnings: sentences on what could not be done, and why.
     """
@@ -74,6 +77,8 @@ class Solution:
     loops_rejected: int
     refined: Refined
     sensors: SensorUse
+    range_errors: RangeErrors | None
+    range_scale: RangeScale
     unoptimised: str | None
     warnings: tuple[str, ...]
 
@@ -118,7 +123,6 @@ class Run(Solution):
         map_optimised: the recording rendered under the optimised trajectory.
         kept: the keyframes of the optimised map; None if the keyframes could not be made.
         checked: audit of the optimised map, with a sample of its windows; None if the audit could not be made.
-        range_errors: errors of the returns' ranges that psi shows under the optimised trajectory; None where it shows none.
         runtime_s: runtime of each stage [s].
         unread: the error for each polar scan that could not be read and was left out, by the number of the scan.
         crashes: error message of each part that could not be made, by the name of the part.
@@ -130,7 +134,6 @@ class Run(Solution):
     map_optimised: PointMap
     kept: KeyframeMap | None
     checked: Audit | None
-    range_errors: RangeErrors | None
     runtime_s: dict[str, float]
     unread: dict[int, DataError]
     crashes: Mapping[str, str]

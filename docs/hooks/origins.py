@@ -551,18 +551,38 @@ CONSTANTS = (
         _GUARD,
     ),
     Constant(
-        "mqslam.backend.submaps",
-        "COMMON_DRIFT_M",
-        "Standard deviation of the drift that both directions of time have in common, over 100 m of path [m].",
-        "tuned",
-        _SHARED_DRIFT,
+        "mqslam.backend.range_scale",
+        "STATED",
+        "Standard deviation of the relative error of a stated length of the bins.",
+        "prior",
+        "lengths are stated to three or four digits",
     ),
     Constant(
-        "mqslam.backend.submaps",
-        "COMMON_DRIFT_RAD",
-        "The same for the yaw [rad].",
-        "tuned",
-        _SHARED_DRIFT,
+        "mqslam.backend.range_scale",
+        "ASSUMED",
+        "Standard deviation of the relative error of the usual length of a format's bins.",
+        "data",
+        "lengths published for radars of Oxford and RADIATE, which differ by up to 1.4 %",
+    ),
+    Constant(
+        "mqslam.backend.range_scale",
+        "UNKNOWN",
+        "Standard deviation of a scale that only other sensors show.",
+        "definition",
+    ),
+    Constant(
+        "mqslam.backend.range_scale",
+        "_OFFSET_M",
+        "Standard deviation of the range offset where psi does not show it [m].",
+        "data",
+        "the offset of Navtech's radars",
+    ),
+    Constant(
+        "mqslam.backend.range_scale",
+        "_LENGTHENING",
+        "Relative change of lengths per metre of the range offset where psi does not show it [1/m].",
+        "data",
+        _RANGING,
     ),
     Constant(
         "mqslam.backend.submaps",
@@ -582,7 +602,6 @@ CONSTANTS = (
         "Limit of squared differences, over their median, where the drift is learnt.",
         "not recorded",
     ),
-    Constant("mqslam.backend.submaps", "_PER_M", "Path for which the drift in common is stated [m].", "definition"),
     Constant(
         "mqslam.backend.loops.registration",
         "TOLERANCES",
@@ -811,11 +830,25 @@ CONSTANTS = (
     ),
     # the registrations of an audit
     Constant(
+        "mqslam.auditing.spans.pooled",
+        "OWN_DRIFT_M",
+        "Standard deviation of the drift of psi itself, over 100 m of path [m].",
+        "tuned",
+        _SHARED_DRIFT,
+    ),
+    Constant(
+        "mqslam.auditing.spans.pooled",
+        "OWN_DRIFT_RAD",
+        "The same for the yaw [rad].",
+        "tuned",
+        _SHARED_DRIFT,
+    ),
+    Constant(
         "mqslam.auditing.spans.torn",
         "COMMON",
         "Variances per metre of path that are added for the drift of psi itself [m^2, m^2, rad^2].",
         "tuned",
-        f"{_SHARED_DRIFT}, since it follows from COMMON_DRIFT_M and COMMON_DRIFT_RAD",
+        f"{_SHARED_DRIFT}, since it follows from OWN_DRIFT_M and OWN_DRIFT_RAD",
     ),
     Constant("mqslam.auditing.spans.torn", "_OF_MEDIAN", "Variance of a median of one, two or three spans.", "definition"),
     Constant(
@@ -845,10 +878,10 @@ CONSTANTS = (
     ),
     Constant(
         "mqslam.auditing.spans.pooled",
-        "_COMMON_YAW",
+        "_OWN_YAW",
         "Standard deviation of the drift of psi's own yaw per root of a metre [rad].",
         "tuned",
-        f"{_SHARED_DRIFT}, since it follows from COMMON_DRIFT_RAD",
+        f"{_SHARED_DRIFT}, since it follows from OWN_DRIFT_RAD",
     ),
 )
 """All constants that decide a covariance of a measurement, of a sensor's calibration or of the graph."""

@@ -9,6 +9,7 @@ from typing import Final, Protocol
 
 import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import S
 from numpy.typing import NDArray
 
 from mqslam.backend.elimination import UNDETERMINED, Derivative, Elimination
@@ -140,8 +141,70 @@ class Uncertainty:
         keys = [self._graph.key(k) for k in range(self._graph.size)]
         if not set(linear.keyVector()) >= set(keys):
             raise EstimationError(UNDETERMINED)
-        there = Elimination(linear, self._values, keys[0])
-        return there, Elimination(linear, self._values, keys[-1], np.random.default_rng(0))
+        values = self._values
+        if self._graph.scale_sigma > 0.0:
+            linear, values = _add_scale(self._graph, linear, values)
+        there = Elimination(linear, values, keys[0])
+        return there, Elimination(linear, values, keys[-1], np.random.default_rng(0))
+
+
+_SCALE: Final = S(0)  # key of the relative error that all distances of the radar have in common
+
+
+def measure_scale_error(graph: PoseGraph, values: gtsam.Values) -> tuple[float, float]:
+    """Measures the relative error that all distances of the radar have in common, from a graph with other sensors.
+
+    At the optimum without the error, only the derivative by the error pulls; the error is one step of Gauss-Newton.
+
+    Args:
+        graph: the graph, with the standard deviation of the error beforehand.
+        values: the optimised values of the graph.
+
+    Returns:
+        True distance over the radar's distance, minus 1, and its standard deviation.
+
+    Raises:
+        EstimationError: the graph leaves a variable undetermined.
+    """
+    linear, added = _add_scale(graph, graph.factors.linearize(values), values)
+    pull = 0.0
+    for k in range(1, linear.size()):
+        if _SCALE in linear.at(k).keys():
+            blocks, right = linear.at(k).jacobian()
+            pull += float(blocks[:, -1] @ right)
+    itself: Derivative = ((_SCALE, np.array([[1.0], [0.0], [0.0]])),)
+    variance = float(Elimination(linear, added, _SCALE).project([itself])[0, 0, 0])
+    return variance * pull, float(np.sqrt(variance))
+
+
+def _add_scale(
+    graph: PoseGraph, linear: gtsam.GaussianFactorGraph, values: gtsam.Values
+) -> tuple[gtsam.GaussianFactorGraph, gtsam.Values]:
+    """Adds the relative error of all distances of the radar to a linearised graph, as a variable after its prior.
+
+    Args:
+        graph: the graph; each of its between-factors of two scans or submaps measures a distance of the radar.
+        linear: the graph linearised.
+        values: the values at which it was linearised.
+
+    Returns:
+        The linearised graph, which begins with the prior, and the values with the error, which is zero there.
+    """
+    scaled = gtsam.GaussianFactorGraph()
+    unit = gtsam.noiseModel.Isotropic.Sigma(1, graph.scale_sigma)
+    scaled.push_back(gtsam.JacobianFactor(_SCALE, np.eye(1), np.zeros(1), unit))
+    for k in range(linear.size()):
+        factor, motion = linear.at(k), graph.factors.at(k)
+        if isinstance(motion, gtsam.BetweenFactorPose2) and all(chr(gtsam.symbolChr(key)) in "xm" for key in motion.keys()):
+            (a, b), (blocks, right), measured = factor.keys(), factor.jacobian(), motion.measured()
+            within_b = -measured.inverse().translation()  # the measured translation in the frame of the second pose
+            column = -blocks[:, 3:5] @ within_b
+            noise = gtsam.noiseModel.Unit.Create(len(right))
+            factor = gtsam.JacobianFactor(a, blocks[:, :3], b, blocks[:, 3:], _SCALE, column[:, None], right, noise)
+        scaled.push_back(factor)
+    added = gtsam.Values(values)
+    added.insert(_SCALE, np.zeros(1))
+    return scaled, added
 
 
 def _differentiate_motion(a: int, b: int, motion: se2.Array, widths: Mapping[int, int]) -> Derivative:

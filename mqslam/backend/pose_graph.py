@@ -28,12 +28,15 @@ class PoseGraph:
         initial: starting values.
         size: number of scans n.
         key: returns the key of a scan, given its number; by default x0 .. x(n-1).
+        scale_sigma: standard deviation of the relative error that all measured distances between scans and submaps have in
+            common, since the radar's ranges have it. The optimum does not change with it, but the covariances contain it.
     """
 
     factors: gtsam.NonlinearFactorGraph
     initial: gtsam.Values
     size: int
     key: Callable[[int], int] = X
+    scale_sigma: float = 0.0
 
     def poses_at(self, values: gtsam.Values) -> se2.Array:
         """Returns the poses (n, 3) of the scans in values of the graph, as `poses_of` does."""
@@ -61,7 +64,10 @@ class Optimum:
 
 
 def build_pose_graph(
-    initial: se2.Array, between: Iterable[gtsam.NonlinearFactor], submaps: Iterable[se2.Array] = ()
+    initial: se2.Array,
+    between: Iterable[gtsam.NonlinearFactor],
+    submaps: Iterable[se2.Array] = (),
+    scale_sigma: float = 0.0,
 ) -> PoseGraph:
     """Returns a graph of between-factors in which the first pose is held at its starting value.
 
@@ -69,6 +75,7 @@ def build_pose_graph(
         initial: (n, 3) starting values of the poses of scans, x [m], y [m], yaw [rad].
         between: factors over keys X(0) .. X(n-1) of scans and M(0) .. M(m-1) of submaps.
         submaps: m starting values (3,) of the poses of submaps.
+        scale_sigma: standard deviation of the relative error that all measured distances have in common.
     """
     factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     for k, pose in enumerate(initial):
@@ -78,7 +85,7 @@ def build_pose_graph(
     factors.push_back(prior(X(0), initial[0]))
     for factor in between:
         factors.push_back(factor)
-    return PoseGraph(factors, values, len(initial))
+    return PoseGraph(factors, values, len(initial), scale_sigma=scale_sigma)
 
 
 def optimise(graph: PoseGraph) -> Optimum:
@@ -117,9 +124,3 @@ def pose_of(values: gtsam.Values, key: int) -> tuple[float, float, float]:
         spatial = values.atPose3(key)
         return spatial.x(), spatial.y(), spatial.rotation().yaw()
     return pose.x(), pose.y(), pose.theta()
-
-
-def count_submaps(values: gtsam.Values) -> int:
-    """Returns the number of submaps whose poses m0 .. are among the values."""
-    letter = gtsam.symbolChr(M(0))
-    return sum(gtsam.symbolChr(key) == letter for key in values.keys())

@@ -68,11 +68,13 @@ class Problem(GraphProblem):
         measurements: the front end's motions between successive scans.
         odometry: calibrated motions of the odometry between the same scans; empty if there is no odometry.
         sensors: edges of other sensors, by the names of the sensors.
+        scale_sigma: standard deviation of the relative error that all distances of the radar have in common.
     """
 
     measurements: Sequence[Measurement]
     odometry: Sequence[Measurement]
     sensors: Mapping[str, SensorEdges] = field(default_factory=dict)
+    scale_sigma: float = 0.0
 
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> PoseGraph:
         """Returns the graph with the given loops and ties; its starting values are the chained measurements."""
@@ -82,7 +84,7 @@ class Problem(GraphProblem):
         chain = se2.chain(m.pose for m in self.measurements)
         for edges in self.sensors.values():
             factors += edges.list_factors(chain)
-        graph = build_pose_graph(chain, factors, chain[self.submaps.first_scans])
+        graph = build_pose_graph(chain, factors, chain[self.submaps.first_scans], self.scale_sigma)
         for edges in self.sensors.values():
             edges.insert_into(graph.initial)
         return graph

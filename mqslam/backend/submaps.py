@@ -90,11 +90,6 @@ def _estimate_errors(measurements: Sequence[Measurement]) -> list[NDArray[np.flo
     return [np.mean(halves, axis=0) + _LEAST if halves else None for halves in ends]
 
 
-# Standard deviation [m], over 100 m of path, of the drift that the maps of both directions of time have in common, which
-# their difference does not show. It grows with the root of the path. It is unknown; 0 to 0.09 was found in simulated cities.
-COMMON_DRIFT_M = 0.05
-# The same for the yaw [rad], over 100 m of path; 0.0004 to 0.0024 was found in simulated cities.
-COMMON_DRIFT_RAD = 0.0015
 # Number of successive submaps over which both directions of time are compared to learn how a map drifts.
 _DRIFT_SUBMAPS = 16
 # Weight of the assumption that a map drifts by the errors of its scans, in spans: it counts as much as this many spans of
@@ -104,24 +99,16 @@ _DRIFT_TRUSTED = 2.0
 # nothing about the other scans.
 _DRIFT_GROSS = 20.0
 
-_PER_M = 100.0  # path [m] to which the constants of common drift refer
-
 
 def widen_ties(submaps: Submaps, measurements: Sequence[Measurement]) -> Submaps:
     """Returns the submaps with the covariances of their ties adapted to the drift that the run shows.
-
-    The drift that both directions of time have in common does not show in their difference; a prior stands for this drift.
 
     Args:
         submaps: submaps of the drive, tied by the errors of their first scans.
         measurements: the motions between successive scans.
     """
     factors = learn_drift(submaps, measurements)
-    common = np.diag([COMMON_DRIFT_M**2, COMMON_DRIFT_M**2, COMMON_DRIFT_RAD**2])
-    ties = []
-    for tie in submaps.ties:
-        length = float(np.hypot(tie.pose[0], tie.pose[1]))
-        ties.append(replace(tie, covariance=se2.scale_covariance(tie.covariance, factors) + common * (length / _PER_M)))
+    ties = [replace(tie, covariance=se2.scale_covariance(tie.covariance, factors)) for tie in submaps.ties]
     return replace(submaps, ties=ties)
 
 

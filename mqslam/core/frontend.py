@@ -64,6 +64,7 @@ class Context:
             gyroscope itself.
         velocities: velocities of the sensor, measured by the radar's own chirps, or None. They are used like `turning`.
         engine: engine on which a front end may track stretches of a recording in parallel; None tracks them in this process.
+        is_resolution_assumed: whether the recording does not state its bins' length, so that the usual one is used.
     """
 
     config: Config
@@ -78,6 +79,7 @@ class Context:
     sensors: Sensors = NO_SENSORS
     turning: KnownTurning | None = None
     velocities: Velocities | None = None
+    is_resolution_assumed: bool = False
 
     @classmethod
     def of(
@@ -98,6 +100,7 @@ class Context:
             doppler_beta,
             stamp_sigma_s=recording.stamp_sigma_s,
             sensors=sensors,
+            is_resolution_assumed=recording.is_resolution_assumed,
         )
 
     def odometry_twist(self, t0: float, t1: float) -> se2.Array | None:

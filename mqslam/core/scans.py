@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from typing import overload
 
 import numpy as np
@@ -146,6 +146,15 @@ class Scans(Sequence[Scan]):
         listed = list(chosen)
         scans = self.scans[listed] if isinstance(self.scans, StoredScans) else tuple(self.scans[k] for k in listed)
         return Scans(scans, self.start_us, self.revolution_s)
+
+    def scale_ranges(self, factor: float) -> Scans:
+        """Returns the scans with all ranges multiplied by a factor."""
+        if factor == 1.0:
+            return self
+        store = ScanStore()
+        for scan in self:
+            store.append(replace(scan.returns, ranges=factor * scan.returns.ranges))
+        return Scans(store.close(self.spans), self.start_us, self.revolution_s)
 
     @property
     def spans(self) -> NDArray[np.float64]:

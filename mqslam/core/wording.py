@@ -49,9 +49,10 @@ def describe_last_pose(last: Mapping[str, Any] | None) -> str:
         return "its uncertainty is not known"
     along, across, yaw = last["sigma_along_m"], last["sigma_across_m"], math.degrees(last["sigma_yaw_rad"])
     sure = f"± {along:.2g} m along, {across:.2g} m across, {yaw:.2g} deg heading (one sigma, seen from the first pose)"
-    if not last["drift_is_prior"]:
+    if last["prior_share"] < _WORTH_SAYING:
         return sure
-    return f"{sure}; no loop closes, so the drift that all motions share is assumed here (a prior), not measured"
+    share = f"{last['prior_share']:.0%} of the variance of its position"
+    return f"{sure}; {share} come from the scale of the ranges, which is stated or assumed (a prior), not measured"
 
 
 def describe_delay(delay_s: float) -> str:
@@ -59,6 +60,7 @@ def describe_delay(delay_s: float) -> str:
     return f"{abs(delay_s):.2f} s {'late' if delay_s >= 0.0 else 'early'}"
 
 
+_WORTH_SAYING = 0.1  # smaller shares of a prior in a variance are not mentioned
 _NAMES = {"gyroscope": "the gyroscope", "gnss": "GNSS"}
 
 
@@ -71,7 +73,7 @@ def list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
         summary: content of summary.json; it may lack the entries on sensors, mount and ranges.
     """
     sensors = summary.get("sensors") or {}
-    parts = [*sensors.values(), summary.get("mount"), summary.get("range_errors")]
+    parts = [*sensors.values(), *(summary.get(name) for name in ("mount", "range_errors", "range_scale"))]
     found = (part for part in parts if part is not None and part.get("used", True))
     used = [_NAMES[name] for name, part in sensors.items() if name in _NAMES and part and part.get("used")]
     statements = [statement for part in found for statement in part["statements"]]

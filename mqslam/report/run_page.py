@@ -305,10 +305,7 @@ def _draw_ellipses(run: Run, summary: Mapping[str, Any]) -> tuple[Curve, list[st
             f"The legend shows the 3σ ellipses of the positions, with the first pose held fixed; the largest reaches "
             f"{format_length(largest)} from its centre."
         )
-        if part_of(summary, "last_pose").get("drift_is_prior"):
-            explained.append(
-                "Drift that both directions of time have in common cannot be measured in one pass; a prior stands for it."
-            )
+        explained += part_of(summary, "range_scale").get("statements", [])
     return Curve(name, PURPLE, drawn, width=1.2, shown=False), explained
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,7 +14,6 @@ from mqslam.auditing.gyroscope_check import GyroscopeCheck
 from mqslam.auditing.verdict import verdict_of
 from mqslam.auditing.windows.windows import share_torn
 from mqslam.backend.marginals import PoseCovariances
-from mqslam.backend.pose_graph import count_submaps
 from mqslam.backend.sensors.chirps import VelocityUse
 from mqslam.backend.sensors.gnss import FixUse
 from mqslam.backend.sensors.gyroscope import GyroscopeUse, Rotation
@@ -68,6 +68,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         "doppler_beta": run.doppler_beta,
         "doppler_sigma": run.doppler_sigma,
         "range_errors": None if run.range_errors is None else _summarise_ranges(run.range_errors, recording),
+        "range_scale": asdict(run.range_scale),
         "dataset": {
             "format": recording.format,
             "path": str(recording.path),
@@ -271,16 +272,18 @@ def _write_numbers(folder: Path, summary: dict[str, Any], notes: Sequence[str]) 
 def _describe_last_pose(run: Run) -> dict[str, Any] | None:
     """Returns the standard deviations of the last pose relative to the first one, in its own frame; None if not known.
 
-    The drift that all submaps have in common comes from a prior, unless a loop or GNSS measures it.
+    Unless GNSS measures it, the scale of the ranges comes from a prior; `prior_share` is its share of the position's
+    variance.
     """
     sure = run.covariances
     if sure.failure is not None or not len(sure.indices) or sure.indices[-1] != len(run.optimised) - 1:
         return None
     along, across, yaw = np.sqrt(np.diag(sure.covariances[-1])).tolist()
-    pieces = count_submaps(run.values)  # two submaps are tied by a prior on the drift of the running map
     is_placed = run.sensors.fixes is not None and run.sensors.fixes.edges is not None
-    drift_is_prior = pieces > 1 and not run.loops and not is_placed
-    return {"sigma_along_m": along, "sigma_across_m": across, "sigma_yaw_rad": yaw, "drift_is_prior": drift_is_prior}
+    first, last = run.optimised.poses[[0, -1], :2]
+    by_scale = 0.0 if is_placed else run.range_scale.prior**2 * float(np.sum((last - first) ** 2))
+    share = min(by_scale / (along**2 + across**2), 1.0)
+    return {"sigma_along_m": along, "sigma_across_m": across, "sigma_yaw_rad": yaw, "prior_share": share}
 
 
 def summarise_sensors(run: Solution) -> dict[str, Any]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import pytest
@@ -10,8 +12,14 @@ from support.chains import chain_of
 from support.graphs import COVARIANCE, TURNS, graph_of, unequal
 from support.passes import path
 
-from mqslam.backend.marginals import GraphCovariances, SingleCovariances, Uncertainty, compute_all_marginals
-from mqslam.backend.pose_graph import PoseGraph
+from mqslam.backend.marginals import (
+    GraphCovariances,
+    SingleCovariances,
+    Uncertainty,
+    compute_all_marginals,
+    measure_scale_error,
+)
+from mqslam.backend.pose_graph import PoseGraph, optimise
 from mqslam.core import se2
 from mqslam.errors import EstimationError
 
@@ -64,6 +72,28 @@ def test_variables_besides_the_poses_may_be_in_the_graph() -> None:
     graph = with_submaps(unequal(20, -4.0, -2.0, 2))
     for pair, result in zip(PAIRS, Uncertainty(graph, graph.initial).relate(PAIRS), strict=True):
         np.testing.assert_allclose(result, dense_relative(graph, *pair), rtol=1e-5, atol=1e-9)
+
+
+def test_an_error_of_the_scale_stretches_all_relative_poses() -> None:
+    sigma = 0.003
+    without = graph_of(TURNS, se2.chain(TURNS))
+    poses, pairs = se2.chain(TURNS), [(0, 30), (5, 26)]
+    scaled = replace(without, scale_sigma=sigma)
+    for (a, b), before, after in zip(
+        pairs, *(Uncertainty(graph, graph.initial).relate(pairs) for graph in (without, scaled)), strict=True
+    ):
+        stretch = sigma * se2.between(poses[a], poses[b]) * [1.0, 1.0, 0.0]
+        np.testing.assert_allclose(after, before + np.outer(stretch, stretch), rtol=1e-6, atol=1e-9)
+
+
+def test_positions_that_another_sensor_measures_show_the_scale() -> None:
+    motions = [motion * [1.01, 1.01, 1.0] for motion in TURNS]
+    graph = replace(graph_of(TURNS, se2.chain(TURNS)), scale_sigma=0.05)
+    noise = gtsam.noiseModel.Isotropic.Sigma(2, 0.01)
+    for k, pose in enumerate(se2.chain(motions)):
+        graph.factors.push_back(gtsam.PoseTranslationPrior2D(X(k), gtsam.Pose2(*pose), noise))
+    error, sigma = measure_scale_error(graph, optimise(graph).values)
+    assert error == pytest.approx(0.01, abs=0.001) and sigma < 0.01
 
 
 def test_relative_covariances_beyond_all_precision_are_an_error() -> None:

@@ -20,10 +20,8 @@ STEP = np.array([2.0, 0.0, 0.02])
 
 @pytest.fixture(autouse=True)
 def short_submaps(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Begins a submap with every second scan, and leaves out the prior for common drift."""
+    """Begins a submap with every second scan."""
     monkeypatch.setattr(submaps, "_SUBMAP_M", 3.5)
-    for name in ("COMMON_DRIFT_M", "COMMON_DRIFT_RAD"):
-        monkeypatch.setattr(submaps, name, 0.0)
 
 
 def drive(count: int, step: np.ndarray = STEP) -> list[Measurement]:

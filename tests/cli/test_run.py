@@ -177,10 +177,14 @@ def test_the_summary_says_how_sure_the_last_pose_is_along_and_across(result: Pat
     last = summary_of(result)["last_pose"]
     yaws = read_tum(result / "trajectory.tum").poses[:, 2]
     given = read_covariances(result / "covariances.csv").covariances[-1]
-    turned = se2.rotate_covariance(given, yaws[0] - yaws[-1])  # nothing is passed twice: its drift is a prior
+    turned = se2.rotate_covariance(given, yaws[0] - yaws[-1])
     sigmas = dict(zip(("sigma_along_m", "sigma_across_m", "sigma_yaw_rad"), np.sqrt(np.diag(turned)), strict=True))
-    assert last == {**{name: pytest.approx(sigma) for name, sigma in sigmas.items()}, "drift_is_prior": True}
-    assert "a prior stands for it" in (result / "report.html").read_text()
+    scale = summary_of(result)["range_scale"]
+    by_scale = scale["sigma"] * np.hypot(*read_tum(result / "trajectory.tum").poses[-1, :2])
+    share = by_scale**2 / np.sum(np.diag(turned)[:2])
+    expected = {**sigmas, "prior_share": share}
+    assert last == {name: pytest.approx(value, rel=1e-4) for name, value in expected.items()} and 0.0 < share < 1.0
+    assert all(statement in (result / "report.html").read_text() for statement in scale["statements"])
 
 
 def test_measured_motions_are_those_of_the_truth(result: Path, street: Path) -> None:

@@ -20,13 +20,15 @@ from mqslam.auditing.spans import effects
 from mqslam.auditing.spans.delay import Delay, estimate_delay
 from mqslam.auditing.spans.lever import Lever, estimate_lever, find_turns
 from mqslam.auditing.spans.robust import HUBER, judge_by_jackknife, measure_spread, split_into_blocks
-from mqslam.backend.submaps import COMMON_DRIFT_RAD
 
 # At least this many spans are needed to show a bias, or how far off a span usually is.
 SPAN_FEWEST = 15
 
 _FEWEST: Final = 10  # the spread of fewer spans may be small by chance
-_COMMON_YAW: Final = COMMON_DRIFT_RAD / 10.0  # [rad] per root of a metre; COMMON_DRIFT_RAD is per root of 100 m
+# Standard deviations [m, rad], over 100 m of path, of the drift of psi itself, which repeated measurements of spans do not
+# show; 0 to 0.09 m and 0.0004 to 0.0024 rad were found in simulated cities.
+OWN_DRIFT_M, OWN_DRIFT_RAD = 0.05, 0.0015
+_OWN_YAW: Final = OWN_DRIFT_RAD / 10.0  # [rad] per root of a metre
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +66,7 @@ def pool(spans: Sequence[Registration], twists: NDArray[np.float64]) -> Pooled |
     delay = estimate_delay(spans, offsets, twists, with_lever=bool(turns))
     offsets = offsets - delay.seconds * effects.of_delay(spans, twists)
     path = np.array([span.path_m for span in spans])
-    turn = _estimate(path, offsets[:, 2], _COMMON_YAW * np.sqrt(np.sum(path)))
+    turn = _estimate(path, offsets[:, 2], _OWN_YAW * np.sqrt(np.sum(path)))
     placed = (offsets - turn[0] * effects.of_turn(spans))[:, :2]
     lever = estimate_lever(spans, placed, turns)
     if lever is not None:

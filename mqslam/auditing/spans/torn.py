@@ -15,10 +15,9 @@ from scipy.stats import binom
 
 from mqslam.auditing.registration import Registration
 from mqslam.auditing.spans import effects
-from mqslam.auditing.spans.pooled import SPAN_FEWEST
+from mqslam.auditing.spans.pooled import OWN_DRIFT_M, OWN_DRIFT_RAD, SPAN_FEWEST
 from mqslam.auditing.table import share_of_false_alarms, tolerate_span
 from mqslam.backend.loops.registration import TOLERANCES
-from mqslam.backend.submaps import COMMON_DRIFT_M, COMMON_DRIFT_RAD
 from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.statistics import compute_p_values, correct_for_places, find_trimmed_scale
@@ -29,7 +28,7 @@ _TURNED: Final = 2.0
 _UNUSUAL: Final = 0.05
 """A span with a smaller p-value is unusual: in a good map, one span in twenty is."""
 
-COMMON: Final = np.diag([COMMON_DRIFT_M**2, COMMON_DRIFT_M**2, COMMON_DRIFT_RAD**2]) / 100.0
+COMMON: Final = np.diag([OWN_DRIFT_M**2, OWN_DRIFT_M**2, OWN_DRIFT_RAD**2]) / 100.0
 """Covariance, per metre of path, of the drift of psi itself, which repeated measurements do not show."""
 
 FREEDOM: Final = 1.0

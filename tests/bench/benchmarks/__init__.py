@@ -12,10 +12,14 @@ from bench.benchmarks import (
     robustness,
     runs,
     sensors,
+    uncertainty,
     workers,
     worlds,
 )
 
-_MODULES = (audits, costs, front_ends, maps, own_graph, places, ranges, real, robustness, runs, sensors, workers, worlds)
+_MODULES = (
+    *(audits, costs, front_ends, maps, own_graph, places, ranges, real, robustness, runs, sensors, uncertainty),
+    *(workers, worlds),
+)
 _KNOWN = {name: benchmark for module in _MODULES for name, benchmark in module.BENCHMARKS.items()}
 BENCHMARKS = {name: _KNOWN[name] for name in sorted(_KNOWN, key=lambda name: (_KNOWN[name].data != "simulated", name))}
