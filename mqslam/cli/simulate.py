@@ -32,6 +32,17 @@ _OWN: Options = {
         0.0,
         r"Range offset that the recording does not state: true range minus range of the bin's centre \[m].",
     ),
+    "bin_error": option(
+        float,
+        0.0,
+        "Share by which range bins are longer than the recording states, such as 0.01 for 1 %.",
+    ),
+    "azimuth_offset": option(
+        float,
+        0.0,
+        r"Direction of the beam when the encoder is at zero, counter-clockwise from straight ahead; not stated \[deg].",
+    ),
+    "late": option(float, 0.0, r"How late every stamp of the radar is; all other sensors and the truth are on time \[s]."),
     "chirps": flag("Let chirps go up and down in turn, as the chirps of Boreas-RT's radar do.", "--chirps"),
     "imu": option(str, "mems", "Grade of the gyroscope: mems, good or none."),
     "imu_rate_hz": option(float, 100.0, r"Readings of the gyroscope per second, 50 to 200 \[1/s].", "--imu-rate"),
@@ -57,6 +68,9 @@ def simulate(
     movers: int | None,
     doppler: float | None,
     range_offset: float,
+    bin_error: float,
+    azimuth_offset: float,
+    late: float,
     chirps: bool,
     **given: Any,
 ) -> None:
@@ -67,14 +81,23 @@ def simulate(
     from mqslam.simulator import CHIRP_BETA, SensorModel
     from mqslam.simulator import simulate as write
 
-    beta = doppler if doppler is not None else CHIRP_BETA if chirps else 0.0
+    radar = SensorModel(
+        turn_rate,
+        azimuths,
+        range_resolution,
+        max_range,
+        doppler_beta=doppler if doppler is not None else CHIRP_BETA if chirps else 0.0,
+        chirps=chirps,
+        range_offset=range_offset,
+        bin_error=bin_error,
+        azimuth_offset_deg=azimuth_offset,
+        late_s=late,
+    )
     with terminal.show_progress() as show:
         write(
             out,
             scene=scene,
-            sensor=SensorModel(
-                turn_rate, azimuths, range_resolution, max_range, doppler_beta=beta, chirps=chirps, range_offset=range_offset
-            ),
+            sensor=radar,
             movers=_MOVERS.get(scene) if movers is None else movers,
             jobs=terminal.jobs,
             progress=lambda done, total: show("simulate", done, total),

@@ -1,7 +1,7 @@
 """Simulates the other sensors on the vehicle with their errors: wheels that slip, a gyroscope, and a GNSS receiver.
 
 Every function simulates the measurements of a sensor on a drive, given the duration of the drive [s], the stamp of time
-zero in the radar's clock [us], the errors of the sensor, and the seed of these errors.
+zero [us], the errors of the sensor, and the seed of these errors.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class GyroscopeModel:
     noise: float  # density of the white noise [rad/s per square root of Hz]
     scale: float  # standard deviation of an axis's relative scale error
     rate_hz: float = 100.0  # readings per second
-    late_s: float = 0.0  # by how much the gyroscope's stamp of an instant is later than the radar's [s]
+    late_s: float = 0.0  # by how much a stamp is later than the instant that it stands for [s]
 
 
 GRADES = {

@@ -34,10 +34,10 @@ class World(Protocol):
     """A drive through a scene as the radar measures it."""
 
     def stamps(self, k: int) -> NDArray[np.float64]:
-        """Returns the times (A,) [s] with which the azimuths of revolution k of the radar are stamped."""
+        """Returns the times (A,) [s] with which a clock that is right stamps the azimuths of revolution k of the radar."""
 
     def end(self) -> float:
-        """Returns the time [s] with which the end of the last revolution is stamped."""
+        """Returns the time [s] with which a clock that is right stamps the end of the last revolution."""
 
     def render(self, k: int) -> NDArray[np.uint8]:
         """Renders the readings (A, B) of revolution k; they do not depend on which other revolutions are rendered."""
@@ -80,6 +80,11 @@ class ClearWorld:
         return {}
 
 
+def _to_us(seconds: float) -> int:
+    """Returns a duration in whole microseconds."""
+    return round(seconds * 1e6)
+
+
 def to_stamps(times: NDArray[np.float64]) -> NDArray[np.int64]:
     """Returns the stamps (N,) [us] of times (N,) [s] of a drive."""
     return START_US + np.round(times * 1e6).astype(np.int64)
@@ -97,7 +102,7 @@ class SimulatedRecording(Recording):
 
     def azimuth_stamps(self, k: int) -> NDArray[np.int64]:
         """Returns the stamps (A,) [us] of the azimuths of polar scan k, in whole microseconds as files have them."""
-        return to_stamps(self.world.stamps(k))
+        return to_stamps(self.world.stamps(k)) + _to_us(self.sensor.late_s)
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Renders the polar scans start <= k < stop, one after the other."""
@@ -147,7 +152,7 @@ def simulate_recording(  # noqa: PLR0913 - these are the options of a simulation
     return SimulatedRecording(
         path=Path("simulated"),
         format="simulated",
-        stamps_us=stamps_us[:-1],
+        stamps_us=stamps_us[:-1] + _to_us(sensor.late_s),
         turns_us=np.diff(stamps_us),
         range_resolution=sensor.range_resolution,
         odometry=wheels.dead_reckon(),

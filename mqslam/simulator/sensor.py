@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from mqslam.simulator.scene import Scene
 ENCODER = 5600
 """Encoder steps per revolution, clockwise, as the Oxford layout stores azimuths."""
 _MOST_READINGS = 64_000_000  # size of the largest polar scan: readers accept no larger images
+_LARGEST_FAULTS = {"bin_error": 0.5, "azimuth_offset_deg": 180.0, "late_s": 10.0}  # limits on nonsense
 _PATTERN_WIDTHS = 3.0  # beam widths that the cells of a beam span: beyond them hardly anything comes back
 
 
@@ -41,6 +42,9 @@ class SensorModel:
         chirps: whether chirps go up and down alternately, up at the first azimuth; a chirp that goes down has the opposite
             range shift.
         range_offset: true range of an object at rest minus the range of the centre of its bin [m].
+        bin_error: share by which a range bin is truly longer than `range_resolution`, which the recording states.
+        azimuth_offset_deg: direction of the beam when the encoder is at zero, counter-clockwise from straight ahead [deg].
+        late_s: by how much every stamp of the radar is later than the instant that it stands for [s].
     """
 
     turn_rate_hz: float = 4.0
@@ -60,12 +64,18 @@ class SensorModel:
     doppler_beta: float = 0.0
     chirps: bool = False
     range_offset: float = 0.0
+    bin_error: float = 0.0
+    azimuth_offset_deg: float = 0.0
+    late_s: float = 0.0
 
     def __post_init__(self) -> None:
         positive = ("turn_rate_hz", "range_resolution", "max_range", "beam_width_deg", "spread_bins")
         for name in positive:
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
                 raise ConfigError(f"simulator: {name} is {getattr(self, name)}; it must be above 0")
+        for name, largest in _LARGEST_FAULTS.items():
+            if not abs(getattr(self, name)) <= largest:
+                raise ConfigError(f"simulator: {name} is {getattr(self, name)}; choose {-largest:g} to {largest:g}")
         if not 4 <= self.azimuths <= ENCODER:
             raise ConfigError(f"simulator: azimuths is {self.azimuths}; choose 4 to {ENCODER}")
         if self.turn_rate_hz * self.azimuths > 1e6:  # stamps are whole microseconds
@@ -99,8 +109,22 @@ class SensorModel:
 
     @property
     def angles(self) -> NDArray[np.float64]:
-        """Azimuths (A,) [rad] counter-clockwise from straight ahead: 0 down to almost -2 pi, one clockwise revolution."""
+        """Azimuths (A,) [rad] that a recording states: 0 down to almost -2 pi, one clockwise revolution."""
         return np.asarray(-2.0 * np.pi / ENCODER * self.encoders)
+
+    @property
+    def directions(self) -> NDArray[np.float64]:
+        """True directions (A,) [rad] of the beam at these azimuths, counter-clockwise from straight ahead."""
+        return np.asarray(self.angles + np.deg2rad(self.azimuth_offset_deg))
+
+    @property
+    def bin_length(self) -> float:
+        """True length of a range bin [m]."""
+        return self.range_resolution * (1.0 + self.bin_error)
+
+    def describe(self) -> dict[str, float]:
+        """Returns the parameters by name; a fault that a recording does not state is left out where there is none."""
+        return {name: value for name, value in asdict(self).items() if value or name not in _LARGEST_FAULTS}
 
 
 def render_polar_scan(
@@ -111,7 +135,7 @@ def render_polar_scan(
     sensor: SensorModel,
     seed: int | tuple[int, ...],
 ) -> NDArray[np.uint8]:
-    """Renders the received power (A, B) of one polar scan; bin b is centred at (b + 0.5) range resolutions.
+    """Renders the received power (A, B) of one polar scan; bin b is centred at (b + 0.5) bin lengths plus the range offset.
 
     Args:
         scene: what reflects.
@@ -129,7 +153,7 @@ def render_polar_scan(
     gains = np.exp(-8.0 * np.log(2.0) * (0.5 * (borders[1:] + borders[:-1]) / width) ** 2)
     radar = SimulatedRadar(
         sensor.bins,
-        sensor.range_resolution,
+        sensor.bin_length,
         sensor.spread_bins,
         _to_power(sensor.wall_level),
         _to_power(sensor.pole_level),
@@ -141,8 +165,8 @@ def render_polar_scan(
         sensor.range_offset,
     )
     power = render_power(
-        _keep_near(scene, poses, sensor.bins * sensor.range_resolution),
-        Sweep(np.ascontiguousarray(poses), np.ascontiguousarray(twists), times, sensor.angles, sensor.betas),
+        _keep_near(scene, poses, sensor.bins * sensor.bin_length),
+        Sweep(np.ascontiguousarray(poses), np.ascontiguousarray(twists), times, sensor.directions, sensor.betas),
         Pattern(np.c_[np.sin(borders), np.cos(borders)], gains / gains.sum(), width),
         radar,
         np.random.SeedSequence(seed).generate_state(1)[0],

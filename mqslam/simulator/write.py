@@ -61,7 +61,7 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
         world: makes the world as the radar sees it; in the default world, every surface is visible from all sides.
         imu: grade of the gyroscope: `mems` (a consumer part), `good` (a tactical one) or `none`.
         imu_rate_hz: readings of the gyroscope per second.
-        imu_late_s: by how much the gyroscope's stamp of an instant is later than the radar's [s].
+        imu_late_s: by how much every stamp of the gyroscope is later than the instant that it stands for [s].
         jobs: number of polar scans that are rendered at the same time.
         progress: called with (polar scans written, polar scans in all).
 
@@ -99,7 +99,7 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
         "revolutions": len(recording),
         "length_m": round(truth.length_m, 3),
         "range_resolution_m": sensor.range_resolution,
-        "sensor": asdict(sensor),
+        "sensor": sensor.describe(),
         "odometry": asdict(errors),
         "gyroscope": None if gyroscope is None else asdict(gyroscope),
         "receiver": asdict(receiver),

@@ -21,6 +21,10 @@ def test_every_option_reaches_the_simulation(tmp_path: Path) -> None:
         "--max-range": 60.0,
         "--movers": 2,
         "--doppler": 0.01,
+        "--range-offset": -0.2,
+        "--bin-error": 0.01,
+        "--azimuth-offset": 2.5,
+        "--late": 0.05,
         "--seed": 7,
         "--jobs": 2,
     }
@@ -37,6 +41,10 @@ def test_every_option_reaches_the_simulation(tmp_path: Path) -> None:
         "--max-range": sensor["max_range"],
         "--movers": written["movers"],
         "--doppler": sensor["doppler_beta"],
+        "--range-offset": sensor["range_offset"],
+        "--bin-error": sensor["bin_error"],
+        "--azimuth-offset": sensor["azimuth_offset_deg"],
+        "--late": sensor["late_s"],
         "--seed": written["seed"],
         "--jobs": 2,
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from support.drives import QUIET_SENSOR as QUIET
 
 from mqslam.core import se2
 from mqslam.errors import ConfigError
+from mqslam.formats.recordings import open_recording
+from mqslam.formats.recordings.native import write as write_native
 from mqslam.simulator import (
     ConstantDrive,
     Drive,
@@ -58,6 +61,23 @@ def test_a_pole_peaks_at_its_range_and_bearing_to_a_fraction_of_a_bin(r: float, 
     result, azimuth, _ = peak(render(pole((r + 0.05) * np.cos(bearing), (r + 0.05) * np.sin(bearing))))
     assert result == pytest.approx(r, abs=0.06 * QUIET.range_resolution)
     assert abs(se2.wrap(azimuth - bearing)) < 0.06 * 2.0 * np.pi / QUIET.azimuths
+
+
+def test_wrong_bins_and_a_turned_encoder_show_in_what_a_recording_holds(tmp_path: Path) -> None:
+    place, places = (30.05 * np.cos(0.7), 30.05 * np.sin(0.7)), []
+    for k, faults in enumerate(
+        ({}, {"bin_error": 0.02}, {"azimuth_offset_deg": 5.0}, {"bin_error": -0.01, "range_offset": 0.3})
+    ):
+        sensor = replace(QUIET, **faults)
+        write_native(tmp_path / f"{k}.npz", simulate_recording(pole(*place), STILL, duration_s=0.5, sensor=sensor))
+        recording = open_recording(tmp_path / f"{k}.npz")
+        assert recording.range_resolution == QUIET.range_resolution and recording.range_offset == 0.0
+        np.testing.assert_allclose(recording[0].azimuths, QUIET.angles, atol=1e-12)
+        places.append(peak(recording[0].power)[:2])
+    (r, bearing), (r_long, _), (r_turned, turned), (r_both, _) = places
+    assert r == pytest.approx(30.0, abs=0.01) and r_turned == pytest.approx(r, abs=0.01)
+    assert r_long == pytest.approx(30.0 / 1.02, abs=0.01) and r_both == pytest.approx((30.0 - 0.3) / 0.99, abs=0.01)
+    assert np.rad2deg(se2.wrap(bearing - turned)) == pytest.approx(5.0, abs=0.1)
 
 
 def test_a_wall_peaks_at_its_distance_and_ends_where_it_ends() -> None:
@@ -190,6 +210,9 @@ def test_render_polar_scan_takes_any_poses() -> None:
         {"max_range": 1e12},
         {"turn_rate_hz": -1},
         {"turn_rate_hz": 1e9},
+        {"bin_error": -1.0},
+        {"azimuth_offset_deg": float("nan")},
+        {"late_s": 60.0},
     ],
 )
 def test_impossible_sensors_are_refused(bad: dict[str, float]) -> None:

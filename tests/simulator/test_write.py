@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ from support.commands import read_contents
 
 from mqslam.core import se2
 from mqslam.errors import ConfigError, OutputError
+from mqslam.formats.recordings import open_recording
+from mqslam.formats.recordings.native import write as write_native
 from mqslam.formats.tum import read_tum
 from mqslam.simulator import SensorModel, SimulatedRecording, simulate
 
@@ -102,6 +105,40 @@ def test_parameters_are_written(written: tuple[Path, SimulatedRecording]) -> Non
     parameters = json.loads((out / "simulation.json").read_text())
     assert parameters["range_resolution_m"] == recording.range_resolution == 0.5
     assert parameters["sensor"]["azimuths"] == 90 and parameters["seed"] == 1 and parameters["scene"] == "street"
+
+
+def test_the_radars_faults_are_not_stated_and_without_them_nothing_changes(
+    written: tuple[Path, SimulatedRecording], tmp_path: Path
+) -> None:
+    out, sound = written
+    sensor = json.loads((out / "simulation.json").read_text())["sensor"]
+    assert not {"bin_error", "azimuth_offset_deg", "late_s"} & set(sensor)
+    faulty = replace(SENSOR, bin_error=0.02, azimuth_offset_deg=3.0, late_s=0.2)
+    simulate(tmp_path / "faulty", **{**SMALL, "sensor": faulty})
+    simulate(tmp_path / "none", **{**SMALL, "sensor": replace(faulty, bin_error=0.0, azimuth_offset_deg=0.0, late_s=0.0)})
+    whole, faulty_files = read_contents(out), read_contents(tmp_path / "faulty")
+    assert read_contents(tmp_path / "none") == whole
+    for name in ("odom.csv", "imu.csv", "gnss.csv", "gt/poses_tum.txt", "gt/radar_odometry.csv"):
+        assert faulty_files[name] == whole[name], name
+    recording = open_recording(tmp_path / "faulty")
+    assert (recording.range_resolution, recording.range_offset) == (0.5, 0.0)
+    np.testing.assert_allclose(recording[1].azimuths, sound[1].azimuths, atol=1e-12)
+
+
+def test_late_stamps_are_late_against_the_truth_and_hold_the_same_power(tmp_path: Path) -> None:
+    for late_s in (0.0, 0.2):
+        drive = simulate(tmp_path / str(late_s), **{**SMALL, "sensor": replace(SENSOR, late_s=late_s)})
+        write_native(tmp_path / f"{late_s}.npz", drive)
+    on_time, late = (open_recording(tmp_path / name) for name in ("0.0.npz", "0.2.npz"))
+    folder = open_recording(tmp_path / "0.2")
+    truth = read_tum(tmp_path / "0.2" / "gt" / "poses_tum.txt")
+    for recording in (late, folder):
+        assert np.array_equal(recording.stamps_us - truth.stamps_us, np.full(5, 200_000))
+        assert recording.ground_truth is not None and np.array_equal(recording.ground_truth.stamps_us, truth.stamps_us)
+        np.testing.assert_array_equal(recording[3].power, on_time[3].power)
+        np.testing.assert_allclose(recording[3].times, on_time[3].times, atol=1e-9)  # since the recording's own start
+    assert late.odometry is not None and late.odometry.stamps_us[0] == late.start_us - 200_000
+    assert np.array_equal(late.ends_us, on_time.ends_us + 200_000)
 
 
 @pytest.mark.parametrize("scene", ["street", "corridor", "tunnel", "yard", "city"])

@@ -69,6 +69,20 @@ def test_a_turn_does_not_depend_on_those_rendered_before_it(written: tuple[Path,
     assert np.array_equal(backwards[0], recording[3].power) and np.array_equal(backwards[1], recording[0].power)
 
 
+def test_the_radars_faults_move_what_is_seen() -> None:
+    scene, faulty = Scene(HOUSE), replace(SENSOR, bin_error=0.2, azimuth_offset_deg=20.0)
+    still = ConstantDrive(0.0, 0.0)
+    sound, moved = (
+        make_hard_world(scene, still, sensor, 8, 1, realism=EMPTY).render(0).astype(float) for sensor in (SENSOR, faulty)
+    )
+    rows = (
+        20 * SENSOR.azimuths // 360
+    )  # the encoder is at zero where the beam points 20 degrees to the left of straight ahead
+    far = int(5.0 / 0.175)  # beyond the own vehicle
+    seen = [0.175 * (far + np.argmax(row[far:])) for row in (sound[0], moved[rows], moved[0])]
+    assert seen == pytest.approx([15.0, 15.0 / 1.2, 15.0 / 1.2 / np.cos(np.deg2rad(20.0))], abs=0.35)
+
+
 def test_truth_is_exact_at_the_stamps_that_are_written(written: tuple[Path, SimulatedRecording]) -> None:
     out, recording = written
     truth = read_tum(out / "gt" / "poses_tum.txt")

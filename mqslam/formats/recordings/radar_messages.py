@@ -4,7 +4,9 @@ Messages are read in every layout, and written as Oxford rows or as the b-scans 
 new, publish one azimuth per message (`RadarFftDataMessage` and its later names), whose fields are numbers or the bytes of
 numbers, the high byte first; the azimuths of one turn of the radar are gathered into one b-scan. These drivers also publish
 a RadarConfigurationMessage, whose `bin_size` is a number or the bytes of one, in metres or in tenths of a millimetre. No
-radar of this kind has bins shorter than 5 mm or longer than 0.5 m, so the size of the number shows its unit.
+radar of this kind has bins shorter than 5 mm or longer than 0.5 m, so the size of the number shows its unit. Newer drivers
+also state the radar's own calibration: by Navtech's SDK (iasdk-public, CFAR_Peak_finder.cpp), bin b is at the range
+b * bin_size * range_gain + range_offset [m].
 """
 
 from __future__ import annotations
@@ -39,7 +41,7 @@ from mqslam.formats.recordings.azimuths import (
     read_metadata,
     repair_azimuths,
 )
-from mqslam.formats.recordings.layout import Stamp
+from mqslam.formats.recordings.layout import Stamp, is_range_offset
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -75,6 +77,7 @@ _SPLITS = 2**32  # parts per second in which `ntp_split_seconds` counts if it do
 _CONFIGURATIONS: Final = ("/RadarConfigurationMessage", "/RadarConfigurationMsg")
 _BIN_M: Final = (0.005, 0.5)  # by the hardware: bins are about 4 to 18 cm long
 _PER_M: Final = (1.0, 1e4)  # units per metre in which drivers state the length of a bin
+_GAIN: Final = (0.9, 1.1)  # a calibration changes ranges by less: other numbers, such as 0, state no calibration
 _ENCODER_TICKS: Final = (400, 65536)  # by the hardware: encoders have at least one tick per azimuth, in 16 bits
 
 _Azimuth = tuple[int, int, int, NDArray[np.uint8], str]  # recorded at [ns], encoder tick, stamp [ns], power (B,), frame
@@ -432,14 +435,39 @@ def _make_turn(azimuths: list[_Azimuth]) -> Any:
     )
 
 
-def read_bin_size(reader: AnyReader) -> tuple[float, str] | None:
-    """Reads the length of a range bin [m], and the topic that states it; returns None if no message of an open bag does."""
+@dataclass(frozen=True, slots=True)
+class StatedRanges:
+    """What a configuration message of a bag states of the radar's ranges.
+
+    Args:
+        topic: the topic that states them.
+        bin_length: length of a range bin [m], calibrated where the message states a calibration.
+        near_end: range of the near end of bin 0 [m]; None where the message states no calibration.
+    """
+
+    topic: str
+    bin_length: float
+    near_end: float | None
+
+
+def read_ranges(reader: AnyReader) -> StatedRanges | None:
+    """Reads what the first message of an open bag that states the length of a range bin states of the radar's ranges."""
     for topic, message in _read_configurations(reader):
         for number in _list_numbers(getattr(message, "bin_size", 0)):
             for per_m in _PER_M:
                 if _BIN_M[0] <= number / per_m <= _BIN_M[1]:
-                    return number / per_m, topic
+                    gain, near_end = _read_calibration(message)
+                    return StatedRanges(topic, number / per_m * gain, near_end)
     return None
+
+
+def _read_calibration(message: Any) -> tuple[float, float | None]:
+    """Returns the factor on ranges and the range of the near end of bin 0 [m] that a message states; else 1 and None."""
+    stated = (_list_numbers(getattr(message, name, 0)) for name in ("range_gain", "range_offset"))
+    for gain, near_end in zip(*stated, strict=False):  # the bytes of both have the same order
+        if _GAIN[0] <= gain <= _GAIN[1] and is_range_offset(near_end):
+            return gain, near_end
+    return 1.0, None
 
 
 def read_encoder_size(reader: AnyReader) -> int | None:

@@ -22,7 +22,7 @@ from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.sensors import Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
-from mqslam.errors import DataError, untrusted
+from mqslam.errors import DataError, Remedy, untrusted
 from mqslam.formats import bags
 from mqslam.formats.bags import KINDS, ODOMETRY_TYPE, RADAR_FRAME, VEHICLE_FRAME, Bag, name_frame, write_bag
 from mqslam.formats.recordings import radar_messages
@@ -30,7 +30,7 @@ from mqslam.formats.recordings.arrivals import estimate_arrivals
 from mqslam.formats.recordings.azimuths import azimuth_stamps, check_encoder, note_spread, spread_azimuths
 from mqslam.formats.recordings.derived import mirror
 from mqslam.formats.recordings.layout import Message, Sensing, Target, Topics, note_resolution
-from mqslam.formats.recordings.radar_messages import RadarTopic, open_message, read_turns
+from mqslam.formats.recordings.radar_messages import RadarTopic, StatedRanges, open_message, read_turns
 from mqslam.formats.recordings.turns import find_usual_turns, place_turns
 from mqslam.formats.sensors.reading import add_beside, read_beside
 from mqslam.formats.sensors.ros_sensors import RosSensors, list_sensor_messages
@@ -114,7 +114,7 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
         encoder = sensing.encoder_size or radar_messages.read_encoder_size(reader)
         radar, notes = radar_messages.choose_topic(path, reader, sensing.topics.radar, encoder)
         odometry_topic, truth_topic = _choose_pose_topics(path, reader, sensing.topics)
-        sensors, stated = RosSensors.choose(reader), radar_messages.read_bin_size(reader)
+        sensors, stated = RosSensors.choose(reader), radar_messages.read_ranges(reader)
         index = _read_index(path, reader, radar, {odometry_topic, truth_topic} - {None}, sensors)
     ordered = np.ones(len(index.stamps_us), dtype=np.bool_)
     if radar.stamps_azimuths:  # else polar scans are in the order of their messages
@@ -142,12 +142,8 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
         notes.append(f"{radar.layout.value} of the images are taken as azimuths; " + note_spread("header", stamp, clockwise))
         notes += arrivals.notes
         faults += arrivals.faults
-    resolution = sensing.range_resolution
-    if resolution is None and stated is not None:
-        resolution = stated[0]
-        notes.append(f"range resolution {resolution:.6g} m, as {stated[1]} states it")
-    elif resolution is None:
-        notes.append(note_resolution(RANGE_RESOLUTION_M))
+    resolution, offset, ranged = _choose_ranges(sensing, stated)
+    notes += ranged
     odometry, truth = (index.poses.trajectory(name) for name in (odometry_topic, truth_topic))
     for name in (odometry_topic, truth_topic):
         faults += index.poses.note_left_out(name)
@@ -166,8 +162,9 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
         format="rosbag",
         stamps_us=starts,
         turns_us=turns,
-        range_resolution=resolution or RANGE_RESOLUTION_M,
-        is_resolution_assumed=resolution is None,
+        range_resolution=resolution,
+        range_offset=offset,
+        is_resolution_assumed=sensing.range_resolution is None and stated is None,
         stamp_sigma_s=stamp_sigma_s,
         odometry=odometry,
         ground_truth=truth,
@@ -264,6 +261,22 @@ class _Index:
     poses: bags.PoseLog = field(default_factory=bags.PoseLog)
     radar_frame: str = ""
     turn_ticks: int = 0
+
+
+def _choose_ranges(sensing: Sensing, stated: StatedRanges | None) -> tuple[float, float, list[str]]:
+    """Returns the length of a range bin and the range offset of the bins' centres [m], with notes on both."""
+    notes, resolution, offset = [], sensing.range_resolution, 0.0
+    if resolution is None and stated is not None:
+        resolution = stated.bin_length
+        notes.append(f"range resolution {resolution:.6g} m, as {stated.topic} states it")
+    elif resolution is None:
+        resolution = RANGE_RESOLUTION_M
+        notes.append(note_resolution(resolution))
+    if sensing.range_offset is None and stated is not None and stated.near_end is not None:
+        offset = stated.near_end - 0.5 * resolution
+        note = f"a range offset of {offset:.4g} m, as {stated.topic} states it for the near end of a bin"
+        notes.append(f"{note}: {Remedy.OVERRIDE_RANGE_OFFSET}")
+    return resolution, offset, notes
 
 
 def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[str | None, str | None]:

@@ -186,6 +186,45 @@ def test_a_length_that_no_radar_has_is_not_believed(oxford: Path, tmp_path: Path
     assert any("is assumed" in note for note in recording.notes)
 
 
+def write_calibrated(path: Path, oxford: Path, kind: str, bin_size: Any, gain: Any, offset: Any) -> Path:
+    """Writes a bag in which the driver states its radar's calibration, in numbers or in bytes."""
+    name, number = "navtech_msgs/msg/RadarConfigurationMsg", "uint8[]" if isinstance(gain, np.ndarray) else "float32"
+    fields = "".join(f"{number} {field}\n" for field in ("bin_size", "range_gain", "range_offset"))
+    with bag_writer(path, kind) as bag:
+        bag.store.register(get_types_from_msg("std_msgs/Header header\n" + fields, name))
+        radar, configuration = bag.topic("/Navtech/Polar", "sensor_msgs/msg/Image"), bag.topic("/configuration", name)
+        for stamp, rows in raw_rows(open_recording(oxford)):
+            bag.write(configuration, stamp, bag.store.types[name](bag.header(stamp), bin_size, gain, offset))
+            bag.write(radar, stamp, bag.image(stamp, rows))
+    return path
+
+
+def to_bytes(number: float, order: str) -> NDArray[np.uint8]:
+    return np.frombuffer(struct.pack(f"{order}f", number), np.uint8)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("order", ["", "<", ">"], ids=["numbers", "low byte first", "high byte first"])
+def test_a_driver_states_the_calibration_of_ranges(oxford: Path, tmp_path: Path, kind: str, order: str) -> None:
+    stated = [to_bytes(number, order) if order else number for number in (1750.0, 1.002, -0.31)]
+    path = write_calibrated(bag_path(tmp_path, kind), oxford, kind, *stated)
+    recording = open_recording(path)
+    assert recording.range_resolution == pytest.approx(0.175 * 1.002, rel=1e-6)
+    assert recording.range_offset == pytest.approx(-0.31 - 0.5 * 0.175 * 1.002, abs=1e-6)
+    (note,) = (note for note in recording.notes if "range offset" in note)
+    assert note.startswith("a range offset of -0.3977 m, as /configuration states it") and "sensor.range_offset_m" in note
+    own = open_recording(path, range_resolution=0.2, range_offset=0.05)
+    assert (own.range_resolution, own.range_offset) == (0.2, 0.05)
+    assert not any("range offset" in note for note in own.notes)
+    assert open_recording(path, range_resolution=0.2).range_offset == pytest.approx(-0.41, abs=1e-6)
+
+
+@pytest.mark.parametrize(("gain", "offset"), [(0.0, 0.0), (1.0, float("nan")), (1.0, 310.0), (float("inf"), -0.31)])
+def test_a_calibration_that_no_radar_has_is_not_believed(oxford: Path, tmp_path: Path, gain: float, offset: float) -> None:
+    recording = open_recording(write_calibrated(tmp_path / "drive.mcap", oxford, "mcap", 0.175, gain, offset))
+    assert recording.range_resolution == pytest.approx(0.175, rel=1e-6) and recording.range_offset == 0.0
+
+
 CONFIGURATION = "messages/msg/RadarConfigurationMessage"
 SCANS = range(12)
 Ticks = Callable[[NDArray[np.int64]], NDArray[np.int64]]

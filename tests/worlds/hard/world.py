@@ -42,7 +42,7 @@ class HardWorld:
 
     scene: Scene  # what reflects and hides
     drive: Drive  # how the radar moves
-    sensor: SensorModel  # turn rate, azimuths, range bins, beam width and Doppler shift count; the rest is `realism`'s
+    sensor: SensorModel  # turn rate, azimuths, range bins, beam width and the radar's faults count; the rest is `realism`'s
     realism: Realism  # the magnitudes of all effects
     seed: int  # of everything
     scatterers: Scatterers  # of the scene, in the order of their x
@@ -71,15 +71,15 @@ class HardWorld:
         beams = self._aim(times, poses)
         turn = float(self.clock.borders[k + 1] - self.clock.borders[k])
         vehicles = self._look_around(self.traffic.vehicles(float(times[0]), turn), poses)
-        rays = make_rays(poses, self.sensor.angles, beams.times)
+        rays = make_rays(poses, self.sensor.directions, beams.times)
         passed = cast_shadows(self._obstruct(vehicles), rays, self._reach())
         echoes, names = self._reflect(k, times, poses, vehicles, passed)
         rng = np.random.default_rng([self.seed, 16, k])
         field = np.zeros((self.sensor.azimuths, self.sensor.bins), dtype=np.complex128)
         add_echoes(echoes, beams, field)
         add_echoes(bounce(echoes, names, poses[len(poses) // 2, :2], self.realism), beams, field)
-        add_echoes(draw_strays(rng, poses, self.sensor.angles, self.realism), beams, field)
-        return receive(field, self.sensor.range_resolution, self.realism, rng)
+        add_echoes(draw_strays(rng, poses, self.sensor.directions, self.realism), beams, field)
+        return receive(field, self.sensor.bin_length, self.realism, rng)
 
     def _look_around(self, vehicles: Vehicles, poses: Array) -> Vehicles:
         """Returns the vehicles near enough to be seen in a turn with poses (A, 3)."""
@@ -88,20 +88,20 @@ class HardWorld:
 
     def _reach(self) -> float:
         """Returns the range [m] beyond which nothing is seen."""
-        return self.sensor.bins * self.sensor.range_resolution + _MARGIN_M
+        return self.sensor.bins * self.sensor.bin_length + _MARGIN_M
 
     def _aim(self, times: Array, poses: Array) -> Beams:
         """Returns the beams of a turn from its times (A,) [s] and poses (A, 3)."""
         twists = self.drive.twists(times)
         c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         return Beams(
-            poses=np.column_stack([poses[:, :2], poses[:, 2] + self.sensor.angles]),
+            poses=np.column_stack([poses[:, :2], poses[:, 2] + self.sensor.directions]),
             velocities=np.column_stack([c * twists[:, 0] - s * twists[:, 1], s * twists[:, 0] + c * twists[:, 1]]),
             times=times - times[0],
             width=float(np.deg2rad(self.sensor.beam_width_deg)),
             foot=self.realism.foot,
             foot_widths=self.realism.foot_widths,
-            resolution=self.sensor.range_resolution,
+            resolution=self.sensor.bin_length,
             betas=self.sensor.betas,
             offset=self.sensor.range_offset,
         )
@@ -134,11 +134,11 @@ class HardWorld:
         known = look_about(self.scatterers, middle, self._reach())
         ground = lay_ground((float(middle[0]), float(middle[1])), realism, self.seed)
         seen = join(known, ground, outline(vehicles, realism, self.seed))
-        azimuths = _face(seen, times - times[0], poses)
+        azimuths = _face(seen, times - times[0], poses + np.array([0.0, 0.0, self.sensor.directions[0]]))
         at = np.rint(azimuths).astype(np.int64) % len(poses)
         lines = poses[at, :2] - seen.places - seen.velocities * (times[at] - times[0])[:, None]
         ranges = np.maximum(np.hypot(*lines.T), 1e-3)
-        tips = self.suspension.tip(times, self.sensor.angles)[at]
+        tips = self.suspension.tip(times, self.sensor.directions)[at]
         elevations = np.arctan((seen.heights - realism.radar_height_m) / ranges) - tips
         aspects = np.arctan2(lines[:, 1], lines[:, 0]) - seen.normals
         level = seen.levels - attenuate(elevations, realism)
@@ -213,7 +213,7 @@ def _face(scatterers: Scatterers, times: Array, poses: Array) -> Array:
     Args:
         scatterers: (N,) at the start of the turn.
         times: (A,) of the azimuths since then [s].
-        poses: (A, 3) of the radar at them.
+        poses: (A, 3) of the radar at them, whose headings are those of the beam at the first azimuth.
     """
     count = len(times)
     at = np.zeros(len(scatterers.names), dtype=np.intp)
