@@ -1,8 +1,9 @@
 """Draws psi of a drive over the range offset and the length of the radar's bins.
 
-Use: `python notebooks/range_errors_picture.py RECORDING OUT`, where OUT is the result of `mqslam run RECORDING`. Stretches of
-twelve scans are rendered with every offset and every length; a length stretches the trajectory as it stretches the ranges. psi
-is minimised over the Doppler shift and over a correction of the trajectory.
+Use: `python notebooks/range_errors_picture.py RECORDING OUT`, where OUT is the result of `mqslam run RECORDING`. Stretches
+of twelve scans are rendered with every offset and every length; a length stretches the trajectory as it stretches the
+ranges. The Doppler shift and a correction of the trajectory follow. The estimator solves an equation, the gradient of psi
+without the change of neighbours and densities, so that the picture shows the integral of this gradient.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from mqslam.config import EstimatorConfig, load_config
 from mqslam.core import se2
@@ -42,10 +44,12 @@ def main() -> None:
         begins = choose_stretches(scans, track.poses)[::_EVERY]
         cases = [(scans[b : b + STRETCH_SCANS], track.poses[b : b + STRETCH_SCANS]) for b in begins]
         beam = beam_of(config.estimator, config.sensor.doppler_beta or 0.0)
-        psi = np.sum(engine.map(measure_grid, (config.estimator, beam), cases), axis=0)
+        slopes = np.sum(engine.map(measure_grid, (config.estimator, beam), cases), axis=0)
+    psi = cumulative_trapezoid(slopes, _OFFSETS, axis=1, initial=0.0)
+    psi -= psi.min(axis=1, keepdims=True)
     figure, axes = plt.subplots(figsize=(7.0, 3.6), layout="constrained")
-    filled = axes.contourf(_OFFSETS, recording.range_resolution * _LENGTHS, psi / psi.min() - 1.0, levels=15, cmap="Greys_r")
-    figure.colorbar(filled, label="psi over its least value, minus 1")
+    filled = axes.contourf(_OFFSETS, recording.range_resolution * _LENGTHS, psi / psi.max(), levels=15, cmap="Greys_r")
+    figure.colorbar(filled, label="psi above its least value, relative")
     best = _OFFSETS[np.argmin(psi, axis=1)]
     axes.plot(best, recording.range_resolution * _LENGTHS, "o-", color="#1d5fd1", label="best offset for each length")
     axes.set(xlabel="range offset [m]", ylabel="length of a bin [m]")
@@ -54,12 +58,12 @@ def main() -> None:
 
 
 def measure_grid(shared: tuple[EstimatorConfig, Beam], case: tuple[Scans, se2.Array]) -> np.ndarray:
-    """Returns psi of a stretch for each length and each offset."""
+    """Returns the slope of psi by the offset on a stretch, for each length and each offset."""
     return np.array([[measure(shared, case, length, offset) for offset in _OFFSETS] for length in _LENGTHS])
 
 
 def measure(shared: tuple[EstimatorConfig, Beam], case: tuple[Scans, se2.Array], length: float, offset: float) -> float:
-    """Returns psi of a stretch whose bins are `length` times as long, with a range offset [m]."""
+    """Returns the slope of psi by the offset on a stretch whose bins are `length` times as long, at an offset [m]."""
     (estimator, beam), (scans, poses) = shared, case
     returns = Returns.concatenate([scan.returns for scan in scans])
     stretched = replace(returns, ranges=length * returns.ranges)
@@ -73,7 +77,8 @@ def measure(shared: tuple[EstimatorConfig, Beam], case: tuple[Scans, se2.Array],
         np.array([*(2e-3, 2e-3, 1e-4) * stretch.knots, 2e-3, 5e-4]),
     )
     prior, start = Prior(mean, np.diag(sigmas**-2.0)), Search(first=2)
-    return minimise(mean, stretch.render, None, prior, estimator, kernel, tolerances, start).evaluation.psi
+    slope: float = minimise(mean, stretch.render, None, prior, estimator, kernel, tolerances, start).evaluation.gradient[-2]
+    return slope
 
 
 if __name__ == "__main__":
