@@ -673,6 +673,12 @@ CONSTANTS = (
     ),
     Constant(
         "mqslam.backend.sensors.odometry",
+        "_UNKNOWN",
+        "Variance of the yaw of odometry that was made with the gyroscope in the graph [rad^2]: unknown.",
+        "definition",
+    ),
+    Constant(
+        "mqslam.backend.sensors.odometry",
         "_LEAST_VARIANCE",
         "Variance added to those of odometry's motions [m^2, rad^2].",
         "definition",

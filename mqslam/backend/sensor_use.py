@@ -16,7 +16,7 @@ from mqslam.backend.sensors.gnss import FixUse, join_fixes
 from mqslam.backend.sensors.gnss_errors import align
 from mqslam.backend.sensors.gyroscope import GyroscopeUse, join_gyroscope
 from mqslam.backend.sensors.mount import MountUse, find_mount
-from mqslam.backend.sensors.odometry import OdometryFault
+from mqslam.backend.sensors.odometry import OdometryFault, leave_turns_out, takes_turns_of
 from mqslam.config import OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Refined
@@ -143,6 +143,10 @@ def join_sensors(
     if sensors.gyroscope is not None and motions:
         turning = join_gyroscope(sensors.gyroscope, start_us, motions, problem.yaw_drift)
         joined |= {} if turning.edges is None else {"gyroscope": turning.edges}
+        if turning.edges is not None and takes_turns_of(sensors.gyroscope, start_us, odometry):
+            problem = replace(problem, odometry=leave_turns_out(problem.odometry))
+            once = "the odometry was made with this gyroscope: of the odometry, only the travel is used"
+            turning = replace(turning, statements=(*turning.statements, once))
     if sensors.fixes is not None and motions:
         antenna = None if mount is None else se2.inverse(mount.pose)[:2]  # at the origin of the vehicle's frame
         placing = join_fixes(sensors.fixes, start_us, motions, antenna)

@@ -71,6 +71,13 @@ def write_dmu(path: Path, rate: NDArray[np.float64], start_us: int = START_US) -
     return write_lines(path, "time,wx,wy,wz,ax,ay,az", *rows)
 
 
+def write_dmi(path: Path, speed: float, start_us: int = START_US, radius_m: float = 0.34, first: int = 0) -> Path:
+    """Writes 1.6 s of Boreas-RT's wheel encoder at a constant speed [m/s], stamped in seconds, from a first count on."""
+    pulses = [round(first + speed * 0.01 * k / (2.0 * np.pi * radius_m) * 1024) % 2**24 for k in range(161)]
+    rows = [f"{t / 1e6:.6f},{count}" for t, count in zip(stamps(161, start_us=start_us).tolist(), pulses, strict=True)]
+    return write_lines(path, "GPSTime,pulse_count", *rows)
+
+
 def write_applanix_gps(path: Path, latitude: float, longitude: float, start_us: int = START_US) -> Path:
     """Writes a place in the unit that it is given in, stamped in seconds."""
     header = "GPSTime,easting,northing,altitude,vel_east,vel_north,vel_up,roll,pitch,heading,angvel_z,latitude,longitude"

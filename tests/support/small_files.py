@@ -27,6 +27,7 @@ from support.sensors import (
     rmc,
     write_applanix_gps,
     write_applanix_imu,
+    write_dmi,
     write_dmu,
     write_gnss_csv,
     write_imu_csv,
@@ -82,6 +83,14 @@ def boreas(folder: Path) -> Path:
     write_applanix_gps(drive / "applanix" / "gps_post_process.csv", 0.76, -1.38)
     write_matrix(drive / "calib" / "T_applanix_lidar.txt", np.eye(4))
     write_matrix(drive / "calib" / "T_radar_lidar.txt", np.diag([1.0, -1.0, -1.0, 1.0]))
+    return drive
+
+
+def boreas_rt(folder: Path) -> Path:
+    """Writes a drive whose chirps go up and down, with a wheel encoder and a gyroscope."""
+    drive = write_boreas(folder / "drive", left_turn(), np.arange(left_turn().sensor.azimuths) % 2 == 0)
+    write_dmu(drive / "imu" / "dmu_imu.csv", RATE, left_turn().start_us)
+    write_dmi(drive / "applanix" / "dmi.csv", 8.0, left_turn().start_us)
     return drive
 
 

@@ -10,7 +10,6 @@ import numpy as np
 from support import small_files as small
 from support.layouts import (
     left_turn,
-    write_boreas,
     write_mulran_rows,
 )
 from support.mutation import Mutate, inside_gzip, inside_png, inside_zip, plain
@@ -77,11 +76,7 @@ SUBJECTS = {
     "oxford": Subject(small.oxford, check_radar("oxford"), _PNG),
     "oxford ins": Subject(small.oxford_ins, check_radar("oxford"), _PNG),
     "boreas": Subject(small.boreas, check_radar("boreas"), _PNG),
-    "boreas_rt": Subject(
-        lambda folder: write_boreas(folder / "drive", left_turn(), np.arange(left_turn().sensor.azimuths) % 2 == 0),
-        check_radar("boreas"),
-        _PNG,
-    ),
+    "boreas_rt": Subject(small.boreas_rt, check_radar("boreas"), _PNG),
     "mulran columns": Subject(small.mulran, check_radar("mulran"), _PNG),
     "mulran rows": Subject(lambda folder: write_mulran_rows(folder / "drive", left_turn()), check_radar("mulran"), _PNG),
     "radiate": Subject(small.radiate, check_radar("radiate"), _PNG),

@@ -27,7 +27,7 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scans
-from mqslam.core.sensors import Mount
+from mqslam.core.sensors import Gyroscope, Mount, Turning
 from mqslam.core.trajectory import Trajectory
 
 LEAST_SPEED: Final = 1.0
@@ -101,6 +101,33 @@ def _count_contrary(turned: NDArray[np.float64], stated_turns: NDArray[np.float6
     larger = np.maximum(np.abs(turned), np.abs(stated_turns))
     contrary = np.abs(turned - stated_turns) > _CONTRARY * larger
     return int(np.count_nonzero(contrary & (larger > least))), int(np.count_nonzero(larger > least))
+
+
+_SAME_RAD: Final = 1e-6  # only rounding separates the turns of odometry from those of the gyroscope that it was made with
+_UNKNOWN: Final = 1e6  # numerical: variance of a turn that has no effect
+
+
+def takes_turns_of(gyroscope: Gyroscope, start_us: int, odometry: Sequence[Measurement]) -> bool:
+    """Returns whether odometry was made with a gyroscope, since their turns are equal between any two scans.
+
+    Two sensors never agree so closely, even on a straight road: each has noise of its own.
+
+    Args:
+        gyroscope: the gyroscope, of which the rates about z are compared.
+        start_us: stamp [us] of the recording's time zero.
+        odometry: motions of odometry before calibration; empty if there is no odometry.
+    """
+    rows = np.array([(m.t0, m.t1, m.pose[2]) for m in odometry], dtype=np.float64).reshape(-1, 3)
+    if len(gyroscope) < 2 or not len(rows):
+        return False
+    turned = Turning.integrate(gyroscope, start_us, axis=2).between(rows[:, 0], rows[:, 1])
+    apart = np.abs(se2.wrap(turned - rows[:, 2]))
+    return bool(np.median(apart[np.isfinite(apart)]) < _SAME_RAD) if np.isfinite(apart).any() else False
+
+
+def leave_turns_out(edges: Sequence[Measurement]) -> list[Measurement]:
+    """Returns odometry's edges with turns that have no effect, for turns that are in the graph already."""
+    return [replace(edge, covariance=np.diag([*np.diag(edge.covariance)[:2], _UNKNOWN])) for edge in edges]
 
 
 ODOMETRY = "odometry"

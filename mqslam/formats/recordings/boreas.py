@@ -7,11 +7,12 @@ The Applanix frame is x right, y forward, z up; the radar's is x forward, y righ
 
 Readings of other sensors lie in `applanix/` and `imu/`. In Boreas, applanix/imu.csv holds the post-processed solution, from
 which the ground truth comes, too; for Boreas-RT, the authors advise against that file for the same reason. So it is
-read only where a user names it.
+read only where a user names it. The wheel encoder of Boreas-RT and a gyroscope together are the odometry (`boreas_wheel`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,10 +31,11 @@ from mqslam.formats.images import list_stamps, write_png
 from mqslam.formats.poses import make_trajectory
 from mqslam.formats.recordings import oxford
 from mqslam.formats.recordings.azimuths import azimuth_stamps, make_rows_of_chirps
+from mqslam.formats.recordings.boreas_wheel import USUAL_RADIUS_M, is_wheel_radius, read_wheel
 from mqslam.formats.recordings.layout import Sensing, Target, is_range_offset
 from mqslam.formats.recordings.row_images import RowImageRecording, open_rows
 from mqslam.formats.sensors.csv_files import DMU_NAMES, TO_FORWARD, read_fixes_table, read_gyroscope_table, read_transform
-from mqslam.formats.sensors.reading import add_beside
+from mqslam.formats.sensors.reading import Reading, add_beside, read_beside
 from mqslam.formats.tables import read_header, read_stamped
 
 UPGRADE_US = 1_632_182_400_000_000
@@ -72,7 +74,7 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
     dependent = f"{unread} comes from the same solution as the ground truth, and is not read as a gyroscope"
     offset, notes = (0.0, []) if sensing.range_offset is not None else _read_radar_offset(root / "calib" / _MISC)
     offset -= 0.5 * recording.range_resolution
-    return add_beside(
+    placed = add_beside(
         replace(recording, range_offset=offset, notes=(*recording.notes, *notes)),
         lambda: read_gyroscope_table(imu) if imu else None,
         lambda: read_fixes_table(fixes) if (fixes := _find_fixes(root)) else None,
@@ -80,6 +82,30 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
         truth=lambda: _read_poses(poses) if poses.exists() else None,
         notes=[f"{dependent}; name it to use it"] if imu is None and unread.exists() else [],
     )
+    wheel = root / "applanix" / "dmi.csv"
+    return _add_wheel(placed, wheel, root / "calib") if wheel.exists() else placed
+
+
+def _add_wheel(recording: RowImageRecording, file: Path, calibration: Path) -> RowImageRecording:
+    """Adds odometry of a wheel encoder and the gyroscope to a recording, or a note on what it lacks for that."""
+    gyroscope, place = recording.gyroscope, calibration / "T_applanix_wheel.txt"
+    if gyroscope is None or (recording.mount is not None and not place.exists()):
+        missing = "a gyroscope besides applanix/imu.csv" if gyroscope is None else str(place)
+        return replace(recording, notes=(*recording.notes, f"{file} is not read: odometry of one wheel needs {missing}"))
+
+    def read() -> Reading[Trajectory]:
+        x, y, _ = TO_FORWARD @ read_transform(place)[:3, 3] if recording.mount is not None else np.zeros(3)
+        stated = _read_stated(calibration / _MISC, "wheel_radius", is_wheel_radius)
+        wheel = Mount(np.array([x, y, 0.0]), str(place))
+        reading = read_wheel(file, USUAL_RADIUS_M if stated is None else stated, wheel, gyroscope, recording)
+        assumed = [] if stated else [f"a wheel radius of {USUAL_RADIUS_M} m is assumed, as the devkit has it"]
+        return replace(reading, notes=(*reading.notes, *assumed))
+
+    reading, faults = read_beside(read)
+    if reading is None:
+        return replace(recording, faults=(*recording.faults, *faults))
+    notes, faults = (*recording.notes, *reading.notes), [*recording.faults, *reading.faults]
+    return replace(recording, odometry=reading.sensor, notes=notes, faults=tuple(faults))
 
 
 def _read_radar_offset(file: Path) -> tuple[float, list[str]]:
@@ -91,14 +117,28 @@ def _read_radar_offset(file: Path) -> tuple[float, list[str]]:
     if not file.exists():
         note = f"a range offset of {_RADAR_OFFSET_M:g} m is assumed, as the devkit has it: {Remedy.OVERRIDE_RANGE_OFFSET}"
         return _RADAR_OFFSET_M, [note]
+    stated = _read_stated(file, "radar_offset", is_range_offset)
+    return _RADAR_OFFSET_M if stated is None else stated, []
+
+
+def _read_stated(file: Path, name: str, fits: Callable[[float], bool]) -> float | None:
+    """Reads a number of the file of calibrations; returns None where the file or the number is missing.
+
+    Raises:
+        DataError: the file cannot be read, or the number does not fit.
+    """
+    if not file.exists():
+        return None
     try:
         stated = yaml.safe_load(untrusted.read_document(file, untrusted.YAML_BYTES)) or {}
-        offset = float(stated.get("radar_offset", _RADAR_OFFSET_M))
-        if not is_range_offset(offset):
-            raise ValueError(offset)
-    except (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError, yaml.YAMLError) as error:
-        raise DataError(file, "states no radar_offset that fits a radar", "repair or remove it") from error
-    return offset, []
+        if name not in dict(stated):
+            return None
+        number = float(stated[name])
+        if not fits(number):
+            raise ValueError(number)
+    except (OSError, ValueError, AttributeError, TypeError, RecursionError, yaml.YAMLError) as error:
+        raise DataError(file, f"states no {name} that fits a {name.partition('_')[0]}", "repair or remove it") from error
+    return number
 
 
 def _find_fixes(root: Path) -> Path | None:
