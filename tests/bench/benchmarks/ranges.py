@@ -173,9 +173,9 @@ _FOUND = (
 
 BENCHMARKS = {
     "scales": Benchmark(
-        what="Cities of two kilometres whose recordings state the right length of the range bins or one that is 1 % too short, "
-        "by radar alone and with GNSS (white noise of 2 m, and wander): the scale that a run applies to the ranges, with its "
-        "standard deviation, what is left of the error, and the drift of psi's motions.",
+        what="Cities of two kilometres whose recordings state the right length of the range bins or one that is 1 % too "
+        "short, by radar alone and with GNSS (white noise of 2 m, and wander): the scale that a run applies to the ranges, "
+        "with its standard deviation, what is left of the error, and the drift of psi's motions.",
         data="simulated",
         seeds=_CITIES,
         columns=(
