@@ -138,7 +138,7 @@ def test_what_chirps_tell_carries_the_motion_that_a_corridor_does_not_show() -> 
 def test_a_recording_without_returns_is_refused() -> None:
     recording, scans = street_drive()
     empty = [replace(w, returns=w.returns.take(np.zeros(len(w.returns), dtype=bool))) for w in scans[:4]]
-    with pytest.raises(FewReturnsError, match="no two scans in a row hold 40 returns in"):
+    with pytest.raises(FewReturnsError, match="no two scans in a row hold 16 returns in"):
         measured(recording, empty)
 
 

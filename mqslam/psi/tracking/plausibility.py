@@ -12,15 +12,14 @@ from mqslam.psi.minimiser import Minimum, annealed_scale, final_scale
 from mqslam.psi.place import PointSet
 from mqslam.psi.tracking.local_map import Tuning
 
-# Fewest returns of a scan that is matched: five for each of the eight numbers of its state.
-FEWEST_RETURNS = 40
+# Fewest returns of a scan that is matched, and fewest matched returns of a match: their coordinates are four for each of the
+# eight numbers of the state, which could fit fewer by chance. How much they say of the motion, its covariance states.
+FEWEST_RETURNS = 16
 # Least sector that the directions of a scan's returns span [rad]. A single direction shows one pattern of ranges and no
 # motion across that direction.
 _LEAST_SECTOR = 0.2
 # The track may be lost where a scan's matched share is below this part of the usual matched share.
 _LOST_SHARE = 0.5
-# Fewest matched returns of a match. The eight numbers of the state could fit fewer of them by chance.
-_LEAST_MATCHED = 16
 # Least share of matched returns of a match. Below it scan and map do not overlap.
 _LEAST_SHARE = 0.15
 # Weight of the old value when a scan updates the usual matched share and the usual psi.
@@ -117,7 +116,7 @@ def is_usable(scan: Scan) -> bool:
 def overlaps(minimum: Minimum) -> bool:
     """Returns whether enough returns of a scan are matched to say that the scan overlaps the map at all."""
     matched = int(np.count_nonzero(minimum.evaluation.matched))
-    return matched >= _LEAST_MATCHED and minimum.evaluation.overlap >= _LEAST_SHARE
+    return matched >= FEWEST_RETURNS and minimum.evaluation.overlap >= _LEAST_SHARE
 
 
 def _measure_psi(minimum: Minimum) -> float:

@@ -26,7 +26,7 @@ def minimum(matched: int, count: int, psi: float = 0.0) -> Minimum:
     return Minimum(np.zeros(8), evaluation, converged=True)
 
 
-@pytest.mark.parametrize(("count", "sector", "usable"), [(39, 3.0, False), (40, 3.0, True), (40, 0.19, False)])
+@pytest.mark.parametrize(("count", "sector", "usable"), [(15, 3.0, False), (16, 3.0, True), (40, 0.19, False)])
 def test_a_scan_is_usable_with_enough_returns_in_more_than_one_direction(count: int, sector: float, usable: bool) -> None:
     assert is_usable(scan(count, sector)) is usable
 

@@ -137,13 +137,35 @@ def test_scans_of_few_returns_end_in_sound_covariances(kept: int) -> None:
         chosen = np.zeros(len(scans[k].returns), dtype=bool)
         chosen[rng.choice(len(chosen), kept, replace=False)] = True
         scans[k] = replace(scans[k], returns=scans[k].returns.take(chosen))
-    motions, _ = measure(scans)
+    motions, errors = measure(scans)
     for motion in motions:
         assert np.all(np.isfinite(motion.covariance))
         assert np.linalg.eigvalsh(motion.covariance).min() > 0.0
         assert np.all(np.isfinite(motion.pose))
-    if kept < 40:
+    if kept < 16:
         assert {m.status for m in motions[6:]} == {Status.LOST}
+    found = [(m, e) for m, e in zip(motions, errors, strict=True) if m.status is Status.CONVERGED]
+    assert np.mean([e @ np.linalg.solve(m.covariance, e) / 3.0 for m, e in found]) < 2.0
+
+
+def test_seventeen_clean_reflectors_show_the_motion() -> None:
+    rng, speed, turn_s = np.random.default_rng(1), 5.0, 0.25
+    reflectors = np.column_stack([rng.uniform(-40.0, 100.0, 17), rng.uniform(-50.0, 50.0, 17)])
+    scans = []
+    for k in range(24):
+        times = np.full(17, k * turn_s)
+        for _ in range(4):  # the beam turns clockwise and hits a reflector once it points at it
+            away = reflectors - np.column_stack([speed * times, np.zeros(17)])
+            azimuths = np.arctan2(away[:, 1], away[:, 0])
+            times = k * turn_s + turn_s * np.mod(-azimuths, 2.0 * np.pi) / (2.0 * np.pi)
+        ranges = np.hypot(*away.T) + rng.normal(0.0, 0.03, 17)
+        order = np.argsort(times)
+        returns = Returns(*(column[order] for column in (ranges, azimuths, times, np.full(17, 100.0))))
+        scans.append(Scan(k * turn_s, (k + 1) * turn_s, returns))
+    context = Context(Config(sensor=SensorConfig(doppler_beta=0.0)), turn_s, 0, None)
+    motions = list(PsiFrontEnd(context).measure(scans))
+    assert {m.status for m in motions} == {Status.CONVERGED}
+    np.testing.assert_allclose(se2.chain(m.pose for m in motions)[-1], [speed * turn_s * 23, 0.0, 0.0], atol=0.1)
 
 
 def test_returns_of_a_single_bearing_hold_no_motion() -> None:
