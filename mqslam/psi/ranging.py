@@ -128,7 +128,7 @@ def measure_range_errors(
     Returns:
         The errors; None if fewer than five stretches show them.
     """
-    begins = _choose_stretches(scans, poses)
+    begins = choose_stretches(scans, poses)
     stretches = [(scans[b : b + STRETCH_SCANS], poses[b : b + STRETCH_SCANS]) for b in begins]
     return measure_on_stretches(stretches, estimator, beam, engine)
 
@@ -149,7 +149,7 @@ def measure_on_stretches(
     return _combine(shown) if len(shown) >= FEWEST_STRETCHES else None
 
 
-def _choose_stretches(scans: Scans, poses: se2.Array) -> list[int]:
+def choose_stretches(scans: Scans, poses: se2.Array) -> list[int]:
     """Returns the first scans of stretches without gaps, of enough path, that do not overlap, spread over the recording."""
     travelled = se2.path_lengths(poses)
     gapless = np.r_[0, np.cumsum(np.diff(scans.start_times) > 1.5 * scans.revolution_s)]
@@ -170,7 +170,7 @@ def _measure_stretch(shared: tuple[EstimatorConfig, Beam], case: tuple[Scans, se
     returns = Returns.concatenate([scan.returns for scan in scans])
     if not len(returns):
         return None
-    stretch = _Stretch(returns, times, poses, scans.revolution_s, beam)
+    stretch = Stretch(returns, times, poses, scans.revolution_s, beam)
     knots = stretch.knots
     tolerances = np.array([*_TOLERANCES[0] * knots, *_TOLERANCES[1]])
     information = np.zeros((len(tolerances), len(tolerances)))
@@ -201,7 +201,7 @@ def _measure_stretch(shared: tuple[EstimatorConfig, Beam], case: tuple[Scans, se
     return _Shown(errors + np.array([0.0, beam.doppler_beta]), left, scores.T @ scores, lengthening)
 
 
-class _Stretch:
+class Stretch:
     """Returns of a few scans, and the points that they make under a state.
 
     The state holds a correction (x, y [m], yaw [rad]) of the trajectory at each knot but the first, which is fixed, and
