@@ -49,7 +49,7 @@ class OdometryFault:
 
     Args:
         statement: sentence for the user.
-        is_opposite: whether the odometry turns the other way than the radar.
+        is_opposite: whether the odometry turns the other way than the radar, and is a witness besides the gyroscope.
         where: how often the odometry contradicts the radar, in words.
     """
 
@@ -151,7 +151,15 @@ def hold_odometry(
     if context.odometry is None or frontend == ODOMETRY:
         return [], None
     fault = find_odometry_fault(context.odometry, context.start_us, measured, context.config.odometry)
-    return ([], fault) if fault else (list(frontends.create(ODOMETRY, context).measure(scans)), None)
+    gyroscope = context.sensors.gyroscope
+    if fault is not None and (gyroscope is None or not fault.is_opposite):
+        return [], fault
+    motions = list(frontends.create(ODOMETRY, context).measure(scans))
+    if fault is None:
+        return motions, None
+    if gyroscope is not None and takes_turns_of(gyroscope, context.start_us, motions):
+        fault = replace(fault, is_opposite=False)  # the gyroscope says so itself: one sensor does not say it twice
+    return [], fault
 
 
 def reckon(scans: Scans, motions: Sequence[Measurement]) -> Trajectory:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.bends import START_US, TURN_S, measured, yaw_at
+from support.bends import START_US, TURN_S, Unit, measured, read, yaw_at
 
 from mqslam.backend.sensors.odometry import OdometryFault, find_odometry_fault, hold_odometry
 from mqslam.config import Config
@@ -15,6 +15,7 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Status
 from mqslam.core.scans import Returns, Scan, Scans
+from mqslam.core.sensors import Sensors, Turning
 from mqslam.core.trajectory import Trajectory
 
 COUNT = 200
@@ -72,3 +73,16 @@ def test_the_graph_takes_no_motion_of_it() -> None:
         context = Context(Config(), TURN_S, START_US, drive(sign * yaw_at(TIMES)))
         motions, found = hold_odometry(scans, context, "psi", measured(COUNT))
         assert len(motions) == (COUNT - 1 if found is None else 0) and (found is None) == (sign > 0.0)
+
+
+def test_odometry_made_with_the_gyroscope_is_no_second_witness_of_a_mirrored_radar() -> None:
+    scans = Scans(tuple(Scan(TURN_S * k, TURN_S * (k + 1), Returns.none()) for k in range(COUNT)), START_US, TURN_S)
+    own, other = (read(Unit(scale=-1.0), COUNT * TURN_S, seed=seed) for seed in (2, 3))
+    turning = Turning.integrate(own, START_US, axis=2)
+    steps = np.column_stack([np.full(len(own) - 1, 0.08), np.zeros(len(own) - 1), np.diff(turning.angles)])
+    odometry = Trajectory(own.stamps_us, se2.integrate_steps(se2.exp(steps, np.ones(len(steps)))))
+    for gyroscope, is_witness in ((own, False), (other, True), (None, True)):
+        context = Context(Config(), TURN_S, START_US, odometry, sensors=Sensors(gyroscope))
+        motions, found = hold_odometry(scans, context, "psi", measured(COUNT))
+        assert not motions and found is not None and found.is_opposite is is_witness
+        assert "the other way than the radar" in found.statement
