@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.sensors import Fixes, Gyroscope, Mount
 from mqslam.core.trajectory import Trajectory
+from mqslam.errors import DataError
 
 FASTEST_TURN_US = 50_000
 SLOWEST_TURN_US = 5_000_000
@@ -146,26 +148,48 @@ class Recording(ABC):
         return [(int(k), float(missing[k])) for k in np.flatnonzero(missing > 0.0)]
 
 
-@dataclass(frozen=True, slots=True)
-class LidarRecording:
-    """A recording of a planar lidar.
+@dataclass(frozen=True)
+class LidarRecording(Recording):
+    """A recording of a planar lidar, whose scans hold ranges in place of power.
+
+    The odometry consists of poses of the lidar itself.
 
     Args:
-        path: the recording.
-        format: name of its layout: carmen or laserscan.
         scans: the scans, each lasting from the stamp of its first beam to that of the next scan. Times count from the
             first scan's stamp [s]; intensities are 0 where the recording has none.
         trajectory: poses of the sensor that some SLAM system stored with the scans, or None.
-        odometry: dead-reckoned poses of the sensor that the recording carries, or None.
-        notes: what a user should know about how the recording was understood.
     """
 
-    path: Path
-    format: str
-    scans: Scans
-    trajectory: Trajectory | None
-    odometry: Trajectory | None
-    notes: tuple[str, ...]
+    scans: Scans = field(kw_only=True)
+    trajectory: Trajectory | None = field(kw_only=True)
+
+    @classmethod
+    def of(
+        cls,
+        path: Path,
+        format: str,
+        scans: Scans,
+        trajectory: Trajectory | None,
+        odometry: Trajectory | None,
+        notes: tuple[str, ...],
+    ) -> Self:
+        """Makes a recording.
+
+        Args:
+            path: the recording.
+            format: name of its layout: carmen or laserscan.
+            scans: the scans.
+            trajectory: poses of the sensor that some SLAM system stored with the scans, or None.
+            odometry: dead-reckoned poses of the sensor that the recording carries, or None.
+            notes: what a user should know about how the recording was understood.
+        """
+        stamps_us = scans.stamps_us
+        turns_us = np.append(np.diff(stamps_us), round(scans.revolution_s * 1e6)).astype(np.int64)
+        return cls(path, format, stamps_us, turns_us, 0.0, odometry, notes=notes, scans=scans, trajectory=trajectory)
+
+    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
+        """Raises DataError: a lidar measures ranges, and no power along the beam."""
+        raise DataError(self.path, "is a lidar's recording", "give a radar's; a lidar's can be run, compared and audited")
 
 
 def stamp_scans(stamps_us: NDArray[np.int64], returns: Sequence[Returns]) -> Scans:
