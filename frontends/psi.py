@@ -24,6 +24,7 @@ from mqslam.execution.local_engine import HERE
 from mqslam.frontends.bidirectional import DirectedMotion, ReversedScans, join, turn_back
 from mqslam.frontends.segments import Segment, extend, split_into_segments
 from mqslam.psi.place import beam_of
+from mqslam.psi.tracking.local_map import SURFACES, USUAL
 from mqslam.psi.tracking.state import SIGMA_AX, SIGMA_VY, State
 from mqslam.psi.tracking.track import Track
 from mqslam.psi.tracking.tracker import Tracked, Tracker
@@ -114,7 +115,13 @@ def track(scans: Sequence[Scan], context: Context, *, is_backward: bool = False)
     if settings.stamp_sigma_s is None:  # the uncertainty of stamps that the reader has found
         settings = settings.model_copy(update={"stamp_sigma_s": context.stamp_sigma_s})
     tracker = Tracker(
-        settings, estimator, beam_of(estimator, sign * context.doppler_beta), context.revolution_s, is_reversed=is_backward
+        settings,
+        estimator,
+        beam_of(estimator, sign * context.doppler_beta),
+        context.revolution_s,
+        tuning=SURFACES if context.is_lidar else USUAL,
+        is_reversed=is_backward,
+        is_guided=context.is_lidar and context.odometry is not None,
     )
     end = scans[-1].t1 if scans else 0.0
 

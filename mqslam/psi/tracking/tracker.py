@@ -42,6 +42,7 @@ from mqslam.psi.tracking.state import (
     LastMatch,
     State,
     correct_motion,
+    guide,
     hold_directions,
     list_motion_noise,
     predict,
@@ -113,6 +114,7 @@ class Tracker:
             nearest in time.
         tuning: how scans are matched to the map.
         is_reversed: whether the recording is played backward, so that speeds have the opposite sign.
+        is_guided: whether a scan is predicted by odometry, where there is any, in place of the motion so far.
     """
 
     def __init__(
@@ -125,7 +127,9 @@ class Tracker:
         tuning: Tuning = USUAL,
         *,
         is_reversed: bool = False,
+        is_guided: bool = False,
     ) -> None:
+        self._is_guided = is_guided
         self._settings, self._tuning, self._chosen = settings, tuning, keyframes
         self._matcher = Matcher(settings, estimator, beam, revolution_s, tuning, is_reversed)
         self._map = LocalMap(tuning, keyframes)
@@ -152,7 +156,7 @@ class Tracker:
         if not all(is_usable(scan) for scan in scans):
             counts = ", ".join(str(len(scan.returns)) for scan in scans)
             raise FewReturnsError(f"the first scans hold {counts} returns, and {FEWEST_RETURNS} in each are needed")
-        first = find_first_motion(scans, self._matcher, begin, odometry)
+        first = self._follow_odometry(odometry) or find_first_motion(scans, self._matcher, begin, odometry)
         changed = np.diag(list_motion_noise(self._matcher.young) ** 2)  # the motion may change while these scans last
         if first.observed:
             self._last = replace(self._last, blind=Blindness.none())
@@ -164,7 +168,7 @@ class Tracker:
 
     def loses(self, scan: Scan) -> bool:
         """Returns whether so much time has passed since the last match that a prediction may miss the scan's place."""
-        if self._last.is_before(scan):
+        if self._is_guided or self._last.is_before(scan):
             return False
         spread = np.linalg.eigvalsh(self._last.predict(scan, self._settings).covariance[:2, :2])[-1]
         return bool(spread > compute_pixel_m(self._matcher.estimator) ** 2)
@@ -179,6 +183,8 @@ class Tracker:
         """
         matcher, last = self._matcher, self._last
         predicted = last.predict(scan, matcher.young if self._prediction_errors.is_young else self._settings)
+        if self._is_guided and twist is not None and np.isfinite(twist).all():
+            predicted = guide(last.belief, twist, scan.t0 - last.t0)
         begin = Belief(self._move_by(twist, predicted.mean, scan), predicted.covariance)
         if not is_usable(scan):
             return self._pass_over(scan, begin)
@@ -285,6 +291,12 @@ class Tracker:
         dt = scan.t0 - self._last.t0
         mean = np.where(np.isfinite(twist), twist, se2.log(se2.wrapped_between(self._last.pose, state.pose)) / dt)
         return State.at_constant_twist(se2.compose(self._last.pose, se2.exp(mean, dt)), mean)
+
+    def _follow_odometry(self, twist: se2.Array | None) -> FirstMotion | None:
+        """Returns the motion of the first scans as odometry states it (3,), or None if the track does not follow odometry."""
+        if not self._is_guided or twist is None:
+            return None
+        return FirstMotion(np.r_[twist, 0.0, 0.0], np.diag(list_motion_noise(self._settings) ** 2), 1.0, observed=True)
 
     def _find_motion_after(self, scans: Sequence[Scan], predicted: Belief) -> FirstMotion | None:
         """Finds the motion of the scans after a gap from these scans alone; returns None where they do not show it."""

@@ -1,0 +1,57 @@
+"""Units of length: carries scans, tracks and measurements between metres and another unit.
+
+The method's lengths (widths of the score, spacing of keyframes, reach of loops) fit what a radar sees in streets. A robot
+with a lidar in rooms sees the same world, several times smaller. Its recording is therefore solved in a unit of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core import se2
+from mqslam.core.measurement import Measurement, Tie
+from mqslam.core.scans import Returns, Scan, Scans
+from mqslam.core.trajectory import Trajectory
+
+T = TypeVar("T", bound=Tie)
+
+
+def scale_pose(pose: se2.Array, factor: float) -> se2.Array:
+    """Multiplies the lengths of poses (..., 3) by a factor."""
+    return pose * np.array([factor, factor, 1.0])
+
+
+def scale_covariance(covariance: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
+    """Multiplies the lengths of covariances (..., 3, 3) of x, y and yaw by a factor."""
+    lengths = np.array([factor, factor, 1.0])
+    return np.asarray(covariance * np.outer(lengths, lengths))
+
+
+def scale_scans(scans: Scans, factor: float) -> Scans:
+    """Multiplies the ranges of scans by a factor."""
+
+    def scale(scan: Scan) -> Scan:
+        r = scan.returns
+        return Scan(scan.t0, scan.t1, Returns(factor * r.ranges, r.azimuths, r.times, r.intensities))
+
+    return Scans(tuple(scale(scan) for scan in scans), scans.start_us, scans.revolution_s)
+
+
+def scale_track(track: Trajectory, factor: float) -> Trajectory:
+    """Multiplies the lengths of a trajectory by a factor."""
+    return Trajectory(track.stamps_us, scale_pose(track.poses, factor))
+
+
+def scale_measurement(motion: Measurement, factor: float) -> Measurement:
+    """Multiplies the lengths of a measured motion by a factor."""
+    pose, apart = scale_pose(motion.pose, factor), scale_pose(motion.apart, factor)
+    return replace(motion, pose=pose, covariance=scale_covariance(motion.covariance, factor), apart=apart)
+
+
+def scale_tie(tie: T, factor: float) -> T:
+    """Multiplies the lengths of a tie or loop by a factor."""
+    return replace(tie, pose=scale_pose(tie.pose, factor), covariance=scale_covariance(tie.covariance, factor))
