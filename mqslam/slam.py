@@ -23,10 +23,11 @@ from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import LoopSearch, Measurement, Refined
 from mqslam.core.point_map import PointMap
-from mqslam.core.recording import Recording
+from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.scans import Scans
 from mqslam.core.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.units import scale_scans, scale_settings, scale_track
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError, FewReturnsError
 from mqslam.execution.kept import LOOPS, REFINED
@@ -76,14 +77,21 @@ class Slam:
         with runner.time_stage("total"):
             context = Context.of(recording, config, odometry, sensors)
             frontends.create(self._name, context)  # raises, before the recording is read, if the front end lacks an input
-            scans, detected = detect_all(recording, config.detector, runner, strict=self._strict, with_velocities=True)
-            runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
-            try:
-                beta, sigma = find_doppler(scans, config, runner)
-                found = replace(context, doppler_beta=beta, doppler_sigma=sigma, velocities=detected.velocities)
-                solution = self.solve(scans, found)
-            except FewReturnsError as error:
-                raise EstimationError(f"{error}: {detected.counts.remedy}") from error
+            if isinstance(recording, LidarRecording):
+                scans, unread = recording.scans, {}
+                solution = self.solve_in_unit(scans, context, recording.unit_m)
+            else:
+                scans, detected = detect_all(recording, config.detector, runner, strict=self._strict, with_velocities=True)
+                unread, runner.runtime_s = detected.unread, runner.runtime_s | {
+                    "read": detected.read_s,
+                    "detect": detected.detect_s,
+                }
+                try:
+                    beta, sigma = find_doppler(scans, config, runner)
+                    found = replace(context, doppler_beta=beta, doppler_sigma=sigma, velocities=detected.velocities)
+                    solution = self.solve(scans, found)
+                except FewReturnsError as error:
+                    raise EstimationError(f"{error}: {detected.counts.remedy}") from error
             before, after = self._render(scans, solution)
             checked, range_errors, kept = self._audit(scans, solution), self._measure_ranges(scans, solution), None
             with runner.time_stage("render"), runner.tolerate("the keyframes of the map"):
@@ -96,8 +104,25 @@ class Slam:
             checked=checked,
             range_errors=range_errors,
             runtime_s=runner.runtime_s,
-            unread=detected.unread,
+            unread=unread,
         )
+
+    def solve_in_unit(self, scans: Scans, context: Context, unit_m: float) -> Solution:
+        """Estimates the optimised trajectory of scans in a unit of length in which they are as far away as a radar's are.
+
+        Args:
+            scans: scans of the recording.
+            context: what the front end may use besides the scans, without sensors other than odometry.
+            unit_m: the unit [m].
+
+        Raises:
+            EstimationError: no motion can be estimated from the data.
+        """
+        config, odometry = scale_settings(self._config, 1.0 / unit_m), context.odometry
+        inner = Slam(config, self._name, self._runner, strict=self._strict)
+        track = None if odometry is None else scale_track(odometry, 1.0 / unit_m)
+        inside = replace(context, config=config, odometry=track, revolution_s=scans.revolution_s)
+        return inner.solve(scale_scans(scans, 1.0 / unit_m), inside).scale(unit_m, self._config)
 
     def solve(self, scans: Scans, context: Context) -> Solution:
         """Estimates the optimised trajectory of scans: tracks the motion, joins the sensors, closes loops, and optimises.

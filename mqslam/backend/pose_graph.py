@@ -12,7 +12,7 @@ from gtsam.symbol_shorthand import M, X
 
 from mqslam.core import se2
 from mqslam.errors import describe_error, raise_interrupt
-from mqslam.factors.between import prior
+from mqslam.factors.between import prior, scale_factor, scale_vector
 
 # numerical limits, which change no exact result
 _RELATIVE_ERROR: Final = 1e-9  # relative change of the graph's error below which the optimiser stops
@@ -123,3 +123,19 @@ def count_submaps(values: gtsam.Values) -> int:
     """Returns the number of submaps whose poses m0 .. are among the values."""
     letter = gtsam.symbolChr(M(0))
     return sum(gtsam.symbolChr(key) == letter for key in values.keys())
+
+
+def scale_graph(graph: PoseGraph, factor: float) -> PoseGraph:
+    """Multiplies the lengths of a graph of planar poses by a factor; its optimum is scaled with it."""
+    scaled = gtsam.NonlinearFactorGraph()
+    for k in range(graph.factors.size()):
+        scaled.push_back(scale_factor(graph.factors.at(k), factor))
+    return PoseGraph(scaled, scale_values(graph.initial, factor), graph.size, graph.key)
+
+
+def scale_values(values: gtsam.Values, factor: float) -> gtsam.Values:
+    """Multiplies the lengths of planar poses by a factor."""
+    scaled = gtsam.Values()
+    for key in values.keys():
+        scaled.insert(key, gtsam.Pose2(*scale_vector(values.atPose2(key), factor)))
+    return scaled

@@ -25,11 +25,14 @@ from mqslam.config import Config, set_tolerance
 from mqslam.core.recording import Recording
 from mqslam.core.sensors import NO_SENSORS, RADAR, Sensors
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.units import fit_settings
+from mqslam.detection.surfaces import prepare
 from mqslam.errors import Remedy, tolerate
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
+from mqslam.formats import lidars
 from mqslam.formats.recordings.azimuths import stamps_in_us
 from mqslam.formats.recordings.oxford import find_image_folder
 from mqslam.formats.recordings.row_images import RowImageRecording
@@ -164,6 +167,8 @@ def open_job(
             not a pose, or the frame is unknown, or it is `vehicle` while the pose of the radar on the vehicle is unknown.
         DataError: the recording, the odometry or a sensor's file cannot be used.
     """
+    if format is None and data.exists() and lidars.recognises(data):
+        return _open_lidar(data, settings, frontend, inputs)
     recording = open_data(data, format, range_resolution, settings, strict=strict, span=span)
     chosen = choose_sensors(recording, inputs)
     sensors = chosen.sensor
@@ -171,6 +176,14 @@ def open_job(
     check_frame(inputs.frame, sensors.mount, data)
     recording = replace(place_truth(recording, sensors.mount), notes=(*recording.notes, *chosen.notes))
     return Job(recording, track, settings, frontend, strict, (*unused, *chosen.faults), sensors, inputs.frame)
+
+
+def _open_lidar(data: Path, settings: Config, frontend: str, inputs: Inputs) -> Job:
+    recording = lidars.read_lidar(data, settings.reading)
+    track, unused = choose_odometry(recording, inputs.odometry, None)
+    recording = prepare(recording, track)
+    settings = fit_settings(settings, recording.unit_m)
+    return Job(recording, track, settings, frontend, False, tuple(unused))
 
 
 def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.RESUME) -> dict[str, Any]:
@@ -197,7 +210,7 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
         shown, recording = job.choose_frame(result)
         summary: dict[str, Any] = to_json_values({**summarise(shown, recording), "warnings": warnings, "run_key": job.key})
         with write_folder_aside(out) as folder:
-            write_run(folder, shown, summary, recording.notes, recording.ground_truth)
+            write_run(folder, shown, summary, recording)
             failures = write_run_page(folder, shown, recording, summary)
             with tolerate("the file for the leaderboard of Boreas", failures):
                 _write_for_leaderboard(folder, job.recording, result.optimised)

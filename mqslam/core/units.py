@@ -7,17 +7,26 @@ with a lidar in rooms sees the same world, several times smaller. Its recording 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Tie
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 
 T = TypeVar("T", bound=Tie)
+
+# Settings that are lengths or speeds, besides those whose names end with the unit.
+_LENGTHS: Final = {
+    *(("estimator", key) for key in ("s", "s_start", "beta_s", "beta_s_start")),
+    *(("psi", key) for key in ("s", "beta_s", "tau")),
+    ("tracker", "speed_max"),
+}
+_NOT_LENGTHS: Final = {"range_resolution_m", "range_offset_m", "min_range_m", "max_range_m"}  # the sensor's own
 
 
 def scale_pose(pose: se2.Array, factor: float) -> se2.Array:
@@ -55,3 +64,23 @@ def scale_measurement(motion: Measurement, factor: float) -> Measurement:
 def scale_tie(tie: T, factor: float) -> T:
     """Multiplies the lengths of a tie or loop by a factor."""
     return replace(tie, pose=scale_pose(tie.pose, factor), covariance=scale_covariance(tie.covariance, factor))
+
+
+def scale_settings(config: Config, factor: float) -> Config:
+    """Multiplies by a factor all settings that are lengths or speeds, and that are set."""
+    changed = {}
+    for name, section in config:
+        lengths = {key for key in type(section).model_fields if key.endswith("_m") or (name, key) in _LENGTHS}
+        values = {key: getattr(section, key) for key in lengths - _NOT_LENGTHS if getattr(section, key) is not None}
+        changed[name] = section.model_copy(update={key: factor * value for key, value in values.items()})
+    return config.model_copy(update=changed)
+
+
+def fit_settings(config: Config, unit_m: float) -> Config:
+    """Multiplies the lengths among the settings that were left at their defaults by the unit of a recording [m]."""
+    usual, fitted, changed = Config(), scale_settings(Config(), unit_m), {}
+    for name, section in config:
+        own, default = getattr(fitted, name), getattr(usual, name)
+        keys = [key for key in type(section).model_fields if getattr(section, key) == getattr(default, key)]
+        changed[name] = section.model_copy(update={key: getattr(own, key) for key in keys})
+    return config.model_copy(update=changed)

@@ -7,6 +7,7 @@ surface the surface is known, too; points at equal distances along it are the sa
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import numba as nb
@@ -24,6 +25,11 @@ _STEEPEST_RAD: Final = np.radians(75.0)
 _WIDEST_STEP = 1.5
 # Two neighbouring beams always hit the same surface if their returns are this near to each other, in units of the spacing.
 _NEAR = 1.0
+# Usual range of what a radar sees in a street [m].
+_USUAL_RANGE_M = 20.0
+_LEAST_M: Final = 0.01  # least unit [m], to which it is rounded
+# Distance between points, and way after which a scan is taken, in the recording's unit; turn after which one is taken.
+_SPACING, _PATH, _TURN_RAD = 0.25, 0.5, np.radians(5.0)
 
 
 def spread_evenly(scan: Scan, step_rad: float, spacing_m: float) -> Scan:
@@ -90,6 +96,33 @@ def find_step(scans: Scans) -> float:
     """Returns the angle between neighbouring beams [rad]: the usual angle between successive returns of a scan."""
     steps = [np.abs(np.diff(scan.returns.azimuths)) for scan in scans if len(scan.returns) > 1]
     return float(np.median(np.concatenate(steps))) if steps else 0.0
+
+
+def prepare(recording: LidarRecording, odometry: Trajectory | None) -> LidarRecording:
+    """Returns a lidar's recording as it is solved: points spread evenly, without scans between which the sensor hardly moves.
+
+    Args:
+        recording: the recording as it was read.
+        odometry: poses of the sensor, or None: all scans are kept then.
+    """
+    unit_m, step = measure_unit(recording.scans), find_step(recording.scans)
+    kept = recording
+    if odometry is not None:
+        kept = recording.take(pick_moving(recording.scans, odometry, _PATH * unit_m, _TURN_RAD))
+    even = tuple(spread_evenly(scan, step, _SPACING * unit_m) for scan in kept.scans)
+    scans = replace(kept.scans, scans=even)
+    return replace(kept, scans=scans, unit_m=unit_m, every_us=recording.stamps_us, odometry=odometry)
+
+
+def measure_unit(scans: Scans) -> float:
+    """Returns the length [m] that is to what a lidar sees as a metre is to what a radar sees in a street.
+
+    It is measured by the usual range of what is seen, in which every beam counts by the length of surface that it stands for.
+    """
+    ranges = np.sort(np.concatenate([scan.returns.ranges for scan in scans]))
+    surface = np.cumsum(ranges)
+    usual = float(ranges[np.searchsorted(surface, 0.5 * surface[-1])])
+    return float(np.round(usual / _USUAL_RANGE_M, 2)) or _LEAST_M
 
 
 def pick_moving(scans: Scans, odometry: Trajectory, path_m: float, turn_rad: float) -> list[int]:
