@@ -31,6 +31,7 @@ class Tuning(NamedTuple):
         prediction_margin: least beta_s at which a match begins, in units of the error that is expected of its prediction.
         doubtful_psi: a match whose psi per return is more than this many times the usual psi per return may be at a wrong
             minimum. Better matches are then looked for ahead of it, behind it, and rotated to either side.
+        search_rad: least half width of the search for a scan in yaw [rad].
         correlation: number of returns that count as one independent measurement (`mqslam.psi.minimiser.CORRELATION`).
         fades: whether neighbours that were seen less than a revolution before or after a return weigh less.
         apart_share: factor on the weight of a neighbour that was seen from a quite different direction.
@@ -44,6 +45,7 @@ class Tuning(NamedTuple):
     first_step: int = 1
     prediction_margin: float = 1.0
     doubtful_psi: float = 1.15
+    search_rad: float = 0.0
     correlation: float = CORRELATION
     fades: bool = True
     apart_share: float = APART_SHARE
@@ -51,7 +53,7 @@ class Tuning(NamedTuple):
 
 
 USUAL = Tuning()
-SURFACES = Tuning(keyframe_rad=0.35, final_width=1.0, fades=False, apart_share=1.0, apart_blur=1.0)
+SURFACES = Tuning(keyframe_rad=0.35, final_width=1.0, search_rad=0.4, fades=False, apart_share=1.0, apart_blur=1.0)
 """The settings for a lidar, to which surfaces look the same from everywhere."""
 
 

@@ -254,7 +254,7 @@ class Matcher:
         """Returns the minima of psi that begin at the peaks of a correlation of scan and map around the prediction."""
         x, y, yaw = np.sqrt(np.diag(predicted.covariance))[:3]
         reach_m = float(np.clip(_SEARCH_SIGMAS * np.hypot(x, y), *_SEARCH_M))
-        reach_rad = float(np.clip(_SEARCH_SIGMAS * yaw, *_SEARCH_RAD))
+        reach_rad = float(np.clip(_SEARCH_SIGMAS * yaw, max(self.tuning.search_rad, _SEARCH_RAD[0]), _SEARCH_RAD[1]))
         own = self.place(scan, State.of(np.zeros(3), predicted.mean.motion)).points
         peaks = find_correlation_peaks(into.references.points, own, predicted.pose, reach_m, reach_rad, self.matching)
         information = predicted.information

@@ -191,7 +191,10 @@ class Tracker:
         prior = predicted.prior
         minimum = matcher.minimise(scan, predicted.mean, prior, self._map, self._prediction_errors.choose_step())
         if self._usual.is_doubtful(minimum, self._tuning.doubtful_psi):
-            minimum = matcher.look_beside(scan, minimum, prior.information, self._map) or minimum
+            if self._is_guided:  # wheels that slip may be off by any motion
+                minimum, _ = matcher.search(scan, begin, self._map, minimum)
+            else:
+                minimum = matcher.look_beside(scan, minimum, prior.information, self._map) or minimum
         if self._is_out_of_place(minimum):
             minimum, _ = matcher.search(scan, begin, self._map, minimum)
         if self._is_out_of_place(minimum):
@@ -215,8 +218,11 @@ class Tracker:
             twist: (3,) mean twist across the gap according to odometry, or None.
         """
         scan, before, dt = scans[0], self._last.pose, scans[0].t0 - self._last.t0
-        bridged = self._last.predict(scan, self._settings)
-        after = self._find_motion_after(scans, bridged)
+        if self._is_guided and twist is not None:
+            bridged, after = guide(self._last.belief, twist, dt), self._follow_odometry(twist)
+        else:
+            bridged = self._last.predict(scan, self._settings)
+            after = self._find_motion_after(scans, bridged)
         if after is not None:
             # the motion before a pause or a jump of the clock tells nothing of the motion after it
             join = correct_motion if dt <= LONGEST_COAST_S else replace_motion
@@ -250,6 +256,8 @@ class Tracker:
             tracked: what `start`, `follow` or `resume` returned for them.
         """
         matcher, half, results = self._matcher, len(scans) // 2, list(tracked)
+        if self._is_guided:  # odometry predicted these scans as well as all others
+            return results
         around = LocalMap(self._tuning)
         for scan, t in zip(scans[half:], tracked[half:], strict=True):
             around.add(t.t0, t.pose, matcher.place(scan, t.state))
