@@ -89,6 +89,18 @@ def prior(key: int, pose: se2.Array) -> gtsam.PriorFactorPose2:
     return gtsam.PriorFactorPose2(key, gtsam.Pose2(*pose), noise)
 
 
+def is_loop(factor: gtsam.NonlinearFactor) -> bool:
+    """Returns whether a factor has the loss of a loop between planar poses."""
+    noise = factor.noiseModel() if isinstance(factor, gtsam.BetweenFactorPose2) else None
+    return isinstance(noise, gtsam.noiseModel.Robust) and isinstance(noise.robust(), _LOSSES.Cauchy)
+
+
+def hold_firmly(loop: gtsam.BetweenFactorPose2) -> gtsam.BetweenFactorPose2:
+    """Returns the factor of a loop with Huber's loss in place of Cauchy's."""
+    noise = gtsam.noiseModel.Robust.Create(_LOSSES.Huber.Create(HUBER), loop.noiseModel().noise())
+    return gtsam.BetweenFactorPose2(*loop.keys(), loop.measured(), noise)
+
+
 def scale_factor(factor: gtsam.NonlinearFactor, scale: float) -> gtsam.NonlinearFactor:
     """Multiplies the lengths of a between-factor or a prior of planar poses by a scale; its errors weigh as before."""
     if isinstance(factor, gtsam.PriorFactorPose2):
