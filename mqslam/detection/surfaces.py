@@ -30,6 +30,7 @@ _USUAL_RANGE_M = 20.0
 _LEAST_M: Final = 0.01  # least unit [m], to which it is rounded
 # Distance between points, and way after which a scan is taken, in the recording's unit; turn after which one is taken.
 _SPACING, _PATH, _TURN_RAD = 0.25, 0.5, np.radians(5.0)
+_CHANGED = 0.4  # share of ranges that differ once the sensor has moved
 
 
 def spread_evenly(scan: Scan, step_rad: float, spacing_m: float) -> Scan:
@@ -126,7 +127,9 @@ def measure_unit(scans: Scans) -> float:
 
 
 def pick_moving(scans: Scans, odometry: Trajectory, path_m: float, turn_rad: float) -> list[int]:
-    """Picks the scans between which a robot has moved or turned, by its odometry; scans at rest add nothing.
+    """Picks the scans between which a robot has moved or turned; scans at rest add nothing.
+
+    Odometry tells where the robot has moved. Where wheels slip or stamps are wrong, the ranges themselves tell it.
 
     Args:
         scans: all scans.
@@ -138,8 +141,18 @@ def pick_moving(scans: Scans, odometry: Trajectory, path_m: float, turn_rad: flo
     picked = [0]
     for k in range(1, len(poses)):
         moved = se2.wrapped_between(poses[picked[-1]], poses[k])
-        if np.hypot(moved[0], moved[1]) >= path_m or abs(moved[2]) >= turn_rad:
+        by_odometry = np.hypot(moved[0], moved[1]) >= path_m or abs(moved[2]) >= turn_rad
+        if by_odometry or _differ(scans[picked[-1]].returns, scans[k].returns, path_m):
             picked.append(k)
     if picked[-1] != len(poses) - 1:
         picked.append(len(poses) - 1)
     return picked
+
+
+def _differ(a: Returns, b: Returns, least_m: float) -> bool:
+    """Returns whether many of the ranges of two scans differ, more than by people who walk by."""
+    if len(a) < 2 or not len(b):
+        return False
+    order = np.argsort(a.azimuths)
+    off = np.abs(np.interp(b.azimuths, a.azimuths[order], a.ranges[order]) - b.ranges)
+    return bool(np.mean(off > least_m) > _CHANGED)

@@ -55,7 +55,7 @@ class Tuning(NamedTuple):
 
 
 USUAL = Tuning()
-SURFACES = Tuning(keyframe_rad=0.35, final_width=1.0, search_rad=0.4, sees_part=True, fades=False, apart_share=1.0, apart_blur=1.0)
+SURFACES = Tuning(keyframe_rad=0.35, final_width=1.0, search_rad=0.7, sees_part=True, fades=False, apart_share=1.0, apart_blur=1.0)
 """The settings for a lidar, to which surfaces look the same from everywhere."""
 
 
