@@ -75,7 +75,8 @@ class Track:
         self._tracked[first] = self._tracker.start(head, odometry=_whole(self._find_twist(head[0].t0, head[-1].t1)))
         self._young, self._matched = [first], first
         for n in range(first):
-            self._tracked[n] = self._tracker.look_back(self._scans[n])
+            scan = self._scans[n]
+            self._tracked[n] = self._tracker.look_back(scan, _whole(self._find_twist(scan.t0, head[0].t0)))
 
     def _step(self, k: int) -> int:
         """Tracks scan k, or begins again after a gap or a loss, and returns the number of the next scan to track."""

@@ -162,8 +162,15 @@ class Tracker:
             self._last = replace(self._last, blind=Blindness.none())
         return self._begin_map(scans[0], replace_motion(ORIGIN, first.motion, changed + first.covariance), Status.CONVERGED)
 
-    def look_back(self, scan: Scan) -> Tracked:
-        """Predicts the pose of a scan that lies before the start of the track because it holds too few returns."""
+    def look_back(self, scan: Scan, twist: se2.Array | None = None) -> Tracked:
+        """Predicts the pose of a scan that lies before the start of the track because it holds too few returns.
+
+        Args:
+            scan: the scan.
+            twist: (3,) mean twist from the scan to the start of the track by odometry, or None.
+        """
+        if self._is_guided and twist is not None:
+            return self._pass_over(scan, guide(self._last.belief, twist, scan.t0 - self._last.t0))
         return self._pass_over(scan, predict(self._last.belief, scan.t0 - self._last.t0, self._settings))
 
     def loses(self, scan: Scan) -> bool:
