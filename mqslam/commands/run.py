@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from mqslam.auditing.sources import LIDAR_CONFIG
 from mqslam.commands.inputs import (
     USUAL_INPUTS,
     WHOLE,
@@ -21,7 +22,7 @@ from mqslam.commands.inputs import (
 )
 from mqslam.commands.result import RunResult
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config, set_tolerance
+from mqslam.config import Config, load_config, set_tolerance
 from mqslam.core.recording import Recording
 from mqslam.core.sensors import NO_SENSORS, RADAR, Sensors
 from mqslam.core.trajectory import Trajectory
@@ -179,10 +180,12 @@ def open_job(
 
 
 def _open_lidar(data: Path, settings: Config, frontend: str, inputs: Inputs) -> Job:
+    """Opens a lidar's recording, and fits the settings to it; the arguments are those of `open_job`."""
     recording = lidars.read_lidar(data, settings.reading)
     track, unused = choose_odometry(recording, inputs.odometry, None)
     recording = prepare(recording, track)
-    settings = fit_settings(settings, recording.unit_m)
+    usual = load_config(LIDAR_CONFIG).model_copy(update={"estimator": Config().estimator})
+    settings = fit_settings(settings, usual, recording.unit_m)
     return Job(recording, track, settings, frontend, False, tuple(unused))
 
 

@@ -76,11 +76,22 @@ def scale_settings(config: Config, factor: float) -> Config:
     return config.model_copy(update=changed)
 
 
-def fit_settings(config: Config, unit_m: float) -> Config:
-    """Multiplies the lengths among the settings that were left at their defaults by the unit of a recording [m]."""
-    usual, fitted, changed = Config(), scale_settings(Config(), unit_m), {}
+def fit_settings(config: Config, usual: Config, unit_m: float) -> Config:
+    """Replaces the settings that were left at their defaults by those that are usual for a sensor, with lengths in its unit.
+
+    Args:
+        config: settings as they were given.
+        usual: settings that are usual for the sensor, in which lengths that differ from the defaults are in metres.
+        unit_m: unit of the recording [m], by which all other lengths are multiplied.
+    """
+    defaults, scaled, changed = Config(), scale_settings(Config(), unit_m), {}
     for name, section in config:
-        own, default = getattr(fitted, name), getattr(usual, name)
-        keys = [key for key in type(section).model_fields if getattr(section, key) == getattr(default, key)]
-        changed[name] = section.model_copy(update={key: getattr(own, key) for key in keys})
+        values = {}
+        for key in type(section).model_fields:
+            given, own, default = (getattr(one, key) for one in (section, getattr(usual, name), getattr(defaults, name)))
+            if given != default:
+                values[key] = given
+            else:
+                values[key] = own if own != default else getattr(getattr(scaled, name), key)
+        changed[name] = section.model_copy(update=values)
     return config.model_copy(update=changed)

@@ -29,7 +29,7 @@ _NEAR = 1.0
 _USUAL_RANGE_M = 20.0
 _LEAST_M: Final = 0.01  # least unit [m], to which it is rounded
 # Distance between points, and way after which a scan is taken, in the recording's unit; turn after which one is taken.
-_SPACING, _PATH, _TURN_RAD = 0.25, 1.0, np.radians(8.0)
+_SPACING, _PATH, _TURN_RAD = 0.25, 0.5, np.radians(5.0)
 _CHANGED = 0.4  # share of ranges that differ once the sensor has moved
 
 

@@ -29,6 +29,7 @@ from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scans
 from mqslam.core.sensors import Mount
 from mqslam.core.trajectory import Trajectory
+from mqslam.psi.tracking.plausibility import FEWEST_RETURNS
 
 LEAST_SPEED: Final = 1.0
 """Speed [m/s] above which a wrong scale of odometry, or a wrong length of the range bins, shows."""
@@ -177,6 +178,17 @@ def make_odometry_edges(
     disagreement[~converged] = disagreement[converged].mean(axis=0)  # odometry errs as often there, but unseen
     common = spread_common(calibration.list_sigmas(design), converged, span)
     return _state(odometry, calibration.correct(design), alike + disagreement + common)
+
+
+def drop_contradicted(odometry: Sequence[Measurement], measured: Sequence[Measurement]) -> list[Measurement]:
+    """Returns the motions of odometry without those to scans of many returns that do not fit where odometry puts them.
+
+    Args:
+        odometry: motions of odometry; there may be none.
+        measured: motions of a front end that looks for scans where odometry puts them, over the same scans.
+    """
+    pairs = zip(odometry, measured, strict=bool(odometry))
+    return [motion for motion, seen in pairs if seen.status is not Status.LOST or seen.points < FEWEST_RETURNS]
 
 
 def spread_common(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], span: int) -> NDArray[np.float64]:

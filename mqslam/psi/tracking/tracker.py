@@ -32,6 +32,7 @@ from mqslam.psi.tracking.local_map import USUAL, LocalMap, Tuning
 from mqslam.psi.tracking.matching import Matcher
 from mqslam.psi.tracking.plausibility import FEWEST_RETURNS, PredictionErrors, Usual, is_usable, overlaps
 from mqslam.psi.tracking.state import (
+    CONTRADICTED,
     LONGEST_COAST_S,
     ORIGIN,
     POSE,
@@ -353,12 +354,14 @@ class Tracker:
     def _pass_over(self, scan: Scan, predicted: Belief) -> Tracked:
         """Follows the prediction for a scan of too few returns."""
         unmatched = self._matcher.evaluate(scan, predicted.mean, self._map)
-        return self._miss(scan, predicted, Minimum(predicted.mean.vector, unmatched, converged=False))
+        passed = self._miss(scan, predicted, Minimum(predicted.mean.vector, unmatched, converged=False))
+        return replace(passed, unseen=predicted.covariance[POSE, POSE])
 
     def _miss(self, scan: Scan, predicted: Belief, minimum: Minimum) -> Tracked:
         """Follows the prediction, at constant twist, for a scan that does not match the map."""
         state = State.at_constant_twist(predicted.pose, predicted.mean.twist)
-        return Tracked(scan.t0, state, np.zeros((3, 3)), predicted.covariance[POSE, POSE], minimum.evaluation, Status.LOST)
+        unseen = predicted.covariance[POSE, POSE] + (CONTRADICTED if self._is_guided else 0.0)
+        return Tracked(scan.t0, state, np.zeros((3, 3)), unseen, minimum.evaluation, Status.LOST)
 
     def _is_out_of_place(self, minimum: Minimum) -> bool:
         """Returns whether a match is so much poorer than usual that it is probably wrong."""
