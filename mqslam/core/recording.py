@@ -224,7 +224,7 @@ class LidarRecording(Recording):
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Raises DataError: a lidar measures ranges, and no power along the beam."""
-        raise DataError(self.path, "is a lidar's recording", "give a radar's; a lidar's can be run, compared and audited")
+        raise DataError(self.path, "is a lidar's recording", "give a radar's; run and audit take a lidar's")
 
 
 def stamp_scans(stamps_us: NDArray[np.int64], returns: Sequence[Returns]) -> Scans:

@@ -37,7 +37,7 @@ from mqslam.formats.maps.keyframe_folder import FOLDER, write_keyframes
 from mqslam.formats.maps.nav2_map import write_nav2_map
 from mqslam.formats.ply import MapClock, write_ply
 from mqslam.formats.tum import write_tum
-from mqslam.mapping.occupancy_grid import make_occupancy_grid
+from mqslam.mapping.occupancy_grid import make_occupancy_grid, mark_free
 from mqslam.psi.ranging import RangeErrors
 from mqslam.results.audit_results import list_unjudged, share_to_numbers, summarise_audit, summarise_tests
 from mqslam.results.files import TRUTH, format_csv, format_log, list_notes, list_stages, list_verdict, write_truth
@@ -165,6 +165,8 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], recording: Record
         write_ply(folder / "map.ply", run.map_optimised, MapClock(int(stamps_us[0]), scan_us))
     with tolerate("map.pgm", failures):
         grid = make_occupancy_grid(run.map_optimised.points, run.config.map.cell_m)
+        if isinstance(recording, LidarRecording):
+            grid = mark_free(grid, recording.scans, run.optimised.poses)
         write_nav2_map(folder, grid, run.georeference)
         if run.georeference is not None:
             write_geotiff(folder / "map.tif", grid, run.georeference)

@@ -15,6 +15,7 @@ from support.rooms import slip, write_bag, write_carmen
 import mqslam
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
+from mqslam.formats.maps.nav2_map import read_nav2_map
 from mqslam.formats.tum import read_tum
 
 PLANAR = Path(__file__).parents[3] / "shared" / "data" / "planar"
@@ -54,6 +55,16 @@ def test_a_run_of_rooms_leaves_all_files_and_judges_its_map_good(carmen: tuple[P
     assert summary["factors"]["loop"] > 0
     for name in ("map.pgm", "map.yaml", "map.ply", "graph.g2o", "covariances.csv", "report.html", "run.log"):
         assert (out / name).stat().st_size > 0
+
+
+def test_the_map_of_rooms_is_free_along_the_way_and_occupied_at_walls(carmen: tuple[Path, Trajectory]) -> None:
+    out, _ = carmen
+    made, track = read_nav2_map(out / "map.yaml"), read_tum(out / "trajectory.tum")
+    columns, rows = ((track.poses[:, :2] - made.origin[:2]) / made.resolution).astype(int).T
+    assert np.mean(made.cells[rows, columns] == 0) > 0.95
+    wall = np.arange(-1.5, 7.5, made.resolution)  # the outer wall on the right, which is 2 m to the right of the start
+    columns, row = ((wall - made.origin[0]) / made.resolution).astype(int), int((-2.0 - made.origin[1]) / made.resolution)
+    assert np.mean((made.cells[row - 1 : row + 2, columns] == 100).any(axis=0)) > 0.8
 
 
 def test_a_bag_of_laser_scans_becomes_a_trajectory(tmp_path: Path) -> None:
