@@ -17,7 +17,7 @@ from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
 from mqslam.backend.refinement import refine
 from mqslam.backend.sensor_use import SensorUse, join_sensors
-from mqslam.backend.sensors.odometry import drop_contradicted, hold_odometry, make_odometry_edges, reckon
+from mqslam.backend.sensors.odometry import doubt_contradicted, hold_odometry, make_odometry_edges, reckon
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
@@ -141,7 +141,7 @@ class Slam:
             odometry, fault = hold_odometry(scans, context, self._name, measurements)
             edges = make_odometry_edges(odometry, measurements, config.odometry, context.sensors.mount)
             before = reckon(scans, odometry or measurements)
-            edges = drop_contradicted(edges, measurements) if context.is_lidar else edges
+            edges = doubt_contradicted(edges, measurements) if context.is_lidar else edges
             problem, used = Problem(measurements, edges), SensorUse(odometry=fault)
             with runner.tolerate("the sensors beside the radar"):
                 sensors, velocities, start_us = context.sensors, context.velocities, scans.start_us

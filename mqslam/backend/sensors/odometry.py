@@ -105,6 +105,8 @@ def _count_contrary(turned: NDArray[np.float64], stated_turns: NDArray[np.float6
 
 
 ODOMETRY = "odometry"
+# Covariance [m^2, m^2, rad^2] that is as good as no measurement between two successive scans.
+_CONTRADICTED = np.diag([100.0, 100.0, 10.0])
 _ROUNDS: Final = 10  # rounds of fit and noise; they settle in fewer
 _LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the covariance of exact motions from being singular
 
@@ -180,15 +182,19 @@ def make_odometry_edges(
     return _state(odometry, calibration.correct(design), alike + disagreement + common)
 
 
-def drop_contradicted(odometry: Sequence[Measurement], measured: Sequence[Measurement]) -> list[Measurement]:
-    """Returns the motions of odometry without those to scans of many returns that do not fit where odometry puts them.
+def doubt_contradicted(odometry: Sequence[Measurement], measured: Sequence[Measurement]) -> list[Measurement]:
+    """Returns the motions of odometry; those to scans of many returns that do not fit where odometry puts them are unsure.
 
     Args:
         odometry: motions of odometry; there may be none.
         measured: motions of a front end that looks for scans where odometry puts them, over the same scans.
     """
-    pairs = zip(odometry, measured, strict=bool(odometry))
-    return [motion for motion, seen in pairs if seen.status is not Status.LOST or seen.points < FEWEST_RETURNS]
+    return [
+        replace(motion, covariance=motion.covariance + _CONTRADICTED)
+        if seen.status is Status.LOST and seen.points >= FEWEST_RETURNS
+        else motion
+        for motion, seen in zip(odometry, measured, strict=bool(odometry))
+    ]
 
 
 def spread_common(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], span: int) -> NDArray[np.float64]:

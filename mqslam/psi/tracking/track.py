@@ -20,7 +20,7 @@ from mqslam.psi.tracking.state import limit_step
 from mqslam.psi.tracking.tracker import Tracked, Tracker
 
 # Number of lost scans in a row after which the map is given up and a new one is tried.
-_PATIENCE = 8
+PATIENCE = 8
 # Fewest scans that are measured again. Fewer scans make no better map than the map they were first matched to.
 _YOUNG_LEAST = 6
 
@@ -46,7 +46,7 @@ class Track:
         self._matched = 0  # number of the last scan that was matched
         self._pose = np.zeros(3)  # the pose of that scan
         self._lost: list[int] = []  # scans since the last matched one
-        self._patience = _PATIENCE  # number of lost scans at which a new map is tried
+        self._patience = PATIENCE  # number of lost scans at which a new map is tried
 
     def follow(self) -> Iterator[Tracked]:
         """Yields the tracked scans in their order, each as soon as its result cannot change any more.
@@ -120,7 +120,7 @@ class Track:
 
     def _take_as_matched(self, k: int) -> None:
         self._matched, self._pose = k, self._tracked[k].pose
-        self._lost, self._patience = [], _PATIENCE
+        self._lost, self._patience = [], PATIENCE
         if self._young:
             self._young.append(k)
             if len(self._young) == YOUNG_SCANS:
