@@ -87,3 +87,35 @@ def prior(key: int, pose: se2.Array) -> gtsam.PriorFactorPose2:
     """Returns the prior factor that holds the variable of a key at a pose (3,) [m, m, rad]."""
     noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([PRIOR_M, PRIOR_M, PRIOR_RAD]))
     return gtsam.PriorFactorPose2(key, gtsam.Pose2(*pose), noise)
+
+
+def is_loop(factor: gtsam.NonlinearFactor) -> bool:
+    """Returns whether a factor has the loss of a loop between planar poses."""
+    noise = factor.noiseModel() if isinstance(factor, gtsam.BetweenFactorPose2) else None
+    return isinstance(noise, gtsam.noiseModel.Robust) and isinstance(noise.robust(), _LOSSES.Cauchy)
+
+
+def hold_firmly(loop: gtsam.BetweenFactorPose2) -> gtsam.BetweenFactorPose2:
+    """Returns the factor of a loop with Huber's loss in place of Cauchy's."""
+    noise = gtsam.noiseModel.Robust.Create(_LOSSES.Huber.Create(HUBER), loop.noiseModel().noise())
+    return gtsam.BetweenFactorPose2(*loop.keys(), loop.measured(), noise)
+
+
+def scale_factor(factor: gtsam.NonlinearFactor, scale: float) -> gtsam.NonlinearFactor:
+    """Multiplies the lengths of a between-factor or a prior of planar poses by a scale; its errors weigh as before."""
+    if isinstance(factor, gtsam.PriorFactorPose2):
+        return prior(factor.keys()[0], scale_vector(factor.prior(), scale))
+    a, b = factor.keys()
+    noise = factor.noiseModel()
+    robust = isinstance(noise, gtsam.noiseModel.Robust)
+    lengths = np.array([scale, scale, 1.0])
+    gaussian = noise.noise() if robust else noise
+    scaled: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(gaussian.covariance() * np.outer(lengths, lengths))
+    if robust:
+        scaled = gtsam.noiseModel.Robust.Create(noise.robust(), scaled)
+    return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*scale_vector(factor.measured(), scale)), scaled)
+
+
+def scale_vector(pose: gtsam.Pose2, scale: float) -> se2.Array:
+    """Returns a pose as an array (3,), its lengths multiplied by a scale."""
+    return np.array([scale * pose.x(), scale * pose.y(), pose.theta()])

@@ -50,12 +50,14 @@ class ReversedScans(Sequence[Scan]):
     If the recording's next scan follows a scan at once, the reversed scan begins at the instant at which that next scan
     starts. Both directions then measure motions between the same instants.
 
+    A scan that was taken in an instant, such as a lidar's without a time per beam, keeps this instant as its start.
+
     Args:
         scans: two or more scans.
     """
 
     def __init__(self, scans: Sequence[Scan]) -> None:
-        self._scans, self._end = scans, scans[-1].t1
+        self._scans, self._end, self._instant = scans, scans[-1].t1, are_instants(scans)
 
     def __len__(self) -> int:
         return len(self._scans)
@@ -65,11 +67,23 @@ class ReversedScans(Sequence[Scan]):
             return [self[n] for n in range(*k.indices(len(self)))]
         n = len(self) - 1 - range(len(self))[k]
         scan, end = self._scans[n], self._scans[n].t1
+        if self._instant:
+            return self._turn_instant(scan)
         if n + 1 < len(self) and follows_at_once(scan, self._scans[n + 1]):
             end = self._scans[n + 1].t0
         r = scan.returns
         returns = Returns(r.ranges[::-1], r.azimuths[::-1], self._end - r.times[::-1], r.intensities[::-1])
         return Scan(self._end - end, self._end - scan.t0, returns)
+
+    def _turn_instant(self, scan: Scan) -> Scan:
+        """Returns a scan of one instant, at which the reversed scan begins, too."""
+        begin, r = self._end - scan.t0, scan.returns
+        return Scan(begin, begin + scan.t1 - scan.t0, replace(r, times=np.full(len(r), begin)))
+
+
+def are_instants(scans: Sequence[Scan]) -> bool:
+    """Returns whether all returns of a scan have the scan's time, as a lidar's without a time per beam have."""
+    return all(bool(np.all(scan.returns.times == scan.t0)) for scan in scans)
 
 
 def follows_at_once(scan: Scan, after: Scan) -> bool:
@@ -86,16 +100,23 @@ def turn_back(scans: Sequence[Scan], backward: Sequence[DirectedMotion]) -> list
         scans: the N scans.
         backward: the N - 1 motions between them in the order of `ReversedScans`.
     """
+    if are_instants(scans):  # both directions measure motions between the same instants
+        return [_turn(match) for match in reversed(backward)]
     at_once = [follows_at_once(a, b) for a, b in pairwise(scans)]
     turned: list[DirectedMotion | None] = []
     for k in range(len(backward)):
         if k == 0 or not (at_once[k - 1] and at_once[k]):
             turned.append(None)
             continue
-        motion, unseen = backward[len(backward) - k]
-        covariance, unseen = (se2.covariance_of_inverse(motion.pose, c) for c in (motion.covariance, unseen))
-        turned.append(DirectedMotion(replace(motion, pose=se2.inverse(motion.pose), covariance=covariance), unseen))
+        turned.append(_turn(backward[len(backward) - k]))
     return turned
+
+
+def _turn(match: DirectedMotion) -> DirectedMotion:
+    """Returns the inverse of a motion."""
+    motion, unseen = match
+    covariance, unseen = (se2.covariance_of_inverse(motion.pose, c) for c in (motion.covariance, unseen))
+    return DirectedMotion(replace(motion, pose=se2.inverse(motion.pose), covariance=covariance), unseen)
 
 
 def join(

@@ -24,8 +24,9 @@ from mqslam.execution.local_engine import HERE
 from mqslam.frontends.bidirectional import DirectedMotion, ReversedScans, join, turn_back
 from mqslam.frontends.segments import Segment, extend, split_into_segments
 from mqslam.psi.place import beam_of
+from mqslam.psi.tracking.local_map import SURFACES, USUAL
 from mqslam.psi.tracking.state import SIGMA_AX, SIGMA_VY, State
-from mqslam.psi.tracking.track import Track
+from mqslam.psi.tracking.track import PATIENCE, Track
 from mqslam.psi.tracking.tracker import Tracked, Tracker
 
 # Number of scans around a scan that show by how much its motion departs from the motion model.
@@ -60,6 +61,8 @@ class PsiFrontEnd:
         segments = split_into_segments(scans, settings)
         is_whole = len(segments) == 2  # one segment in each direction
         joined = join(*(self._track_at_once(scans, *segments) if is_whole else self._track_segments(scans, segments)))
+        if self._context.is_lidar and self._context.odometry is not None:
+            joined = rejoin(joined)
         left_out = _estimate_unsteadiness(joined, settings, self._context.revolution_s)
         for motion, variances in zip(joined, left_out, strict=True):
             yield replace(motion, covariance=motion.covariance + np.diag(variances))
@@ -114,7 +117,13 @@ def track(scans: Sequence[Scan], context: Context, *, is_backward: bool = False)
     if settings.stamp_sigma_s is None:  # the uncertainty of stamps that the reader has found
         settings = settings.model_copy(update={"stamp_sigma_s": context.stamp_sigma_s})
     tracker = Tracker(
-        settings, estimator, beam_of(estimator, sign * context.doppler_beta), context.revolution_s, is_reversed=is_backward
+        settings,
+        estimator,
+        beam_of(estimator, sign * context.doppler_beta),
+        context.revolution_s,
+        tuning=SURFACES if context.is_lidar else USUAL,
+        is_reversed=is_backward,
+        is_guided=context.is_lidar and context.odometry is not None,
     )
     end = scans[-1].t1 if scans else 0.0
 
@@ -184,6 +193,23 @@ def _relate(a: Tracked, b: Tracked) -> DirectedMotion:
         on_map=a.status is Status.CONVERGED and status is Status.CONVERGED and b.arrival is None,
     )
     return DirectedMotion(motion, unseen)
+
+
+def rejoin(motions: Sequence[Measurement]) -> list[Measurement]:
+    """Returns the motions of a track that follows odometry, in which a few scans that fit nowhere do not part the map.
+
+    The scans before and after them were matched to the same map, since such a track begins a new one only after many lost
+    scans. The motions to and from these scans keep their covariances.
+
+    Args:
+        motions: motions between successive scans.
+    """
+    on_map = np.array([motion.on_map for motion in motions], dtype=np.bool_)
+    edges = np.flatnonzero(np.diff(np.r_[True, on_map, True].astype(np.int8)))
+    for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        if begin > 0 and end < len(motions) and end - begin < PATIENCE:
+            on_map[begin:end] = True
+    return [replace(motion, on_map=bool(kept)) for motion, kept in zip(motions, on_map, strict=True)]
 
 
 def _estimate_unsteadiness(

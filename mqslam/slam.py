@@ -19,16 +19,17 @@ from mqslam.backend.problem import Problem
 from mqslam.backend.range_scale import NOT_OF_RADAR, Joined, RangeScale, join_at_scale
 from mqslam.backend.refinement import refine
 from mqslam.backend.sensor_use import SensorUse, join_sensors
-from mqslam.backend.sensors.odometry import ODOMETRY, hold_odometry, make_odometry_edges, reckon
+from mqslam.backend.sensors.odometry import ODOMETRY, doubt_contradicted, hold_odometry, make_odometry_edges, reckon
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
-from mqslam.core.measurement import LoopSearch, Measurement, Refined, stretch
+from mqslam.core.measurement import LoopSearch, Measurement, Refined
 from mqslam.core.point_map import PointMap
-from mqslam.core.recording import Recording
+from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.scans import Scans
 from mqslam.core.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.units import scale_measurement, scale_settings, scale_track
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError, FewReturnsError
 from mqslam.execution.kept import LOOPS, REFINED
@@ -78,14 +79,25 @@ class Slam:
         with runner.time_stage("total"):
             context = Context.of(recording, config, odometry, sensors)
             frontends.create(self._name, context)  # raises, before the recording is read, if the front end lacks an input
-            scans, detected = detect_all(recording, config.detector, runner, strict=self._strict, with_velocities=True)
-            runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
-            try:
-                beta, sigma = find_doppler(scans, config, runner)
-                found = replace(context, doppler_beta=beta, doppler_sigma=sigma, velocities=detected.velocities)
-                solution = self.solve(scans, found)
-            except FewReturnsError as error:
-                raise EstimationError(f"{error}: {detected.counts.remedy}") from error
+            if isinstance(recording, LidarRecording):
+                scans, unread = recording.scans, {}
+                solution = self.solve_in_unit(scans, context, recording.unit_m)
+            else:
+                scans, detected = detect_all(recording, config.detector, runner, strict=self._strict, with_velocities=True)
+                unread, runner.runtime_s = (
+                    detected.unread,
+                    runner.runtime_s
+                    | {
+                        "read": detected.read_s,
+                        "detect": detected.detect_s,
+                    },
+                )
+                try:
+                    beta, sigma = find_doppler(scans, config, runner)
+                    found = replace(context, doppler_beta=beta, doppler_sigma=sigma, velocities=detected.velocities)
+                    solution = self.solve(scans, found)
+                except FewReturnsError as error:
+                    raise EstimationError(f"{error}: {detected.counts.remedy}") from error
             scans = scans.scale_ranges(solution.range_scale.factor)
             before, after = self._render(scans, solution)
             checked, kept = self._audit(scans, solution), None
@@ -98,8 +110,25 @@ class Slam:
             kept=kept,
             checked=checked,
             runtime_s=runner.runtime_s,
-            unread=detected.unread,
+            unread=unread,
         )
+
+    def solve_in_unit(self, scans: Scans, context: Context, unit_m: float) -> Solution:
+        """Estimates the optimised trajectory of scans in a unit of length in which they are as far away as a radar's are.
+
+        Args:
+            scans: scans of the recording.
+            context: what the front end may use besides the scans, without sensors other than odometry.
+            unit_m: the unit [m].
+
+        Raises:
+            EstimationError: no motion can be estimated from the data.
+        """
+        config, odometry = scale_settings(self._config, 1.0 / unit_m), context.odometry
+        inner = Slam(config, self._name, self._runner, strict=self._strict)
+        track = None if odometry is None else scale_track(odometry, 1.0 / unit_m)
+        inside = replace(context, config=config, odometry=track, revolution_s=scans.revolution_s)
+        return inner.solve(scans.scale_ranges(1.0 / unit_m), inside).scale(unit_m, self._config)
 
     def solve(self, scans: Scans, context: Context) -> Solution:
         """Estimates the optimised trajectory of scans: tracks the motion, joins the sensors, closes loops, and optimises.
@@ -114,10 +143,10 @@ class Slam:
         config, runner, estimator = self._config, self._runner, self._config.estimator
         beam = beam_of(estimator, context.doppler_beta)
         measurements = self._track(scans, context, beam)
-        errors = self._measure_ranges(scans, reckon(scans, measurements), beam)
-        scale = RangeScale.beforehand(context.is_resolution_assumed, errors)
-        if self._name == ODOMETRY:
-            scale = NOT_OF_RADAR
+        errors, scale = None, NOT_OF_RADAR
+        if not context.is_lidar and self._name != ODOMETRY:
+            errors = self._measure_ranges(scans, reckon(scans, measurements), beam)
+            scale = RangeScale.beforehand(context.is_resolution_assumed, errors)
         with runner.time_stage("optimise"):
             joined, scale = join_at_scale(
                 lambda factor: self._join_sensors(factor, scans, context, measurements), scale, config.odometry, runner
@@ -173,9 +202,10 @@ class Slam:
     def _join_sensors(self, factor: float, scans: Scans, context: Context, measurements: Sequence[Measurement]) -> Joined:
         """Joins odometry and the other sensors to the front end's motions, whose distances are multiplied by a factor."""
         settings, sensors, start_us = self._config.odometry, context.sensors, scans.start_us
-        motions = [stretch(motion, factor) for motion in measurements]
+        motions = [scale_measurement(motion, factor) for motion in measurements]
         odometry, fault = hold_odometry(scans, context, self._name, motions)
         edges = make_odometry_edges(odometry, motions, settings, sensors.mount)
+        edges = doubt_contradicted(edges, motions) if context.is_lidar else edges
         joined = Joined(Problem(motions, edges), SensorUse(odometry=fault), odometry)
         with self._runner.tolerate("the sensors beside the radar"):
             joined = Joined(

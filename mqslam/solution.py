@@ -12,12 +12,12 @@ from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.backend.loops.passes import MappedDrive
 from mqslam.backend.loops.recognition import describe_places
 from mqslam.backend.marginals import PoseCovariances
-from mqslam.backend.pose_graph import PoseGraph
+from mqslam.backend.pose_graph import PoseGraph, scale_graph, scale_values
 from mqslam.backend.range_scale import RangeScale
 from mqslam.backend.sensor_use import SensorUse
 from mqslam.backend.sensors.odometry import ODOMETRY
 from mqslam.config import Config
-from mqslam.core import se2
+from mqslam.core import se2, units
 from mqslam.core.engine import Engine
 from mqslam.core.keyframes import KeyframeMap, MappedRecording
 from mqslam.core.measurement import Loop, Measurement, Refined
@@ -92,6 +92,29 @@ class Solution:
         """The pose of the optimised map on the Earth; None unless GNSS is in the graph."""
         fixes = self.sensors.fixes
         return None if fixes is None or fixes.edges is None else fixes.edges.find_place(self.values)
+
+    def scale(self, factor: float, config: Config) -> Solution:
+        """Returns the solution in another unit of length; it must have no sensors besides odometry.
+
+        Args:
+            factor: length of the present unit in the new one.
+            config: all settings in the new unit.
+        """
+        covariances = replace(self.covariances, covariances=units.scale_covariance(self.covariances.covariances, factor))
+        loops, ties = ([units.scale_tie(tie, factor) for tie in some] for some in (self.refined.loops, self.refined.ties))
+        return replace(
+            self,
+            config=config,
+            measurements=[units.scale_measurement(motion, factor) for motion in self.measurements],
+            odometry=units.scale_track(self.odometry, factor),
+            optimised=units.scale_track(self.optimised, factor),
+            graph=scale_graph(self.graph, factor),
+            values=scale_values(self.values, factor),
+            covariances=covariances,
+            loops=[units.scale_tie(loop, factor) for loop in self.loops],
+            refined=replace(self.refined, loops=loops, ties=ties),
+            sensors=replace(self.sensors, mount=None),
+        )
 
     def keep_map(self, scans: Scans, recording: Recording, engine: Engine) -> KeyframeMap:
         """Makes the keyframes of the optimised map, and descriptors by which its places are recognised.

@@ -12,11 +12,14 @@ from gtsam.symbol_shorthand import M, X
 
 from mqslam.core import se2
 from mqslam.errors import describe_error, raise_interrupt
-from mqslam.factors.between import prior
+from mqslam.factors.between import CAUCHY, hold_firmly, is_loop, prior, scale_factor, scale_vector
 
 # numerical limits, which change no exact result
 _RELATIVE_ERROR: Final = 1e-9  # relative change of the graph's error below which the optimiser stops
 _ITERATIONS: Final = 100  # largest number of iterations; the optimiser converges in far fewer
+
+# A loop that is off by more than this many times the offset beyond which its pull becomes weaker is as good as left out.
+_LEFT_OUT = 3.0
 
 
 @dataclass(frozen=True)
@@ -101,12 +104,39 @@ def optimise(graph: PoseGraph) -> Optimum:
     parameters.setLinearSolverType("MULTIFRONTAL_QR")
     try:
         values = gtsam.LevenbergMarquardtOptimizer(graph.factors, graph.initial, parameters).optimize()
+        if _leaves_loops_out(graph.factors, values):
+            firm = gtsam.LevenbergMarquardtOptimizer(_pull_firmly(graph.factors), values, parameters).optimize()
+            again = gtsam.LevenbergMarquardtOptimizer(graph.factors, firm, parameters).optimize()
+            values = min(values, again, key=graph.factors.error)
         if not np.isfinite(graph.poses_at(values)).all():
             return Optimum(graph.initial, "its poses are no longer finite numbers")
     except Exception as error:  # whatever GTSAM raises, the initial values serve as a result
         raise_interrupt(error)
         return Optimum(graph.initial, describe_error(error))
     return Optimum(values)
+
+
+def _leaves_loops_out(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> bool:
+    """Returns whether some loop is so far off that it has hardly any pull."""
+    for k in range(factors.size()):
+        factor = factors.at(k)
+        if is_loop(factor) and np.linalg.norm(factor.unwhitenedError(values) / _sigmas(factor)) > _LEFT_OUT * CAUCHY:
+            return True
+    return False
+
+
+def _sigmas(factor: gtsam.NoiseModelFactor) -> np.ndarray:
+    """Returns the standard deviations (3,) of a factor with a robust loss."""
+    return np.sqrt(np.diag(factor.noiseModel().noise().covariance()))
+
+
+def _pull_firmly(factors: gtsam.NonlinearFactorGraph) -> gtsam.NonlinearFactorGraph:
+    """Returns the factors with Huber's loss for loops: however far off a loop is, it pulls as strongly as a nearer one."""
+    firm = gtsam.NonlinearFactorGraph()
+    for k in range(factors.size()):
+        factor = factors.at(k)
+        firm.push_back(hold_firmly(factor) if is_loop(factor) else factor)
+    return firm
 
 
 def poses_of(values: gtsam.Values, size: int, key: Callable[[int], int] = X) -> se2.Array:
@@ -124,3 +154,19 @@ def pose_of(values: gtsam.Values, key: int) -> tuple[float, float, float]:
         spatial = values.atPose3(key)
         return spatial.x(), spatial.y(), spatial.rotation().yaw()
     return pose.x(), pose.y(), pose.theta()
+
+
+def scale_graph(graph: PoseGraph, factor: float) -> PoseGraph:
+    """Multiplies the lengths of a graph of planar poses by a factor; its optimum is scaled with it."""
+    scaled = gtsam.NonlinearFactorGraph()
+    for k in range(graph.factors.size()):
+        scaled.push_back(scale_factor(graph.factors.at(k), factor))
+    return PoseGraph(scaled, scale_values(graph.initial, factor), graph.size, graph.key)
+
+
+def scale_values(values: gtsam.Values, factor: float) -> gtsam.Values:
+    """Multiplies the lengths of planar poses by a factor."""
+    scaled = gtsam.Values()
+    for key in values.keys():
+        scaled.insert(key, gtsam.Pose2(*scale_vector(values.atPose2(key), factor)))
+    return scaled

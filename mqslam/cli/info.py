@@ -71,7 +71,7 @@ def _describe_gaps(gaps: list[dict[str, Any]]) -> str:
 def _list_lidar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
     """Returns the facts about a lidar's recording as (name, text) rows for people."""
     return [
-        ("format", f"{facts['format']}, recorded by a lidar: mqslam audit judges its map"),
+        ("format", f"{facts['format']}, recorded by a lidar: mqslam run makes its map, mqslam audit judges one"),
         ("path", facts["path"]),
         ("scans", f"{facts['scans']}"),
         ("duration", f"{facts['duration_s']:.2f} s"),

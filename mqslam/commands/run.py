@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from mqslam.auditing.sources import LIDAR_CONFIG
 from mqslam.commands.inputs import (
     USUAL_INPUTS,
     WHOLE,
@@ -21,15 +22,18 @@ from mqslam.commands.inputs import (
 )
 from mqslam.commands.result import RunResult
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config, set_tolerance
+from mqslam.config import Config, load_config, set_tolerance
 from mqslam.core.recording import Recording
 from mqslam.core.sensors import NO_SENSORS, RADAR, Sensors
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.units import fit_settings
+from mqslam.detection.surfaces import prepare
 from mqslam.errors import Remedy, tolerate
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
+from mqslam.formats import lidars
 from mqslam.formats.recordings.azimuths import stamps_in_us
 from mqslam.formats.recordings.oxford import find_image_folder
 from mqslam.formats.recordings.row_images import RowImageRecording
@@ -164,6 +168,8 @@ def open_job(
             not a pose, or the frame is unknown, or it is `vehicle` while the pose of the radar on the vehicle is unknown.
         DataError: the recording, the odometry or a sensor's file cannot be used.
     """
+    if format is None and data.exists() and lidars.recognises(data):
+        return _open_lidar(data, settings, frontend, inputs)
     recording = open_data(data, format, range_resolution, settings, strict=strict, span=span)
     chosen = choose_sensors(recording, inputs)
     sensors = chosen.sensor
@@ -171,6 +177,16 @@ def open_job(
     check_frame(inputs.frame, sensors.mount, data)
     recording = replace(place_truth(recording, sensors.mount), notes=(*recording.notes, *chosen.notes))
     return Job(recording, track, settings, frontend, strict, (*unused, *chosen.faults), sensors, inputs.frame)
+
+
+def _open_lidar(data: Path, settings: Config, frontend: str, inputs: Inputs) -> Job:
+    """Opens a lidar's recording, and fits the settings to it; the arguments are those of `open_job`."""
+    recording = lidars.read_lidar(data, settings.reading)
+    track, unused = choose_odometry(recording, inputs.odometry, None)
+    recording = prepare(recording, track)
+    usual = load_config(LIDAR_CONFIG).model_copy(update={"estimator": Config().estimator})
+    settings = fit_settings(settings, usual, recording.unit_m)
+    return Job(recording, track, settings, frontend, False, tuple(unused))
 
 
 def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.RESUME) -> dict[str, Any]:
@@ -197,7 +213,7 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
         shown, recording = job.choose_frame(result)
         summary: dict[str, Any] = to_json_values({**summarise(shown, recording), "warnings": warnings, "run_key": job.key})
         with write_folder_aside(out) as folder:
-            write_run(folder, shown, summary, recording.notes, recording.ground_truth)
+            write_run(folder, shown, summary, recording)
             failures = write_run_page(folder, shown, recording, summary)
             with tolerate("the file for the leaderboard of Boreas", failures):
                 _write_for_leaderboard(folder, job.recording, result.optimised)

@@ -19,7 +19,7 @@ from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.measurement import Measurement
-from mqslam.core.recording import Recording
+from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.scans import Scan, Scans
 from mqslam.core.sensors import NO_SENSORS, KnownTurning, Sensors
 from mqslam.core.trajectory import Trajectory
@@ -65,6 +65,8 @@ class Context:
         velocities: velocities of the sensor, measured by the radar's own chirps, or None. They are used like `turning`.
         engine: engine on which a front end may track stretches of a recording in parallel; None tracks them in this process.
         is_resolution_assumed: whether the recording does not state its bins' length, so that the usual one is used.
+        is_lidar: whether the scans are a lidar's: what it sees looks the same from everywhere, and its odometry predicts the
+            motion between scans better than the motion so far does.
     """
 
     config: Config
@@ -80,6 +82,7 @@ class Context:
     turning: KnownTurning | None = None
     velocities: Velocities | None = None
     is_resolution_assumed: bool = False
+    is_lidar: bool = False
 
     @classmethod
     def of(
@@ -99,6 +102,7 @@ class Context:
             odometry,
             doppler_beta,
             stamp_sigma_s=recording.stamp_sigma_s,
+            is_lidar=isinstance(recording, LidarRecording),
             sensors=sensors,
             is_resolution_assumed=recording.is_resolution_assumed,
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -53,15 +53,6 @@ class Measurement:
     matched: float = float("nan")
     on_map: bool = False
     apart: NDArray[np.float64] = field(default_factory=lambda: np.full(3, np.nan))
-
-
-def stretch(motion: Measurement, factor: float) -> Measurement:
-    """Returns a motion with all distances multiplied by a factor."""
-    if factor == 1.0:
-        return motion
-    lengths = np.array([factor, factor, 1.0])
-    covariance = motion.covariance * np.outer(lengths, lengths)
-    return replace(motion, pose=motion.pose * lengths, covariance=covariance, apart=motion.apart * lengths)
 
 
 @dataclass(frozen=True, slots=True)

@@ -151,11 +151,13 @@ class OccupancyGrid:
         occupied: (H, W) bool, row 0 at the lowest y, column 0 at the lowest x.
         resolution: side of a cell [m].
         origin: x, y [m] of the lower left corner of cell (0, 0), world frame.
+        free: (H, W) bool, cells that the sensor saw through, as a lidar's beams show them; None where it does not show them.
     """
 
     occupied: NDArray[np.bool_]
     resolution: float
     origin: tuple[float, float]
+    free: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, slots=True)

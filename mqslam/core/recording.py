@@ -6,13 +6,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.sensors import Fixes, Gyroscope, Mount
 from mqslam.core.trajectory import Trajectory
+from mqslam.errors import DataError
 
 FASTEST_TURN_US = 50_000
 SLOWEST_TURN_US = 5_000_000
@@ -146,26 +149,82 @@ class Recording(ABC):
         return [(int(k), float(missing[k])) for k in np.flatnonzero(missing > 0.0)]
 
 
-@dataclass(frozen=True, slots=True)
-class LidarRecording:
-    """A recording of a planar lidar.
+@dataclass(frozen=True)
+class LidarRecording(Recording):
+    """A recording of a planar lidar, whose scans hold ranges in place of power.
+
+    The odometry consists of poses of the lidar itself.
 
     Args:
-        path: the recording.
-        format: name of its layout: carmen or laserscan.
         scans: the scans, each lasting from the stamp of its first beam to that of the next scan. Times count from the
             first scan's stamp [s]; intensities are 0 where the recording has none.
         trajectory: poses of the sensor that some SLAM system stored with the scans, or None.
-        odometry: dead-reckoned poses of the sensor that the recording carries, or None.
-        notes: what a user should know about how the recording was understood.
+        unit_m: length [m] that is to what the lidar sees as a metre is to what a radar sees in a street.
+        every_us: (M,) [us] stamps of all scans of the recording, of which `scans` may hold a part; None if it holds all.
     """
 
-    path: Path
-    format: str
-    scans: Scans
-    trajectory: Trajectory | None
-    odometry: Trajectory | None
-    notes: tuple[str, ...]
+    scans: Scans = field(kw_only=True)
+    trajectory: Trajectory | None = field(kw_only=True)
+    unit_m: float = field(default=1.0, kw_only=True)
+    every_us: NDArray[np.int64] | None = field(default=None, kw_only=True)
+
+    @classmethod
+    def of(
+        cls,
+        path: Path,
+        format: str,
+        scans: Scans,
+        trajectory: Trajectory | None,
+        odometry: Trajectory | None,
+        notes: tuple[str, ...],
+    ) -> Self:
+        """Makes a recording.
+
+        Args:
+            path: the recording.
+            format: name of its layout: carmen or laserscan.
+            scans: the scans.
+            trajectory: poses of the sensor that some SLAM system stored with the scans, or None.
+            odometry: dead-reckoned poses of the sensor that the recording carries, or None.
+            notes: what a user should know about how the recording was understood.
+        """
+        stamps_us = scans.stamps_us
+        turns_us = np.append(np.diff(stamps_us), round(scans.revolution_s * 1e6)).astype(np.int64)
+        return cls(path, format, stamps_us, turns_us, 0.0, odometry, notes=notes, scans=scans, trajectory=trajectory)
+
+    def take(self, chosen: Sequence[int]) -> Self:
+        """Returns a part of the recording: the scans with these indices, two or more."""
+        part = self.scans.take(chosen)
+        usual_s = float(np.median(np.diff(part.start_times)))
+        return replace(
+            self,
+            stamps_us=self.stamps_us[chosen],
+            turns_us=np.append(np.diff(self.stamps_us[chosen]), round(usual_s * 1e6)).astype(np.int64),
+            scans=replace(part, revolution_s=usual_s),
+        )
+
+    def complete(self, track: Trajectory) -> Trajectory:
+        """Adds the poses of the scans that were left out: the odometry, as the poses before and after them correct it.
+
+        Args:
+            track: poses of the scans that the recording holds.
+        """
+        if self.every_us is None or self.odometry is None:
+            return track
+        at, first, last = self.every_us, track.stamps_us[0], track.stamps_us[-1]
+        at = at[(first <= at) & (at <= last)]
+        k = np.clip(np.searchsorted(track.stamps_us, at, side="right") - 1, 0, len(track) - 2)
+        held = self.odometry.at(track.stamps_us)
+        step = se2.wrapped_between(held[k], self.odometry.at(at))
+        miss = se2.subtract(
+            se2.wrapped_between(track.poses[k], track.poses[k + 1]), se2.wrapped_between(held[k], held[k + 1])
+        )
+        share = (at - track.stamps_us[k]) / (track.stamps_us[k + 1] - track.stamps_us[k])
+        return Trajectory(at, se2.compose(track.poses[k], step + share[:, None] * miss))
+
+    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
+        """Raises DataError: a lidar measures ranges, and no power along the beam."""
+        raise DataError(self.path, "is a lidar's recording", "give a radar's; run and audit take a lidar's")
 
 
 def stamp_scans(stamps_us: NDArray[np.int64], returns: Sequence[Returns]) -> Scans:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.core import se2
 from mqslam.core.point_map import OccupancyGrid
+from mqslam.core.scans import Scans
 from mqslam.core.stored import make_stored, release
 
 # Percentile of the numbers of returns per cell that stands for a well-seen cell of the nav2 map. A cell counts as occupied
@@ -56,3 +61,39 @@ def make_occupancy_grid(points: NDArray[np.float64], cell_m: float) -> Occupancy
         release(occupied)
     x, y = (first * resolution).tolist()
     return OccupancyGrid(occupied.reshape(rows, columns), resolution, (x, y))
+
+
+def mark_free(grid: OccupancyGrid, scans: Scans, poses: se2.Array) -> OccupancyGrid:
+    """Returns a grid with the cells that a lidar's beams passed through, and that are not occupied, as free.
+
+    Args:
+        grid: occupied cells.
+        scans: scans of the lidar.
+        poses: (N, 3) pose at the start of each scan.
+    """
+    free = np.zeros(grid.occupied.shape, dtype=np.bool_)
+    for scan, pose in zip(scans, poses, strict=True):
+        seen = scan.returns
+        along = pose[2] + seen.azimuths
+        _pass_through(free, seen.ranges, np.column_stack([np.cos(along), np.sin(along)]), pose, grid.resolution, grid.origin)
+    return replace(grid, free=free & ~grid.occupied)
+
+
+@nb.njit(cache=True, nogil=True)
+def _pass_through(
+    free: NDArray[np.bool_],
+    ranges: NDArray[np.float64],
+    beams: NDArray[np.float64],
+    pose: NDArray[np.float64],
+    cell_m: float,
+    origin: tuple[float, float],
+) -> None:
+    """Marks the cells along beams (N, 2), up to a cell before the end of each."""
+    rows, columns = free.shape
+    for i in range(len(ranges)):
+        for n in range(int(2.0 * (ranges[i] / cell_m - 1.0))):
+            way = 0.5 * n * cell_m
+            column = int(np.floor((pose[0] + way * beams[i, 0] - origin[0]) / cell_m))
+            row = int(np.floor((pose[1] + way * beams[i, 1] - origin[1]) / cell_m))
+            if 0 <= row < rows and 0 <= column < columns:
+                free[row, column] = True

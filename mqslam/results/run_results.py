@@ -21,7 +21,7 @@ from mqslam.backend.sensors.mount import MountUse
 from mqslam.config import dump_yaml, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
-from mqslam.core.recording import Recording
+from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.sensors import RADAR, VEHICLE
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import list_sensor_notes
@@ -37,7 +37,7 @@ from mqslam.formats.maps.keyframe_folder import FOLDER, write_keyframes
 from mqslam.formats.maps.nav2_map import write_nav2_map
 from mqslam.formats.ply import MapClock, write_ply
 from mqslam.formats.tum import write_tum
-from mqslam.mapping.occupancy_grid import make_occupancy_grid
+from mqslam.mapping.occupancy_grid import make_occupancy_grid, mark_free
 from mqslam.psi.ranging import RangeErrors
 from mqslam.results.audit_results import list_unjudged, share_to_numbers, summarise_audit, summarise_tests
 from mqslam.results.files import TRUTH, format_csv, format_log, list_notes, list_stages, list_verdict, write_truth
@@ -129,7 +129,7 @@ def _summarise_ranges(errors: RangeErrors, recording: Recording) -> dict[str, An
     }
 
 
-def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[str], truth: Trajectory | None) -> None:
+def write_run(folder: Path, run: Run, summary: dict[str, Any], recording: Recording) -> None:
     """Writes every result file of a run except its page into an existing folder, the most valuable ones first.
 
     If a file such as covariances, map or graph cannot be made, because of a fault in the code or a library or for lack of
@@ -139,20 +139,20 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
         folder: the folder.
         run: the finished run.
         summary: content of summary.json, with its warnings.
-        notes: notes for run.log on how the recording was interpreted.
-        truth: ground truth in the frame of the run, or None.
+        recording: the recording, with ground truth in the frame of the run.
 
     Raises:
         OutputError: a file cannot be written.
     """
-    write_tum(folder / "trajectory.tum", run.optimised)
-    write_tum(folder / "odometry.tum", run.odometry)
+    notes = recording.notes
+    for name, track in (("trajectory.tum", run.optimised), ("odometry.tum", run.odometry)):
+        write_tum(folder / name, recording.complete(track) if isinstance(recording, LidarRecording) else track)
     write_text(folder / "measurements.csv", format_measurements(run.measurements))
     write_text(folder / "config.yaml", dump_yaml(set_doppler_beta(run.config, run.doppler_beta)))
     _write_numbers(folder, summary, notes)
     failures: list[str] = []
     with tolerate(TRUTH, failures):
-        write_truth(folder, run.optimised, truth)
+        write_truth(folder, run.optimised, recording.ground_truth)
     with tolerate("covariances.csv", failures):
         write_marginals(folder / "covariances.csv", run.optimised, run.covariances)
     with tolerate("graph.g2o", failures):
@@ -167,6 +167,8 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
         write_ply(folder / "map.ply", run.map_optimised, MapClock(int(stamps_us[0]), scan_us))
     with tolerate("map.pgm", failures):
         grid = make_occupancy_grid(run.map_optimised.points, run.config.map.cell_m)
+        if isinstance(recording, LidarRecording):
+            grid = mark_free(grid, recording.scans, run.optimised.poses)
         write_nav2_map(folder, grid, run.georeference)
         if run.georeference is not None:
             write_geotiff(folder / "map.tif", grid, run.georeference)

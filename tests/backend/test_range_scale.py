@@ -14,7 +14,8 @@ from mqslam.backend.range_scale import ASSUMED, STATED, Joined, RangeScale, join
 from mqslam.backend.sensor_use import SensorUse
 from mqslam.config import OdometryConfig
 from mqslam.core import se2
-from mqslam.core.measurement import Measurement, stretch
+from mqslam.core.measurement import Measurement
+from mqslam.core.units import scale_measurement
 from mqslam.execution.runner import Runner
 from mqslam.psi.ranging import RangeErrors
 
@@ -26,7 +27,7 @@ def motions(factor: float) -> list[Measurement]:
     poses = se2.chain(np.array([2.0, 0.0, 0.02 * np.sin(0.05 * k)]) for k in range(300))
     covariance = np.diag([1e-4, 1e-4, 1e-6])
     return [
-        stretch(Measurement(0.25 * k, 0.25 * (k + 1), se2.between(a, b), covariance, on_map=True), factor)
+        scale_measurement(Measurement(0.25 * k, 0.25 * (k + 1), se2.between(a, b), covariance, on_map=True), factor)
         for k, (a, b) in enumerate(pairwise(poses))
     ]
 
@@ -35,7 +36,7 @@ def ask(radar: Sequence[Measurement], wheels: Sequence[Measurement], sigma_trave
     """Returns the scale of radar motions after they are compared with wheels."""
 
     def join(factor: float) -> Joined:
-        return Joined(Problem([stretch(m, factor) for m in radar], []), SensorUse(), wheels)
+        return Joined(Problem([scale_measurement(m, factor) for m in radar], []), SensorUse(), wheels)
 
     settings = OdometryConfig(sigma_travel=sigma_travel)
     joined, scale = join_at_scale(join, RangeScale.beforehand(False, ERRORS), settings, Runner())
@@ -71,8 +72,7 @@ def test_wheels_that_agree_leave_the_ranges_as_they_are() -> None:
 
 def test_covariances_and_distances_are_stretched_together() -> None:
     motion = replace(motions(1.0)[3], apart=np.array([0.1, 0.2, 0.3]))
-    doubled = stretch(motion, 2.0)
+    doubled = scale_measurement(motion, 2.0)
     np.testing.assert_allclose(doubled.pose, motion.pose * [2, 2, 1])
     np.testing.assert_allclose(doubled.apart, [0.2, 0.4, 0.3])
     np.testing.assert_allclose(np.diag(doubled.covariance), np.diag(motion.covariance) * [4, 4, 1])
-    assert stretch(motion, 1.0) is motion

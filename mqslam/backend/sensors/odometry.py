@@ -29,6 +29,7 @@ from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scans
 from mqslam.core.sensors import Gyroscope, Mount, Turning
 from mqslam.core.trajectory import Trajectory
+from mqslam.psi.tracking.plausibility import FEWEST_RETURNS
 
 LEAST_SPEED: Final = 1.0
 """Speed [m/s] above which a wrong scale of odometry, or a wrong length of the range bins, shows."""
@@ -131,6 +132,8 @@ def leave_turns_out(edges: Sequence[Measurement]) -> list[Measurement]:
 
 
 ODOMETRY = "odometry"
+# Covariance [m^2, m^2, rad^2] that is as good as no measurement between two successive scans.
+_CONTRADICTED = np.diag([100.0, 100.0, 10.0])
 _ROUNDS: Final = 10  # rounds of fit and noise; they settle in fewer
 _LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the covariance of exact motions from being singular
 
@@ -212,6 +215,21 @@ def make_odometry_edges(
     disagreement[~converged] = disagreement[converged].mean(axis=0)  # odometry errs as often there, but unseen
     common = spread_common(calibration.list_sigmas(design), converged, span)
     return _state(odometry, calibration.correct(design), alike + disagreement + common)
+
+
+def doubt_contradicted(odometry: Sequence[Measurement], measured: Sequence[Measurement]) -> list[Measurement]:
+    """Returns the motions of odometry; those to scans of many returns that do not fit where odometry puts them are unsure.
+
+    Args:
+        odometry: motions of odometry; there may be none.
+        measured: motions of a front end that looks for scans where odometry puts them, over the same scans.
+    """
+    return [
+        replace(motion, covariance=motion.covariance + _CONTRADICTED)
+        if seen.status is Status.LOST and seen.points >= FEWEST_RETURNS
+        else motion
+        for motion, seen in zip(odometry, measured, strict=bool(odometry))
+    ]
 
 
 def spread_common(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], span: int) -> NDArray[np.float64]:

@@ -88,7 +88,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
         notes.append(f"the lidar's pose on the robot is {mount[0]:.3g} m, {mount[1]:.3g} m, {mount[2]:.3g} rad")
     if odometry is not None and _is_same_motion(trajectory, odometry):
         notes.append("the poses beside the scans are the odometry's: no SLAM corrected them")
-    return LidarRecording(path, "carmen", stamp_scans(stamps, returns), trajectory, odometry, tuple(notes))
+    return LidarRecording.of(path, "carmen", stamp_scans(stamps, returns), trajectory, odometry, tuple(notes))
 
 
 def _choose_scans(

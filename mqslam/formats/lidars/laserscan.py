@@ -104,7 +104,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
             notes.append(f"{what} from {name}, {how}")
             carried[what] = track if mount is None else Trajectory(track.stamps_us, se2.compose(track.poses, mount))
     timed = stamp_scans(stamps, scans)
-    return LidarRecording(path, "laserscan", timed, carried.get("trajectory"), carried.get("odometry"), tuple(notes))
+    return LidarRecording.of(path, "laserscan", timed, carried.get("trajectory"), carried.get("odometry"), tuple(notes))
 
 
 def _choose_topic(path: Path, reader: AnyReader) -> str:

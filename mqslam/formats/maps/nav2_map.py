@@ -20,6 +20,7 @@ from mqslam.formats.poses import mark_places
 _WIDEST_M = 1e3  # no map has wider cells
 _OCCUPIED = 0
 _UNKNOWN = 205
+_FREE = 254
 """Pixels of occupied and of unknown cells. map_server reads a pixel p as the occupancy (255 - p) / 255: 205 gives 0.19608,
 just above the threshold of free cells."""
 _ROWS = 500  # rows of the image that are in memory at a time: a matter of memory only
@@ -45,8 +46,8 @@ class Nav2Map:
 def write_nav2_map(folder: Path, grid: OccupancyGrid, place: Georeference | None = None) -> None:
     """Writes `map.pgm` and `map.yaml` into a folder, in the format of nav2's and ROS 1's map_server.
 
-    A cell is occupied or unknown, never free: that a radar got no return from a place does not show that the place is
-    empty. Planners need `allow_unknown: true` on such a map.
+    A radar's map has no free cells: that a radar got no return from a place does not show that the place is empty. Planners
+    need `allow_unknown: true` on such a map. A lidar's map has free cells.
 
     Args:
         folder: an existing folder.
@@ -60,8 +61,11 @@ def write_nav2_map(folder: Path, grid: OccupancyGrid, place: Georeference | None
     with write_aside(folder / "map.pgm") as aside, aside.open("wb") as file:
         file.write(f"P5\n{columns} {rows}\n255\n".encode("ascii"))
         for end in range(rows, 0, -_ROWS):
-            part = grid.occupied[max(end - _ROWS, 0) : end][::-1]
-            file.write(np.where(part, np.uint8(_OCCUPIED), np.uint8(_UNKNOWN)).data)
+            rows_here = slice(max(end - _ROWS, 0), end)
+            pixels = np.where(grid.occupied[rows_here][::-1], np.uint8(_OCCUPIED), np.uint8(_UNKNOWN))
+            if grid.free is not None:
+                pixels[grid.free[rows_here][::-1]] = _FREE
+            file.write(pixels.data)
             release(grid.occupied)
     settings: dict[str, object] = {
         "image": "map.pgm",

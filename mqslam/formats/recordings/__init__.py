@@ -130,7 +130,7 @@ def _guess_layout(path: Path) -> Layout:
         raise packed
     lidars = importlib.import_module("mqslam.formats.lidars")
     if lidars.recognises(path):
-        raise DataError(path, "is a lidar's recording", "give a radar's; a lidar's can be audited")
+        raise DataError(path, "is a lidar's recording", "give a radar's; run and audit take a lidar's")
     raise DataError(
         path,
         "is no recording in a known layout",

@@ -13,8 +13,6 @@ from mqslam.psi.minimiser import APART_BLUR, APART_SHARE, CORRELATION
 from mqslam.psi.place import PointSet
 from mqslam.psi.score import make_references
 
-# A scan also joins the map when the sensor has rotated by more than this since the nearest keyframe [rad].
-_KEYFRAME_RAD = 0.1
 # A map with fewer keyframes than this takes new ones at shorter distances, because it is thin.
 _GROWN_KEYFRAMES = 8
 
@@ -24,6 +22,7 @@ class Tuning(NamedTuple):
 
     Args:
         keyframe_m: a scan joins the map after this much travel [m]. A map of few keyframes takes scans sooner.
+        keyframe_rad: a scan also joins the map when the sensor has rotated by more than this [rad].
         keyframes: number of scans that the map holds.
         final_width: factor on the final widths s and beta_s where a scan is matched to the map, whose many keyframes scatter
             more than the scans of a window.
@@ -32,23 +31,34 @@ class Tuning(NamedTuple):
         prediction_margin: least beta_s at which a match begins, in units of the error that is expected of its prediction.
         doubtful_psi: a match whose psi per return is more than this many times the usual psi per return may be at a wrong
             minimum. Better matches are then looked for ahead of it, behind it, and rotated to either side.
+        search_rad: least half width of the search for a scan in yaw [rad].
         correlation: number of returns that count as one independent measurement (`mqslam.psi.minimiser.CORRELATION`).
+        sees_part: whether a scan shows only a part of what is around, so that a scan of a sensor that turns shows new things.
+        fades: whether neighbours that were seen less than a revolution before or after a return weigh less.
         apart_share: factor on the weight of a neighbour that was seen from a quite different direction.
         apart_blur: factor on the blur of such a neighbour.
     """
 
     keyframe_m: float = 4.0
+    keyframe_rad: float = 0.1
     keyframes: int = 60
     final_width: float = 1.2
     first_step: int = 1
     prediction_margin: float = 1.0
     doubtful_psi: float = 1.15
+    search_rad: float = 0.0
     correlation: float = CORRELATION
+    sees_part: bool = False
+    fades: bool = True
     apart_share: float = APART_SHARE
     apart_blur: float = APART_BLUR
 
 
 USUAL = Tuning()
+SURFACES = Tuning(
+    keyframe_rad=0.35, final_width=1.0, search_rad=0.7, sees_part=True, fades=False, apart_share=1.0, apart_blur=1.0
+)
+"""The settings for a lidar, to which surfaces look the same from everywhere."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +124,7 @@ class LocalMap:
         moved = se2.wrapped_between(nearest.pose, pose)
         young = min(1.0, len(self._keyframes) / _GROWN_KEYFRAMES)  # a map of few keyframes is thin
         far = np.hypot(moved[0], moved[1]) > young * self._tuning.keyframe_m
-        return bool(far or abs(moved[2]) > _KEYFRAME_RAD)
+        return bool(far or abs(moved[2]) > self._tuning.keyframe_rad)
 
 
 def _join(keyframes: list[_Keyframe]) -> PointSet:

@@ -13,6 +13,7 @@ from mqslam.core.scans import Scan
 from mqslam.psi.correlate import compute_same_m, find_correlation_peaks
 from mqslam.psi.covariance import estimate_covariance, find_weak_directions, fuse, invert, sum_by_object
 from mqslam.psi.minimiser import STABILISER, Minimum, Prior, Search, annealed_scale, final_scale, kernel_of, minimise
+from mqslam.psi.neighbours import mark_near
 from mqslam.psi.place import Beam, PointSet, place
 from mqslam.psi.score import Kernel, PsiEvaluation, Scale, evaluate
 from mqslam.psi.tracking.local_map import USUAL, LocalMap, Tuning
@@ -93,7 +94,9 @@ class Matcher:
         views = {"apart_share": tuning.apart_share, "apart_blur": tuning.apart_blur * self.estimator.blur_m}
         object.__setattr__(self, "matching", self.estimator.model_copy(update=wider))
         object.__setattr__(self, "young", self.settings.model_copy(update=livelier))
-        object.__setattr__(self, "kernel", kernel_of(self.estimator, self.revolution_s)._replace(**views))
+        object.__setattr__(
+            self, "kernel", kernel_of(self.estimator, self.revolution_s if tuning.fades else 0.0)._replace(**views)
+        )
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -149,6 +152,8 @@ class Matcher:
         Returns:
             The best match, and whether another place in the map fits the scan about as well.
         """
+        if self.tuning.sees_part:
+            return self._choose_by_shared(scan, [known, *self._refine_peaks(scan, predicted, into)], into), False
         minima = sorted([known, *self._refine_peaks(scan, predicted, into)], key=lambda minimum: minimum.evaluation.psi)
         best = minima[0]
         elsewhere = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > compute_same_m(self.matching)]
@@ -176,7 +181,7 @@ class Matcher:
         best = min(beside, key=lambda state: self.evaluate(scan, state, into).psi)
         other = self.minimise(scan, best, Prior(best.vector, information), into, _MATCHING_STEPS)
         rise = minimum.evaluation.shares - other.evaluation.shares
-        return other if self._is_distinct(rise, self.place(scan, State(other.state))) else None
+        return other if self._is_distinct(rise, self.place(scan, State(other.state)).points) else None
 
     def measure_covariance(
         self, evaluation: PsiEvaluation, placed: PointSet, predicted: Belief, into: LocalMap
@@ -218,10 +223,31 @@ class Matcher:
         safe = (vectors * np.maximum(values, 0.0)) @ vectors.T / units
         return Belief(State(minimum.state), invert(safe + prior_information, 1.0 / TOLERANCES))
 
-    def _is_distinct(self, rise: NDArray[np.float64], placed: PointSet) -> bool:
+    def _is_distinct(self, rise: NDArray[np.float64], points: NDArray[np.float64]) -> bool:
         """Returns whether the points' shares of psi rise (N,) in sum by more than chance, given the rise of each object."""
-        by_object = sum_by_object(rise[:, None], placed.points, self.matching.cluster_m)
+        by_object = sum_by_object(rise[:, None], points, self.matching.cluster_m)
         return bool(by_object.sum() > _DISTINCT_SIGMAS * np.sqrt(np.sum(by_object**2)))
+
+    def _choose_by_shared(self, scan: Scan, minima: Sequence[Minimum], into: LocalMap) -> Minimum:
+        """Returns the first of several matches, or a later one whose psi is lower by more than chance.
+
+        Two matches are compared by the points that have references in reach at both: a sensor that turns sees new things,
+        which the map does not hold, and which say nothing against the match.
+        """
+        best = minima[0]
+        near = self._mark_near(scan, best, into)
+        for other in minima[1:]:
+            near_other = self._mark_near(scan, other, into)
+            shown = near & near_other
+            rise = best.evaluation.shares[shown] - other.evaluation.shares[shown]
+            if self._is_distinct(rise, self.place(scan, State(other.state)).points[shown]):
+                best, near = other, near_other
+        return best
+
+    def _mark_near(self, scan: Scan, minimum: Minimum, into: LocalMap) -> NDArray[np.bool_]:
+        """Marks the points (N,) of a scan that have a reference in reach of the widest scale at a match."""
+        points = self.place(scan, State(minimum.state)).points
+        return np.asarray(mark_near(into.references.grid, points, self.matching.s_start))
 
     def _stands_out(self, scan: Scan, state: State, direction: NDArray[np.float64], into: LocalMap) -> bool:
         """Returns whether psi is lower at a match than at any shift of the scan along a direction (3,) of the start pose.
@@ -238,7 +264,7 @@ class Matcher:
                 shifted = state.vector.copy()
                 shifted[POSE] += sign * distance / moved * direction
                 rise = self._score(self._place_blindly(scan, State(shifted)), scale, into).shares - here.shares
-                if not self._is_distinct(rise, points):
+                if not self._is_distinct(rise, points.points):
                     return False
         return True
 
@@ -254,7 +280,7 @@ class Matcher:
         """Returns the minima of psi that begin at the peaks of a correlation of scan and map around the prediction."""
         x, y, yaw = np.sqrt(np.diag(predicted.covariance))[:3]
         reach_m = float(np.clip(_SEARCH_SIGMAS * np.hypot(x, y), *_SEARCH_M))
-        reach_rad = float(np.clip(_SEARCH_SIGMAS * yaw, *_SEARCH_RAD))
+        reach_rad = float(np.clip(_SEARCH_SIGMAS * yaw, max(self.tuning.search_rad, _SEARCH_RAD[0]), _SEARCH_RAD[1]))
         own = self.place(scan, State.of(np.zeros(3), predicted.mean.motion)).points
         peaks = find_correlation_peaks(into.references.points, own, predicted.pose, reach_m, reach_rad, self.matching)
         information = predicted.information

@@ -6,6 +6,7 @@ This module also predicts the state and its covariance from one scan to the next
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,12 @@ START_ALPHA = 0.6
 _SIGMA_POSITION_M, _SIGMA_YAW = 0.01, 0.0003
 # Share of an acceleration that is left after one noise period.
 _PERSISTENCE = 0.9
+
+# Error of odometry between two scans that does not depend on the motion [m], [rad], and its error as a share of the motion.
+_GUIDE_M, _GUIDE_RAD, _GUIDE_SHARE = 0.2, 0.01, 0.2
+
+CONTRADICTED: Final = np.diag([1.0, 1.0, 0.1])
+"""Covariance [m^2, m^2, rad^2] of odometry's motion to a scan that does not fit there: wheels that slip err by any motion."""
 
 _DEPENDENT = 1e-6  # singular values of unit vectors below this are rounding
 _HALF = 0.5**0.5  # root of one half: each of the two poses that a motion lies between gets half the motion's variance
@@ -267,6 +274,24 @@ def predict(belief: Belief, dt: float, settings: TrackerConfig) -> Belief:
     velocity = np.array([*(_rotation(pose[2])[:2, :2] @ [vx, vy]), omega])  # velocity by which a wrong stamp moves the pose
     joint[POSE, POSE] += 2.0 * (settings.stamp_sigma_s or 0.0) ** 2 * np.outer(velocity, velocity)
     return Belief(State.of(pose, motion), symmetric(joint))
+
+
+def guide(belief: Belief, twist: se2.Array, dt: float) -> Belief:
+    """Predicts the state by odometry, which may be off by a share of the way and of the turn.
+
+    Args:
+        belief: belief about the state at the start.
+        twist: (3,) mean twist by odometry.
+        dt: how much later [s].
+    """
+    step = se2.exp(twist, dt)
+    pose = se2.compose(belief.pose, step)
+    far, turn = float(np.hypot(step[0], step[1])), abs(float(step[2]))
+    off_m, off_rad = _GUIDE_M + _GUIDE_SHARE * far, _GUIDE_RAD + _GUIDE_SHARE * turn
+    motion = np.square([_SIGMA_VX, SIGMA_VY, START_ALPHA, SIGMA_AX, START_ALPHA])
+    covariance = np.diag(np.r_[off_m**2, off_m**2, off_rad**2, motion])
+    covariance[POSE, POSE] += belief.covariance[POSE, POSE]
+    return Belief(State.at_constant_twist(pose, twist), covariance)
 
 
 def coast(belief: Belief, dt: float, turn_s: float, settings: TrackerConfig) -> Belief:

@@ -20,7 +20,7 @@ from mqslam.psi.tracking.state import limit_step
 from mqslam.psi.tracking.tracker import Tracked, Tracker
 
 # Number of lost scans in a row after which the map is given up and a new one is tried.
-_PATIENCE = 8
+PATIENCE = 8
 # Fewest scans that are measured again. Fewer scans make no better map than the map they were first matched to.
 _YOUNG_LEAST = 6
 
@@ -46,7 +46,7 @@ class Track:
         self._matched = 0  # number of the last scan that was matched
         self._pose = np.zeros(3)  # the pose of that scan
         self._lost: list[int] = []  # scans since the last matched one
-        self._patience = _PATIENCE  # number of lost scans at which a new map is tried
+        self._patience = PATIENCE  # number of lost scans at which a new map is tried
 
     def follow(self) -> Iterator[Tracked]:
         """Yields the tracked scans in their order, each as soon as its result cannot change any more.
@@ -75,7 +75,8 @@ class Track:
         self._tracked[first] = self._tracker.start(head, odometry=_whole(self._find_twist(head[0].t0, head[-1].t1)))
         self._young, self._matched = [first], first
         for n in range(first):
-            self._tracked[n] = self._tracker.look_back(self._scans[n])
+            scan = self._scans[n]
+            self._tracked[n] = self._tracker.look_back(scan, _whole(self._find_twist(scan.t0, head[0].t0)))
 
     def _step(self, k: int) -> int:
         """Tracks scan k, or begins again after a gap or a loss, and returns the number of the next scan to track."""
@@ -119,7 +120,7 @@ class Track:
 
     def _take_as_matched(self, k: int) -> None:
         self._matched, self._pose = k, self._tracked[k].pose
-        self._lost, self._patience = [], _PATIENCE
+        self._lost, self._patience = [], PATIENCE
         if self._young:
             self._young.append(k)
             if len(self._young) == YOUNG_SCANS:

@@ -32,6 +32,7 @@ from mqslam.psi.tracking.local_map import USUAL, LocalMap, Tuning
 from mqslam.psi.tracking.matching import Matcher
 from mqslam.psi.tracking.plausibility import FEWEST_RETURNS, PredictionErrors, Usual, is_usable, overlaps
 from mqslam.psi.tracking.state import (
+    CONTRADICTED,
     LONGEST_COAST_S,
     ORIGIN,
     POSE,
@@ -42,6 +43,7 @@ from mqslam.psi.tracking.state import (
     LastMatch,
     State,
     correct_motion,
+    guide,
     hold_directions,
     list_motion_noise,
     predict,
@@ -113,6 +115,7 @@ class Tracker:
             nearest in time.
         tuning: how scans are matched to the map.
         is_reversed: whether the recording is played backward, so that speeds have the opposite sign.
+        is_guided: whether a scan is predicted by odometry, where there is any, in place of the motion so far.
     """
 
     def __init__(
@@ -125,7 +128,9 @@ class Tracker:
         tuning: Tuning = USUAL,
         *,
         is_reversed: bool = False,
+        is_guided: bool = False,
     ) -> None:
+        self._is_guided = is_guided
         self._settings, self._tuning, self._chosen = settings, tuning, keyframes
         self._matcher = Matcher(settings, estimator, beam, revolution_s, tuning, is_reversed)
         self._map = LocalMap(tuning, keyframes)
@@ -152,19 +157,26 @@ class Tracker:
         if not all(is_usable(scan) for scan in scans):
             counts = ", ".join(str(len(scan.returns)) for scan in scans)
             raise FewReturnsError(f"the first scans hold {counts} returns, and {FEWEST_RETURNS} in each are needed")
-        first = find_first_motion(scans, self._matcher, begin, odometry)
+        first = self._follow_odometry(odometry) or find_first_motion(scans, self._matcher, begin, odometry)
         changed = np.diag(list_motion_noise(self._matcher.young) ** 2)  # the motion may change while these scans last
         if first.observed:
             self._last = replace(self._last, blind=Blindness.none())
         return self._begin_map(scans[0], replace_motion(ORIGIN, first.motion, changed + first.covariance), Status.CONVERGED)
 
-    def look_back(self, scan: Scan) -> Tracked:
-        """Predicts the pose of a scan that lies before the start of the track because it holds too few returns."""
+    def look_back(self, scan: Scan, twist: se2.Array | None = None) -> Tracked:
+        """Predicts the pose of a scan that lies before the start of the track because it holds too few returns.
+
+        Args:
+            scan: the scan.
+            twist: (3,) mean twist from the scan to the start of the track by odometry, or None.
+        """
+        if self._is_guided and twist is not None:
+            return self._pass_over(scan, guide(self._last.belief, twist, scan.t0 - self._last.t0))
         return self._pass_over(scan, predict(self._last.belief, scan.t0 - self._last.t0, self._settings))
 
     def loses(self, scan: Scan) -> bool:
         """Returns whether so much time has passed since the last match that a prediction may miss the scan's place."""
-        if self._last.is_before(scan):
+        if self._is_guided or self._last.is_before(scan):
             return False
         spread = np.linalg.eigvalsh(self._last.predict(scan, self._settings).covariance[:2, :2])[-1]
         return bool(spread > compute_pixel_m(self._matcher.estimator) ** 2)
@@ -179,13 +191,18 @@ class Tracker:
         """
         matcher, last = self._matcher, self._last
         predicted = last.predict(scan, matcher.young if self._prediction_errors.is_young else self._settings)
+        if self._is_guided and twist is not None and np.isfinite(twist).all():
+            predicted = guide(last.belief, twist, scan.t0 - last.t0)
         begin = Belief(self._move_by(twist, predicted.mean, scan), predicted.covariance)
         if not is_usable(scan):
             return self._pass_over(scan, begin)
         prior = predicted.prior
         minimum = matcher.minimise(scan, predicted.mean, prior, self._map, self._prediction_errors.choose_step())
         if self._usual.is_doubtful(minimum, self._tuning.doubtful_psi):
-            minimum = matcher.look_beside(scan, minimum, prior.information, self._map) or minimum
+            if self._is_guided:  # wheels that slip may be off by any motion
+                minimum, _ = matcher.search(scan, begin, self._map, minimum)
+            else:
+                minimum = matcher.look_beside(scan, minimum, prior.information, self._map) or minimum
         if self._is_out_of_place(minimum):
             minimum, _ = matcher.search(scan, begin, self._map, minimum)
         if self._is_out_of_place(minimum):
@@ -209,8 +226,11 @@ class Tracker:
             twist: (3,) mean twist across the gap according to odometry, or None.
         """
         scan, before, dt = scans[0], self._last.pose, scans[0].t0 - self._last.t0
-        bridged = self._last.predict(scan, self._settings)
-        after = self._find_motion_after(scans, bridged)
+        if self._is_guided and twist is not None:
+            bridged, after = guide(self._last.belief, twist, dt), self._follow_odometry(twist)
+        else:
+            bridged = self._last.predict(scan, self._settings)
+            after = self._find_motion_after(scans, bridged)
         if after is not None:
             # the motion before a pause or a jump of the clock tells nothing of the motion after it
             join = correct_motion if dt <= LONGEST_COAST_S else replace_motion
@@ -244,6 +264,8 @@ class Tracker:
             tracked: what `start`, `follow` or `resume` returned for them.
         """
         matcher, half, results = self._matcher, len(scans) // 2, list(tracked)
+        if self._is_guided:  # odometry predicted these scans as well as all others
+            return results
         around = LocalMap(self._tuning)
         for scan, t in zip(scans[half:], tracked[half:], strict=True):
             around.add(t.t0, t.pose, matcher.place(scan, t.state))
@@ -286,6 +308,12 @@ class Tracker:
         mean = np.where(np.isfinite(twist), twist, se2.log(se2.wrapped_between(self._last.pose, state.pose)) / dt)
         return State.at_constant_twist(se2.compose(self._last.pose, se2.exp(mean, dt)), mean)
 
+    def _follow_odometry(self, twist: se2.Array | None) -> FirstMotion | None:
+        """Returns the motion of the first scans as odometry states it (3,), or None if the track does not follow odometry."""
+        if not self._is_guided or twist is None:
+            return None
+        return FirstMotion(np.r_[twist, 0.0, 0.0], np.diag(list_motion_noise(self._settings) ** 2), 1.0, observed=True)
+
     def _find_motion_after(self, scans: Sequence[Scan], predicted: Belief) -> FirstMotion | None:
         """Finds the motion of the scans after a gap from these scans alone; returns None where they do not show it."""
         if len(scans) < 2 or not all(is_usable(scan) for scan in scans):
@@ -326,12 +354,14 @@ class Tracker:
     def _pass_over(self, scan: Scan, predicted: Belief) -> Tracked:
         """Follows the prediction for a scan of too few returns."""
         unmatched = self._matcher.evaluate(scan, predicted.mean, self._map)
-        return self._miss(scan, predicted, Minimum(predicted.mean.vector, unmatched, converged=False))
+        passed = self._miss(scan, predicted, Minimum(predicted.mean.vector, unmatched, converged=False))
+        return replace(passed, unseen=predicted.covariance[POSE, POSE])
 
     def _miss(self, scan: Scan, predicted: Belief, minimum: Minimum) -> Tracked:
         """Follows the prediction, at constant twist, for a scan that does not match the map."""
         state = State.at_constant_twist(predicted.pose, predicted.mean.twist)
-        return Tracked(scan.t0, state, np.zeros((3, 3)), predicted.covariance[POSE, POSE], minimum.evaluation, Status.LOST)
+        unseen = predicted.covariance[POSE, POSE] + (CONTRADICTED if self._is_guided else 0.0)
+        return Tracked(scan.t0, state, np.zeros((3, 3)), unseen, minimum.evaluation, Status.LOST)
 
     def _is_out_of_place(self, minimum: Minimum) -> bool:
         """Returns whether a match is so much poorer than usual that it is probably wrong."""

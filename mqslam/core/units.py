@@ -1,0 +1,86 @@
+"""Units of length: carries scans, tracks and measurements between metres and another unit.
+
+The method's lengths (widths of the score, spacing of keyframes, reach of loops) fit what a radar sees in streets. A robot
+with a lidar in rooms sees the same world, several times smaller. Its recording is therefore solved in a unit of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.config import Config
+from mqslam.core import se2
+from mqslam.core.measurement import Measurement, Tie
+from mqslam.core.trajectory import Trajectory
+
+T = TypeVar("T", bound=Tie)
+
+# Settings that are lengths or speeds, besides those whose names end with the unit.
+_LENGTHS: Final = {
+    *(("estimator", key) for key in ("s", "s_start", "beta_s", "beta_s_start")),
+    *(("psi", key) for key in ("s", "beta_s", "tau")),
+    ("tracker", "speed_max"),
+}
+_NOT_LENGTHS: Final = {"range_resolution_m", "range_offset_m", "min_range_m", "max_range_m"}  # the sensor's own
+
+
+def scale_pose(pose: se2.Array, factor: float) -> se2.Array:
+    """Multiplies the lengths of poses (..., 3) by a factor."""
+    return pose * np.array([factor, factor, 1.0])
+
+
+def scale_covariance(covariance: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
+    """Multiplies the lengths of covariances (..., 3, 3) of x, y and yaw by a factor."""
+    lengths = np.array([factor, factor, 1.0])
+    return np.asarray(covariance * np.outer(lengths, lengths))
+
+
+def scale_track(track: Trajectory, factor: float) -> Trajectory:
+    """Multiplies the lengths of a trajectory by a factor."""
+    return Trajectory(track.stamps_us, scale_pose(track.poses, factor))
+
+
+def scale_measurement(motion: Measurement, factor: float) -> Measurement:
+    """Multiplies the lengths of a measured motion by a factor."""
+    pose, apart = scale_pose(motion.pose, factor), scale_pose(motion.apart, factor)
+    return replace(motion, pose=pose, covariance=scale_covariance(motion.covariance, factor), apart=apart)
+
+
+def scale_tie(tie: T, factor: float) -> T:
+    """Multiplies the lengths of a tie or loop by a factor."""
+    return replace(tie, pose=scale_pose(tie.pose, factor), covariance=scale_covariance(tie.covariance, factor))
+
+
+def scale_settings(config: Config, factor: float) -> Config:
+    """Multiplies by a factor all settings that are lengths or speeds, and that are set."""
+    changed = {}
+    for name, section in config:
+        lengths = {key for key in type(section).model_fields if key.endswith("_m") or (name, key) in _LENGTHS}
+        values = {key: getattr(section, key) for key in lengths - _NOT_LENGTHS if getattr(section, key) is not None}
+        changed[name] = section.model_copy(update={key: factor * value for key, value in values.items()})
+    return config.model_copy(update=changed)
+
+
+def fit_settings(config: Config, usual: Config, unit_m: float) -> Config:
+    """Replaces the settings that were left at their defaults by those that are usual for a sensor, with lengths in its unit.
+
+    Args:
+        config: settings as they were given.
+        usual: settings that are usual for the sensor, in which lengths that differ from the defaults are in metres.
+        unit_m: unit of the recording [m], by which all other lengths are multiplied.
+    """
+    defaults, scaled, changed = Config(), scale_settings(Config(), unit_m), {}
+    for name, section in config:
+        values = {}
+        for key in type(section).model_fields:
+            given, own, default = (getattr(one, key) for one in (section, getattr(usual, name), getattr(defaults, name)))
+            if given != default:
+                values[key] = given
+            else:
+                values[key] = own if own != default else getattr(getattr(scaled, name), key)
+        changed[name] = section.model_copy(update=values)
+    return config.model_copy(update=changed)

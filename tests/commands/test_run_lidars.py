@@ -1,0 +1,87 @@
+"""Planar lidars go through `run`: CARMEN logs and bags of laser scans, with wheels as odometry."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.recordings import bag_path
+from support.rooms import slip, write_bag, write_carmen
+
+import mqslam
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
+from mqslam.formats.maps.nav2_map import read_nav2_map
+from mqslam.formats.tum import read_tum
+
+PLANAR = Path(__file__).parents[3] / "shared" / "data" / "planar"
+JUDGE = Path(__file__).parents[3] / "shared" / "tools" / "score_relations.py"
+
+
+def largest_error_m(track: Trajectory, truth: Trajectory) -> float:
+    """Returns the largest distance [m] of a track's poses from the true ones, both seen from the first pose."""
+    true = truth.at(track.stamps_us)
+    off = se2.between(track.poses[0], track.poses)[:, :2] - se2.between(true[0], true)[:, :2]
+    return float(np.hypot(*off.T).max())
+
+
+@pytest.fixture(scope="module")
+def carmen(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Trajectory]:
+    folder = tmp_path_factory.mktemp("carmen")
+    truth = write_carmen(folder / "rooms.log")
+    mqslam.run(folder / "rooms.log", folder / "out")
+    return folder / "out", truth
+
+
+def test_a_carmen_log_becomes_a_trajectory_far_better_than_its_wheels(carmen: tuple[Path, Trajectory]) -> None:
+    out, truth = carmen
+    assert largest_error_m(slip(truth), truth) > 1.0
+    assert largest_error_m(read_tum(out / "trajectory.tum"), truth) < 0.1
+
+
+def test_every_scan_has_a_pose_though_scans_at_rest_are_not_solved(carmen: tuple[Path, Trajectory]) -> None:
+    out, truth = carmen
+    np.testing.assert_array_equal(read_tum(out / "trajectory.tum").stamps_us, truth.stamps_us)
+
+
+def test_a_run_of_rooms_leaves_all_files_and_judges_its_map_good(carmen: tuple[Path, Trajectory]) -> None:
+    out, _ = carmen
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["verdict"]["status"] in ("pass", "warn")
+    assert summary["factors"]["loop"] > 0
+    for name in ("map.pgm", "map.yaml", "map.ply", "graph.g2o", "covariances.csv", "report.html", "run.log"):
+        assert (out / name).stat().st_size > 0
+
+
+def test_the_map_of_rooms_is_free_along_the_way_and_occupied_at_walls(carmen: tuple[Path, Trajectory]) -> None:
+    out, _ = carmen
+    made, track = read_nav2_map(out / "map.yaml"), read_tum(out / "trajectory.tum")
+    columns, rows = ((track.poses[:, :2] - made.origin[:2]) / made.resolution).astype(int).T
+    assert np.mean(made.cells[rows, columns] == 0) > 0.95
+    wall = np.arange(-1.5, 7.5, made.resolution)  # the outer wall on the right, which is 2 m to the right of the start
+    columns, row = ((wall - made.origin[0]) / made.resolution).astype(int), int((-2.0 - made.origin[1]) / made.resolution)
+    assert np.mean((made.cells[row - 1 : row + 2, columns] == 100).any(axis=0)) > 0.8
+
+
+def test_a_bag_of_laser_scans_becomes_a_trajectory(tmp_path: Path) -> None:
+    path = bag_path(tmp_path, "ros2")
+    truth = write_bag(path, "ros2")
+    mqslam.run(path, tmp_path / "out")
+    assert largest_error_m(read_tum(tmp_path / "out" / "trajectory.tum"), truth) < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "most_m"), [("fr079", 0.06)])
+def test_a_real_run_meets_its_verified_relations(tmp_path: Path, name: str, most_m: float) -> None:
+    log, relations = PLANAR / f"{name}.log.gz", PLANAR / f"{name}.relations.gz"
+    if not log.exists() or not JUDGE.exists():
+        pytest.skip(f"no {log} or no {JUDGE}")
+    mqslam.run(log, tmp_path / "out")
+    command = [sys.executable, str(JUDGE), str(tmp_path / "out" / "trajectory.tum"), str(relations), "--json"]
+    scored = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    assert scored["scored"] > 1600
+    assert scored["metres"][0] < most_m
