@@ -207,7 +207,7 @@ def rejoin(motions: Sequence[Measurement]) -> list[Measurement]:
     on_map = np.array([motion.on_map for motion in motions], dtype=np.bool_)
     edges = np.flatnonzero(np.diff(np.r_[True, on_map, True].astype(np.int8)))
     for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        if 0 < begin and end < len(motions) and end - begin < PATIENCE:
+        if begin > 0 and end < len(motions) and end - begin < PATIENCE:
             on_map[begin:end] = True
     return [replace(motion, on_map=bool(kept)) for motion, kept in zip(motions, on_map, strict=True)]
 
