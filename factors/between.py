@@ -89,29 +89,49 @@ def prior(key: int, pose: se2.Array) -> gtsam.PriorFactorPose2:
     return gtsam.PriorFactorPose2(key, gtsam.Pose2(*pose), noise)
 
 
-def is_loop(factor: gtsam.NonlinearFactor) -> bool:
-    """Returns whether a factor has the loss of a loop between planar poses."""
+def _find_loop_noise(factor: gtsam.NonlinearFactor) -> gtsam.noiseModel.Gaussian | None:
+    """Returns the Gaussian noise under Cauchy's loss of a loop between planar poses; None for any other factor."""
     noise = factor.noiseModel() if isinstance(factor, gtsam.BetweenFactorPose2) else None
-    return isinstance(noise, gtsam.noiseModel.Robust) and isinstance(noise.robust(), _LOSSES.Cauchy)
+    if not isinstance(noise, gtsam.noiseModel.Robust) or not isinstance(noise.robust(), _LOSSES.Cauchy):
+        return None
+    gaussian = noise.noise()
+    assert isinstance(gaussian, gtsam.noiseModel.Gaussian)
+    return gaussian
 
 
-def hold_firmly(loop: gtsam.BetweenFactorPose2) -> gtsam.BetweenFactorPose2:
-    """Returns the factor of a loop with Huber's loss in place of Cauchy's."""
-    noise = gtsam.noiseModel.Robust.Create(_LOSSES.Huber.Create(HUBER), loop.noiseModel().noise())
-    return gtsam.BetweenFactorPose2(*loop.keys(), loop.measured(), noise)
+def measure_loop_offset(factor: gtsam.NonlinearFactor, values: gtsam.Values) -> float:
+    """Returns how far a loop is off [standard deviations]; zero for any other factor."""
+    gaussian = _find_loop_noise(factor)
+    if gaussian is None:
+        return 0.0
+    assert isinstance(factor, gtsam.BetweenFactorPose2)
+    return float(np.linalg.norm(gaussian.whiten(factor.unwhitenedError(values))))
+
+
+def hold_firmly(factor: gtsam.NonlinearFactor) -> gtsam.NonlinearFactor:
+    """Returns the factor of a loop with Huber's loss in place of Cauchy's; other factors are returned unchanged."""
+    gaussian = _find_loop_noise(factor)
+    if gaussian is None:
+        return factor
+    assert isinstance(factor, gtsam.BetweenFactorPose2)
+    a, b = factor.keys()
+    return gtsam.BetweenFactorPose2(
+        a, b, factor.measured(), gtsam.noiseModel.Robust.Create(_LOSSES.Huber.Create(HUBER), gaussian)
+    )
 
 
 def scale_factor(factor: gtsam.NonlinearFactor, scale: float) -> gtsam.NonlinearFactor:
     """Multiplies the lengths of a between-factor or a prior of planar poses by a scale; its errors weigh as before."""
     if isinstance(factor, gtsam.PriorFactorPose2):
         return prior(factor.keys()[0], scale_vector(factor.prior(), scale))
+    assert isinstance(factor, gtsam.BetweenFactorPose2)
     a, b = factor.keys()
     noise = factor.noiseModel()
-    robust = isinstance(noise, gtsam.noiseModel.Robust)
+    gaussian = noise.noise() if isinstance(noise, gtsam.noiseModel.Robust) else noise
+    assert isinstance(gaussian, gtsam.noiseModel.Gaussian)
     lengths = np.array([scale, scale, 1.0])
-    gaussian = noise.noise() if robust else noise
     scaled: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(gaussian.covariance() * np.outer(lengths, lengths))
-    if robust:
+    if isinstance(noise, gtsam.noiseModel.Robust):
         scaled = gtsam.noiseModel.Robust.Create(noise.robust(), scaled)
     return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*scale_vector(factor.measured(), scale)), scaled)
 

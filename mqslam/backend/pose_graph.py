@@ -12,7 +12,7 @@ from gtsam.symbol_shorthand import M, X
 
 from mqslam.core import se2
 from mqslam.errors import describe_error, raise_interrupt
-from mqslam.factors.between import CAUCHY, hold_firmly, is_loop, prior, scale_factor, scale_vector
+from mqslam.factors.between import CAUCHY, hold_firmly, measure_loop_offset, prior, scale_factor, scale_vector
 
 # numerical limits, which change no exact result
 _RELATIVE_ERROR: Final = 1e-9  # relative change of the graph's error below which the optimiser stops
@@ -118,24 +118,14 @@ def optimise(graph: PoseGraph) -> Optimum:
 
 def _leaves_loops_out(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> bool:
     """Returns whether some loop is so far off that it has hardly any pull."""
-    for k in range(factors.size()):
-        factor = factors.at(k)
-        if is_loop(factor) and np.linalg.norm(factor.unwhitenedError(values) / _sigmas(factor)) > _LEFT_OUT * CAUCHY:
-            return True
-    return False
-
-
-def _sigmas(factor: gtsam.NoiseModelFactor) -> np.ndarray:
-    """Returns the standard deviations (3,) of a factor with a robust loss."""
-    return np.sqrt(np.diag(factor.noiseModel().noise().covariance()))
+    return any(measure_loop_offset(factors.at(k), values) > _LEFT_OUT * CAUCHY for k in range(factors.size()))
 
 
 def _pull_firmly(factors: gtsam.NonlinearFactorGraph) -> gtsam.NonlinearFactorGraph:
     """Returns the factors with Huber's loss for loops: however far off a loop is, it pulls as strongly as a nearer one."""
     firm = gtsam.NonlinearFactorGraph()
     for k in range(factors.size()):
-        factor = factors.at(k)
-        firm.push_back(hold_firmly(factor) if is_loop(factor) else factor)
+        firm.push_back(hold_firmly(factors.at(k)))
     return firm
 
 

@@ -30,7 +30,7 @@ _NOT_LENGTHS: Final = {"range_resolution_m", "range_offset_m", "min_range_m", "m
 
 def scale_pose(pose: se2.Array, factor: float) -> se2.Array:
     """Multiplies the lengths of poses (..., 3) by a factor."""
-    return pose * np.array([factor, factor, 1.0])
+    return np.asarray(pose * np.array([factor, factor, 1.0]))
 
 
 def scale_covariance(covariance: NDArray[np.float64], factor: float) -> NDArray[np.float64]:

@@ -90,7 +90,7 @@ def _spread(table: NDArray[np.float64], widest: float, steepest: float, spacing:
 @nb.njit(cache=True, inline="always")
 def _turn(azimuth: float, x: float, y: float) -> float:
     """Returns the angle from an azimuth [rad] to the direction of a point, within half a turn."""
-    return (np.arctan2(y, x) - azimuth + np.pi) % (2.0 * np.pi) - np.pi
+    return float((np.arctan2(y, x) - azimuth + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def find_step(scans: Scans) -> float:
@@ -100,7 +100,7 @@ def find_step(scans: Scans) -> float:
 
 
 def prepare(recording: LidarRecording, odometry: Trajectory | None) -> LidarRecording:
-    """Returns a lidar's recording as it is solved: points spread evenly, without scans between which the sensor hardly moves.
+    """Returns a lidar's recording as it is solved: points lie evenly, and scans at rest are left out.
 
     Args:
         recording: the recording as it was read.
@@ -118,7 +118,7 @@ def prepare(recording: LidarRecording, odometry: Trajectory | None) -> LidarReco
 def measure_unit(scans: Scans) -> float:
     """Returns the length [m] that is to what a lidar sees as a metre is to what a radar sees in a street.
 
-    It is measured by the usual range of what is seen, in which every beam counts by the length of surface that it stands for.
+    It follows from the usual range of what is seen. Every beam counts by the length of surface that it stands for.
     """
     ranges = np.sort(np.concatenate([scan.returns.ranges for scan in scans]))
     surface = np.cumsum(ranges)

@@ -33,7 +33,7 @@ class Tuning(NamedTuple):
             minimum. Better matches are then looked for ahead of it, behind it, and rotated to either side.
         search_rad: least half width of the search for a scan in yaw [rad].
         correlation: number of returns that count as one independent measurement (`mqslam.psi.minimiser.CORRELATION`).
-        sees_part: whether a scan shows only a part of what is around, so that a scan of a sensor that turns shows new things.
+        sees_part: whether a scan shows only a part of what is around, so that a sensor that turns sees new things.
         fades: whether neighbours that were seen less than a revolution before or after a return weigh less.
         apart_share: factor on the weight of a neighbour that was seen from a quite different direction.
         apart_blur: factor on the blur of such a neighbour.

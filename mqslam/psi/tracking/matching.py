@@ -94,9 +94,8 @@ class Matcher:
         views = {"apart_share": tuning.apart_share, "apart_blur": tuning.apart_blur * self.estimator.blur_m}
         object.__setattr__(self, "matching", self.estimator.model_copy(update=wider))
         object.__setattr__(self, "young", self.settings.model_copy(update=livelier))
-        object.__setattr__(
-            self, "kernel", kernel_of(self.estimator, self.revolution_s if tuning.fades else 0.0)._replace(**views)
-        )
+        revolution_s = self.revolution_s if tuning.fades else 0.0
+        object.__setattr__(self, "kernel", kernel_of(self.estimator, revolution_s)._replace(**views))
 
     @property
     def speeds(self) -> tuple[float, float]:

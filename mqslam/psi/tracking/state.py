@@ -55,7 +55,7 @@ _PERSISTENCE = 0.9
 _GUIDE_M, _GUIDE_RAD, _GUIDE_SHARE = 0.2, 0.01, 0.2
 
 CONTRADICTED: Final = np.diag([1.0, 1.0, 0.1])
-"""Covariance [m^2, m^2, rad^2] of odometry's motion to a scan that does not fit there: wheels that slip err by any motion."""
+"""Covariance [m^2, m^2, rad^2] of odometry's motion to a scan that does not fit there, as where wheels slip."""
 
 _DEPENDENT = 1e-6  # singular values of unit vectors below this are rounding
 _HALF = 0.5**0.5  # root of one half: each of the two poses that a motion lies between gets half the motion's variance

@@ -309,7 +309,7 @@ class Tracker:
         return State.at_constant_twist(se2.compose(self._last.pose, se2.exp(mean, dt)), mean)
 
     def _follow_odometry(self, twist: se2.Array | None) -> FirstMotion | None:
-        """Returns the motion of the first scans as odometry states it (3,), or None if the track does not follow odometry."""
+        """Returns the motion of the first scans by odometry (3,); None if the track does not follow odometry."""
         if not self._is_guided or twist is None:
             return None
         return FirstMotion(np.r_[twist, 0.0, 0.0], np.diag(list_motion_noise(self._settings) ** 2), 1.0, observed=True)
