@@ -28,7 +28,7 @@ from mqslam.core.sensors import NO_SENSORS, RADAR, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.units import fit_settings
 from mqslam.detection.surfaces import prepare
-from mqslam.errors import Remedy, tolerate
+from mqslam.errors import ConfigError, Remedy, tolerate
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import claim_folder, write_folder_aside
@@ -169,6 +169,9 @@ def open_job(
         DataError: the recording, the odometry or a sensor's file cannot be used.
     """
     if format is None and data.exists() and lidars.recognises(data):
+        if span != WHOLE or inputs != replace(USUAL_INPUTS, odometry=inputs.odometry) or range_resolution is not None:
+            problem = "a lidar's recording is run as a whole, with odometry as its only other sensor"
+            raise ConfigError(f"{data}: {problem}; leave out begin, end, range resolution, sensors, extrinsics and frame")
         return _open_lidar(data, settings, frontend, inputs)
     recording = open_data(data, format, range_resolution, settings, strict=strict, span=span)
     chosen = choose_sensors(recording, inputs)

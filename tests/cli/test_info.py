@@ -100,13 +100,13 @@ def test_paths_with_brackets_are_shown_as_they_are(tmp_path: Path) -> None:
     assert table_of(mqslam("info", drive).out)["path"] == str(drive)
 
 
-def test_a_lidars_log_is_described_and_sent_to_the_audit(tmp_path: Path) -> None:
+def test_a_lidars_log_is_described_and_a_check_of_it_refused(tmp_path: Path) -> None:
     log = tmp_path / "scans.log"
     scan = " ".join(["2.5"] * 180)
     log.write_text("".join(f"FLASER 180 {scan} {k} 0 0 {k} 0 0 {10 + k}.5 host {k}\n" for k in range(4)))
     facts = json.loads(mqslam("info", log, "--json").out)
     assert (facts["format"], facts["scans"], facts["duration_s"], facts["returns"]) == ("carmen", 4, 3.0, 180.0)
     assert facts["recording"] == {"poses": 4, "length_m": 3.0}
-    assert "recorded by a lidar: mqslam audit judges its map" in mqslam("info", log).out
-    shown = mqslam("run", log, "--out", tmp_path / "out")
+    assert "recorded by a lidar: mqslam run makes its map, mqslam audit judges one" in mqslam("info", log).out
+    shown = mqslam("check", log)
     assert shown.code == 2 and "is a lidar's recording; give a radar's" in shown.err

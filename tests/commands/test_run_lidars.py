@@ -15,6 +15,7 @@ from support.rooms import slip, write_bag, write_carmen
 import mqslam
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
+from mqslam.errors import ConfigError
 from mqslam.formats.maps.nav2_map import read_nav2_map
 from mqslam.formats.tum import read_tum
 
@@ -85,3 +86,9 @@ def test_a_real_run_meets_its_verified_relations(tmp_path: Path, name: str, most
     scored = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
     assert scored["scored"] > 1600
     assert scored["metres"][0] < most_m
+
+
+def test_a_part_of_a_lidars_recording_is_refused(tmp_path: Path) -> None:
+    write_carmen(tmp_path / "rooms.log")
+    with pytest.raises(ConfigError, match="run as a whole"):
+        mqslam.run(tmp_path / "rooms.log", tmp_path / "out", start_s=5.0)
