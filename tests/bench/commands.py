@@ -41,6 +41,12 @@ def run(data: Path, out: Path, *options: str) -> Path:
     return out
 
 
+def run_by_default(data: Path, out: Path) -> Path:
+    """Runs the whole method with what the recording holds; returns the folder of the results."""
+    _call("run", data, "--out", out)
+    return out
+
+
 def run_without_loops(data: Path, out: Path) -> Path:
     """Runs the whole method but its search for loops by radar alone; returns the folder of the results.
 

@@ -7,6 +7,7 @@ from bench.benchmarks import (
     maps,
     own_graph,
     places,
+    planar,
     ranges,
     real,
     robustness,
@@ -18,7 +19,7 @@ from bench.benchmarks import (
 )
 
 _MODULES = (
-    *(audits, costs, front_ends, maps, own_graph, places, ranges, real, robustness, runs, sensors, uncertainty),
+    *(audits, costs, front_ends, maps, own_graph, places, planar, ranges, real, robustness, runs, sensors, uncertainty),
     *(workers, worlds),
 )
 _KNOWN = {name: benchmark for module in _MODULES for name, benchmark in module.BENCHMARKS.items()}

@@ -1,0 +1,84 @@
+"""Runs of planar lidars with relations that people verified by hand, beside published figures."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from bench.benchmark import Benchmark, Bound, Cell, Column, Goal, Row, label
+from bench.commands import read_json, run_by_default
+from bench.recordings import SHARED, shared
+
+_NAMES = ("intel", "fr079")
+_OURS = "psi"
+# Published by Kuemmerle et al. 2009 (scan matching, RBPF, Graph Mapping), and by Hess et al. 2016 (Cartographer): metres and
+# degrees of all relations.
+_PUBLISHED = {
+    "intel": {"Graph Mapping": (0.031, 1.3), "Cartographer": (0.0229, 0.453), "RBPF": (0.070, None)},
+    "fr079": {"Graph Mapping": (0.056, 0.6), "Cartographer": (0.0452, 0.538), "RBPF": (0.061, None)},
+}
+_MOST = {"intel": (0.030, 0.6), "fr079": (0.045, 0.55)}  # bounds on metres and degrees of all relations
+_MOST_BY_LOOPS_M = 0.05
+
+
+def _measure(out: Path) -> list[Row]:
+    rows = []
+    for name in _NAMES:
+        folder = run_by_default(shared(SHARED / "data" / "planar" / f"{name}.log.gz"), out / name)
+        summary = read_json(folder / "summary.json")
+        dataset = summary["dataset"]
+        cells: dict[str, Cell] = {
+            "run": name,
+            "method": _OURS,
+            **_score(folder / "trajectory.tum", name),
+            "verdict": summary["verdict"]["status"],
+            "real_time": dataset["duration_s"] / summary["runtime_s"]["total"],
+        }
+        rows.append(Row(cells))
+        rows.append(Row({"run": name, "method": "wheels", **_score(folder / "odometry.tum", name)}, judged=False))
+        for method, (metres, degrees) in _PUBLISHED[name].items():
+            rows.append(Row({"run": name, "method": method, "metres": metres, "degrees": degrees}, judged=False))
+    return rows
+
+
+def _score(trajectory: Path, name: str) -> dict[str, Cell]:
+    """Scores a trajectory, a TUM file, as the judge of shared material scores it."""
+    judge = shared(SHARED / "tools" / "score_relations.py")
+    words = [sys.executable, str(judge), str(trajectory), str(shared(SHARED / "data" / "planar" / f"{name}.relations.gz"))]
+    found = json.loads(subprocess.run([*words, "--json"], capture_output=True, check=True, text=True).stdout)
+    (metres, metres_sd), (degrees, _), (by_loops, _) = (found[key] for key in ("metres", "degrees", "loops_metres"))
+    return {
+        "scored": f"{found['scored']} of {found['of']}",
+        "metres": metres,
+        "metres_sd": metres_sd,
+        "degrees": degrees,
+        "by_loops": by_loops,
+    }
+
+
+BENCHMARKS = {
+    "planar": Benchmark(
+        what="Two public runs of planar lidars by default settings: the mean error of relations that people verified, all of "
+        "them and those with over a minute between their ends, beside published figures, which are not measured here.",
+        data="real",
+        columns=(
+            label("run", "run"),
+            label("method", "method"),
+            Column("scored", "relations", "{}"),
+            Column("metres", "[m]", "{:.4f}", Goal.LOW),
+            Column("metres_sd", "sd [m]", "{:.3f}"),
+            Column("degrees", "[deg]", "{:.3f}", Goal.LOW),
+            Column("by_loops", "of loops [m]", "{:.4f}", Goal.LOW),
+            Column("verdict", "verdict", "{}"),
+            Column("real_time", "times real time", "{:.1f}"),
+        ),
+        measure=_measure,
+        bounds=(
+            *(Bound("metres", {"run": name, "method": _OURS}, most=_MOST[name][0]) for name in _NAMES),
+            *(Bound("degrees", {"run": name, "method": _OURS}, most=_MOST[name][1]) for name in _NAMES),
+            Bound("by_loops", {"method": _OURS}, most=_MOST_BY_LOOPS_M),
+        ),
+    ),
+}
