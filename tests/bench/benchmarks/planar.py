@@ -60,8 +60,8 @@ def _score(trajectory: Path, name: str) -> dict[str, Cell]:
 
 BENCHMARKS = {
     "planar": Benchmark(
-        what="Two public runs of planar lidars by default settings: the mean error of relations that people verified, all of "
-        "them and those with over a minute between their ends, beside published figures, which are not measured here.",
+        what="Two public runs of planar lidars by default settings: the mean error of relations that people verified, all "
+        "of them and those with over a minute between their ends, beside published figures, which are not measured here.",
         data="real",
         columns=(
             label("run", "run"),
