@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -83,7 +83,9 @@ class ReversedScans(Sequence[Scan]):
 
 def are_instants(scans: Sequence[Scan]) -> bool:
     """Returns whether all returns of a scan have the scan's time, as a lidar's without a time per beam have."""
-    return all(bool(np.all(scan.returns.times == scan.t0)) for scan in scans)
+    seen = (scan for scan in scans if len(scan.returns) > 1)  # a single return does not show how long a scan lasts
+    first = next(seen, None)
+    return first is not None and all(bool(np.all(scan.returns.times == scan.t0)) for scan in chain([first], seen))
 
 
 def follows_at_once(scan: Scan, after: Scan) -> bool:
