@@ -126,8 +126,9 @@ def psi_factors(
 ) -> PsiFactors:
     """Measures the motion in a recording and returns it as the factors of a run, for a GTSAM graph of the user's own.
 
-    A run without loops has the same factors, and therefore the same optimum and marginals. The recording's gyroscope and
-    GNSS receiver are not used: their factors are left to the user.
+    A run without loops has the same factors, and therefore the same optimum. Its marginals contain the error of the scale
+    that all lengths of the radar share, too; factors, whose errors are independent, cannot hold it. The recording's
+    gyroscope and GNSS receiver are not used: their factors are left to the user.
     A scan is measured in a *submap*, a piece of the running map, and not against the scan before it: if one scan is placed
     too far ahead, the motion to it is too long, and the next motion is too short by as much. Factors between successive
     scans would treat these errors as independent, and make the path as a whole far too uncertain. The submaps are therefore
