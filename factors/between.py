@@ -129,8 +129,9 @@ def scale_factor(factor: gtsam.NonlinearFactor, scale: float) -> gtsam.Nonlinear
     noise = factor.noiseModel()
     gaussian = noise.noise() if isinstance(noise, gtsam.noiseModel.Robust) else noise
     assert isinstance(gaussian, gtsam.noiseModel.Gaussian)
-    lengths = np.array([scale, scale, 1.0])
-    scaled: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(gaussian.covariance() * np.outer(lengths, lengths))
+    variances = np.array([scale * scale, scale * scale, 1.0])
+    covariance = se2.scale_covariance(gaussian.covariance(), variances)
+    scaled: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(covariance)
     if isinstance(noise, gtsam.noiseModel.Robust):
         scaled = gtsam.noiseModel.Robust.Create(noise.robust(), scaled)
     return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*scale_vector(factor.measured(), scale)), scaled)

@@ -84,14 +84,8 @@ class Slam:
                 solution = self.solve_in_unit(scans, context, recording.unit_m)
             else:
                 scans, detected = detect_all(recording, config.detector, runner, strict=self._strict, with_velocities=True)
-                unread, runner.runtime_s = (
-                    detected.unread,
-                    runner.runtime_s
-                    | {
-                        "read": detected.read_s,
-                        "detect": detected.detect_s,
-                    },
-                )
+                unread = detected.unread
+                runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
                 try:
                     beta, sigma = find_doppler(scans, config, runner)
                     found = replace(context, doppler_beta=beta, doppler_sigma=sigma, velocities=detected.velocities)

@@ -33,7 +33,7 @@ UNKNOWN: Final = 0.05
 _OFFSET_M: Final = 0.3
 # Relative change of lengths per metre of the offset [1/m] where psi does not measure it: 0.01 to 0.03 in streets.
 _LENGTHENING: Final = 0.02
-# Other sensors contradict the radar's scale, and psi the range offset in use, from this many standard deviations.
+# Other sensors contradict the radar's scale from this many standard deviations.
 _CONTRADICTION: Final = 3.0
 _ROUNDS: Final = 2  # rounds in which other sensors are joined at the scale that they showed before; it settles in them
 
@@ -65,11 +65,8 @@ class RangeScale:
         bins = ASSUMED if is_assumed else STATED
         offset = _OFFSET_M * _LENGTHENING
         if errors is not None:
-            sigma = float(errors.sigmas[0])
-            unused = (
-                errors.offset if abs(errors.offset) > _CONTRADICTION * sigma else 0.0
-            )  # psi shows it; a run does not use it
-            offset = abs(errors.lengthening) * float(np.hypot(sigma, unused))
+            unused = errors.offset if errors.contradicts else 0.0  # psi shows it, but a run does not use it
+            offset = abs(errors.lengthening) * float(np.hypot(errors.sigmas[0], unused))
         sigma = float(np.hypot(bins, offset))
         word = "assumed" if is_assumed else "stated"
         return cls(

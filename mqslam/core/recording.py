@@ -188,20 +188,14 @@ class LidarRecording(Recording):
             odometry: dead-reckoned poses of the sensor that the recording carries, or None.
             notes: what a user should know about how the recording was understood.
         """
-        stamps_us = scans.stamps_us
-        turns_us = np.append(np.diff(stamps_us), round(scans.revolution_s * 1e6)).astype(np.int64)
-        return cls(path, format, stamps_us, turns_us, 0.0, odometry, notes=notes, scans=scans, trajectory=trajectory)
+        turns_us = _measure_turns(scans)
+        return cls(path, format, scans.stamps_us, turns_us, 0.0, odometry, notes=notes, scans=scans, trajectory=trajectory)
 
     def take(self, chosen: Sequence[int]) -> Self:
         """Returns a part of the recording: the scans with these indices, two or more."""
         part = self.scans.take(chosen)
-        usual_s = float(np.median(np.diff(part.start_times)))
-        return replace(
-            self,
-            stamps_us=self.stamps_us[chosen],
-            turns_us=np.append(np.diff(self.stamps_us[chosen]), round(usual_s * 1e6)).astype(np.int64),
-            scans=replace(part, revolution_s=usual_s),
-        )
+        part = replace(part, revolution_s=float(np.median(np.diff(part.start_times))))
+        return replace(self, stamps_us=part.stamps_us, turns_us=_measure_turns(part), scans=part)
 
     def complete(self, track: Trajectory) -> Trajectory:
         """Adds the poses of the scans that were left out: the odometry, as the poses before and after them correct it.
@@ -225,6 +219,11 @@ class LidarRecording(Recording):
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Raises DataError: a lidar measures ranges, and no power along the beam."""
         raise DataError(self.path, "is a lidar's recording", "give a radar's; run and audit take a lidar's")
+
+
+def _measure_turns(scans: Scans) -> NDArray[np.int64]:
+    """Returns the times (N,) [us] from each scan to the next; the last scan takes as long as is usual."""
+    return np.append(np.diff(scans.stamps_us), round(scans.revolution_s * 1e6)).astype(np.int64)
 
 
 def stamp_scans(stamps_us: NDArray[np.int64], returns: Sequence[Returns]) -> Scans:

@@ -35,8 +35,7 @@ def scale_pose(pose: se2.Array, factor: float) -> se2.Array:
 
 def scale_covariance(covariance: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
     """Multiplies the lengths of covariances (..., 3, 3) of x, y and yaw by a factor."""
-    lengths = np.array([factor, factor, 1.0])
-    return np.asarray(covariance * np.outer(lengths, lengths))
+    return se2.scale_covariance(covariance, np.array([factor * factor, factor * factor, 1.0]))
 
 
 def scale_track(track: Trajectory, factor: float) -> Trajectory:

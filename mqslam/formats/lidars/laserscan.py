@@ -44,6 +44,9 @@ class _ScanIndex:
     mounts: Mounts = field(default_factory=Mounts)
 
 
+_OF_RADAR = ("polar", "navtech", "radar_data")  # parts of the names that drivers give to a radar's topics
+
+
 def holds_scans(path: Path) -> bool:
     """Returns whether a bag has laser scans and nothing that a radar sent.
 
@@ -53,7 +56,7 @@ def holds_scans(path: Path) -> bool:
     with bags.open_bag(path) as reader:
         kinds = {connection.msgtype for connection in reader.connections}
         topics = [connection.topic.lower() for connection in reader.connections]
-    return SCAN_TYPE in kinds and not any("polar" in topic or "navtech" in topic for topic in topics)
+    return SCAN_TYPE in kinds and not any(word in topic for topic in topics for word in _OF_RADAR)
 
 
 def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarRecording:

@@ -19,10 +19,10 @@ from mqslam.formats.poses import mark_places
 
 _WIDEST_M = 1e3  # no map has wider cells
 _OCCUPIED = 0
-_UNKNOWN = 205
 _FREE = 254
-"""Pixels of occupied and of unknown cells. map_server reads a pixel p as the occupancy (255 - p) / 255: 205 gives 0.19608,
-just above the threshold of free cells."""
+_UNKNOWN = 205
+"""Pixels of occupied, free and unknown cells. map_server reads a pixel p as the occupancy (255 - p) / 255: 205 gives
+0.19608, just above the threshold of free cells."""
 _ROWS = 500  # rows of the image that are in memory at a time: a matter of memory only
 _OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196  # map_server's usual thresholds
 _MESSAGE_OCCUPIED, _MESSAGE_FREE, _MESSAGE_UNKNOWN = 100, 0, -1  # as nav_msgs/OccupancyGrid defines them
