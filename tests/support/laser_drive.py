@@ -35,7 +35,8 @@ def write_laser_bag(path: Path, *, solid: bool = False) -> Path:
     with bag_writer(path, "ros1") as bag:
         topic = bag.topic("/scan", SCAN_TYPE)
         for stamp, pose in zip(truth.stamps_us.tolist(), truth.poses, strict=True):
-            ranges = _cast(walls, pose, reach_m) + random.normal(0.0, 0.01, BEAMS)
+            angles = pose[2] - np.pi + 2 * np.pi / BEAMS * np.arange(BEAMS)
+            ranges = cast_beams(walls, pose[:2], angles, 2.0 * reach_m) + random.normal(0.0, 0.01, BEAMS)
             message = bag.store.types[SCAN_TYPE](
                 bag.header(stamp),
                 angle_min=-np.pi,
@@ -81,14 +82,15 @@ def _stand_boxes() -> NDArray[np.float64]:
     return np.concatenate([placed, np.roll(placed, -1, axis=1)], axis=2)[beside].reshape(-1, 4)
 
 
-def _cast(walls: NDArray[np.float64], pose: NDArray[np.float64], reach_m: float) -> NDArray[np.float64]:
-    """Returns the range [m] of every beam, twice the reach where it meets no wall."""
-    angles = pose[2] - np.pi + 2 * np.pi / BEAMS * np.arange(BEAMS)
+def cast_beams(
+    walls: NDArray[np.float64], place: NDArray[np.float64], angles: NDArray[np.float64], beyond_m: float
+) -> NDArray[np.float64]:
+    """Returns the range [m] of every beam at angles (B,) [rad] from a place (2,), `beyond_m` where it meets no wall (4,)."""
     beam = np.column_stack([np.cos(angles), np.sin(angles)])[:, None]
-    first, along = walls[:, :2] - pose[:2], walls[:, 2:] - walls[:, :2]
+    first, along = walls[:, :2] - place, walls[:, 2:] - walls[:, :2]
     across = beam[..., 0] * along[:, 1] - beam[..., 1] * along[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = (first[:, 0] * along[:, 1] - first[:, 1] * along[:, 0]) / across
         share = (first[:, 0] * beam[..., 1] - first[:, 1] * beam[..., 0]) / across
     hit = (distance > 0.0) & (share >= 0.0) & (share <= 1.0)
-    return np.where(hit, distance, 2.0 * reach_m).min(axis=1)
+    return np.asarray(np.where(hit, distance, beyond_m).min(axis=1))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from support.laser_drive import cast_beams
 from support.recordings import START_US, bag_writer
 
 from mqslam.core import se2
@@ -34,7 +35,8 @@ def slip(truth: Trajectory) -> Trajectory:
 def cast(truth: Trajectory) -> NDArray[np.float64]:
     """Returns the ranges (N, BEAMS) [m] of all scans, from -90 degrees to +90."""
     walls, noise = build_walls(), np.random.default_rng(5)
-    ranges = np.array([_cast(walls, pose) for pose in truth.poses])
+    fan = np.linspace(-np.pi / 2, np.pi / 2, BEAMS)
+    ranges = np.array([cast_beams(walls, pose[:2], pose[2] + fan, REACH_M) for pose in truth.poses])
     return np.asarray(ranges + noise.normal(0.0, NOISE_M, ranges.shape))
 
 
@@ -92,16 +94,3 @@ def _list_sides(left: float, low: float, right: float, high: float) -> list[list
     """Returns the four sides of a rectangle, each as x and y of both ends."""
     corners = [(left, low), (right, low), (right, high), (left, high)]
     return [[*a, *b] for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
-
-
-def _cast(walls: NDArray[np.float64], pose: se2.Array) -> NDArray[np.float64]:
-    """Returns the range [m] of every beam from a pose (3,)."""
-    angles = pose[2] + np.linspace(-np.pi / 2, np.pi / 2, BEAMS)
-    beam = np.column_stack([np.cos(angles), np.sin(angles)])[:, None]
-    first, along = walls[:, :2] - pose[:2], walls[:, 2:] - walls[:, :2]
-    across = beam[..., 0] * along[:, 1] - beam[..., 1] * along[:, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        distance = (first[:, 0] * along[:, 1] - first[:, 1] * along[:, 0]) / across
-        share = (first[:, 0] * beam[..., 1] - first[:, 1] * beam[..., 0]) / across
-    hit = (distance > 0.0) & (share >= 0.0) & (share <= 1.0)
-    return np.asarray(np.where(hit, distance, REACH_M).min(axis=1))

@@ -11,22 +11,17 @@ from bench.benchmark import Benchmark, Bound, Cell, Column, Goal, Row, label
 from bench.benchmarks.real import real_drive, score_drive
 from bench.recordings import TRUTH, simulate, simulate_city
 from bench.scorer import score
+from bench.solving import solve
 
-from mqslam.backend.measuring import find_doppler
 from mqslam.backend.problem import Problem
 from mqslam.backend.range_scale import RangeScale
 from mqslam.config import Config
-from mqslam.core.frontend import Context
 from mqslam.core.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
-from mqslam.detection.stage import detect_all
-from mqslam.execution.local_engine import LocalEngine
-from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import write_tum
-from mqslam.psi.ranging import RangeErrors, measure_range_errors
+from mqslam.psi.ranging import RangeErrors
 from mqslam.simulator.write import COARSE_SENSOR
-from mqslam.slam import Slam
 
 _SEEDS = (41, 42, 43)  # of cities of a minute; nothing was tuned on them
 _CASES = ((0.0, 0.0), (-0.31, 0.0), (0.2, 0.0), (0.0, 0.05), (-0.31, 0.05))  # range offset [m], Doppler shift [s]
@@ -119,17 +114,9 @@ def _solve_scale(data: Path, resolution: float, has_fixes: bool) -> tuple[Trajec
     """Tracks a drive with range bins of a stated length [m], without loops; its drift is that of psi's motions alone."""
     config = Config.model_validate({"loops": {"enabled": False}})
     recording = open_recording(data, range_resolution=resolution)
-    with LocalEngine(2) as engine:
-        runner = Runner(engine)
-        scans, _ = detect_all(recording, config.detector, runner)
-        beta, sigma = find_doppler(scans, config, runner)
-        sensors = Sensors(fixes=recording.fixes) if has_fixes else NO_SENSORS
-        context = replace(
-            Context.of(recording, config, None, sensors), doppler_beta=beta, doppler_sigma=sigma, engine=engine
-        )
-        solution = Slam(config, runner=runner).solve(scans, context)
-        motions = Problem(solution.measurements, []).solve_poses([])
-        return Trajectory(scans.stamps_us, motions), solution.range_scale
+    solution = solve(recording, config, sensors=Sensors(fixes=recording.fixes) if has_fixes else NO_SENSORS)
+    motions = Problem(solution.measurements, []).solve_poses([])
+    return Trajectory(solution.optimised.stamps_us, motions), solution.range_scale
 
 
 def _list_cells(found: RangeErrors | None) -> dict[str, Cell]:
@@ -149,14 +136,8 @@ def _solve(data: Path, offset: float = 0.0, resolution: float | None = None) -> 
     """Tracks a drive by psi alone, without loops, and measures the errors of its ranges."""
     config = Config.model_validate({"sensor": {"range_offset_m": offset}, "loops": {"enabled": False}})
     recording = open_recording(data, range_resolution=resolution, range_offset=offset)
-    with LocalEngine(2) as engine:
-        runner = Runner(engine)
-        scans, _ = detect_all(recording, config.detector, runner)
-        beta, sigma = find_doppler(scans, config, runner)
-        context = replace(Context.of(recording, config), doppler_beta=beta, doppler_sigma=sigma, engine=engine)
-        solution = Slam(config, runner=runner).solve(scans, context)
-        found = measure_range_errors(scans, solution.optimised.poses, config.estimator, solution.beam, engine)
-        return solution.optimised, found
+    solution = solve(recording, config)
+    return solution.optimised, solution.range_errors
 
 
 def _score(out: Path, track: Trajectory, data: Path) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,22 +10,17 @@ import numpy as np
 from bench.benchmark import Benchmark, Bound, Column, Goal, Row, label
 from bench.recordings import TRUTH, simulate, twin
 from bench.scorer import headings, place, read_trajectory
+from bench.solving import solve
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from mqslam.backend.marginals import Uncertainty
-from mqslam.backend.measuring import find_doppler
 from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.frontend import Context
 from mqslam.core.recording import Recording
 from mqslam.core.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
-from mqslam.detection.stage import detect_all
-from mqslam.execution.local_engine import LocalEngine
-from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
-from mqslam.slam import Slam
 from mqslam.solution import Solution
 
 _LAGS_M = (20.0, 100.0, 400.0)
@@ -70,20 +64,12 @@ def _judge(drive: _Drive) -> Row:
 
 def _solve(recording: Recording, sensors: str) -> Solution:
     """Solves a drive by the default settings with one of its other sensors, or with none."""
-    config = Config()
     odometry: Trajectory | None = recording.odometry if sensors == "wheels" else None
     beside = {
         "gyroscope": Sensors(gyroscope=recording.gyroscope),
         "GNSS": Sensors(fixes=recording.fixes),
     }.get(sensors, NO_SENSORS)
-    with LocalEngine(2) as engine:
-        runner = Runner(engine)
-        scans, _ = detect_all(recording, config.detector, runner)
-        beta, sigma = find_doppler(scans, config, runner)
-        context = Context.of(recording, config, odometry, beside)
-        return Slam(config, runner=runner).solve(
-            scans, replace(context, doppler_beta=beta, doppler_sigma=sigma, engine=engine)
-        )
+    return solve(recording, Config(), odometry, beside)
 
 
 def _normalise(solution: Solution, true: NDArray[np.float64], lag: float) -> NDArray[np.float64]:
