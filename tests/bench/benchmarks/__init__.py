@@ -14,12 +14,28 @@ from bench.benchmarks import (
     runs,
     sensors,
     uncertainty,
+    views,
     workers,
     worlds,
 )
 
 _MODULES = (
-    *(audits, costs, front_ends, maps, own_graph, places, planar, ranges, real, robustness, runs, sensors, uncertainty),
+    *(
+        audits,
+        costs,
+        front_ends,
+        maps,
+        own_graph,
+        places,
+        planar,
+        ranges,
+        real,
+        robustness,
+        runs,
+        sensors,
+        uncertainty,
+        views,
+    ),
     *(workers, worlds),
 )
 _KNOWN = {name: benchmark for module in _MODULES for name, benchmark in module.BENCHMARKS.items()}

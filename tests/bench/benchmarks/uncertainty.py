@@ -37,7 +37,8 @@ class _Drive(NamedTuple):
     data: Path
 
 
-def _list_drives() -> Iterator[_Drive]:
+def list_drives() -> Iterator[_Drive]:
+    """Yields twenty drives of four kinds that nothing was tuned on."""
     for world in ("kind", "hard"):
         for seed, sensors in zip(_SEEDS, _SENSORS, strict=True):
             yield _Drive(f"{world} city", sensors, simulate("city", world, seed, _CITY_S))
@@ -46,20 +47,25 @@ def _list_drives() -> Iterator[_Drive]:
 
 
 def _measure(out: Path) -> list[Row]:
-    rows = [_judge(drive) for drive in _list_drives()]
+    rows = [_judge(drive) for drive in list_drives()]
     return [*_average(rows), *rows]
 
 
 def _judge(drive: _Drive) -> Row:
     recording = open_recording(drive.data)
     solution = _solve(recording, drive.sensors)
-    stamped = place(read_trajectory(drive.data / TRUTH), solution.optimised.stamps_us * 1e-6)
-    true = np.column_stack([stamped.positions_xyz[:, :2], headings(stamped)])
+    true = read_truth(drive.data, solution.optimised.stamps_us)
     cells: dict[str, str | float | None] = {"kind": drive.kind, "sensors": drive.sensors}
     for lag in _LAGS_M:
         errors = _normalise(solution, true, lag)
         cells |= {f"nees{lag:.0f}": float(np.mean(errors)) / 3.0, f"within{lag:.0f}": _share_within(errors)}
     return Row(cells | {"scale": solution.range_scale.sigma})
+
+
+def read_truth(data: Path, stamps_us: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Returns the true poses (K, 3) of a simulated drive at stamps."""
+    stamped = place(read_trajectory(data / TRUTH), stamps_us * 1e-6)
+    return np.column_stack([stamped.positions_xyz[:, :2], headings(stamped)])
 
 
 def _solve(recording: Recording, sensors: str) -> Solution:
