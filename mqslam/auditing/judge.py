@@ -25,6 +25,7 @@ from mqslam.auditing.findings import (
     judge_windows,
 )
 from mqslam.auditing.frame import Place, judge_frame, judge_readings
+from mqslam.auditing.own_test import judge_by
 from mqslam.auditing.registration import Registration
 from mqslam.auditing.revisits import RevisitAudit, audit_revisits, doubt_interpolated
 from mqslam.auditing.sizes import STEP_SCANS
@@ -43,7 +44,7 @@ from mqslam.auditing.speeds import (
 )
 from mqslam.auditing.steps import StepAudit, audit_steps
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
-from mqslam.auditing.table import apply_tolerance, share_of_false_alarms, sort_tests
+from mqslam.auditing.table import MapTest, apply_tolerance, share_of_false_alarms, sort_tests
 from mqslam.auditing.tracks import judge_doubt, judge_part, judge_track, mark_interpolated
 from mqslam.auditing.verdict import Finding, Verdict, verdict_of
 from mqslam.auditing.windows.shaking import judge_shaking
@@ -80,6 +81,7 @@ class Audit:
         tests: the findings of each test, by its name.
         verdict: the verdict that all findings give together.
         capture: the largest errors of a trajectory that its windows can measure.
+        own: the tests of the user's own among the tests.
     """
 
     windows: list[WindowAudit]
@@ -92,6 +94,7 @@ class Audit:
     tests: dict[str, list[Finding]]
     verdict: Verdict
     capture: CaptureRange
+    own: Sequence[MapTest] = ()
 
     def compute_psi_over_best(self) -> float | None:
         """Returns the windows' psi over the lowest psi of the same returns; None where no window was decided."""
@@ -113,11 +116,13 @@ class Known(NamedTuple):
         place: returns the points under other poses, so that other readings of the trajectory can be tried; if None, no other
             reading is tried.
         sensors: findings of other sensors about the trajectory.
+        own: tests of the user's own that judge the map, too.
     """
 
     stated: RelativeCovariances | None = None
     place: Place | None = None
     sensors: Sequence[Finding] = ()
+    own: Sequence[MapTest] = ()
 
 
 UNKNOWN: Final = Known()
@@ -191,8 +196,8 @@ def audit(
             "revisits": [judge_revisits(revisits, settings, limits, path_m if sums and not find_bends(sums) else None)],
             "sensors": list(known.sensors),
         }
-    tests = sort_tests(tests)
-    return Audit(windows, steps, jumps, spans, sums, pooled, revisits, tests, verdict_of(tests), capture)
+    tests = sort_tests(tests | {test.name: judge_by(test, sweeps, settings) for test in known.own})
+    return Audit(windows, steps, jumps, spans, sums, pooled, revisits, tests, verdict_of(tests), capture, known.own)
 
 
 def audit_trajectory(

@@ -5,12 +5,14 @@ The verdict, its pages and the documentation take the names, the tolerances and 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
 import numpy as np
 
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.verdict import Finding
 from mqslam.config import AuditConfig, VerdictConfig
 
 _Found = TypeVar("_Found")
@@ -28,6 +30,8 @@ class MapTest:
         rate: the tolerance in words where it is not one of metres and radians, else an addition to it.
         quantities: number of p-values by which the test may call a good map bad; all of them share the rate of false alarms.
         of_run: whether the test judges only runs, of which more is known.
+        judge: judges the points of a map under its trajectory, with the settings of the audit; None for the tests of this
+            table, which share what they measure. A test of a user's own has it.
     """
 
     name: str
@@ -37,6 +41,7 @@ class MapTest:
     rate: str = ""
     quantities: int = 0
     of_run: bool = False
+    judge: Callable[[Sweeps, AuditConfig], Sequence[Finding]] | None = None
 
     def describe_tolerance(self, settings: AuditConfig) -> str:
         """Returns the tolerance of the test in words."""
@@ -204,5 +209,5 @@ def share_of_false_alarms(limits: VerdictConfig) -> float:
 
 
 def sort_tests(found: Mapping[str, list[_Found]]) -> dict[str, list[_Found]]:
-    """Returns the findings of each test in the order of the table, without tests that have none."""
-    return {name: found[name] for name in sorted(found, key=_ORDER.__getitem__) if found[name]}
+    """Returns the findings of each test in the order of the table, a user's own last, without tests that have none."""
+    return {name: found[name] for name in sorted(found, key=lambda name: _ORDER.get(name, len(_ORDER))) if found[name]}

@@ -56,6 +56,7 @@ _OWN: Options = {
         "covariances may together call a good recording's map bad; 0.01 by default.",
         metavar="RATE",
     ),
+    "test": option(Path | None, None, "Python file with a test of your own, which judges the map, too.", metavar="FILE"),
     "mend": flag("Write the trajectory with the corrections put in as mended.tum, and judge it, too.", "--mend"),
 }
 
@@ -63,8 +64,8 @@ _LISTED = 3  # number of the worst torn windows, and of the worst torn revisits,
 
 
 @command(
-    "data out trajectory times topic frame time_offset_s extrinsics z_range covariances false_alarms tolerance fail_on mend "
-    "config format range_resolution start_s end_s jobs cluster force as_json quiet verbose",
+    "data out trajectory times topic frame time_offset_s extrinsics z_range covariances false_alarms tolerance test fail_on "
+    "mend config format range_resolution start_s end_s jobs cluster force as_json quiet verbose",
     _OWN,
 )
 def audit(

@@ -13,6 +13,7 @@ from mqslam.auditing.gyroscope_check import GyroscopeCheck, check_gyroscope, jud
 from mqslam.auditing.mending.rounds import AuditedTrajectory, Mended
 from mqslam.auditing.mending.rounds import mend as mend_trajectory
 from mqslam.auditing.odometry_check import check_odometry
+from mqslam.auditing.own_test import load_test
 from mqslam.auditing.sources import (
     LIDAR_CONFIG,
     Source,
@@ -24,6 +25,7 @@ from mqslam.auditing.sources import (
     place_source,
 )
 from mqslam.auditing.sweeps import Sweeps, require_covered
+from mqslam.auditing.table import MapTest
 from mqslam.auditing.verdict import Finding
 from mqslam.backend.marginals import RelativeCovariances
 from mqslam.backend.sensors.odometry import ODOMETRY
@@ -70,6 +72,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     covariances: Path | str | None = None,
     false_alarms: float | None = None,
     tolerance: float | None = None,
+    test: Path | str | None = None,
     config: Config | Path | str | None = None,
     format: str | None = None,
     range_resolution: float | None = None,
@@ -99,6 +102,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         false_alarms: probability with which an audit calls a good map bad, in (0, 0.5); None takes the settings' value.
         tolerance: how far two passes may be apart [m]; all other tolerances change in proportion. None takes the tolerances
             of the settings.
+        test: Python file with a test of your own, which judges the map, too; None adds no test.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
@@ -122,6 +126,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     data, out = Path(data), Path(out)
     with claim_folder(out, force=force, sources=[data]):
         _set_limits(Config(), false_alarms, tolerance)  # raises for a mistake before anything is read
+        own = [] if test is None else [load_test(Path(test))]
         of_cloud = is_cloud(data)
         of_lidar = not of_cloud and format is None and data.exists() and lidars.recognises(data)
         if (of_cloud or of_lidar) and (start_s, end_s) != WHOLE:
@@ -164,7 +169,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         turning = subject.check_turns(sweeps)
         if turning is not None and turning.agrees is not False:
             work.tell(turning.statement)
-        judged = _judge_sweeps(subject, sweeps, settings, work, turning, relative)
+        judged = _judge_sweeps(subject, sweeps, settings, work, turning, relative, own)
         dataset = {"format": subject.format, "path": str(data)}
         origin = name if sweeps.track is not None else None
         summary = {
@@ -269,6 +274,7 @@ def _judge_sweeps(
     work: Work,
     turning: GyroscopeCheck | None,
     stated: RelativeCovariances | None = None,
+    own: Sequence[MapTest] = (),
 ) -> judge.Audit:
     """Judges the map that a subject makes under a trajectory.
 
@@ -279,9 +285,10 @@ def _judge_sweeps(
         work: where the work is done, and what reports on it.
         turning: comparison of the gyroscope with the trajectory; None without a gyroscope.
         stated: covariances that the trajectory itself states; None if it states no covariances.
+        own: tests of the user's own.
     """
     sensors = [*([] if turning is None else [judge_gyroscope(turning)]), *subject.check_odometry(shown)]
-    known = judge.Known(stated, None if subject.track is None else subject.place_poses, sensors)
+    known = judge.Known(stated, None if subject.track is None else subject.place_poses, sensors, own)
     sections = settings.audit, settings.estimator, settings.verdict
     return judge.audit(shown, *sections, work.engine, work.progress, known=known)
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import logging
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Protocol, Self
 
@@ -19,6 +17,7 @@ from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.measurement import Measurement
+from mqslam.core.own_files import import_file
 from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.scans import Scan, Scans
 from mqslam.core.sensors import NO_SENSORS, KnownTurning, Sensors
@@ -194,10 +193,7 @@ def _load_file(path: Path) -> type[FrontEnd]:
     Raises:
         ConfigError: the file defines no such class, or more than one.
     """
-    spec = spec_from_file_location(f"mqslam_front_end_{path.stem}", path)
-    assert spec is not None and spec.loader is not None, path
-    module = sys.modules[spec.name] = module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = import_file(path, "front_end")
     own = [one for one in vars(module).values() if isinstance(one, type) and one.__module__ == module.__name__]
     front_ends: list[type[FrontEnd]] = [one for one in own if callable(getattr(one, "measure", None))]
     if len(front_ends) != 1:

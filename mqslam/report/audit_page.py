@@ -108,7 +108,7 @@ def write_audit_page(
     with tolerate("the files of the bad places", page.failures):
         write_bad_places(folder, list_bad_places(sweeps, audit, settings))
     page.add_lead("the heat map", lambda: _show_verdict(sweeps, audit))
-    page.add("the tests", lambda: tabulate_tests(summary))
+    page.add("the tests", lambda: tabulate_tests(summary, audit.own))
     page.add("the mended trajectory", lambda: _show_mended(audit, sweeps, summary, mended))
     page.add_explorer(
         lambda: explore_audit(sweeps, audit, settings),

@@ -14,7 +14,7 @@ from typing import Any, Final, TypeAlias, TypeVar
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from mqslam.auditing.table import TESTS
+from mqslam.auditing.table import TESTS, MapTest
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.core.wording import count_of, list_reasons
 from mqslam.errors import tolerate
@@ -234,16 +234,17 @@ class Page:
         return self.failures
 
 
-def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
+def tabulate_tests(summary: Mapping[str, Any], own: Sequence[MapTest] = ()) -> Section | None:
     """Returns a table of the tests of a map: what each one found and what it cannot see. None if no test was made.
 
     Args:
         summary: content of audit.json or of a run's summary.json.
+        own: tests of the user's own.
     """
     found = part_of(summary, "tests")
     calm: list[tuple[str, ...]] = []
     others: list[tuple[str, ...]] = []
-    for known in TESTS:
+    for known in (*TESTS, *own):
         if (test := found.get(known.name)) is not None:
             status = VerdictStatus(test["status"])
             label = f"{known.name}: {known.compares}"

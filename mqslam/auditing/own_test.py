@@ -1,0 +1,59 @@
+"""Tests of a map that a user adds to an audit, each in a Python file of its own."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.table import TESTS, MapTest
+from mqslam.auditing.verdict import Finding
+from mqslam.config import AuditConfig
+from mqslam.core.own_files import import_file
+from mqslam.errors import ConfigError, MqslamError, describe_error, raise_interrupt
+
+_log = logging.getLogger(__name__)
+
+
+def load_test(path: Path) -> MapTest:
+    """Loads the `MapTest` with a function `judge` that a Python file defines.
+
+    Raises:
+        ConfigError: the file cannot be imported, or it does not define one such test, or the test has a name that is taken.
+    """
+    if not path.is_file():
+        raise ConfigError(f"test {path}: there is no such file; check the path")
+    try:
+        module = import_file(path.resolve(), "map_test")
+    except Exception as error:  # the file may be anyone's code
+        raise_interrupt(error)
+        _log.info("test %s cannot be imported", path, exc_info=error)
+        raise ConfigError(f"test {path}: cannot be imported ({describe_error(error)}); mend the file") from error
+    tests = [one for one in vars(module).values() if isinstance(one, MapTest) and one.judge is not None]
+    if len(tests) != 1:
+        raise ConfigError(f"test {path}: defines {len(tests)} objects MapTest with a function judge; define one")
+    if tests[0].name in {test.name for test in TESTS}:
+        raise ConfigError(f"test {path}: the name {tests[0].name} is that of a test of mqslam; choose another name")
+    return tests[0]
+
+
+def judge_by(test: MapTest, sweeps: Sweeps, settings: AuditConfig) -> list[Finding]:
+    """Returns the findings of a user's own test of a map.
+
+    Raises:
+        ConfigError: the test stops with an error of its own, or gives something else than findings.
+    """
+    assert test.judge is not None, test
+    try:
+        found: Sequence[Finding] = test.judge(sweeps, settings)
+        findings = list(found)
+    except MqslamError:
+        raise
+    except Exception as error:
+        raise_interrupt(error)
+        _log.info("test %s stopped", test.name, exc_info=error)
+        raise ConfigError(f"test {test.name}: stopped with {describe_error(error)}; mend its file") from error
+    if not all(isinstance(one, Finding) for one in findings):
+        raise ConfigError(f"test {test.name}: gave something else than objects Finding; mend its file")
+    return findings
