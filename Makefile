@@ -10,6 +10,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
 READY := $(VENV)/.ready
 TYPED := build/typed
 KERNELS := $(VENV)/.kernels
@@ -19,16 +20,24 @@ PYTEST := $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist lo
 
 .PHONY: demo docs test test-all fuzz dist lint types bench clean
 
-$(READY): pyproject.toml
+# What a user needs; what the tests need comes on top.
+$(INSTALLED): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mqslam needs Python 3.11 or newer: make PYTHON=python3.11 ...")'
+	@echo "installing mqslam and what it needs in $(VENV): 0.8 GB, a minute or two"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test]'
+	$(BIN)/pip install --disable-pip-version-check --editable .
+	touch $(INSTALLED)
+
+$(READY): $(INSTALLED)
+	@echo "installing what the tests need in $(VENV): 2.5 GB more, some minutes"
+	$(BIN)/pip install --disable-pip-version-check --editable '.[test]'
 	sh .ci/system-libraries $(BIN)/python
 	touch $(READY)
 
-demo: $(READY)
+demo: $(INSTALLED)
 	@rm -rf demo/run && mkdir -p demo
 	@test -d demo/drive || $(BIN)/mqslam simulate demo/drive
+	@echo "running SLAM on demo/drive: a minute, longer at the first time, when kernels are compiled"
 	$(BIN)/mqslam run demo/drive --out demo/run
 	@echo "open demo/run/report.html in a browser; trajectory, map and numbers lie beside it"
 
@@ -37,6 +46,7 @@ $(KERNELS): $(READY) tests/support/kernels.py $(shell grep -rl 'nb\.njit' --incl
 	touch $(KERNELS)
 
 test: $(READY) lint $(KERNELS)
+	@echo "running the tests: ten minutes on two quiet cores"
 	$(PYTEST) -m 'not slow'
 
 test-all: $(READY) $(KERNELS)

@@ -70,3 +70,15 @@ def test_the_command_and_the_front_ends_are_registered(wheel: zipfile.ZipFile) -
     assert {"psi", "odometry", "kiss_icp"} <= set(entries["mqslam.frontends"])
     for target in entries["mqslam.frontends"].values():
         assert target.split(":")[0].replace(".", "/") + ".py" in wheel.namelist()
+
+
+def test_image_and_pixi_use_a_python_that_is_supported_and_the_command_that_is_installed() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    supported = {name.rpartition(" ")[2] for name in project["classifiers"] if ":: Python :: 3." in name}
+    image = (ROOT / "Dockerfile").read_text(encoding="utf-8")
+    assert {line.split(":")[1].split("-")[0] for line in image.splitlines() if line.startswith("FROM ")} <= supported
+    assert 'ENTRYPOINT ["mqslam"]' in image and "mqslam" in project["scripts"]
+    pixi = tomllib.loads((ROOT / "pixi.toml").read_text(encoding="utf-8"))
+    lowest, above = pixi["dependencies"]["python"].split(",")
+    assert lowest == project["requires-python"] and above.removeprefix("<") not in supported
+    assert pixi["pypi-dependencies"]["mqslam"]["path"] == "."

@@ -169,7 +169,7 @@ def test_make_demo_ends_with_a_report(tmp_path: Path) -> None:
     (tmp_path / "pyproject.toml").touch()
     os.utime(tmp_path / "pyproject.toml", (0, 0))  # older than the environment, which is there already
     environment = Path(sys.executable).parents[1]
-    (environment / ".ready").touch()
+    (environment / ".installed").touch()
     command = ["make", "--file", str(ROOT / "Makefile"), "--directory", str(tmp_path), f"VENV={environment}", "demo"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=1800, check=True)
     assert "open demo/run/report.html" in done.stdout
