@@ -14,6 +14,7 @@ from typing import Any
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
 from origins import CONSTANTS, ORIGINS
 
 from mqslam.auditing.table import TESTS
@@ -32,10 +33,25 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     return files
 
 
+def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
+    """Makes the search prefer pages that say what to do to long lists of figures and changes."""
+    part, _, name = page.file.src_uri.partition("/")
+    boost = 0.2 if name in ("figures.md", "changes.md") else 2.0 if part in ("how-to", "tutorials") else 1.0
+    page.meta["search"] = {"boost": boost}
+    return markdown
+
+
 def describe_commands() -> str:
-    """Returns the page of the command line, as typer writes it."""
+    """Returns the page of the command line, as typer writes it, with examples as code and whole sentences in the lists."""
     command = [sys.executable, "-m", "typer", "mqslam.cli", "utils", "docs", "--name", "mqslam", "--title", "Command line"]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    page = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    whole = {
+        name: " ".join(text.split()) for name, text in re.findall(r"^#+ `mqslam (.+)`\n\n((?:.+\n)+)", page, re.MULTILINE)
+    }
+    for path, text in whole.items():
+        name = path.split()[-1]
+        page = re.sub(rf"^\* `{name}`: .*\.\.\.$", f"* `{name}`: {text}".replace("\\", r"\\"), page, flags=re.MULTILINE)
+    return re.sub(r"^Example: (.+)$", r"```console\n$ \1\n```", page, flags=re.MULTILINE)
 
 
 def describe_settings() -> str:
@@ -85,14 +101,24 @@ def describe_constants() -> str:
     return "\n".join([*lines, ""])
 
 
-def on_page_content(content: str, **_: Any) -> str:
+def on_page_content(content: str, page: Page, **_: Any) -> str:
     """Returns the content of a page with its equations set."""
 
     def set_equation(match: re.Match[str]) -> str:
-        display = "block" if match[2] == "[" else "inline"
-        return f'<{match[1]} class="arithmatex">{convert(html.unescape(match[3]).strip(), display=display)}</{match[1]}>'
+        return f'<{match[1]} class="arithmatex">{_set(match[3], is_block=match[2] == "[")}</{match[1]}>'
 
+    def set_in_notebook(match: re.Match[str]) -> str:
+        text = re.sub(r"\$\$(.+?)\$\$", lambda one: _set(one[1], is_block=True), match[0], flags=re.DOTALL)
+        return re.sub(r"\$([^$]+)\$", lambda one: _set(one[1], is_block=False), text)
+
+    if page.file.src_uri.endswith(".ipynb"):
+        return re.sub(r"<(p|li)>.*?</\1>", set_in_notebook, content, flags=re.DOTALL)
     return re.sub(r'<(div|span) class="arithmatex">\\([\[(])(.*?)\\[\])]</\1>', set_equation, content, flags=re.DOTALL)
+
+
+def _set(equation: str, *, is_block: bool) -> str:
+    """Returns an equation in TeX as MathML."""
+    return str(convert(html.unescape(equation).strip(), display="block" if is_block else "inline"))
 
 
 def describe_verdict() -> str:
