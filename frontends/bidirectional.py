@@ -53,11 +53,15 @@ class ReversedScans(Sequence[Scan]):
     A scan that was taken in an instant, such as a lidar's without a time per beam, keeps this instant as its start.
 
     Args:
-        scans: two or more scans.
+        scans: the scans.
+
+    Attributes:
+        end: the instant of the recording at which the reversed recording begins [s].
     """
 
     def __init__(self, scans: Sequence[Scan]) -> None:
-        self._scans, self._end, self._instant = scans, scans[-1].t1, are_instants(scans)
+        self._scans, self._instant = scans, are_instants(scans)
+        self.end = scans[-1].t1 if scans else 0.0
 
     def __len__(self) -> int:
         return len(self._scans)
@@ -72,12 +76,32 @@ class ReversedScans(Sequence[Scan]):
         if n + 1 < len(self) and follows_at_once(scan, self._scans[n + 1]):
             end = self._scans[n + 1].t0
         r = scan.returns
-        returns = Returns(r.ranges[::-1], r.azimuths[::-1], self._end - r.times[::-1], r.intensities[::-1])
-        return Scan(self._end - end, self._end - scan.t0, returns)
+        returns = Returns(r.ranges[::-1], r.azimuths[::-1], self.end - r.times[::-1], r.intensities[::-1])
+        return Scan(self.end - end, self.end - scan.t0, returns)
+
+    def turn_back(self, backward: Sequence[DirectedMotion]) -> list[DirectedMotion | None]:
+        """Converts motions that were measured backward to the driven motions, in the order of the recording.
+
+        A motion is None where no backward motion connects the starts of the two scans: at the first scan and next to a
+        pause.
+
+        Args:
+            backward: the N - 1 motions between the N scans, the last one first.
+        """
+        if self._instant:  # both directions measure motions between the same instants
+            return [_turn(match) for match in reversed(backward)]
+        at_once = [follows_at_once(a, b) for a, b in pairwise(self._scans)]
+        turned: list[DirectedMotion | None] = []
+        for k in range(len(backward)):
+            if k == 0 or not (at_once[k - 1] and at_once[k]):
+                turned.append(None)
+                continue
+            turned.append(_turn(backward[len(backward) - k]))
+        return turned
 
     def _turn_instant(self, scan: Scan) -> Scan:
         """Returns a scan of one instant, at which the reversed scan begins, too."""
-        begin, r = self._end - scan.t0, scan.returns
+        begin, r = self.end - scan.t0, scan.returns
         return Scan(begin, begin + scan.t1 - scan.t0, replace(r, times=np.full(len(r), begin)))
 
 
@@ -91,27 +115,6 @@ def are_instants(scans: Sequence[Scan]) -> bool:
 def follows_at_once(scan: Scan, after: Scan) -> bool:
     """Returns whether the scan `after` follows another scan at once, so that `after` starts where the other scan ends."""
     return abs(after.t0 - scan.t1) <= _PAUSE * (scan.t1 - scan.t0)
-
-
-def turn_back(scans: Sequence[Scan], backward: Sequence[DirectedMotion]) -> list[DirectedMotion | None]:
-    """Converts motions that were measured backward to the driven motions, in the order of the recording.
-
-    A motion is None where no backward motion connects the starts of the two scans: at the first scan and next to a pause.
-
-    Args:
-        scans: the N scans.
-        backward: the N - 1 motions between them in the order of `ReversedScans`.
-    """
-    if are_instants(scans):  # both directions measure motions between the same instants
-        return [_turn(match) for match in reversed(backward)]
-    at_once = [follows_at_once(a, b) for a, b in pairwise(scans)]
-    turned: list[DirectedMotion | None] = []
-    for k in range(len(backward)):
-        if k == 0 or not (at_once[k - 1] and at_once[k]):
-            turned.append(None)
-            continue
-        turned.append(_turn(backward[len(backward) - k]))
-    return turned
 
 
 def _turn(match: DirectedMotion) -> DirectedMotion:

@@ -21,7 +21,7 @@ from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
 from mqslam.core.statistics import MEDIAN_OF_CHI2
 from mqslam.execution.local_engine import HERE
-from mqslam.frontends.bidirectional import DirectedMotion, ReversedScans, join, turn_back
+from mqslam.frontends.bidirectional import DirectedMotion, ReversedScans, join
 from mqslam.frontends.segments import Segment, extend, split_into_segments
 from mqslam.psi.place import beam_of
 from mqslam.psi.tracking.local_map import SURFACES, USUAL
@@ -74,12 +74,13 @@ class PsiFrontEnd:
         back: list[DirectedMotion] = []
         shared = replace(context, preview=ignore_motion, engine=None), scans
         with (context.engine or HERE).start(_track_segment, shared, backward) as wait:
-            here = iter(()) if wait else track(scans, context, is_backward=True)
+            played = ReversedScans([] if wait else scans)
+            here = iter(()) if wait else track(played, context)
             for match in track(scans, context):
                 forward.append(match)
                 back.extend(islice(here, 1))  # step by step with the other direction, so that progress is even
                 context.preview(match.motion)
-            return forward, wait() if wait else turn_back(scans, back)
+            return forward, wait() if wait else played.turn_back(back)
 
     def _track_segments(self, scans: Sequence[Scan], segments: Sequence[Segment]) -> tuple[Motions, Motions]:
         """Tracks the segments of a recording through the engine, and shows the forward motions of finished segments."""
@@ -101,19 +102,27 @@ def _track_segment(shared: tuple[Context, Sequence[Scan]], segment: Segment) -> 
     """Tracks a segment, and returns its motions without the motions of its warm-up."""
     context, scans = shared
     tracked = scans[segment.first : segment.last + 1]
-    motions = list(track(tracked, context, is_backward=segment.is_backward))
-    in_order = turn_back(tracked, motions) if segment.is_backward else Motions(motions)
+    if segment.is_backward:
+        played = ReversedScans(tracked)
+        in_order = played.turn_back(list(track(played, context)))
+    else:
+        in_order = Motions(track(tracked, context))
     return in_order[segment.begin - segment.first : segment.end - segment.first]
 
 
-def track(scans: Sequence[Scan], context: Context, *, is_backward: bool = False) -> Iterator[DirectedMotion]:
-    """Yields the motions between successive scans, each scan matched to earlier scans, or to later scans if backward.
+def track(scans: Sequence[Scan], context: Context) -> Iterator[DirectedMotion]:
+    """Yields the motions between successive scans, each scan matched to the scans that came before it in their order.
+
+    Args:
+        scans: scans of a recording, or `ReversedScans` of it, which the tracker takes for a drive in reverse.
+        context: what the front end may know besides the scans, in the order of the recording.
 
     Raises:
         EstimationError: there are fewer than two scans.
         FewReturnsError: no two scans in a row hold enough returns.
     """
-    estimator, settings, sign = context.config.estimator, context.config.tracker, -1.0 if is_backward else 1.0
+    played = scans if isinstance(scans, ReversedScans) else None
+    estimator, settings, sign = context.config.estimator, context.config.tracker, 1.0 if played is None else -1.0
     if settings.stamp_sigma_s is None:  # the uncertainty of stamps that the reader has found
         settings = settings.model_copy(update={"stamp_sigma_s": context.stamp_sigma_s})
     tracker = Tracker(
@@ -122,21 +131,17 @@ def track(scans: Sequence[Scan], context: Context, *, is_backward: bool = False)
         beam_of(estimator, sign * context.doppler_beta),
         context.revolution_s,
         tuning=SURFACES if context.is_lidar else USUAL,
-        is_reversed=is_backward,
+        is_reversed=played is not None,
         is_guided=context.is_lidar and context.odometry is not None,
     )
-    end = scans[-1].t1 if scans else 0.0
 
-    def find_twist_backward(t0: float, t1: float) -> se2.Array | None:
-        twist = context.told_twist(end - t1, end - t0)
+    def find_twist(t0: float, t1: float) -> se2.Array | None:
+        if played is None:
+            return context.told_twist(t0, t1)
+        twist = context.told_twist(played.end - t1, played.end - t0)
         return None if twist is None else -twist
 
-    track = (
-        Track(ReversedScans(scans), tracker, find_twist_backward)
-        if is_backward
-        else Track(scans, tracker, context.told_twist)
-    )
-    tracked = track.follow()
+    tracked = Track(scans, tracker, find_twist).follow()
     matched = next(tracked)
     since: list[Tracked] = []  # scans since the last matched one
     for scan in tracked:

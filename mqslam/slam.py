@@ -29,7 +29,7 @@ from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.scans import Scans
 from mqslam.core.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
-from mqslam.core.units import scale_measurement, scale_settings, scale_track
+from mqslam.core.units import scale_measurement
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError, FewReturnsError
 from mqslam.execution.kept import LOOPS, REFINED
@@ -81,7 +81,7 @@ class Slam:
             frontends.create(self._name, context)  # raises, before the recording is read, if the front end lacks an input
             if isinstance(recording, LidarRecording):
                 scans, unread = recording.scans, {}
-                solution = self.solve_in_unit(scans, context, recording.unit_m)
+                solution = self.solve_in_unit(scans, context)
             else:
                 scans, detected = detect_all(recording, config.detector, runner, strict=self._strict, with_velocities=True)
                 unread = detected.unread
@@ -107,21 +107,19 @@ class Slam:
             unread=unread,
         )
 
-    def solve_in_unit(self, scans: Scans, context: Context, unit_m: float) -> Solution:
-        """Estimates the optimised trajectory of scans in a unit of length in which they are as far away as a radar's are.
+    def solve_in_unit(self, scans: Scans, context: Context) -> Solution:
+        """Estimates the optimised trajectory of a lidar's scans in their unit, in which they are as far away as a radar's.
 
         Args:
             scans: scans of the recording.
             context: what the front end may use besides the scans, without sensors other than odometry.
-            unit_m: the unit [m].
 
         Raises:
             EstimationError: no motion can be estimated from the data.
         """
-        config, odometry = scale_settings(self._config, 1.0 / unit_m), context.odometry
-        inner = Slam(config, self._name, self._runner, strict=self._strict)
-        track = None if odometry is None else scale_track(odometry, 1.0 / unit_m)
-        inside = replace(context, config=config, odometry=track, revolution_s=scans.revolution_s)
+        unit_m = scans.unit_m or 1.0
+        inside = context.scale(1.0 / unit_m)
+        inner = Slam(inside.config, self._name, self._runner, strict=self._strict)
         return inner.solve(scans.scale_ranges(1.0 / unit_m), inside).scale(unit_m, self._config)
 
     def solve(self, scans: Scans, context: Context) -> Solution:

@@ -23,15 +23,14 @@ def info(terminal: Terminal, *, data: Path, config: Config, format: str | None, 
     Example: mqslam info drive
     """
     from mqslam.commands.info import describe_lidar, describe_radar
-    from mqslam.commands.inputs import open_data
-    from mqslam.formats import lidars
+    from mqslam.commands.inputs import open_radar_or_lidar
+    from mqslam.core.recording import LidarRecording
 
-    if format is None and data.exists() and lidars.recognises(data):
-        facts = describe_lidar(lidars.read_lidar(data, config.reading))
-        list_rows = _list_lidar_rows
+    recording = open_radar_or_lidar(data, format, range_resolution, config)
+    if isinstance(recording, LidarRecording):
+        facts, list_rows = describe_lidar(recording), _list_lidar_rows
     else:
-        facts = describe_radar(open_data(data, format, range_resolution, config))
-        list_rows = _list_radar_rows
+        facts, list_rows = describe_radar(recording), _list_radar_rows
     rows = ((name, show(value)) for name, value in list_rows(facts))
     terminal.print_results(facts, lambda: echo(format_rows(rows, 14)))
 

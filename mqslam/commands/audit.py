@@ -29,20 +29,19 @@ from mqslam.auditing.table import MapTest
 from mqslam.auditing.verdict import Finding
 from mqslam.backend.marginals import RelativeCovariances
 from mqslam.backend.sensors.odometry import ODOMETRY
-from mqslam.commands.inputs import WHOLE, carry_to_radar, choose_settings, open_data, read_extrinsics
+from mqslam.commands.inputs import WHOLE, carry_to_radar, choose_settings, open_radar_or_lidar, read_extrinsics
 from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, set_doppler_beta, set_false_alarms, set_tolerance
 from mqslam.core import se2
 from mqslam.core.point_map import TimedCloud
-from mqslam.core.recording import Recording
+from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import left_or_right
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
 from mqslam.errors import ConfigError, DataError, Remedy, find_near
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
-from mqslam.formats import lidars
 from mqslam.formats.clouds import read_cloud
 from mqslam.formats.trajectories import read_with_notes
 from mqslam.formats.tum import write_tum
@@ -128,9 +127,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         _set_limits(Config(), false_alarms, tolerance)  # raises for a mistake before anything is read
         own = [] if test is None else [load_test(Path(test))]
         of_cloud = is_cloud(data)
-        of_lidar = not of_cloud and format is None and data.exists() and lidars.recognises(data)
-        if (of_cloud or of_lidar) and (start_s, end_s) != WHOLE:
-            raise ConfigError(f"{data}: only a radar's recording can be audited in part; leave out start and end")
+        if of_cloud and (start_s, end_s) != WHOLE:
+            raise ConfigError(f"{data}: only a recording can be audited in part, not a cloud; leave out start and end")
         stated, mount = read_extrinsics(extrinsics)
         if mount is not None and covariances is not None:
             raise ConfigError(
@@ -144,14 +142,14 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             raise ConfigError(f"{data}: a cloud without its trajectory cannot be mended", Remedy.GIVE_TRAJECTORY)
         if of_cloud:
             subject = _place_cloud(data, read_cloud(data, heights), given, config)
-        elif of_lidar:
-            settings = choose_settings(config, LIDAR_CONFIG)
-            source = make_lidar_source(lidars.read_lidar(data, settings.reading))
-            subject = _place_recording(work, source, given or _pick_carried(data, source.tracks, name), settings)
         else:
             settings = choose_settings(config)
-            recording = open_data(data, format, range_resolution, settings, span=(start_s, end_s))
-            subject = _place_recording(work, *detect_radar(recording, given, name, settings, work))
+            recording = open_radar_or_lidar(data, format, range_resolution, settings, span=(start_s, end_s))
+            if isinstance(recording, LidarRecording):
+                settings, source = choose_settings(config, LIDAR_CONFIG), make_lidar_source(recording)
+                subject = _place_recording(work, source, given or _pick_carried(data, source.tracks, name), settings)
+            else:
+                subject = _place_recording(work, *detect_radar(recording, given, name, settings, work))
         sweeps, track, settings, notes = subject.sweeps, subject.track, subject.settings, [*subject.notes, *understood]
         warnings = subject.warnings
         if mount is not None:

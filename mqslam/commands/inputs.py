@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -10,12 +11,17 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.auditing.sources import LIDAR_CONFIG
 from mqslam.config import Config, load_config
 from mqslam.core import se2
-from mqslam.core.recording import Recording
+from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.sensors import RADAR, VEHICLE, Fixes, Gyroscope, Mount, Sensors, describe_offset, find_offset
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import ConfigError, DataError, Remedy, suggest
+from mqslam.core.units import fit_settings
+from mqslam.core.wording import join_words
+from mqslam.detection.surfaces import prepare
+from mqslam.errors import ConfigError, DataError, OfLidarError, Remedy, suggest
+from mqslam.formats.lidars import read_lidar
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.recordings.derived import clip
 from mqslam.formats.recordings.layout import Topics
@@ -27,6 +33,7 @@ from mqslam.formats.trajectories import read_odometry
 S = TypeVar("S", Gyroscope, Fixes)
 Extrinsics = tuple[float, float, float]  # [m] forward, [m] to the left, [degrees] to the left
 _LARGEST = np.array([100.0, 100.0, 360.0])  # [m, m, degrees]; larger values are in other units, or not numbers
+_OFF = ("auto", "none")  # choices of an input that name no file and no values
 _FORM = f"{Remedy.GIVE_EXTRINSICS} as metres forward, metres to the left and degrees to the left"
 
 
@@ -108,6 +115,30 @@ def open_data(
     return clip(recording, *span)
 
 
+def open_radar_or_lidar(
+    data: Path,
+    format: str | None,
+    range_resolution: float | None,
+    settings: Config,
+    *,
+    strict: bool = False,
+    span: Span = WHOLE,
+) -> Recording:
+    """Opens the recording of a radar or a planar lidar that a command was given; the arguments are those of `open_data`.
+
+    Raises:
+        ConfigError: as for `open_data`, or a lidar's recording is given a range resolution or topics.
+        DataError: as for `open_data`.
+    """
+    with suppress(OfLidarError):
+        return open_data(data, format, range_resolution, settings, strict=strict, span=span)
+    if range_resolution is not None:
+        raise ConfigError(f"{data}: is a lidar's recording, which has no range bins; leave the range resolution out")
+    if settings.sensor.odometry_topic is not None or settings.sensor.truth_topic is not None:
+        raise ConfigError(f"{data}: is a lidar's recording, whose topics are found by type and name; leave the topics out")
+    return clip(read_lidar(data, settings.reading), *span)
+
+
 def choose_odometry(recording: Recording, choice: str, mount: Mount | None) -> tuple[Trajectory | None, list[str]]:
     """Returns the odometry that a run uses, as the motion of the radar, and notes for the user on the choice.
 
@@ -137,6 +168,54 @@ def choose_odometry(recording: Recording, choice: str, mount: Mount | None) -> t
     if recording.odometry is not None and not recording.odometry.covers(recording.start_us, last):
         return None, ["the recording's odometry does not cover the whole recording and is not used"]
     return carry_to_radar(recording.odometry, mount), []
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedLidar:
+    """A lidar's recording as it is solved.
+
+    Args:
+        recording: the recording, with scans as `mqslam.detection.surfaces.prepare` makes them.
+        odometry: its odometry, or None.
+        settings: the settings, with lengths that follow the recording.
+        warnings: which odometry is not used, and why.
+    """
+
+    recording: LidarRecording
+    odometry: Trajectory | None
+    settings: Config
+    warnings: tuple[str, ...]
+
+
+def prepare_lidar(
+    recording: LidarRecording, settings: Config, inputs: Inputs = USUAL_INPUTS, unit_m: float | None = None
+) -> PreparedLidar:
+    """Prepares a lidar's recording to be solved, and fits the settings to it.
+
+    Args:
+        recording: the recording as it was read.
+        settings: settings as they were given.
+        inputs: the choice of odometry; all other inputs must be left at their defaults or switched off.
+        unit_m: the unit in which the recording is solved [m]; None measures it.
+
+    Raises:
+        ConfigError: an input is given that only radars use.
+        DataError: the odometry's file cannot be read or does not cover the recording.
+    """
+    given = {
+        "readings of a gyroscope": inputs.imu not in _OFF,
+        "GNSS fixes": inputs.gnss not in _OFF,
+        "extrinsics": inputs.extrinsics not in _OFF,
+        "another frame than the lidar's": inputs.frame != RADAR,
+    }
+    if any(given.values()):
+        named = join_words([name for name, is_given in given.items() if is_given])
+        why = "is a lidar's recording, which is solved in the lidar's frame with odometry as the only other sensor"
+        raise ConfigError(f"{recording.path}: {why}; leave out {named}")
+    track, unused = choose_odometry(recording, inputs.odometry, None)
+    prepared = prepare(recording, track, unit_m)
+    usual = load_config(LIDAR_CONFIG).model_copy(update={"estimator": Config().estimator})
+    return PreparedLidar(prepared, track, fit_settings(settings, usual, prepared.scans.unit_m or 1.0), tuple(unused))
 
 
 def carry_to_radar(vehicle: Trajectory | None, mount: Mount | None) -> Trajectory | None:

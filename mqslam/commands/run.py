@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mqslam.auditing.sources import LIDAR_CONFIG
 from mqslam.commands.inputs import (
     USUAL_INPUTS,
     WHOLE,
@@ -17,23 +16,21 @@ from mqslam.commands.inputs import (
     choose_sensors,
     choose_settings,
     name_extrinsics,
-    open_data,
+    open_radar_or_lidar,
     place_truth,
+    prepare_lidar,
 )
 from mqslam.commands.result import RunResult
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config, load_config, set_tolerance
-from mqslam.core.recording import Recording
+from mqslam.config import Config, set_tolerance
+from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.sensors import NO_SENSORS, RADAR, Sensors
 from mqslam.core.trajectory import Trajectory
-from mqslam.core.units import fit_settings
-from mqslam.detection.surfaces import prepare
-from mqslam.errors import ConfigError, Remedy, tolerate
+from mqslam.errors import Remedy, tolerate
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
-from mqslam.formats import lidars
 from mqslam.formats.recordings.azimuths import stamps_in_us
 from mqslam.formats.recordings.oxford import find_image_folder
 from mqslam.formats.recordings.row_images import RowImageRecording
@@ -150,7 +147,7 @@ class Job:
         return run.carry_to_vehicle(mount), replace(self.recording, ground_truth=carried)
 
 
-def open_job(
+def open_job(  # noqa: PLR0913 - these are the options of a run, and the unit
     data: Path,
     settings: Config,
     frontend: str = "psi",
@@ -160,36 +157,28 @@ def open_job(
     *,
     strict: bool = False,
     span: Span = WHOLE,
+    unit_m: float | None = None,
 ) -> Job:
     """Opens a recording and chooses its odometry and sensors; the arguments are those of `run`.
 
+    A lidar's recording is solved in a unit of `unit_m` [m], or in the unit that the recording shows if that is None.
+
     Raises:
-        ConfigError: the format is unknown, the range resolution cannot be the length of a range bin, the extrinsics are
-            not a pose, or the frame is unknown, or it is `vehicle` while the pose of the radar on the vehicle is unknown.
+        ConfigError: the format is unknown, a lidar's recording is given what only radars use, the range resolution cannot be
+            the length of a range bin, the extrinsics are not a pose, or the frame is unknown, or it is `vehicle` while the
+            pose of the radar on the vehicle is unknown.
         DataError: the recording, the odometry or a sensor's file cannot be used.
     """
-    if format is None and data.exists() and lidars.recognises(data):
-        if span != WHOLE or inputs != replace(USUAL_INPUTS, odometry=inputs.odometry) or range_resolution is not None:
-            problem = "a lidar's recording is run as a whole, with odometry as its only other sensor"
-            raise ConfigError(f"{data}: {problem}; leave out begin, end, range resolution, sensors, extrinsics and frame")
-        return _open_lidar(data, settings, frontend, inputs)
-    recording = open_data(data, format, range_resolution, settings, strict=strict, span=span)
+    recording = open_radar_or_lidar(data, format, range_resolution, settings, strict=strict, span=span)
+    if isinstance(recording, LidarRecording):
+        lidar = prepare_lidar(recording, settings, inputs, unit_m)
+        return Job(lidar.recording, lidar.odometry, lidar.settings, frontend, False, lidar.warnings)
     chosen = choose_sensors(recording, inputs)
     sensors = chosen.sensor
     track, unused = choose_odometry(recording, inputs.odometry, sensors.mount)
     check_frame(inputs.frame, sensors.mount, data)
     recording = replace(place_truth(recording, sensors.mount), notes=(*recording.notes, *chosen.notes))
     return Job(recording, track, settings, frontend, strict, (*unused, *chosen.faults), sensors, inputs.frame)
-
-
-def _open_lidar(data: Path, settings: Config, frontend: str, inputs: Inputs) -> Job:
-    """Opens a lidar's recording, and fits the settings to it; the arguments are those of `open_job`."""
-    recording = lidars.read_lidar(data, settings.reading)
-    track, unused = choose_odometry(recording, inputs.odometry, None)
-    recording = prepare(recording, track)
-    usual = load_config(LIDAR_CONFIG).model_copy(update={"estimator": Config().estimator})
-    settings = fit_settings(settings, usual, recording.unit_m)
-    return Job(recording, track, settings, frontend, False, tuple(unused))
 
 
 def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.RESUME) -> dict[str, Any]:

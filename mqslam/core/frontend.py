@@ -22,6 +22,7 @@ from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.scans import Scan, Scans
 from mqslam.core.sensors import NO_SENSORS, KnownTurning, Sensors
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.units import scale_settings, scale_track
 from mqslam.core.velocity import Velocities
 from mqslam.errors import (
     ConfigError,
@@ -105,6 +106,11 @@ class Context:
             sensors=sensors,
             is_resolution_assumed=recording.is_resolution_assumed,
         )
+
+    def scale(self, factor: float) -> Self:
+        """Multiplies all lengths of the settings and of the odometry by a factor; other sensors must not be there."""
+        odometry = None if self.odometry is None else scale_track(self.odometry, factor)
+        return replace(self, config=scale_settings(self.config, factor), odometry=odometry)
 
     def odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
         """Returns the mean twist (3,) of the odometry between two times [s], or None if the odometry does not cover them."""

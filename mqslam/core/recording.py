@@ -15,7 +15,7 @@ from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.sensors import Fixes, Gyroscope, Mount
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import OfLidarError
 
 FASTEST_TURN_US = 50_000
 SLOWEST_TURN_US = 5_000_000
@@ -159,13 +159,11 @@ class LidarRecording(Recording):
         scans: the scans, each lasting from the stamp of its first beam to that of the next scan. Times count from the
             first scan's stamp [s]; intensities are 0 where the recording has none.
         trajectory: poses of the sensor that some SLAM system stored with the scans, or None.
-        unit_m: length [m] that is to what the lidar sees as a metre is to what a radar sees in a street.
         every_us: (M,) [us] stamps of all scans of the recording, of which `scans` may hold a part; None if it holds all.
     """
 
     scans: Scans = field(kw_only=True)
     trajectory: Trajectory | None = field(kw_only=True)
-    unit_m: float = field(default=1.0, kw_only=True)
     every_us: NDArray[np.int64] | None = field(default=None, kw_only=True)
 
     @classmethod
@@ -191,9 +189,21 @@ class LidarRecording(Recording):
         turns_us = _measure_turns(scans)
         return cls(path, format, scans.stamps_us, turns_us, 0.0, odometry, notes=notes, scans=scans, trajectory=trajectory)
 
+    @property
+    def revolution_s(self) -> float:
+        """Usual time from one scan to the next [s]."""
+        return self.scans.revolution_s
+
     def take(self, chosen: Sequence[int]) -> Self:
         """Returns a part of the recording: the scans with these indices, two or more."""
-        part = self.scans.take(chosen)
+        return self._hold(self.scans.take(chosen))
+
+    def cut(self, first: int, after: int) -> Self:
+        """Returns the scans first <= k < after, two or more, whose times count from the first of them."""
+        return self._hold(self.scans[first:after].count_from_first())
+
+    def _hold(self, part: Scans) -> Self:
+        """Returns the recording with a part of its scans."""
         part = replace(part, revolution_s=float(np.median(np.diff(part.start_times))))
         return replace(self, stamps_us=part.stamps_us, turns_us=_measure_turns(part), scans=part)
 
@@ -217,8 +227,8 @@ class LidarRecording(Recording):
         return Trajectory(at, se2.compose(track.poses[k], step + share[:, None] * miss))
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Raises DataError: a lidar measures ranges, and no power along the beam."""
-        raise DataError(self.path, "is a lidar's recording", "give a radar's; run and audit take a lidar's")
+        """Raises OfLidarError: a lidar measures ranges, and no power along the beam."""
+        raise OfLidarError(self.path)
 
 
 def _measure_turns(scans: Scans) -> NDArray[np.int64]:

@@ -121,11 +121,14 @@ class Scans(Sequence[Scan]):
         scans: the scans.
         start_us: stamp [us] of time zero, the recording's start.
         revolution_s: usual duration of a revolution of the radar [s].
+        unit_m: for a lidar's scans, the length [m] that is to what it sees as a metre is to what a radar sees in a street;
+            None for a radar's.
     """
 
     scans: tuple[Scan, ...] | StoredScans
     start_us: int
     revolution_s: float
+    unit_m: float | None = None
 
     def __len__(self) -> int:
         return len(self.scans)
@@ -138,23 +141,33 @@ class Scans(Sequence[Scan]):
 
     def __getitem__(self, k: int | slice) -> Scan | Scans:
         if isinstance(k, slice):
-            return Scans(self.scans[k], self.start_us, self.revolution_s)
+            return replace(self, scans=self.scans[k])
         return self.scans[k]
 
     def take(self, chosen: Iterable[int]) -> Scans:
         """Returns the scans with these indices."""
         listed = list(chosen)
         scans = self.scans[listed] if isinstance(self.scans, StoredScans) else tuple(self.scans[k] for k in listed)
-        return Scans(scans, self.start_us, self.revolution_s)
+        return replace(self, scans=scans)
 
     def scale_ranges(self, factor: float) -> Scans:
-        """Returns the scans with all ranges multiplied by a factor."""
+        """Returns the scans with all ranges, and the unit of a lidar's scans, multiplied by a factor."""
         if factor == 1.0:
             return self
         store = ScanStore()
         for scan in self:
             store.append(replace(scan.returns, ranges=factor * scan.returns.ranges))
-        return Scans(store.close(self.spans), self.start_us, self.revolution_s)
+        unit_m = None if self.unit_m is None else factor * self.unit_m
+        return replace(self, scans=store.close(self.spans), unit_m=unit_m)
+
+    def count_from_first(self) -> Scans:
+        """Returns the scans with times that count from the start of the first of them."""
+        begin = self.scans[0].t0
+
+        def shift(scan: Scan) -> Scan:
+            return Scan(scan.t0 - begin, scan.t1 - begin, replace(scan.returns, times=scan.returns.times - begin))
+
+        return replace(self, scans=tuple(map(shift, self.scans)), start_us=int(self.stamps_us[0]))
 
     @property
     def spans(self) -> NDArray[np.float64]:

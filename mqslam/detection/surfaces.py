@@ -99,20 +99,21 @@ def find_step(scans: Scans) -> float:
     return float(np.median(np.concatenate(steps))) if steps else 0.0
 
 
-def prepare(recording: LidarRecording, odometry: Trajectory | None) -> LidarRecording:
+def prepare(recording: LidarRecording, odometry: Trajectory | None, unit_m: float | None = None) -> LidarRecording:
     """Returns a lidar's recording as it is solved: points lie evenly, and scans at rest are left out.
 
     Args:
         recording: the recording as it was read.
         odometry: poses of the sensor, or None: all scans are kept then.
+        unit_m: length [m] that is to what the lidar sees as a metre is to what a radar sees in a street; None measures it.
     """
-    unit_m, step = measure_unit(recording.scans), find_step(recording.scans)
+    unit_m, step = measure_unit(recording.scans) if unit_m is None else unit_m, find_step(recording.scans)
     kept = recording
     if odometry is not None:
         kept = recording.take(pick_moving(recording.scans, odometry, _PATH * unit_m, _TURN_RAD))
     even = tuple(spread_evenly(scan, step, _SPACING * unit_m) for scan in kept.scans)
-    scans = replace(kept.scans, scans=even)
-    return replace(kept, scans=scans, unit_m=unit_m, every_us=recording.stamps_us, odometry=odometry)
+    scans = replace(kept.scans, scans=even, unit_m=unit_m)
+    return replace(kept, scans=scans, every_us=recording.stamps_us, odometry=odometry)
 
 
 def measure_unit(scans: Scans) -> float:

@@ -94,6 +94,24 @@ class DataError(MqslamError):
         return type(self), (self.path, self.problem, self.remedy)
 
 
+class OfLidarError(DataError):
+    """A recording of a planar lidar where one of a radar is needed.
+
+    Args:
+        path: the recording.
+        problem: what it is.
+        remedy: what the user can do about it.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        problem: str = "is a lidar's recording",
+        remedy: str = "give a radar's: only run, compare, localise, batch, audit and info take a lidar's",
+    ) -> None:
+        super().__init__(path, problem, remedy)
+
+
 class ConfigError(MqslamError):
     """A setting that is unknown or out of range."""
 

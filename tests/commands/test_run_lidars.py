@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -88,7 +89,26 @@ def test_a_real_run_meets_its_verified_relations(tmp_path: Path, name: str, most
     assert scored["metres"][0] < most_m
 
 
-def test_a_part_of_a_lidars_recording_is_refused(tmp_path: Path) -> None:
+def test_a_part_of_a_lidars_recording_is_solved_by_itself(tmp_path: Path) -> None:
+    truth = write_carmen(tmp_path / "rooms.log")
+    result = mqslam.run(tmp_path / "rooms.log", tmp_path / "out", start_s=5.0, end_s=17.0)
+    track = read_tum(tmp_path / "out" / "trajectory.tum")
+    np.testing.assert_array_equal(track.stamps_us, truth.stamps_us[25:85])
+    assert largest_error_m(track, truth) < 0.1
+    assert any("from 5 s to 17 s are used" in line for line in (result.folder / "run.log").read_text().splitlines())
+
+
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [
+        ({"imu": "turns.csv"}, "leave out readings of a gyroscope"),
+        ({"gnss": "fixes.csv", "frame": "vehicle"}, "leave out GNSS fixes and another frame than the lidar's"),
+        ({"extrinsics": (1.0, 0.0, 0.0)}, "leave out extrinsics"),
+        ({"range_resolution": 0.1}, "has no range bins; leave the range resolution out"),
+        ({"start_s": 0.0, "end_s": 0.1}, "holds one scan; give times that hold more"),
+    ],
+)
+def test_what_a_lidars_run_cannot_use_is_refused_by_name(tmp_path: Path, given: dict[str, Any], named: str) -> None:
     write_carmen(tmp_path / "rooms.log")
-    with pytest.raises(ConfigError, match="run as a whole"):
-        mqslam.run(tmp_path / "rooms.log", tmp_path / "out", start_s=5.0)
+    with pytest.raises(ConfigError, match=named):
+        mqslam.run(tmp_path / "rooms.log", tmp_path / "out", **given)

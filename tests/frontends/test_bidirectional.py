@@ -11,7 +11,7 @@ from support.drives import street_drive
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Returns, Scan
-from mqslam.frontends.bidirectional import DirectedMotion, ReversedScans, join, turn_back
+from mqslam.frontends.bidirectional import DirectedMotion, ReversedScans, join
 
 STEP = np.array([2.0, 0.1, 0.05])
 SURE = np.diag([4e-4, 1e-4, 1e-6])
@@ -42,7 +42,7 @@ def join_motions(
     there, back = (
         [DirectedMotion(m, np.zeros((3, 3)) if m.on_map else m.covariance) for m in ms] for ms in (forward, backward)
     )
-    return join(there, turn_back(scans, back), shared)
+    return join(there, ReversedScans(scans).turn_back(back), shared)
 
 
 SCANS = make_scans([0.0, 0.25, 0.5, 0.75, 1.0])
@@ -125,7 +125,7 @@ def test_what_psi_saw_of_a_motion_that_it_did_not_observe_in_full_is_as_sure_as_
     one, other = waver(forward, 9.0 * SURE, 2), waver(forward, 9.0 * SURE, 3)
     there = [DirectedMotion(m, unseen) for m in one]
     back = [DirectedMotion(m, se2.covariance_of_inverse(se2.inverse(m.pose), unseen)) for m in play_backward(other)]
-    joined = join(there, turn_back(LONG, back), 0.0)
+    joined = join(there, ReversedScans(LONG).turn_back(back), 0.0)
     for motion in joined[1:]:
         sure = np.diag(motion.covariance)
         assert sure[0] == pytest.approx(4.0, rel=0.1)

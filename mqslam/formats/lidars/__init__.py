@@ -1,4 +1,4 @@
-"""Reads recordings of planar lidars, which can be audited and described: CARMEN logs, and laser scans in ROS bags."""
+"""Reads recordings of planar lidars: CARMEN logs, and laser scans in ROS bags."""
 
 from __future__ import annotations
 
@@ -7,23 +7,12 @@ from pathlib import Path
 from mqslam.config import USUAL_READING, ReadingConfig
 from mqslam.core.recording import LidarRecording
 from mqslam.errors import untrusted
-from mqslam.formats import bags
 from mqslam.formats.lidars import carmen, laserscan
 
 
 @untrusted.reads_file
-def recognises(path: Path) -> bool:
-    """Returns whether the path is a CARMEN log, or a bag with laser scans and nothing that a radar sent.
-
-    Raises:
-        DataError: the path is a bag that cannot be read.
-    """
-    return carmen.recognises(path) or (bags.recognises(path) and laserscan.holds_scans(path))
-
-
-@untrusted.reads_file
 def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarRecording:
-    """Reads a recording of a planar lidar for which `recognises` is true.
+    """Reads a recording of a planar lidar: a CARMEN log, or a bag with laser scans.
 
     Args:
         path: the recording.

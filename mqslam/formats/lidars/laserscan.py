@@ -47,15 +47,10 @@ class _ScanIndex:
 _OF_RADAR = ("polar", "navtech", "radar_data")  # parts of the names that drivers give to a radar's topics
 
 
-def holds_scans(path: Path) -> bool:
-    """Returns whether a bag has laser scans and nothing that a radar sent.
-
-    Raises:
-        DataError: the bag cannot be read.
-    """
-    with bags.open_bag(path) as reader:
-        kinds = {connection.msgtype for connection in reader.connections}
-        topics = [connection.topic.lower() for connection in reader.connections]
+def holds_scans(reader: AnyReader) -> bool:
+    """Returns whether an open bag has laser scans and nothing that a radar sent."""
+    kinds = {connection.msgtype for connection in reader.connections}
+    topics = [connection.topic.lower() for connection in reader.connections]
     return SCAN_TYPE in kinds and not any(word in topic for topic in topics for word in _OF_RADAR)
 
 

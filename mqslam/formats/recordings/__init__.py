@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import cast
 
 from mqslam.core.recording import Recording
-from mqslam.errors import ConfigError, DataError, Remedy, suggest, untrusted
+from mqslam.errors import ConfigError, DataError, OfLidarError, Remedy, suggest, untrusted
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.formats.bags import explain_packed
+from mqslam.formats.lidars import carmen
 from mqslam.formats.recordings.derived import turn_as_told
 from mqslam.formats.recordings.layout import (
     USUAL_TOPICS,
@@ -67,6 +68,7 @@ def open_recording(
     Raises:
         ConfigError: the format is unknown, or the range resolution cannot be the length of a range bin.
         DataError: the path does not exist, is in no known layout, or holds a recording that cannot be used.
+        OfLidarError: the path holds a recording of a planar lidar.
     """
     path = Path(path)
     if range_resolution is not None and not is_bin_length(range_resolution):
@@ -126,11 +128,10 @@ def _guess_layout(path: Path) -> Layout:
     if (path / FOLDER).is_dir():
         remedy = "give the recording that it is made from, or resume the run before its result is used"
         raise DataError(path, "is an unfinished run of mqslam, not a recording", remedy)
+    if carmen.recognises(path):
+        raise OfLidarError(path)
     if packed := explain_packed(path):
         raise packed
-    lidars = importlib.import_module("mqslam.formats.lidars")
-    if lidars.recognises(path):
-        raise DataError(path, "is a lidar's recording", "give a radar's; run and audit take a lidar's")
     raise DataError(
         path,
         "is no recording in a known layout",

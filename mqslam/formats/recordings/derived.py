@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mqslam.core.recording import PolarScan, Recording
+from mqslam.core.recording import LidarRecording, PolarScan, Recording
 from mqslam.errors import ConfigError, DataError
 
 
@@ -57,7 +57,7 @@ def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Re
         end_s: end of the span [s] since the recording's start; None takes the recording's end.
 
     Raises:
-        ConfigError: the span ends before it begins, or no polar scan begins in it.
+        ConfigError: the span ends before it begins, or no polar scan begins in it, or only one of a lidar does.
     """
     if start_s is None and end_s is None:
         return recording
@@ -70,9 +70,14 @@ def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Re
     if first >= after:
         problem = f"no scan begins in it, since the recording takes {recording.duration_s:.1f} s"
         raise ConfigError(f"the stretch from {span} of {recording.path}: {problem}; give times within it")
+    note = f"only the {after - first} of {len(recording)} scans from {span} are used; times count from the first of them"
+    if isinstance(recording, LidarRecording):
+        if after - first < 2:
+            raise ConfigError(f"the stretch from {span} of {recording.path}: holds one scan; give times that hold more")
+        part = recording.cut(first, after)
+        return replace(part, notes=(*part.notes, note))
     stamps_us = recording.stamps_us[first:after]
     same = copy_fields(recording) | {"stamps_us": stamps_us, "turns_us": recording.turns_us[first:after]}
-    note = f"only the {after - first} of {len(recording)} scans from {span} are used; times count from the first of them"
     same["notes"] = (*recording.notes, note)
     earlier_s = (int(stamps_us[0]) - recording.start_us) * 1e-6
     return DerivedRecording(inner=recording, first=first, earlier_s=earlier_s, **same)

@@ -22,9 +22,10 @@ from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.sensors import Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
-from mqslam.errors import DataError, Remedy, untrusted
+from mqslam.errors import DataError, OfLidarError, Remedy, untrusted
 from mqslam.formats import bags
 from mqslam.formats.bags import KINDS, ODOMETRY_TYPE, RADAR_FRAME, VEHICLE_FRAME, Bag, name_frame, write_bag
+from mqslam.formats.lidars import laserscan
 from mqslam.formats.recordings import radar_messages
 from mqslam.formats.recordings.arrivals import estimate_arrivals
 from mqslam.formats.recordings.azimuths import azimuth_stamps, check_encoder, note_spread, spread_azimuths
@@ -111,6 +112,8 @@ recognises = bags.recognises
 def open_recording(path: Path, sensing: Sensing) -> Recording:
     """Indexes a bag in one pass over its messages; only stamps, poses and the readings of sensors stay in memory."""
     with bags.open_bag(path) as reader:
+        if sensing.topics.radar is None and laserscan.holds_scans(reader):
+            raise OfLidarError(path)
         encoder = sensing.encoder_size or radar_messages.read_encoder_size(reader)
         radar, notes = radar_messages.choose_topic(path, reader, sensing.topics.radar, encoder)
         odometry_topic, truth_topic = _choose_pose_topics(path, reader, sensing.topics)

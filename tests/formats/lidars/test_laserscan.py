@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -7,12 +9,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from support.recordings import KINDS, START_US, TF, bag_path, bag_writer
+from support.recordings import KINDS, START_US, TF, bag_path, bag_writer, write_bag, write_oxford
 
+from mqslam.commands.inputs import open_radar_or_lidar
+from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.recording import LidarRecording
-from mqslam.errors import DataError
-from mqslam.formats.lidars.laserscan import holds_scans, read_lidar
+from mqslam.errors import DataError, OfLidarError
+from mqslam.formats import bags
+from mqslam.formats.bags import open_bag
+from mqslam.formats.lidars.laserscan import read_lidar
+from mqslam.formats.recordings import open_recording
 
 SCAN = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -36,7 +43,7 @@ def test_beams_become_returns_with_times_angles_and_intensities(tmp_path: Path, 
     path = bag_path(tmp_path, kind)
     write(path, kind, {"ranges": [1, 2, 3, 4, 5], "intensities": [9, 8, 7, 6, 5]}, {"ranges": [5, 4, 3, 2, 1]})
     recording = read_lidar(path)
-    assert holds_scans(path) and recording.format == "laserscan" and len(recording.scans) == 2
+    assert recording.format == "laserscan" and len(recording.scans) == 2
     assert recording.scans.stamps_us.tolist() == [START_US, START_US + PERIOD_US]
     first, second = (scan.returns for scan in recording.scans)
     np.testing.assert_allclose(first.ranges, [1, 2, 3, 4, 5])
@@ -47,6 +54,23 @@ def test_beams_become_returns_with_times_angles_and_intensities(tmp_path: Path, 
     np.testing.assert_array_equal(second.intensities, np.zeros(5))
     np.testing.assert_allclose([(scan.t0, scan.t1) for scan in recording.scans], [(0.0, 0.1), (0.1, 0.2)])
     assert recording.trajectory is None and recording.odometry is None
+
+
+@pytest.mark.parametrize(
+    ("radar", "of_lidar"),
+    [(None, True), ("/camera/image", True), ("/Navtech/Polar", False), ("/radar_data/fft_msg", False), ("/polar/x", False)],
+)
+def test_a_bag_is_a_lidars_unless_a_topic_is_named_like_a_radars(tmp_path: Path, radar: str | None, of_lidar: bool) -> None:
+    with bag_writer(tmp_path / "drive.bag", "ros1") as bag:
+        scans = bag.topic("/scan", SCAN)
+        beside = None if radar is None else bag.topic(radar, ODOMETRY)
+        for stamp in (START_US, START_US + PERIOD_US):
+            bag.write(scans, stamp, bag.scan(stamp))
+            if beside is not None:
+                bag.write(beside, stamp, bag.odometry(stamp, np.zeros(3)))
+    with pytest.raises(DataError) as raised:
+        open_recording(tmp_path / "drive.bag")
+    assert isinstance(raised.value, OfLidarError) is of_lidar
 
 
 def test_ranges_outside_the_limits_nan_and_infinite_ones_are_no_returns(tmp_path: Path) -> None:
@@ -182,3 +206,21 @@ def test_a_corrupt_bag_is_named(tmp_path: Path, kind: str, keep: float) -> None:
     file.write_bytes(content[: int(len(content) * keep)])
     with pytest.raises(DataError, match=f"{path.name}: "):
         read_lidar(path)
+
+
+def test_a_radars_bag_is_opened_once_and_a_lidars_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[Path] = []
+
+    @contextmanager
+    def open_and_count(path: Path) -> Iterator[Any]:
+        opened.append(path)
+        with open_bag(path) as reader:
+            yield reader
+
+    monkeypatch.setattr(bags, "open_bag", open_and_count)
+    radar = write_bag(open_recording(write_oxford(tmp_path / "drive", polar_scans=4)), tmp_path / "radar.bag", "ros1")
+    lidar = write(tmp_path / "lidar.bag", "ros1", {"ranges": [1, 2, 3]}, {"ranges": [1, 2, 3]})
+    open_radar_or_lidar(radar, None, None, Config())
+    assert opened == [radar]
+    open_radar_or_lidar(lidar, None, None, Config())
+    assert opened == [radar, lidar, lidar]
