@@ -125,8 +125,18 @@ def scale_factor(factor: gtsam.NonlinearFactor, scale: float) -> gtsam.Nonlinear
     if isinstance(factor, gtsam.PriorFactorPose2):
         return prior(factor.keys()[0], scale_vector(factor.prior(), scale))
     assert isinstance(factor, gtsam.BetweenFactorPose2)
+    return scale_between(factor, scale)
+
+
+def scale_between(factor: gtsam.BetweenFactorPose2, scale: float) -> gtsam.BetweenFactorPose2:
+    """Multiplies the lengths of a between-factor of planar poses by a scale; its errors weigh as before."""
     a, b = factor.keys()
-    noise = factor.noiseModel()
+    noise = scale_noise(factor.noiseModel(), scale)
+    return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*scale_vector(factor.measured(), scale)), noise)
+
+
+def scale_noise(noise: gtsam.noiseModel.Base, scale: float) -> gtsam.noiseModel.Base:
+    """Multiplies the lengths of the noise of a planar pose by a scale; its robust loss stays."""
     gaussian = noise.noise() if isinstance(noise, gtsam.noiseModel.Robust) else noise
     assert isinstance(gaussian, gtsam.noiseModel.Gaussian)
     variances = np.array([scale * scale, scale * scale, 1.0])
@@ -134,7 +144,7 @@ def scale_factor(factor: gtsam.NonlinearFactor, scale: float) -> gtsam.Nonlinear
     scaled: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(covariance)
     if isinstance(noise, gtsam.noiseModel.Robust):
         scaled = gtsam.noiseModel.Robust.Create(noise.robust(), scaled)
-    return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*scale_vector(factor.measured(), scale)), scaled)
+    return scaled
 
 
 def scale_vector(pose: gtsam.Pose2, scale: float) -> se2.Array:

@@ -125,11 +125,16 @@ class Solution:
             engine: where places are described; the result does not depend on it.
         """
         span = recording.start_us, recording.end_us
-        source = MappedRecording(str(recording.path), *span, recording.revolution_s, self.doppler_beta)
+        unit_m = scans.unit_m
+        source = MappedRecording(str(recording.path), *span, recording.revolution_s, self.doppler_beta, unit_m)
         known = self.covariances.failure is None and len(self.covariances.indices) == len(self.optimised)
-        covariances = self.covariances.covariances if known else None
-        keyframes = make_keyframes(scans, self.optimised.poses, covariances, source, self.beam)
-        return KeyframeMap(keyframes, describe_places(MappedDrive.of(keyframes), self.beam, engine))
+        factor = 1.0 / (unit_m or 1.0)
+        covariances = units.scale_covariance(self.covariances.covariances, factor) if known else None
+        beam = beam_of(units.scale_settings(self.config, factor).estimator, self.doppler_beta)
+        poses = units.scale_pose(self.optimised.poses, factor)
+        keyframes = make_keyframes(scans.scale_ranges(factor), poses, covariances, source, beam)
+        made = KeyframeMap(keyframes, describe_places(MappedDrive.of(keyframes), beam, engine))
+        return made.scale(unit_m or 1.0)
 
     @property
     def before(self) -> str:

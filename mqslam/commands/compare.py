@@ -7,7 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from mqslam.commands.inputs import choose_gyroscope, choose_odometry, choose_settings, open_data
+from mqslam.commands.inputs import (
+    Inputs,
+    choose_gyroscope,
+    choose_odometry,
+    choose_settings,
+    open_radar_or_lidar,
+    prepare_lidar,
+)
 from mqslam.commands.result import CompareResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.comparison.comparison import compare_rows
@@ -16,7 +23,7 @@ from mqslam.comparison.rows import Row, make_given_row, run_front_ends, split_ro
 from mqslam.config import Config, set_doppler_beta
 from mqslam.core import frontend as known_frontends
 from mqslam.core.frontend import Context
-from mqslam.core.recording import Recording
+from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
@@ -66,7 +73,8 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
             or as the paths of a KITTI trajectory's poses and times.
         odometry_only: whether the front ends' motions are only chained, without pose graph and loops.
         kiss_config: YAML file with KISS-ICP's own settings.
-        odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file; only row `odometry` uses it.
+        odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file. Only row `odometry` uses it.
+            With a lidar's recording all rows use it as a run does: it says where to look for a scan, and is in the graph.
         imu: `auto` (the recording's own gyroscope), `none`, or the path of a file; only rows `...+gyro` use it.
         tolerance: how far two passes of a good map may be apart [m]; all other tolerances of the verdict change in
             proportion. None takes the tolerances of the settings.
@@ -96,28 +104,36 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     _check_names(frontends, odometry_only=odometry_only)
     given, understood = _make_given_rows(trajectories or {}, frontends)
     with claim_folder(out, force=force, resume=resume, sources=[data]):
-        recording = open_data(data, format, range_resolution, settings, span=(start_s, end_s))
-        track, unused = choose_odometry(recording, odometry, recording.mount)
+        recording = open_radar_or_lidar(data, format, range_resolution, settings, span=(start_s, end_s))
         chosen = _choose_gyroscope(recording, imu, frontends)
+        if isinstance(recording, LidarRecording):
+            lidar = prepare_lidar(recording, settings, Inputs(odometry, imu))
+            recording, track, unused, settings = lidar.recording, lidar.odometry, list(lidar.warnings), lidar.settings
+        else:
+            track, unused = choose_odometry(recording, odometry, recording.mount)
         sensors, warnings = chosen.sensor, [*unused, *chosen.faults]
         recording = replace(recording, notes=(*recording.notes, *understood, *chosen.notes))
         for note in recording.notes:
             work.tell(note)
         if kiss_config is not None and _KISS in frontends:  # a refused file stops the comparison, not only this row
             known_frontends.create(_KISS, Context.of(recording, settings))
-        take_common_scans(given, make_scans(recording))  # raises, before scans are read, if rows share too few
+        is_lidar = isinstance(recording, LidarRecording)
+        known = recording.scans if isinstance(recording, LidarRecording) else make_scans(recording)
+        take_common_scans(given, known)  # raises, before scans are read, if rows share too few
         key = hash_run(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track, sensors)
         with keep_checkpoint(out, key, resume=resume) as checkpoint:
             runner = Runner(work.engine, work.progress, checkpoint)
-            scans, detected = detect_all(recording, settings.detector, runner)
-            warnings += [*recording.faults, *warn_of_unread(detected.unread)]
-            beta = choose_doppler(scans, settings, work.engine).beta
+            scans, beta = known, 0.0
+            if not is_lidar:
+                scans, detected = detect_all(recording, settings.detector, runner)
+                warnings += [*recording.faults, *warn_of_unread(detected.unread)]
+                beta = choose_doppler(scans, settings, work.engine).beta
             settings = set_doppler_beta(settings, beta)
-            radar_alone = Context.of(recording, settings, doppler_beta=beta)
+            alone = Context.of(recording, settings, doppler_beta=beta)
             contexts = {
                 name: replace(
-                    radar_alone,
-                    odometry=track if name == "odometry" else None,
+                    alone,
+                    odometry=track if is_lidar or name == "odometry" else None,
                     sensors=sensors if split_row(name)[1] else NO_SENSORS,
                 )
                 for name in frontends

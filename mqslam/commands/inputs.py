@@ -15,6 +15,7 @@ from mqslam.auditing.sources import LIDAR_CONFIG
 from mqslam.config import Config, load_config
 from mqslam.core import se2
 from mqslam.core.recording import LidarRecording, Recording
+from mqslam.core.scans import Scans
 from mqslam.core.sensors import RADAR, VEHICLE, Fixes, Gyroscope, Mount, Sensors, describe_offset, find_offset
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.units import fit_settings
@@ -214,8 +215,13 @@ def prepare_lidar(
         raise ConfigError(f"{recording.path}: {why}; leave out {named}")
     track, unused = choose_odometry(recording, inputs.odometry, None)
     prepared = prepare(recording, track, unit_m)
+    return PreparedLidar(prepared, track, fit_to_lidar(settings, prepared.scans), tuple(unused))
+
+
+def fit_to_lidar(settings: Config, scans: Scans) -> Config:
+    """Fits settings to the scans of a lidar: those that were left at their defaults follow its unit of length."""
     usual = load_config(LIDAR_CONFIG).model_copy(update={"estimator": Config().estimator})
-    return PreparedLidar(prepared, track, fit_settings(settings, usual, prepared.scans.unit_m or 1.0), tuple(unused))
+    return fit_settings(settings, usual, scans.unit_m or 1.0)
 
 
 def carry_to_radar(vehicle: Trajectory | None, mount: Mount | None) -> Trajectory | None:

@@ -15,6 +15,9 @@ from mqslam.config import Config, load_config, set_doppler_beta, set_sensor
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
 from mqslam.core.keyframes import KeyframeMap
+from mqslam.core.recording import LidarRecording, Recording
+from mqslam.core.scans import PeakCounts
+from mqslam.core.velocity import Detected
 from mqslam.detection.stage import detect_all, warn_of_unread
 from mqslam.errors import DataError, EstimationError, FewReturnsError, NotInMapError, Remedy
 from mqslam.execution.folders import claim_folder, write_folder_aside
@@ -83,10 +86,13 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
     with claim_folder(out, force=force, sources=[data]):
         made = _open_map(map)
         settings = read_map_settings(map) if config is None else choose_settings(config)
+        unit_m = made.keyframes.unit_m
         if settings.sensor.doppler_beta is None:
             settings = set_doppler_beta(settings, made.keyframes.recordings[-1].doppler_beta)
         inputs = Inputs(str(odometry), str(imu), "none", name_extrinsics(extrinsics))
-        job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=(start_s, end_s))
+        span = start_s, end_s
+        job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=span, unit_m=unit_m)
+        _check_sensor(job.recording, map, unit_m)
         for note in job.recording.notes:
             work.tell(note)
         runner = Runner(work.engine, work.progress)
@@ -129,6 +135,21 @@ def read_map_settings(map: Path) -> Config:
     return set_sensor(settings, radar_topic=None, odometry_topic=None, truth_topic=None)
 
 
+def _check_sensor(recording: Recording, map: Path, unit_m: float | None) -> None:
+    """Raises DataError unless recording and map are of the same kind of sensor, radar or lidar.
+
+    Args:
+        recording: the recording.
+        map: the folder of the map.
+        unit_m: the unit of a lidar's map [m]; None for a radar's.
+    """
+    if isinstance(recording, LidarRecording) == (unit_m is not None):
+        return
+    own, other = ("lidar", "radar") if unit_m is None else ("radar", "lidar")
+    problem = f"is a {own}'s recording, and {map} holds no map that this version has made from a {own}'s"
+    raise DataError(recording.path, problem, f"give the result of a run of a {own}'s recording, or a {other}'s recording")
+
+
 def _find(job: Job, made: KeyframeMap, runner: Runner) -> tuple[Localised, dict[int, DataError]]:
     """Localises a recording in a map; returns the result, and the error of each unreadable scan by the scan's number.
 
@@ -137,11 +158,16 @@ def _find(job: Job, made: KeyframeMap, runner: Runner) -> tuple[Localised, dict[
         EstimationError: no motion can be estimated from the recording.
     """
     recording, settings = job.recording, job.settings
-    beta = settings.sensor.doppler_beta or 0.0
-    beam = beam_of(settings.estimator, beta)
-    context = Context.of(recording, settings, job.odometry, job.sensors, doppler_beta=beta)
+    beta, unit_m = settings.sensor.doppler_beta or 0.0, made.keyframes.unit_m or 1.0
+    context = Context.of(recording, settings, job.odometry, job.sensors, doppler_beta=beta).scale(1.0 / unit_m)
+    estimator = context.config.estimator
+    beam = beam_of(estimator, beta)
     frontends.create(job.frontend, context)  # raises, before the recording is read, if the front end lacks an input
-    scans, detected = detect_all(recording, settings.detector, runner, strict=job.strict, with_velocities=True)
+    detected = Detected([], {}, 0.0, 0.0, PeakCounts())
+    if isinstance(recording, LidarRecording):
+        scans = recording.scans.scale_ranges(1.0 / unit_m)
+    else:
+        scans, detected = detect_all(recording, settings.detector, runner, strict=job.strict, with_velocities=True)
     runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
     try:
         with runner.time_stage("windows"):
@@ -149,7 +175,7 @@ def _find(job: Job, made: KeyframeMap, runner: Runner) -> tuple[Localised, dict[
     except FewReturnsError as error:
         raise EstimationError(f"{error}: {detected.counts.remedy}") from error
     try:
-        localised = find_in_map(scans, motions, made, settings.estimator, beam, runner)
+        localised = find_in_map(scans, motions, made.scale(1.0 / unit_m), estimator, beam, runner).scale_lengths(unit_m)
     except NotInMapError as error:
         assumed = f"the length of a range bin, {recording.range_resolution:g} m, is assumed: {Remedy.GIVE_RANGE_RESOLUTION}"
         hints = (assumed,) if recording.is_resolution_assumed else ()

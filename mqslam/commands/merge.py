@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mqslam.commands.inputs import choose_settings
 from mqslam.commands.result import MergeResult
@@ -16,7 +20,7 @@ from mqslam.execution.runner import Runner
 from mqslam.formats.graphs.g2o import read_g2o
 from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
 from mqslam.formats.tum import read_tum
-from mqslam.merging.merge import merge_sessions
+from mqslam.merging.merge import merge_in_unit, merge_sessions
 from mqslam.merging.sessions import Session, make_session
 from mqslam.report.merge_page import write_merge_page
 from mqslam.results.files import add_warnings
@@ -65,7 +69,8 @@ def merge(
         settings = choose_settings(own if config is None and own.is_file() else config)
         runner = Runner(work.engine, work.progress)
         with runner.time_stage("total"):
-            merged = merge_sessions(parts, settings, runner)
+            of_lidar = parts[0].map.keyframes.unit_m is not None
+            merged = (merge_in_unit if of_lidar else merge_sessions)(parts, settings, runner)
         summary = to_json_values(summarise_merge(merged, runner.runtime_s))
         for warning in summary["warnings"]:
             work.tell(warning)
@@ -98,7 +103,26 @@ def read_part(folder: Path) -> Session:
     count = len(kept.keyframes.recordings)
     alone = folder / "trajectory.tum"
     tracks = [alone] if alone.is_file() else [folder / f"trajectory_{n}.tum" for n in range(1, count + 1)]
-    return make_session(folder, kept, [read_tum(track).stamps_us for track in tracks], graph)
+    stamps_us = [read_tum(track).stamps_us for track in tracks]
+    if kept.keyframes.unit_m is not None and alone.is_file():  # a lidar's trajectory has poses of scans that are not solved
+        stamps_us = [_read_solved(folder / "graph.csv")]
+    return make_session(folder, kept, stamps_us, graph)
+
+
+@untrusted.reads_file
+def _read_solved(path: Path) -> NDArray[np.int64]:
+    """Reads from graph.csv the stamps (N,) [us] of the scans in a run's graph, in order.
+
+    Raises:
+        DataError: the file is missing or damaged.
+    """
+    try:
+        rows = list(csv.DictReader(untrusted.read_document(path).splitlines()))
+        ends = (("from", "from_stamp_us"), ("to", "to_stamp_us"))
+        stamps = {int(row[end]): int(row[stamp]) for row in rows for end, stamp in ends if row[stamp]}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DataError(path, "cannot be read", _REMEDY) from error
+    return np.array([stamps[k] for k in sorted(stamps)], dtype=np.int64)
 
 
 def _require_distinct(folders: Sequence[Path]) -> None:
@@ -113,8 +137,17 @@ def _require_distinct(folders: Sequence[Path]) -> None:
 
 
 def _check_recordings(parts: Sequence[Session]) -> None:
-    """Raises DataError if two results hold the same recording, since its returns would be matched with themselves."""
+    """Raises DataError if a radar's and a lidar's results are mixed, or two results hold the same recording.
+
+    The returns of one recording would be matched with themselves.
+    """
     known: dict[tuple[str, int], Path] = {}
+    of_lidars = [part.map.keyframes.unit_m is not None for part in parts]
+    if any(of_lidars) and not all(of_lidars):
+        odd = parts[of_lidars.index(not of_lidars[0])].folder
+        kind, first = ("radar", "lidar") if of_lidars[0] else ("lidar", "radar")
+        problem = f"is a {kind}'s map, and {parts[0].folder} a {first}'s: what the one sees, the other does not"
+        raise DataError(odd, problem, "merge results of one kind of sensor")
     for part in parts:
         for recording in part.map.keyframes.recordings:
             other = known.setdefault((recording.path, recording.start_us), part.folder)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -15,23 +15,24 @@ from gtsam.symbol_shorthand import M, X
 from mqslam.auditing.mending.along import straighten
 from mqslam.backend import refinement
 from mqslam.backend.loops.closing import find_loops
-from mqslam.backend.pose_graph import pose_of
+from mqslam.backend.pose_graph import pose_of, scale_values
 from mqslam.backend.problem import GivenGraph, GraphProblem, Problem
-from mqslam.backend.sensors.odometry import ODOMETRY, hold_odometry, make_odometry_edges
-from mqslam.commands.inputs import choose_settings, open_data
+from mqslam.backend.sensors.odometry import ODOMETRY, doubt_contradicted, hold_odometry, make_odometry_edges
+from mqslam.commands.inputs import choose_settings, fit_to_lidar, open_radar_or_lidar, prepare_lidar
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.frontend import Context, measure_motions, require
 from mqslam.core.measurement import Loop, Measurement, Status
-from mqslam.core.recording import Recording
+from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.units import scale_measurement, scale_settings, scale_tie, scale_track
 from mqslam.core.wording import count_of
 from mqslam.detection.stage import detect_all, warn_of_unread
 from mqslam.errors import ConfigError, EstimationError, FewReturnsError
 from mqslam.execution.runner import Runner
-from mqslam.factors.between import lifted_between, loop_between
+from mqslam.factors.between import lifted_between, loop_between, scale_between, scale_noise, scale_vector
 from mqslam.psi.doppler import choose_doppler
 from mqslam.psi.place import Beam, beam_of
 from mqslam.slam import PSI
@@ -168,28 +169,32 @@ def psi_factors(
         >>> values.insert(factors.make_initial(values))  # doctest: +SKIP
     """
     require(frontend)  # raises before the recording is read
-    with _look_at(recording, config, work) as radar:
-        settings, scans = radar.config, radar.scans
+    with _look_at(recording, config, work) as view:
+        settings, scans = view.solved_config, view.solved_scans
         lift, scan_keys = _choose_lift(pose), _list_keys(keys, len(scans))
-        context = radar.make_context(odometry)
-        measurements = list(radar.runner.follow("windows", measure_motions(frontend, context, scans), len(scans) - 1))
+        context = view.make_context(odometry)
+        measurements = list(view.runner.follow("windows", measure_motions(frontend, context, scans), len(scans) - 1))
         if frontend == PSI:
-            with radar.runner.tolerate("the ties along the path"):
-                measurements = straighten(measurements, scans, settings, radar.beam, radar.runner)
-            for warning in radar.runner.warnings:
+            with view.runner.tolerate("the ties along the path"):
+                measurements = straighten(measurements, scans, settings, view.beam, view.runner)
+            for warning in view.runner.warnings:
                 work.tell(warning)
         motions, fault = hold_odometry(scans, context, frontend, measurements)
         if fault is not None:
             work.tell(fault.statement)
         edges = make_odometry_edges(motions, measurements, settings.odometry)
+        edges = doubt_contradicted(edges, measurements) if context.is_lidar else edges
     problem = Problem(measurements, edges)
     first_scans = problem.submaps.first_scans.tolist()
     own_keys = [int(submap_keys(j)) for j in range(len(first_scans))]
     _require_distinct([*scan_keys, *own_keys])
-    factors = [lift(factor) for factor in problem.make_factors(scan_keys.__getitem__, own_keys.__getitem__)]
-    used = set_doppler_beta(settings, radar.doppler_beta)
-    pairs = zip(factors, problem.list_statements(), strict=True)
-    return PsiFactors(pairs, scans, used, se2.chain(m.pose for m in measurements), scan_keys, own_keys, first_scans)
+    planar = problem.make_factors(scan_keys.__getitem__, own_keys.__getitem__)
+    stated, used = problem.list_statements(), set_doppler_beta(view.config, view.doppler_beta)
+    if view.is_lidar:
+        planar = [scale_between(factor, view.unit_m) for factor in planar]
+        stated, measurements = ([scale_measurement(m, view.unit_m) for m in some] for some in (stated, measurements))
+    pairs = zip(map(lift, planar), stated, strict=True)
+    return PsiFactors(pairs, view.scans, used, se2.chain(m.pose for m in measurements), scan_keys, own_keys, first_scans)
 
 
 class LoopFactors(list[tuple[Between, Loop]]):
@@ -245,8 +250,8 @@ def loop_factors(
         >>> for factor, loop in mqslam.loop_factors("drive", values, keys, graph=graph):  # doctest: +SKIP
         ...     closed.push_back(factor)
     """
-    with _look_at(recording, config, work) as radar:
-        settings, scans, runner = radar.config, radar.scans, radar.runner
+    with _look_at(recording, config, work) as view:
+        settings, scans, runner = view.solved_config, view.solved_scans, view.runner
         listed = _list_keys(keys, len(scans))
         if isinstance(trajectory, gtsam.Values):
             poses = _read_poses(trajectory, listed)
@@ -255,16 +260,17 @@ def loop_factors(
         problem: GraphProblem
         if graph is None:
             track = Trajectory(scans.stamps_us, poses) if isinstance(trajectory, gtsam.Values) else trajectory
-            motions = measure_motions(ODOMETRY, radar.make_context(track), scans)  # each step gets the errors of odometry
+            motions = measure_motions(ODOMETRY, view.make_context(track), scans)  # each step gets the errors of odometry
             problem = Problem(list(motions), [])
         elif isinstance(trajectory, gtsam.Values):
-            problem = GivenGraph(graph, trajectory, listed, lift)
+            problem = GivenGraph(*view.carry_in(graph, trajectory), listed, lift)
         else:
             raise ConfigError("graph: comes without the values that it is optimised at; give gtsam.Values as the trajectory")
-        search = find_loops(scans, problem, settings.estimator, radar.beam, runner, recognising=False)
+        search = find_loops(scans, problem, settings.estimator, view.beam, runner, recognising=False)
+    loops = [scale_tie(loop, view.unit_m) for loop in search.loops] if view.is_lidar else search.loops
     for warning in search.warnings:
         work.tell(warning)
-    return LoopFactors((lift(loop_between(listed[loop.earlier], listed[loop.later], loop)), loop) for loop in search.loops)
+    return LoopFactors((lift(loop_between(listed[loop.earlier], listed[loop.later], loop)), loop) for loop in loops)
 
 
 @dataclass(frozen=True)
@@ -332,14 +338,19 @@ def refine(
         >>> refined = mqslam.refine(graph, values, "drive", keys, loops=loops)  # doctest: +SKIP
         >>> print(refined.psi_loops, refined.psi_after, len(refined.ties))  # doctest: +SKIP
     """
-    with _look_at(recording, config, work) as radar:
-        scans, settings = radar.scans, radar.config
+    with _look_at(recording, config, work) as view:
+        scans, estimator, runner = view.solved_scans, view.solved_config.estimator, view.runner
         listed = _list_keys(keys, len(scans))
-        before = Trajectory(scans.stamps_us, _read_poses(values, listed))
+        before, found = Trajectory(scans.stamps_us, _read_poses(values, listed)), [loop for _, loop in loops]
         lift = _choose_lift(_find_pose_kind(values, listed[0]))
-        problem = GivenGraph(graph, values, listed, lift)
-        found = [loop for _, loop in loops]
-        refined = refinement.refine(before, problem, found, scans, rounds, settings.estimator, radar.beam, radar.runner)
+        problem = solved = GivenGraph(graph, values, listed, lift)
+        if view.is_lidar:
+            before, found = scale_track(before, 1.0 / view.unit_m), [scale_tie(loop, 1.0 / view.unit_m) for loop in found]
+            solved = GivenGraph(*view.carry_in(graph, values), listed, lift)
+        refined = refinement.refine(before, solved, found, scans, rounds, estimator, view.beam, runner)
+        if view.is_lidar:
+            kept, ties = ([scale_tie(tie, view.unit_m) for tie in some] for some in (refined.loops, refined.ties))
+            refined = replace(refined, loops=kept, ties=ties)
     whole, optimum = problem.optimise(refined.loops, refined.ties)
     return RefinedGraph(
         graph=whole.factors,
@@ -353,7 +364,7 @@ def refine(
 
 
 @dataclass(frozen=True)
-class _Radar:
+class _View:
     """The scans of a recording, with the settings and the runner for work on them.
 
     Args:
@@ -361,27 +372,70 @@ class _Radar:
         config: all settings.
         doppler_beta: range shift per closing speed [s], as the settings state it or as psi measured it.
         runner: does the work.
+        solved_scans: the same scans in the unit in which they are solved: metres, but for a lidar's.
+        solved_config: the same settings in this unit.
     """
 
     scans: Scans
     config: Config
     doppler_beta: float
     runner: Runner
+    solved_scans: Scans
+    solved_config: Config
+
+    @property
+    def is_lidar(self) -> bool:
+        """Whether the scans are a lidar's."""
+        return self.scans.unit_m is not None
+
+    @property
+    def unit_m(self) -> float:
+        """The unit in which the scans are solved [m]."""
+        return self.scans.unit_m or 1.0
 
     @property
     def beam(self) -> Beam:
-        """The sensor model by which returns are placed."""
-        return beam_of(self.config.estimator, self.doppler_beta)
+        """The sensor model by which returns are placed, in the unit in which they are solved."""
+        return beam_of(self.solved_config.estimator, self.doppler_beta)
 
     def make_context(self, odometry: Trajectory | None) -> Context:
-        """Returns the settings and measurements that a front end may use besides the scans."""
+        """Returns what a front end may use besides the scans, in the unit in which they are solved."""
         start_us, turn_s, engine = self.scans.start_us, self.scans.revolution_s, self.runner.engine
-        return Context(self.config, turn_s, start_us, odometry, doppler_beta=self.doppler_beta, engine=engine)
+        track = None if odometry is None else scale_track(odometry, 1.0 / self.unit_m) if self.is_lidar else odometry
+        beta = self.doppler_beta
+        return Context(self.solved_config, turn_s, start_us, track, doppler_beta=beta, engine=engine, is_lidar=self.is_lidar)
+
+    def carry_in(
+        self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values
+    ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+        """Carries a graph of the user's own and its values to the unit in which the scans are solved.
+
+        Raises:
+            ConfigError: the scans are a lidar's, and the graph holds something else than planar poses and what ties them.
+        """
+        if not self.is_lidar:
+            return graph, values
+        factor, scaled = 1.0 / self.unit_m, gtsam.NonlinearFactorGraph()
+        for k in range(graph.size()):
+            own = graph.at(k)
+            if isinstance(own, gtsam.PriorFactorPose2):
+                pose, noise = scale_vector(own.prior(), factor), scale_noise(own.noiseModel(), factor)
+                scaled.push_back(gtsam.PriorFactorPose2(own.keys()[0], gtsam.Pose2(*pose), noise))
+                continue
+            if not isinstance(own, gtsam.BetweenFactorPose2):
+                problem = (
+                    f"graph: holds a {type(own).__name__}, whose lengths cannot be carried to the unit of a lidar's scans"
+                )
+                raise ConfigError(f"{problem}; give a graph of BetweenFactorPose2 and PriorFactorPose2")
+            scaled.push_back(scale_between(own, factor))
+        return scaled, scale_values(values, factor)
 
 
 @contextmanager
-def _look_at(recording: Source, config: Config | Path | str | None, work: Work) -> Iterator[_Radar]:
+def _look_at(recording: Source, config: Config | Path | str | None, work: Work) -> Iterator[_View]:
     """Yields the scans of a recording, detected if need be; scans with too few returns raise an error with a remedy.
+
+    Of a lidar's recording, scans between which its own odometry tells of no motion are left out, as in a run.
 
     Args:
         recording: its path, the open recording, or its scans.
@@ -395,16 +449,24 @@ def _look_at(recording: Source, config: Config | Path | str | None, work: Work) 
     """
     settings, runner, remedy = choose_settings(config), Runner(work.engine, work.progress), ""
     if isinstance(recording, Path | str):
-        recording = open_data(Path(recording), None, None, settings)
+        recording = open_radar_or_lidar(Path(recording), None, None, settings)
     if isinstance(recording, Recording):
         for note in (*recording.notes, *recording.faults):
             work.tell(note)
+    if isinstance(recording, LidarRecording):
+        recording = prepare_lidar(recording, settings).recording.scans
+    if isinstance(recording, Recording):
         recording, detected = detect_all(recording, settings.detector, runner)
         remedy = detected.counts.remedy
         for warning in warn_of_unread(detected.unread):
             work.tell(warning)
     try:
-        yield _Radar(recording, settings, choose_doppler(recording, settings, runner.engine).beta, runner)
+        if recording.unit_m is None:
+            beta = choose_doppler(recording, settings, runner.engine).beta
+            yield _View(recording, settings, beta, runner, recording, settings)
+        else:
+            factor, settings = 1.0 / recording.unit_m, fit_to_lidar(settings, recording)
+            yield _View(recording, settings, 0.0, runner, recording.scale_ranges(factor), scale_settings(settings, factor))
     except FewReturnsError as error:
         raise EstimationError(error.message, *error.remedies, remedy) from error
 

@@ -21,6 +21,7 @@ from mqslam.comparison.judgement import (
 )
 from mqslam.comparison.rows import Row
 from mqslam.config import Config
+from mqslam.core import units
 from mqslam.core.engine import Engine
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Scans
@@ -141,10 +142,14 @@ def measure_rows_across(
     poses = {name: track.at(scans.stamps_us) for name, track in tracks.items() if track is not None}
     if not poses:
         return {}
-    drive = TrackedRun.of(scans, poses[best.rows[0] if best else next(iter(poses))])
+    factor = 1.0 / (scans.unit_m or 1.0)  # passes of a place are as long as a radar's in a street
+    poses = {name: units.scale_pose(own, factor) for name, own in poses.items()}
+    estimator = units.scale_settings(settings, factor).estimator
+    beam = beam_of(estimator, beam.doppler_beta)
+    drive = TrackedRun.of(scans.scale_ranges(factor), poses[best.rows[0] if best else next(iter(poses))])
     crossings = find_crossings(drive, SAMPLE_M, passes.LEAST_PATH_M)
     across = {
-        name: measure_psi_across(replace(drive, poses=own), crossings, settings.estimator, beam, engine)
+        name: measure_psi_across(replace(drive, poses=own), crossings, estimator, beam, engine)
         for name, own in poses.items()
     }
     return {name: psi for name, psi in across.items() if psi is not None}

@@ -32,13 +32,13 @@ from mqslam.psi.place import Beam
 _PLACES_APART = 2
 # Number of places shown at which the trajectories differ most.
 _PLACES = 6
-# A difference in yaw counts as much as the distance by which it moves a point this far away [m].
+# A difference in yaw counts as much as the distance by which it moves a point this far away [m], in the unit of the scans.
 _LEVER_M = 20.0
 
 # sizes of what the report shows; no number depends on them
 _STATIONS: Final = 60  # places along the way that can be looked at
 _MAP_POINTS: Final = 60_000  # points of a row's map that are kept to be looked at
-_CROP_M: Final = 60.0  # half side of a crop [m]
+_CROP_M: Final = 60.0  # half side of a crop [m], in the unit of the scans
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,11 +125,11 @@ def find_places(scans: Scans, tracks: Sequence[Trajectory], size: int) -> list[P
     for track in tracks:
         poses = track.at(stamps)
         through.append(se2.wrapped_between(poses[begins], poses[begins + size - 1]))
-    apart = np.zeros(len(begins))
+    apart, lever_m = np.zeros(len(begins)), _LEVER_M * (scans.unit_m or 1.0)
     for i, a in enumerate(through):
         for b in through[i + 1 :]:
             off = a - b
-            apart = np.maximum(apart, np.hypot(np.hypot(off[:, 0], off[:, 1]), _LEVER_M * se2.wrap(off[:, 2])))
+            apart = np.maximum(apart, np.hypot(np.hypot(off[:, 0], off[:, 1]), lever_m * se2.wrap(off[:, 2])))
     chosen: list[int] = []
     for k in np.argsort(-apart, kind="stable").tolist():
         if all(abs(k - other) > _PLACES_APART for other in chosen):
@@ -205,7 +205,7 @@ class Judge:
             before=None if truth is None else evaluate(row.odometry, truth),
             after=None if truth is None else evaluate(row.trajectory, truth),
             nees=None if truth is None else measure_nees(row.measurements, truth, scans.start_us),
-            crops=tuple(_crop(sweeps, place) for place in self.where),
+            crops=tuple(_crop(sweeps, place, _CROP_M * (scans.unit_m or 1.0)) for place in self.where),
         )
 
 
@@ -216,10 +216,10 @@ def _cut_to_scans(truth: Trajectory, scans: Scans) -> Trajectory | None:
     return Trajectory(truth.stamps_us[inside], truth.poses[inside]) if inside.any() else None
 
 
-def _crop(sweeps: Sweeps, place: Place) -> NDArray[np.float64]:
-    """Returns the points (M, 2) [m] of a place near the sensor, in the frame of the sensor at the window's middle scan."""
+def _crop(sweeps: Sweeps, place: Place, half_m: float) -> NDArray[np.float64]:
+    """Returns the points (M, 2) of a place within `half_m` [m], in the frame of the sensor at the window's middle scan."""
     points = centre_window(sweeps, place.begin, place.end)[0].points
-    return np.asarray(points[np.abs(points).max(axis=1) <= _CROP_M])
+    return np.asarray(points[np.abs(points).max(axis=1) <= half_m])
 
 
 def compare_pairs(rows: Sequence[Row]) -> list[tuple[str, str, Evaluation]]:

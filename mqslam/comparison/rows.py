@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,6 +15,7 @@ from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.units import scale_measurement
 from mqslam.errors import describe_error, raise_interrupt
 from mqslam.execution.guards.memory import find_peak_mb
 from mqslam.execution.local_engine import DIED, LocalEngine
@@ -109,13 +110,15 @@ def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
     try:
         begin = time.perf_counter()
         if not task.back_end:
-            motions = tuple(frontends.measure_motions(name, context, task.scans))
+            motions = tuple(_measure(name, context, task.scans))
             chained = Trajectory(task.scans.stamps_us, se2.chain(m.pose for m in motions))
             measure_s, peak_mb = time.perf_counter() - begin, find_peak_mb()
             return Row(row, None, chained, chained, motions, measure_s=measure_s, back_end_s=0.0, peak_rss_mb=peak_mb)
         with LocalEngine(task.jobs) as engine:
             runner = Runner(engine)
-            solution = Slam(context.config, name, runner).solve(task.scans, context)
+            slam = Slam(context.config, name, runner)
+            solve = slam.solve_in_unit if context.is_lidar else slam.solve
+            solution = solve(task.scans, context)
         spent = runner.runtime_s
         return Row(
             row,
@@ -133,6 +136,15 @@ def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
     except Exception as error:  # a front end may be anyone's code, and must not stop the others
         raise_interrupt(error)
         return Row(row, failure=describe_error(error))
+
+
+def _measure(name: str, context: Context, scans: Scans) -> Iterator[Measurement]:
+    """Yields the motions that a front end measures; a lidar's scans are handed to it in their unit."""
+    if scans.unit_m is None:
+        return frontends.measure_motions(name, context, scans)
+    factor = 1.0 / scans.unit_m
+    motions = frontends.measure_motions(name, context.scale(factor), scans.scale_ranges(factor))
+    return (scale_measurement(motion, scans.unit_m) for motion in motions)
 
 
 def make_given_row(name: str, trajectory: Trajectory) -> Row:

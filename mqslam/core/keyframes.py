@@ -8,8 +8,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core import se2
+from mqslam.core import se2, units
 from mqslam.core.sensors import Georeference
+from mqslam.core.stored import make_stored
 
 KEYFRAME_POINT: Final = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("range", "<f4"), ("ray", "<f4"), ("time", "<f4"), ("intensity", "<f4")]
@@ -28,6 +29,7 @@ class MappedRecording:
         end_us: stamp of the recording's end [us].
         revolution_s: usual duration of a revolution of the radar [s].
         doppler_beta: range shift per closing speed [s] with which the returns were placed in the map.
+        unit_m: for a lidar's recording, the unit in which it was solved [m] (`mqslam.core.units`); None for a radar's.
     """
 
     path: str
@@ -35,6 +37,7 @@ class MappedRecording:
     end_us: int
     revolution_s: float
     doppler_beta: float
+    unit_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +73,26 @@ class Keyframes:
     def __len__(self) -> int:
         return len(self.stamps_us)
 
+    @property
+    def unit_m(self) -> float | None:
+        """The unit in which a lidar's map is made and used [m]; None for a radar's map. All lengths here are in metres."""
+        return self.recordings[0].unit_m
+
+    def scale(self, factor: float) -> Keyframes:
+        """Returns the keyframes with all lengths multiplied by a factor, without their georeference."""
+        points = make_stored((len(self.points),), KEYFRAME_POINT)
+        points[:] = self.points
+        for name in ("x", "y", "range"):
+            points[name] *= np.float32(factor)
+        return replace(
+            self,
+            poses=units.scale_pose(self.poses, factor),
+            covariances=units.scale_covariance(self.covariances, factor),
+            travelled=factor * self.travelled,
+            points=points,
+            georeference=None,
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaceTable:
@@ -102,6 +125,10 @@ class KeyframeMap:
         """Returns the map in a new frame, in which the present frame has the pose `frame` (3,), without its georeference."""
         keyframes = replace(self.keyframes, poses=se2.compose(frame, self.keyframes.poses), georeference=None)
         return replace(self, keyframes=keyframes)
+
+    def scale(self, factor: float) -> KeyframeMap:
+        """Returns the map with all lengths multiplied by a factor; what its places look like does not depend on the unit."""
+        return self if factor == 1.0 else replace(self, keyframes=self.keyframes.scale(factor))
 
     def place_on_earth(self, georeference: Georeference | None) -> KeyframeMap:
         """Returns the map with this georeference; None removes the georeference."""

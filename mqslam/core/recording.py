@@ -143,6 +143,10 @@ class Recording(ABC):
         """Duration of one revolution [s]: the median over the recording, limited to what a radar can do."""
         return float(np.clip(np.median(self.turns_us), FASTEST_TURN_US, SLOWEST_TURN_US)) * 1e-6
 
+    def complete(self, track: Trajectory) -> Trajectory:
+        """Returns a track of the recording's scans, to which a lidar's recording adds poses of scans that it left out."""
+        return track
+
     def gaps(self) -> list[tuple[int, float]]:
         """Lists the polar scans that end before the next one begins: (index, seconds missing)."""
         missing = (self.stamps_us[1:] - self.ends_us[:-1]) * 1e-6

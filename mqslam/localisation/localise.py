@@ -14,7 +14,7 @@ rather than too small.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -25,7 +25,7 @@ from mqslam.backend.loops.passes import MappedDrive, TrackedRun
 from mqslam.backend.loops.recognition import PLACE_SPACING_M, ROW, PlaceDatabase, describe_map, recognise
 from mqslam.backend.loops.registration import TOLERANCES
 from mqslam.config import EstimatorConfig
-from mqslam.core import se2
+from mqslam.core import se2, units
 from mqslam.core.engine import Engine
 from mqslam.core.keyframes import KeyframeMap, Keyframes
 from mqslam.core.measurement import Loop, Measurement
@@ -99,6 +99,11 @@ class Localised:
 
     def __len__(self) -> int:
         return len(self.stamps_us)
+
+    def scale_lengths(self, factor: float) -> Localised:
+        """Returns the poses with all lengths multiplied by a factor."""
+        covariances = units.scale_covariance(self.covariances, factor)
+        return replace(self, poses=units.scale_pose(self.poses, factor), covariances=covariances)
 
     @property
     def on_map(self) -> NDArray[np.bool_]:
@@ -188,7 +193,7 @@ def localise(
     Args:
         scans: N scans of the recording.
         motions: N - 1 motions between successive scans.
-        made: the map.
+        made: the map. A lidar's is in its unit (`KeyframeMap.scale`), and so are scans, motions and settings.
         estimator: settings of the score.
         beam: the sensor's errors.
         runner: does the work, and times it.
@@ -383,11 +388,12 @@ def _fill_in(setting: _Setting, table: _LocalisedScans, covariances: NDArray[np.
 
 def _say_what_was_tried(drive: TrackedRun, made: KeyframeMap, looked_up: int, ambiguous: int) -> tuple[str, str]:
     """Returns the error text for a recording that was not found in a map, with what was tried, and what the user can do."""
-    path_m = float(drive.travelled[-1])
+    unit_m = made.keyframes.unit_m or 1.0
+    path_m = float(drive.travelled[-1]) * unit_m
     if looked_up < ROW:
         too_short = (
             f"not found in this map: its path of {path_m:.0f} m is too short, as {ROW} places that are "
-            f"{PLACE_SPACING_M:g} m apart must be recognised in a row"
+            f"{PLACE_SPACING_M * unit_m:g} m apart must be recognised in a row"
         )
         return too_short, _LONGER
     along, places = f"submaps along {path_m:.0f} m of path", count_of(len(made.places.keyframes), "place")

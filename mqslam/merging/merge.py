@@ -20,7 +20,7 @@ from mqslam.backend.loops.closing import LoopCloser, score_loop
 from mqslam.backend.loops.passes import MappedDrive, Passes
 from mqslam.backend.loops.recognition import describe_map
 from mqslam.backend.marginals import compute_all_marginals
-from mqslam.backend.pose_graph import PoseGraph, optimise, poses_of
+from mqslam.backend.pose_graph import PoseGraph, optimise, poses_of, scale_graph, scale_values
 from mqslam.backend.problem import GivenGraph
 from mqslam.config import Config, EstimatorConfig
 from mqslam.core import se2
@@ -30,13 +30,14 @@ from mqslam.core.measurement import Loop, LoopSearch
 from mqslam.core.point_map import PointMap
 from mqslam.core.stored import make_stored, release
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.units import scale_settings, scale_tie, scale_track
 from mqslam.errors import EstimationError
 from mqslam.execution.runner import Runner
 from mqslam.factors.between import prior
 from mqslam.mapping.keyframing import place_points
 from mqslam.mapping.render import score_points
 from mqslam.merging.changes import Change, find_changes, measure_relative_uncertainty
-from mqslam.merging.sessions import Recognition, Session, introduce, lay_out, list_factors
+from mqslam.merging.sessions import Recognition, Session, introduce, lay_out, list_factors, scale_session
 from mqslam.psi.place import Beam, PointSet, beam_of, compute_beam_covariance
 
 
@@ -157,6 +158,37 @@ class Merged:
     moved_m: tuple[float, ...]
     warnings: tuple[str, ...]
 
+    @property
+    def unit_m(self) -> float:
+        """The unit in which the map was made [m]: that of the first recording if a lidar took it, else a metre."""
+        return self.kept.keyframes.unit_m or 1.0
+
+    def scale(self, factor: float, config: Config, sessions: Sequence[Session]) -> Merged:
+        """Returns the result with all lengths multiplied by a factor.
+
+        Args:
+            factor: length of the present unit in the new one.
+            config: all settings in the new unit.
+            sessions: the sessions in the new unit.
+        """
+        kept = self.kept.scale(factor)
+        recordings = tuple(replace(recording, unit_m=self.unit_m) for recording in kept.keyframes.recordings)
+        kept = replace(kept, keyframes=replace(kept.keyframes, recordings=recordings))
+        return replace(
+            self,
+            config=config,
+            sessions=tuple(sessions),
+            links=replace(self.links, loops=[scale_tie(link, factor) for link in self.links.loops]),
+            trajectories=tuple(scale_track(track, factor) for track in self.trajectories),
+            kept=kept,
+            graph=scale_graph(self.graph, factor),
+            values=scale_values(self.values, factor),
+            map=replace(self.map, points=factor * self.map.points),
+            changes=[replace(c, place=factor * c.place, size_m=factor * c.size_m) for c in self.changes],
+            sigmas=factor * self.sigmas,
+            moved_m=tuple(factor * moved for moved in self.moved_m),
+        )
+
 
 def merge_sessions(sessions: Sequence[Session], config: Config, runner: Runner) -> Merged:
     """Makes one map of several sessions, in the frame of the first one.
@@ -234,6 +266,19 @@ def merge_sessions(sessions: Sequence[Session], config: Config, runner: Runner) 
     )
 
 
+def merge_in_unit(sessions: Sequence[Session], config: Config, runner: Runner) -> Merged:
+    """Makes one map of several sessions of lidars, in the unit of the first one; takes the arguments of `merge_sessions`.
+
+    Raises:
+        EstimationError: a session shares no place with the others that is recognised with certainty.
+    """
+    unit_m = sessions[0].map.keyframes.unit_m or 1.0
+    inside = [
+        scale_session(session, 1.0 / unit_m, same_places=session.map.keyframes.unit_m == unit_m) for session in sessions
+    ]
+    return merge_sessions(inside, scale_settings(config, 1.0 / unit_m), runner).scale(unit_m, config, sessions)
+
+
 def _optimise_alone(session: Session) -> Chain:
     """Optimises a session's own graph, and returns the session's keyframes with the graph and its optimum."""
     graph = join_graphs([session], [np.zeros(3)]).build_graph([])
@@ -249,7 +294,8 @@ def _measure_move(session: Session, chain: Chain) -> float:
 def _warn_of_moves(sessions: Sequence[Session], moved_m: Sequence[float]) -> list[str]:
     """Returns a warning for each session whose poses were held by data that its graph file lacks."""
     return [
-        f"{session.folder}: with the edges in its graph.g2o alone, its poses move by up to {far:.2f} m; the gyroscope or "
+        f"{session.folder}: with the edges in its graph.g2o alone, its poses move by up to "
+        f"{far * (session.map.keyframes.unit_m or 1.0):.2f} m; the gyroscope or "
         "GNSS that has held them is not in that file, and takes no part in the merge"
         for session, far in zip(sessions, moved_m, strict=True)
         if far > _MOVED_M

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -13,14 +13,15 @@ from numpy.typing import NDArray
 
 from mqslam.backend.loops.chain import Chain, do_agree
 from mqslam.backend.loops.recognition import PLACE_SPACING_M, PlaceDatabase, recognise
-from mqslam.backend.pose_graph import pose_of
+from mqslam.backend.pose_graph import pose_of, scale_values
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.core.measurement import Loop
+from mqslam.core.units import scale_pose
 from mqslam.errors import DataError, EstimationError
 from mqslam.execution.runner import Runner
-from mqslam.factors.between import CAUCHY, HUBER
+from mqslam.factors.between import CAUCHY, HUBER, scale_factor
 from mqslam.formats.graphs.g2o import StoredGraph, list_edges
 from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam
@@ -57,6 +58,25 @@ class Session:
         """Poses (V, 3) of all vertices, in the frame of the keyframes."""
         poses = np.array([pose_of(self.graph.values, key) for key in self.graph.keys])
         return se2.compose(self.frame, poses)
+
+
+def scale_session(session: Session, factor: float, *, same_places: bool) -> Session:
+    """Returns a session with all lengths multiplied by a factor.
+
+    Args:
+        session: the session, whose graph is planar.
+        factor: factor on all lengths.
+        same_places: whether the descriptors of its places, which were made in a unit of their own, hold for the new lengths;
+            otherwise they are made again when they are needed.
+    """
+    kept = session.map.scale(factor)
+    if not same_places:
+        kept = replace(kept, places=replace(kept.places, made_with={}))
+    factors = gtsam.NonlinearFactorGraph()
+    for k in range(session.graph.factors.size()):
+        factors.push_back(scale_factor(session.graph.factors.at(k), factor))
+    graph = replace(session.graph, factors=factors, values=scale_values(session.graph.values, factor))
+    return replace(session, map=kept, graph=graph, frame=scale_pose(session.frame, factor))
 
 
 def make_session(folder: Path, kept: KeyframeMap, stamps_us: Sequence[NDArray[np.int64]], graph: StoredGraph) -> Session:

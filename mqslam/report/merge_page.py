@@ -144,22 +144,24 @@ def _show_changes(merged: Merged) -> Section | None:
     for n, change in enumerate(merged.changes[:_SHOWN], 1):
         title = f"{n}. shown by recording {change.shown_by + 1} at ({change.place[0]:.1f}, {change.place[1]:.1f}) m"
         both = (change.shown_by, change.missed_by)
-        pictures = zip(both, draw_change([maps[k] for k in both], change), strict=True)
+        pictures = zip(both, draw_change([maps[k] for k in both], change, merged.unit_m), strict=True)
         names = [(f"recording {k + 1}", picture) for k, picture in pictures]
         cards.append(Card(title, figures=[Figure(png, name, description=f"{title}, in {name}") for name, png in names]))
     return Section("The largest changes", ["The same square of the map in both recordings."], cards=cards) if cards else None
 
 
-def draw_change(maps: Sequence[tuple[Points, str]], change: Change) -> list[bytes]:
+def draw_change(maps: Sequence[tuple[Points, str]], change: Change, unit_m: float = 1.0) -> list[bytes]:
     """Draws the surroundings of a change, one picture per recording.
 
     Args:
         maps: points (N, 2) [m] and colour of each recording.
         change: the change.
+        unit_m: unit in which the map was made [m], on which the size of the pictures depends.
     """
     x, y = change.place
-    half = 0.5 * max(_SIDE_M, 2.0 * float(change.size_m.max()))
-    (left, low), (right, high) = change.place - 0.5 * change.size_m - 1.0, change.place + 0.5 * change.size_m + 1.0
+    half = 0.5 * max(_SIDE_M * unit_m, 2.0 * float(change.size_m.max()))
+    reach = 0.5 * change.size_m + unit_m
+    (left, low), (right, high) = change.place - reach, change.place + reach
     frame = Curve("", RED, over([left, right, right, left, left], [low, low, high, high, low]), width=1.5)
     view = View(x - half, x + half, y - half, y + half)
     return [draw_world([Drawing([one], [frame])], SQUARE, view=view, is_small=True)[0] for one in maps]

@@ -17,6 +17,7 @@ from mqslam.comparison.comparison import Comparison
 from mqslam.comparison.judgement import JudgedRow
 from mqslam.comparison.rows import Row
 from mqslam.config import dump_yaml
+from mqslam.core.recording import Recording
 from mqslam.execution.files import write_json, write_text
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import write_tum
@@ -197,21 +198,22 @@ def write_compare(folder: Path, comparison: Comparison, summary: Mapping[str, An
     """
     for row in comparison.rows:
         if row.trajectory is not None:
-            _write_row(folder / row.name, row)
+            _write_row(folder / row.name, row, comparison.recording)
     write_text(folder / "config.yaml", dump_yaml(comparison.settings))
     write_text(folder / "compare.csv", format_csv(summary["rows"]))
     write_json(folder / "compare.json", summary)
 
 
-def _write_row(folder: Path, row: Row) -> None:
-    """Writes the results of a row into a new folder."""
+def _write_row(folder: Path, row: Row, recording: Recording) -> None:
+    """Writes the results of a row into a new folder; front ends have a pose for every scan of the recording."""
     assert row.trajectory is not None and row.odometry is not None
     folder.mkdir()
-    write_tum(folder / "trajectory.tum", row.trajectory)
-    write_kitti(folder / "trajectory.kitti", row.trajectory)
-    write_text(folder / "times.txt", "".join(f"{t / 1e6:.6f}\n" for t in row.trajectory.stamps_us.tolist()))
+    trajectory = recording.complete(row.trajectory) if row.measurements else row.trajectory
+    write_tum(folder / "trajectory.tum", trajectory)
+    write_kitti(folder / "trajectory.kitti", trajectory)
+    write_text(folder / "times.txt", "".join(f"{t / 1e6:.6f}\n" for t in trajectory.stamps_us.tolist()))
     if row.measurements:
-        write_tum(folder / "odometry.tum", row.odometry)
+        write_tum(folder / "odometry.tum", recording.complete(row.odometry))
         write_text(folder / "measurements.csv", format_measurements(row.measurements))
     if row.covariances is not None:
         write_marginals(folder / "covariances.csv", row.trajectory, row.covariances)

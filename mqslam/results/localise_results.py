@@ -131,7 +131,7 @@ def write_localised(
         OutputError: a file cannot be written.
     """
     track = Trajectory(localised.stamps_us, localised.poses)
-    write_tum(folder / "trajectory.tum", track)
+    write_tum(folder / "trajectory.tum", recording.complete(track))
     in_map = [
         se2.rotate_covariance(own, float(yaw)) for own, yaw in zip(localised.covariances, localised.poses[:, 2], strict=True)
     ]

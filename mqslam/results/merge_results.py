@@ -90,7 +90,7 @@ def _summarise_alignment(merged: Merged) -> dict[str, float | None]:
     sigmas = between[np.isfinite(between)]
     if not len(sigmas):
         return {"median_m": None, "largest_m": None, "share_compared": None}
-    compared = float((sigmas <= SURE_M).mean())
+    compared = float((sigmas <= SURE_M * merged.unit_m).mean())
     return {"median_m": float(np.median(sigmas)), "largest_m": float(sigmas.max()), "share_compared": compared}
 
 

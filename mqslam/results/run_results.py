@@ -146,7 +146,7 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], recording: Record
     """
     notes = recording.notes
     for name, track in (("trajectory.tum", run.optimised), ("odometry.tum", run.odometry)):
-        write_tum(folder / name, recording.complete(track) if isinstance(recording, LidarRecording) else track)
+        write_tum(folder / name, recording.complete(track))
     write_text(folder / "measurements.csv", format_measurements(run.measurements))
     write_text(folder / "config.yaml", dump_yaml(set_doppler_beta(run.config, run.doppler_beta)))
     _write_numbers(folder, summary, notes)

@@ -87,13 +87,18 @@ def write_keyframes(folder: Path, made: KeyframeMap) -> None:
             "keyframes": len(keyframes),
             "points": len(keyframes.points),
             "places": len(places.keyframes),
-            "recordings": [asdict(recording) for recording in keyframes.recordings],
+            "recordings": [_describe_recording(recording) for recording in keyframes.recordings],
             "georeference": None
             if place is None
             else {"latitude": place.plane.latitude, "longitude": place.plane.longitude, "pose": place.pose.tolist()},
             "described_with": places.made_with,
         },
     )
+
+
+def _describe_recording(recording: MappedRecording) -> dict[str, Any]:
+    """Returns a recording as JSON data; only a lidar's has a unit."""
+    return {name: value for name, value in asdict(recording).items() if value is not None}
 
 
 def find_keyframes(path: Path) -> Path | None:
@@ -185,9 +190,11 @@ def _read_index(path: Path) -> dict[str, Any]:
             if len(numbers) != 5 or not all(math.isfinite(float(number)) for number in numbers):
                 raise ValueError("georeference")
         for recording in recordings:
-            name, *numbers = astuple(recording)
+            name, *numbers = (value for value in astuple(recording) if value is not None)
             if not isinstance(name, str) or not all(abs(number) < LATEST_US for number in numbers):
                 raise ValueError("recordings")
+            if not (recording.unit_m or 1.0) > 0.0:
+                raise ValueError("unit")
         if min(sizes) < 0 or not recordings or not isinstance(described, dict):
             raise ValueError("sizes")
     except (ValueError, TypeError, KeyError) as error:
