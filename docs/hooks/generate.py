@@ -85,6 +85,10 @@ def describe_constants() -> str:
         "of a motion, of a factor, of a sensor's calibration, of the graph or of an audit's registration. The values are "
         "read from the program; the origins are known from comments, benchmarks and the history of the repository.",
         "",
+        "The constants by which a lidar's scans are spread, chosen and matched are listed, too, though only some of them "
+        "decide a covariance. They were chosen while working on two planar runs, Intel and fr079, which also judge runs of "
+        "lidars.",
+        "",
         f"There are {len(CONSTANTS)} constants; by origin, {', '.join(counts[:-1])} and {counts[-1]}.",
         "",
         "| origin | what it means |",

@@ -59,6 +59,9 @@ class Constant(NamedTuple):
 
 
 _FIRST_800 = "the first 800 scans of the twin's kaist01"
+_LIDARS = (
+    "the planar runs Intel and fr079, while runs of lidars were made; both also judge these runs, so that they prove less"
+)
 _SHARED_DRIFT = "the twin's kaist01, the city's seeds 1 to 3 and the first 800 scans of the twin's kaist02"
 _RANGING = "simulated drives without a range offset: two cities (kind, hard) and two drives of the twin (kind, hard)"
 _MOUNTS = "simulated streets; which ones is not recorded"
@@ -888,6 +891,104 @@ CONSTANTS = (
         "Standard deviation of the drift of psi's own yaw per root of a metre [rad].",
         "tuned",
         f"{_SHARED_DRIFT}, since it follows from OWN_DRIFT_RAD",
+    ),
+    Constant(
+        "mqslam.psi.tracking.local_map",
+        "SURFACES",
+        "Settings for matching a lidar's scans to their map, in the order of `Tuning`.",
+        "tuned",
+        _LIDARS,
+    ),
+    Constant(
+        "mqslam.psi.tracking.state",
+        "_GUIDE_M",
+        "Standard deviation of odometry between two scans of a lidar, without motion [m, in the recording's unit].",
+        "tuned",
+        _LIDARS,
+    ),
+    Constant(
+        "mqslam.psi.tracking.state",
+        "_GUIDE_RAD",
+        "The same for the yaw [rad].",
+        "tuned",
+        _LIDARS,
+    ),
+    Constant(
+        "mqslam.psi.tracking.state",
+        "_GUIDE_SHARE",
+        "Its part that grows with the motion, as a share of it.",
+        "tuned",
+        _LIDARS,
+    ),
+    Constant(
+        "mqslam.psi.tracking.state",
+        "CONTRADICTED",
+        "Covariance that is added where a scan does not fit where odometry puts it [m^2, m^2, rad^2, in the recording's unit].",
+        "tuned",
+        _LIDARS,
+    ),
+    Constant(
+        "mqslam.backend.sensors.odometry",
+        "_WORTHLESS",
+        "Covariance added to odometry that a lidar's scans contradict [m^2, m^2, rad^2, in the recording's unit].",
+        "tuned",
+        _LIDARS,
+    ),
+    Constant(
+        "mqslam.detection.surfaces",
+        "_STEEPEST_RAD",
+        "Angle between beam and normal up to which neighbouring beams of a lidar hit one surface [rad].",
+        "tuned",
+        _LIDARS,
+    ),
+    Constant(
+        "mqslam.detection.surfaces",
+        "_WIDEST_STEP",
+        "Angle between beams, in usual steps, above which a beam between them saw nothing.",
+        "tuned",
+        _LIDARS,
+    ),
+    Constant(
+        "mqslam.detection.surfaces",
+        "_NEAR",
+        "Distance of neighbouring returns up to which they always lie on one surface, in spacings of points.",
+        "tuned",
+        _LIDARS,
+    ),
+    Constant(
+        "mqslam.detection.surfaces",
+        "_USUAL_RANGE_M",
+        "Range of what a radar usually sees [m]; a lidar's usual range over it is the unit of its recording.",
+        "tuned",
+        _LIDARS,
+    ),
+    Constant(
+        "mqslam.detection.surfaces",
+        "_SPACING",
+        "Distance between points along a surface [m, in the recording's unit].",
+        "tuned",
+        _LIDARS,
+    ),
+    Constant(
+        "mqslam.detection.surfaces",
+        "_PATH",
+        "Path after which a scan is solved [m, in the recording's unit].",
+        "tuned",
+        _LIDARS,
+    ),
+    Constant(
+        "mqslam.detection.surfaces",
+        "_TURN_RAD",
+        "Turn after which a scan is solved [rad].",
+        "tuned",
+        _LIDARS,
+    ),
+    Constant(
+        "mqslam.detection.surfaces",
+        "_CHANGED",
+        "Share of ranges that differ once the lidar has moved, whatever odometry says.",
+        "tuned",
+        _LIDARS,
     ),
 )
 """All constants that decide a covariance of a measurement, of a sensor's calibration or of the graph."""

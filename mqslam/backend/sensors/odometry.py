@@ -133,7 +133,7 @@ def leave_turns_out(edges: Sequence[Measurement]) -> list[Measurement]:
 
 ODOMETRY = "odometry"
 # Covariance [m^2, m^2, rad^2] that is as good as no measurement between two successive scans.
-_CONTRADICTED = np.diag([100.0, 100.0, 10.0])
+_WORTHLESS = np.diag([100.0, 100.0, 10.0])
 _ROUNDS: Final = 10  # rounds of fit and noise; they settle in fewer
 _LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the covariance of exact motions from being singular
 
@@ -225,7 +225,7 @@ def doubt_contradicted(odometry: Sequence[Measurement], measured: Sequence[Measu
         measured: motions of a front end that looks for scans where odometry puts them, over the same scans.
     """
     return [
-        replace(motion, covariance=motion.covariance + _CONTRADICTED)
+        replace(motion, covariance=motion.covariance + _WORTHLESS)
         if seen.status is Status.LOST and seen.points >= FEWEST_RETURNS
         else motion
         for motion, seen in zip(odometry, measured, strict=bool(odometry))
