@@ -182,12 +182,16 @@ class Slam:
         )
 
     def _track(self, scans: Scans, context: Context, beam: Beam) -> list[Measurement]:
-        """Returns the front end's motions between successive scans; psi's motions are corrected by ties along the path."""
+        """Returns the front end's motions between successive scans; psi's motions are corrected by ties along the path.
+
+        A lidar's motions are not: it sees a part of what is around, so that two stretches of a corridor fit each other
+        wherever they are, while odometry has placed the scans between them.
+        """
         runner = self._runner
         with runner.time_stage("windows"):
             measurements = measure(self._name, scans, context, beam, runner)
         with runner.time_stage("along"), runner.tolerate("the ties along the path"):
-            if self._name == PSI:
+            if self._name == PSI and not context.is_lidar:
                 measurements = straighten(measurements, scans, self._config, beam, runner)
         return measurements
 
