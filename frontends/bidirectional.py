@@ -125,7 +125,11 @@ def _turn(match: DirectedMotion) -> DirectedMotion:
 
 
 def join(
-    forward: Sequence[DirectedMotion | None], backward: Sequence[DirectedMotion | None], shared: float = SHARED
+    forward: Sequence[DirectedMotion | None],
+    backward: Sequence[DirectedMotion | None],
+    shared: float = SHARED,
+    *,
+    is_guided: bool = False,
 ) -> list[Measurement]:
     """Joins motions measured in both directions of time, and scales their covariances by how far the directions differ.
 
@@ -136,13 +140,15 @@ def join(
         forward: the N - 1 motions between successive scans; motions that are None are left out.
         backward: the same motions, measured backward; None where there is no backward measurement.
         shared: share of the variance of a motion that both of its measurements have in common.
+        is_guided: whether both directions follow odometry where psi does not show the motion.
     """
     pairs = [(f, b) for f, b in zip(forward, backward, strict=True) if f is not None]
     scale = learn_scale(_compare(f, b, shared) for f, b in pairs if b is not None)
     scaled = [(_scale(f, scale), None if b is None else _scale(b, scale)) for f, b in pairs]
     regaining = _find_regaining(scaled, shared)
     return [
-        f if b is None else _join_motions(f, b, regains, shared) for (f, b), regains in zip(scaled, regaining, strict=True)
+        f if b is None else _join_motions(f, b, regains, shared, is_guided)
+        for (f, b), regains in zip(scaled, regaining, strict=True)
     ]
 
 
@@ -193,7 +199,9 @@ def _contradict(forward: Measurement, backward: Measurement, shared: float) -> b
     return bool(apart @ np.linalg.solve((1.0 - shared) * both, apart) > _CHANCE)
 
 
-def _join_motions(forward: Measurement, backward: Measurement, regains: tuple[bool, bool], shared: float) -> Measurement:
+def _join_motions(
+    forward: Measurement, backward: Measurement, regains: tuple[bool, bool], shared: float, is_guided: bool
+) -> Measurement:
     """Joins two measurements of one motion; if only one measurement has both scans matched, only that one is used.
 
     A direction that is still coming back to its right position is not used, unless the other direction is coming back, too.
@@ -207,7 +215,22 @@ def _join_motions(forward: Measurement, backward: Measurement, regains: tuple[bo
         return forward
     if back:
         return replace(backward, t0=forward.t0, t1=forward.t1, psi_odometry=forward.psi_odometry)
-    return _intersect(forward, backward)
+    return _average_alike(forward, backward) if is_guided else _intersect(forward, backward)
+
+
+def _average_alike(forward: Measurement, backward: Measurement) -> Measurement:
+    """Joins two measurements that follow odometry where psi does not show the motion; one that fits nowhere is left out.
+
+    Along a corridor each measurement is sure across it and unsure along it. The two directions of the corridor differ by a
+    small angle, by chance: intersected, they would seem to cross at some place along the corridor. The variance of a mean is
+    at most the mean of the variances, whatever the errors have in common.
+    """
+    if (forward.status is Status.LOST) != (backward.status is Status.LOST):
+        one = backward if forward.status is Status.LOST else forward
+        return replace(one, t0=forward.t0, t1=forward.t1, psi_odometry=forward.psi_odometry)
+    pose = forward.pose + 0.5 * se2.subtract(backward.pose, forward.pose)
+    status = min(forward.status, backward.status, key=_TRUST.index)
+    return replace(forward, pose=pose, covariance=0.5 * (forward.covariance + backward.covariance), status=status)
 
 
 def _average(forward: Measurement, backward: Measurement, shared: float) -> Measurement:

@@ -60,8 +60,10 @@ class PsiFrontEnd:
         settings = self._context.config.tracker
         segments = split_into_segments(scans, settings)
         is_whole = len(segments) == 2  # one segment in each direction
-        joined = join(*(self._track_at_once(scans, *segments) if is_whole else self._track_segments(scans, segments)))
-        if self._context.is_lidar and self._context.odometry is not None:
+        is_guided = self._context.is_lidar and self._context.odometry is not None
+        tracks = self._track_at_once(scans, *segments) if is_whole else self._track_segments(scans, segments)
+        joined = join(*tracks, is_guided=is_guided)
+        if is_guided:
             joined = rejoin(joined)
         left_out = _estimate_unsteadiness(joined, settings, self._context.revolution_s)
         for motion, variances in zip(joined, left_out, strict=True):
@@ -204,7 +206,8 @@ def rejoin(motions: Sequence[Measurement]) -> list[Measurement]:
     """Returns the motions of a track that follows odometry, in which a few scans that fit nowhere do not part the map.
 
     The scans before and after them were matched to the same map, since such a track begins a new one only after many lost
-    scans. The motions to and from these scans keep their covariances.
+    scans. The motions to and from these scans keep their covariances. Scans of which psi did not observe every direction do
+    part the map: they joined it where odometry had put them, so that the scans after them inherit the error of odometry.
 
     Args:
         motions: motions between successive scans.
@@ -212,7 +215,8 @@ def rejoin(motions: Sequence[Measurement]) -> list[Measurement]:
     on_map = np.array([motion.on_map for motion in motions], dtype=np.bool_)
     edges = np.flatnonzero(np.diff(np.r_[True, on_map, True].astype(np.int8)))
     for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        if begin > 0 and end < len(motions) and end - begin < PATIENCE:
+        unfit = all(motion.status is Status.LOST for motion in motions[begin:end])
+        if unfit and begin > 0 and end < len(motions) and end - begin < PATIENCE:
             on_map[begin:end] = True
     return [replace(motion, on_map=bool(kept)) for motion, kept in zip(motions, on_map, strict=True)]
 

@@ -32,6 +32,7 @@ from mqslam.psi.tracking.local_map import USUAL, LocalMap, Tuning
 from mqslam.psi.tracking.matching import Matcher
 from mqslam.psi.tracking.plausibility import FEWEST_RETURNS, PredictionErrors, Usual, is_usable, overlaps
 from mqslam.psi.tracking.state import (
+    AS_UNKNOWN,
     CONTRADICTED,
     LONGEST_COAST_S,
     ORIGIN,
@@ -212,8 +213,10 @@ class Tracker:
             # psi did not measure a motion that odometry gave: odometry itself says how well it is known
             known = np.isfinite([np.nan, np.nan] if twist is None else twist[[0, 2]])
             blind = last.blind.forget(known, self._settings).after(scan.t0 - last.t0, self._settings)
-            held = self._move_by(twist, last.predict_steadily(scan, self._settings) or predicted.mean, scan)
-            minimum = matcher.minimise(scan, held, hold_directions(replace(prior, mean=held.vector), weak), self._map)
+            start = self._move_by(twist, last.predict_steadily(scan, self._settings) or predicted.mean, scan)
+            held = matcher.minimise(scan, start, hold_directions(replace(prior, mean=start.vector), weak), self._map)
+            # wheels that slip, or stamps that are wrong, would hold a scan where it does not fit
+            minimum = minimum if self._is_guided and self._is_out_of_place(held) else held
         return self._accept(scan, minimum, predicted, weak, blind)
 
     def resume(self, scans: Sequence[Scan], twist: se2.Array | None = None) -> Tracked:
@@ -349,7 +352,8 @@ class Tracker:
         self._prediction_errors.add(self._matcher.place(scan, predicted.mean), placed)
         self._map.offer(scan.t0, belief.pose, placed)
         status = Status.DEGENERATE if len(weak) else Status.CONVERGED
-        return Tracked(scan.t0, belief.mean, covariance, spread_along(weak, blind.pose), minimum.evaluation, status)
+        unseen = spread_along(weak, AS_UNKNOWN if self._is_guided else blind.pose)
+        return Tracked(scan.t0, belief.mean, covariance, unseen, minimum.evaluation, status)
 
     def _pass_over(self, scan: Scan, predicted: Belief) -> Tracked:
         """Follows the prediction for a scan of too few returns."""

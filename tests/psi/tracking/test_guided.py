@@ -1,0 +1,98 @@
+"""A lidar's track that follows odometry: what bare walls do not show is left to odometry, and wheels that slip are not followed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from support.laser_drive import cast_beams
+
+from mqslam.config import Config
+from mqslam.core import se2
+from mqslam.core.frontend import Context
+from mqslam.core.measurement import Measurement, Status
+from mqslam.core.scans import Returns, Scan
+from mqslam.core.trajectory import Trajectory
+from mqslam.detection.surfaces import spread_evenly
+from mqslam.frontends.bidirectional import DirectedMotion, join
+from mqslam.frontends.psi import PsiFrontEnd, rejoin
+from mqslam.psi.tracking.state import AS_UNKNOWN
+
+BEAMS, PERIOD_S, REACH_M = 181, 0.2, 40.0
+BARE = np.array([[-200.0, -7.0, 200.0, -7.0], [-200.0, 7.0, 200.0, 7.0]])
+CONFIG = Config()
+
+
+def look(walls: NDArray[np.float64], pose: se2.Array, t0: float, seed: int) -> Scan:
+    """Returns the scan of a planar lidar, which sees 180 degrees in an instant, between walls (W, 4)."""
+    fan = np.linspace(-np.pi / 2, np.pi / 2, BEAMS)
+    ranges = cast_beams(walls, pose[:2], pose[2] + fan, 2.0 * REACH_M)
+    ranges += np.random.default_rng(seed).normal(0.0, 0.03, BEAMS)
+    seen = ranges < REACH_M
+    returns = Returns(ranges[seen], fan[seen], np.full(seen.sum(), t0), np.ones(seen.sum()))
+    return spread_evenly(Scan(t0, t0 + PERIOD_S, returns), np.pi / (BEAMS - 1), 0.25)
+
+
+def follow_corridor(steps: NDArray[np.float64], stated: NDArray[np.float64]) -> list[Measurement]:
+    """Returns psi's motions along a bare corridor, which is driven by steps (N,) [m]; odometry states other steps (N,)."""
+    xs = np.r_[0.0, np.cumsum(steps)]
+    scans = [look(BARE, np.array([x, 0.0, 0.0]), PERIOD_S * k, k) for k, x in enumerate(xs)]
+    moves = np.column_stack([stated, np.zeros((len(stated), 2))])
+    stamps = np.round(1e6 * PERIOD_S * np.arange(len(scans))).astype(np.int64)
+    context = Context(CONFIG, PERIOD_S, 0, Trajectory(stamps, se2.chain(moves)), is_lidar=True)
+    return list(PsiFrontEnd(context).measure(scans))
+
+
+def test_along_a_bare_corridor_the_motion_is_odometrys_and_as_good_as_unknown() -> None:
+    steps = np.full(30, 0.5)
+    motions = follow_corridor(steps, 1.2 * steps)
+    assert {motion.status for motion in motions[1:-1]} == {Status.DEGENERATE}
+    poses = np.array([motion.pose for motion in motions])
+    np.testing.assert_allclose(poses[:, 0], 0.6, atol=0.02)
+    np.testing.assert_allclose(poses[:, 1:], 0.0, atol=0.02)
+    sigmas = np.sqrt([np.diag(motion.covariance) for motion in motions[1:-1]])
+    assert np.all(sigmas[:, 0] > 0.9 * AS_UNKNOWN[0])
+    assert np.all(sigmas[:, 1] < 0.5)
+
+
+def test_directions_that_differ_by_chance_are_not_intersected_along_a_corridor() -> None:
+    """Two strips along a corridor that differ by a small angle cross anywhere along it."""
+    unseen = np.diag([100.0, 1e-4, 1e-6])
+    there, back = (
+        DirectedMotion(Measurement(0.0, PERIOD_S, np.array([0.5, y, 0.0]), cov, Status.DEGENERATE), cov)
+        for y, cov in ((0.01, unseen), (-0.01, se2.rotate_covariance(unseen, 0.01)))
+    )
+    (crossed,), (mean,) = join([there], [back]), join([there], [back], is_guided=True)
+    assert abs(crossed.pose[0] - 0.5) > 0.5
+    np.testing.assert_allclose(mean.pose, [0.5, 0.0, 0.0], atol=1e-9)
+    assert mean.covariance[0, 0] > 50.0
+
+
+def test_a_direction_that_lost_a_scan_is_left_to_the_other_one() -> None:
+    lost = Measurement(0.0, PERIOD_S, np.array([9.0, 0.0, 0.0]), np.eye(3), Status.LOST)
+    held = replace(lost, pose=np.array([0.5, 0.0, 0.0]), status=Status.DEGENERATE)
+    for there, back in ((lost, held), (held, lost)):
+        (motion,) = join([DirectedMotion(there, np.eye(3))], [DirectedMotion(back, np.eye(3))], is_guided=True)
+        np.testing.assert_array_equal(motion.pose, held.pose)
+        assert motion.status is Status.DEGENERATE
+
+
+def make_motions(*statuses: Status) -> list[Measurement]:
+    """Returns motions of these statuses, of which those that converged are on the map."""
+    pose, covariance = np.array([0.5, 0.0, 0.0]), 1e-4 * np.eye(3)
+    return [
+        Measurement(PERIOD_S * k, PERIOD_S * (k + 1), pose, covariance, status, on_map=status is Status.CONVERGED)
+        for k, status in enumerate(statuses)
+    ]
+
+
+def test_a_few_scans_that_fit_nowhere_do_not_part_the_map() -> None:
+    sure, lost = Status.CONVERGED, Status.LOST
+    assert all(motion.on_map for motion in rejoin(make_motions(sure, lost, lost, sure)))
+
+
+def test_scans_that_odometry_has_placed_part_the_map() -> None:
+    sure, held = Status.CONVERGED, Status.DEGENERATE
+    parted = rejoin(make_motions(sure, held, Status.LOST, sure))
+    assert [motion.on_map for motion in parted] == [True, False, False, True]
