@@ -31,6 +31,9 @@ _LEAST_M: Final = 0.01  # least unit [m], to which it is rounded
 # Distance between points, and way after which a scan is taken, in the recording's unit; turn after which one is taken.
 _SPACING, _PATH, _TURN_RAD = 0.25, 0.5, np.radians(5.0)
 _CHANGED = 0.4  # share of ranges that differ once the sensor has moved
+# Scans that follow each other within this share of the usual time were held up on their way: odometry at their stamps does
+# not tell whether the sensor moved between them. This share of ranges that differ is then enough.
+_HURRIED, _CHANGED_IN_HURRY = 0.5, 0.1
 
 
 def spread_evenly(scan: Scan, step_rad: float, spacing_m: float) -> Scan:
@@ -130,7 +133,8 @@ def measure_unit(scans: Scans) -> float:
 def pick_moving(scans: Scans, odometry: Trajectory, path_m: float, turn_rad: float) -> list[int]:
     """Picks the scans between which a robot has moved or turned; scans at rest add nothing.
 
-    Odometry tells where the robot has moved. Where wheels slip or stamps are wrong, the ranges themselves tell it.
+    Odometry tells where the robot has moved. Where wheels slip or stamps are wrong, the ranges themselves tell it. Scans that
+    were held up have stamps that are wrong: they arrive in a burst, in which odometry seems to stand still.
 
     Args:
         scans: all scans.
@@ -138,22 +142,24 @@ def pick_moving(scans: Scans, odometry: Trajectory, path_m: float, turn_rad: flo
         path_m: a scan is taken after this distance [m] from the last one that was taken.
         turn_rad: or after this turn [rad].
     """
-    poses = odometry.at(scans.stamps_us)
+    poses, apart = odometry.at(scans.stamps_us), np.diff(scans.stamps_us)
+    hurried = apart < _HURRIED * np.median(apart)
     picked = [0]
     for k in range(1, len(poses)):
         moved = se2.wrapped_between(poses[picked[-1]], poses[k])
         by_odometry = np.hypot(moved[0], moved[1]) >= path_m or abs(moved[2]) >= turn_rad
-        if by_odometry or _differ(scans[picked[-1]].returns, scans[k].returns, path_m):
+        share = _CHANGED_IN_HURRY if hurried[k - 1] else _CHANGED
+        if by_odometry or _differ(scans[picked[-1]].returns, scans[k].returns, path_m, share):
             picked.append(k)
     if picked[-1] != len(poses) - 1:
         picked.append(len(poses) - 1)
     return picked
 
 
-def _differ(a: Returns, b: Returns, least_m: float) -> bool:
-    """Returns whether many of the ranges of two scans differ, more than by people who walk by."""
+def _differ(a: Returns, b: Returns, least_m: float, share: float) -> bool:
+    """Returns whether more than a share of the ranges of two scans differ by more than `least_m`."""
     if len(a) < 2 or not len(b):
         return False
     order = np.argsort(a.azimuths)
     off = np.abs(np.interp(b.azimuths, a.azimuths[order], a.ranges[order]) - b.ranges)
-    return bool(np.mean(off > least_m) > _CHANGED)
+    return bool(np.mean(off > least_m) > share)
