@@ -15,7 +15,7 @@ from worlds.statistics import describe_statistics
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.measurement import Status
-from mqslam.psi.published.paper import OURS, PAPER_LARGEST, compute_table1
+from mqslam.psi.published.paper import OURS, compute_table1
 from mqslam.simulator import SensorModel, make_tunnel_drive, make_tunnel_scene, simulate_recording
 from mqslam.slam import Slam
 
@@ -57,9 +57,10 @@ def _measure_table1(out: Path) -> list[Row]:
     for row in compute_table1(_YARDS, jobs=os.cpu_count() or 1):
         cells = {"case": "v {:g} m/s, omega {:g} rad/s".format(*row.case), "method": row.method}
         numbers = {"mean_v": row.mean[0], "mean_omega": row.mean[1], "rms_v": row.rms[0], "rms_omega": row.rms[1]}
+        if row.worst is not None:
+            cells["last"] = f"{row.worst.sum()} of {len(row.worst)}"
         rows.append(Row(cells | {key: float(number) for key, number in numbers.items()}, judged=row.method == OURS))
-    paper = {"case": "all", "method": "the paper's largest error", "rms_v": PAPER_LARGEST[0], "rms_omega": PAPER_LARGEST[1]}
-    return [*rows, Row(paper, judged=False)]
+    return rows
 
 
 _TUNNELS = (1, 2, 3, 4, 5)
@@ -141,6 +142,7 @@ BENCHMARKS = {
             Column("mean_omega", "omega [rad/s]", "{:.4f}"),
             Column("rms_v", "RMS error of v [m/s]", "{:.4f}", Goal.LOW),
             Column("rms_omega", "of omega [rad/s]", "{:.4f}", Goal.LOW),
+            Column("last", "right map ranks last", "{}"),
         ),
         measure=_measure_table1,
         bounds=(Bound("rms_v", {"method": OURS}, most=0.01), Bound("rms_omega", {"method": OURS}, most=0.002)),

@@ -9,7 +9,16 @@ import pytest
 from PIL import Image
 from support.commands import mqslam, read_contents
 
-from mqslam.psi.published.paper import CASES, render_figure2, render_figure3
+from mqslam.psi.published.paper import (
+    ALGORITHM_1,
+    CASES,
+    CHARGED,
+    PAPER,
+    VARIANTS,
+    compute_figure2,
+    render_figure2,
+    render_figure3,
+)
 
 
 def test_scores_fall_from_bad_to_better_to_good() -> None:
@@ -17,6 +26,14 @@ def test_scores_fall_from_bad_to_better_to_good() -> None:
         bad, better, good = render_figure2(seed)
         assert bad.psi > better.psi > good.psi
         assert len(bad.points) == len(good.points) and set(good.scan) == {0, 1, 2, 3}
+
+
+def test_the_charged_score_has_the_papers_order_and_algorithm_1_its_reverse() -> None:
+    scores = compute_figure2()
+    assert tuple(scores) == (PAPER, *VARIANTS)
+    for name in (PAPER, CHARGED):
+        assert scores[name] == sorted(scores[name], reverse=True)
+    assert scores[ALGORITHM_1] == sorted(scores[ALGORITHM_1])
 
 
 def test_compensation_lowers_the_score_of_every_case_to_less_than_half() -> None:
