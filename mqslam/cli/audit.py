@@ -65,7 +65,7 @@ _LISTED = 3  # number of the worst torn windows, and of the worst torn revisits,
 
 @command(
     "data out trajectory times topic frame time_offset_s extrinsics z_range covariances false_alarms tolerance test fail_on "
-    "mend config format range_resolution start_s end_s jobs cluster force as_json quiet verbose",
+    "mend config changes format range_resolution start_s end_s jobs cluster force as_json quiet verbose",
     _OWN,
 )
 def audit(

@@ -11,7 +11,7 @@ from mqslam.cli.terminal import Terminal, echo
 from mqslam.errors import show
 
 
-@command("data config odometry format range_resolution as_json quiet verbose")
+@command("data config changes odometry format range_resolution as_json quiet verbose")
 def check(terminal: Terminal, **given: Any) -> None:
     """Check a recording against the assumptions by which it is read: stamps, azimuths, rotation, length of a range bin.
 

@@ -29,8 +29,8 @@ _OWN: Options = {
 
 
 @command(
-    "data out frontends trajectory odometry_only kiss_config tolerance config odometry imu format range_resolution topic "
-    "start_s end_s jobs cluster resume force as_json quiet verbose",
+    "data out frontends trajectory odometry_only kiss_config tolerance config changes odometry imu format range_resolution "
+    "topic start_s end_s jobs cluster resume force as_json quiet verbose",
     _OWN,
 )
 def compare(terminal: Terminal, *, out: Path, trajectory: list[str] | None, **given: Any) -> None:

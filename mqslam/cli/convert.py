@@ -39,7 +39,7 @@ _OWN: Options = {
 }
 
 
-@command("data out to message config format range_resolution topic force quiet verbose", _OWN)
+@command("data out to message config changes format range_resolution topic force quiet verbose", _OWN)
 def convert(
     terminal: Terminal,
     *,

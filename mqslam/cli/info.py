@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _LISTED = 5  # number of gaps that are shown one by one
 
 
-@command("data config format range_resolution topic as_json quiet verbose")
+@command("data config changes format range_resolution topic as_json quiet verbose")
 def info(terminal: Terminal, *, data: Path, config: Config, format: str | None, range_resolution: float | None) -> None:
     """Show what a recording contains: scans, duration, turn rate, range bins, odometry, ground truth, other sensors, gaps.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,8 @@ from mqslam.cli.terminal import Terminal, echo
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+    from mqslam.config import ConfigSource
 
 _OWN: Options = {
     "map": option(
@@ -33,11 +36,11 @@ _OWN: Options = {
 
 
 @command(
-    "data map out frontend config odometry imu extrinsics format range_resolution topic start_s end_s jobs cluster strict "
-    "force as_json quiet verbose",
+    "data map out frontend config changes odometry imu extrinsics format range_resolution topic start_s end_s jobs cluster "
+    "strict force as_json quiet verbose",
     _OWN,
 )
-def localise(terminal: Terminal, *, map: Path, config: str | None, topic: list[str] | None, **given: Any) -> None:
+def localise(terminal: Terminal, *, map: Path, config: ConfigSource, topic: list[str] | None, **given: Any) -> None:
     """Find the poses of a recording in the map of an earlier run, without a guess of where it begins.
 
     Places of the map are recognised in the recording. From there on, psi registers every scan on the map around it. Each
@@ -47,8 +50,9 @@ def localise(terminal: Terminal, *, map: Path, config: str | None, topic: list[s
     """
     from mqslam.commands.localise import localise as do
     from mqslam.commands.localise import read_map_settings
+    from mqslam.config import load_config
 
-    settings = state_topics(read_map_settings(map) if config is None else config, topic)
+    settings = state_topics(load_config(config, partial(read_map_settings, map)), topic)
     with terminal.open_work() as work:
         result = do(map=map, config=settings, work=work, **given)
 

@@ -15,7 +15,7 @@ _OWN: Options = {
 }
 
 
-@command("results out config jobs cluster force as_json quiet verbose", _OWN)
+@command("results out config changes jobs cluster force as_json quiet verbose", _OWN)
 def merge(terminal: Terminal, *, out: Path, **given: Any) -> None:
     """Make one map of several recordings, and show what changed between them.
 

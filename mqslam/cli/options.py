@@ -18,7 +18,7 @@ from mqslam.errors import show_lines
 
 if TYPE_CHECKING:
     from mqslam.auditing.verdict import VerdictStatus
-    from mqslam.config import Config
+    from mqslam.config import Config, ConfigSource
 
 Options = Mapping[str, tuple[Any, Any]]
 """Type and declaration of each option, by the name of the function argument that it becomes."""
@@ -63,6 +63,8 @@ def command(names: str, own: Options | None = None) -> Callable[[Callable[..., N
         def run(**given: Any) -> None:
             of_terminal = {name: given.pop(name) for name in ("jobs", "cluster", "as_json", "quiet") if name in given}
             given.pop("verbose", None)
+            if changes := given.pop("changes", None):
+                given["config"] = change_settings(given["config"], changes)
             if "topic" in given and declared["topic"] is OPTIONS["topic"] and declared["config"] is OPTIONS["config"]:
                 given["config"] = state_topics(given["config"], given.pop("topic"))
             do(Terminal(**of_terminal), **given)
@@ -83,20 +85,49 @@ def choose_exit_code(status: VerdictStatus, fail_on: Literal["warn", "fail"]) ->
     return int(status is VerdictStatus.FAIL or (status is VerdictStatus.WARN and fail_on == "warn"))
 
 
-def state_topics(config: str | Config | None, topics: Sequence[str] | None) -> Config:
+def change_settings(config: str | None, changes: Sequence[str]) -> Config | dict[str, dict[str, Any]]:
+    """Returns settings with some of them changed, or only the changes, if the command is to choose what they change.
+
+    Args:
+        config: name of the settings; None if the command chooses them.
+        changes: texts SECTION.NAME=VALUE, with the values as in YAML.
+
+    Raises:
+        ConfigError: a text has another form or the same name as another, or a setting is unknown or out of range.
+    """
+    import yaml
+
+    from mqslam.config import change_config, load_config
+    from mqslam.errors import ConfigError
+
+    tree: dict[str, dict[str, Any]] = {}
+    for text in changes:
+        setting, equals, value = text.partition("=")
+        section, dot, name = setting.strip().partition(".")
+        if not (equals and dot and section and name):
+            raise ConfigError(f"--set {text}: give SECTION.NAME=VALUE, such as detector.threshold=60")
+        if name in tree.setdefault(section, {}):
+            raise ConfigError(f"--set {text}: {section}.{name} is set twice; give it once")
+        try:
+            tree[section][name] = yaml.safe_load(value)
+        except yaml.YAMLError as error:
+            raise ConfigError(f"--set {text}: '{value}' is no value; give a number, a word, true, false or null") from error
+    return tree if config is None else change_config(load_config(config), tree)
+
+
+def state_topics(config: ConfigSource, topics: Sequence[str] | None) -> Config:
     """Returns settings that name the topics of a bag.
 
     Args:
-        config: the settings, or their name.
+        config: the settings, their name, or changes of the defaults.
         topics: texts TOPIC for the radar's topic, or radar=TOPIC, odometry=TOPIC or truth=TOPIC; None names no topic.
 
     Raises:
         ConfigError: a topic is given for an unknown name, is empty, or is given twice; or the settings are wrong.
     """
-    from mqslam.config import Config, load_config, set_sensor
+    from mqslam.config import load_config, set_sensor
     from mqslam.errors import ConfigError, suggest
 
-    settings = config if isinstance(config, Config) else load_config(config)
     named: dict[str, str] = {}
     for text in topics or ():
         of, equals, topic = text.partition("=")
@@ -108,7 +139,7 @@ def state_topics(config: str | Config | None, topics: Sequence[str] | None) -> C
             problem = "names the topic twice" if topic else "names no topic"
             raise ConfigError(f"--topic {text}: {problem}; give each as {of}=TOPIC, once")
         named[_TOPICS[of]] = topic
-    return set_sensor(settings, **named)
+    return set_sensor(load_config(config), **named)
 
 
 def _complete(module: str, find: Callable[[Any], Iterable[str]]) -> Callable[[str], list[str]]:
@@ -168,6 +199,14 @@ OPTIONS: Final[Options] = {
         "-c",
         metavar="FILE|NAME",
         autocompletion=complete_config,
+    ),
+    "changes": option(
+        list[str] | None,
+        None,
+        "Change one setting, such as detector.threshold=60, whatever the file of settings says. Repeat the option for "
+        "several settings; `mqslam config show` lists them.",
+        "--set",
+        metavar="SECTION.NAME=VALUE",
     ),
     "odometry": option(
         str, "auto", r"auto (the recording's own, if it has one), none, or a file (TUM, or CSV with t\[us],v,omega)."

@@ -28,8 +28,8 @@ _LIVE = option(
 
 
 @command(
-    "data out frontend config odometry imu gnss extrinsics frame format range_resolution topic start_s end_s jobs cluster "
-    "strict live tolerance fail_on resume force as_json quiet verbose",
+    "data out frontend config changes odometry imu gnss extrinsics frame format range_resolution topic start_s end_s jobs "
+    "cluster strict live tolerance fail_on resume force as_json quiet verbose",
     {"live": _LIVE},
 )
 def run(

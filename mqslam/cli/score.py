@@ -37,8 +37,8 @@ _OWN: Options = {
 
 
 @command(
-    "data start motion revolutions config format range_resolution temporal numerator factor unmatched minimise as_json "
-    "quiet verbose",
+    "data start motion revolutions config changes format range_resolution temporal numerator factor unmatched minimise "
+    "as_json quiet verbose",
     _OWN,
 )
 def score(terminal: Terminal, *, motion: str, revolutions: int, **given: Any) -> None:

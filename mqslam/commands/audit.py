@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,10 +30,10 @@ from mqslam.auditing.table import MapTest
 from mqslam.auditing.verdict import Finding
 from mqslam.backend.marginals import RelativeCovariances
 from mqslam.backend.sensors.odometry import ODOMETRY
-from mqslam.commands.inputs import WHOLE, carry_to_radar, choose_settings, open_radar_or_lidar, read_extrinsics
+from mqslam.commands.inputs import WHOLE, carry_to_radar, open_radar_or_lidar, read_extrinsics
 from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config, set_doppler_beta, set_false_alarms, set_tolerance
+from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta, set_false_alarms, set_tolerance
 from mqslam.core import se2
 from mqslam.core.point_map import TimedCloud
 from mqslam.core.recording import LidarRecording, Recording
@@ -72,7 +73,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     false_alarms: float | None = None,
     tolerance: float | None = None,
     test: Path | str | None = None,
-    config: Config | Path | str | None = None,
+    config: ConfigSource = None,
     format: str | None = None,
     range_resolution: float | None = None,
     start_s: float | None = None,
@@ -102,7 +103,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         tolerance: how far two passes may be apart [m]; all other tolerances change in proportion. None takes the tolerances
             of the settings.
         test: Python file with a test of your own, which judges the map, too; None adds no test.
-        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
+        config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
+            the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
         start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
@@ -143,10 +145,10 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         if of_cloud:
             subject = _place_cloud(data, read_cloud(data, heights), given, config)
         else:
-            settings = choose_settings(config)
+            settings = load_config(config)
             recording = open_radar_or_lidar(data, format, range_resolution, settings, span=(start_s, end_s))
             if isinstance(recording, LidarRecording):
-                settings, source = choose_settings(config, LIDAR_CONFIG), make_lidar_source(recording)
+                settings, source = load_config(config, partial(load_config, LIDAR_CONFIG)), make_lidar_source(recording)
                 subject = _place_recording(work, source, given or _pick_carried(data, source.tracks, name), settings)
             else:
                 subject = _place_recording(work, *detect_radar(recording, given, name, settings, work))
@@ -291,9 +293,9 @@ def _judge_sweeps(
     return judge.audit(shown, *sections, work.engine, work.progress, known=known)
 
 
-def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config: Config | Path | str | None) -> _Subject:
+def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config: ConfigSource) -> _Subject:
     """Makes the subject of an audit from a cloud; if a trajectory is given, the cloud is divided into sweeps by it."""
-    settings = choose_settings(config, None if cloud.is_of_radar else LIDAR_CONFIG)
+    settings = load_config(config, Config if cloud.is_of_radar else partial(load_config, LIDAR_CONFIG))
     beam = beam_of(settings.estimator, 0.0)
 
     def move(mended: Trajectory) -> Sweeps:

@@ -6,9 +6,9 @@ from functools import partial
 from pathlib import Path
 
 from mqslam.check.checks import Check, check_recording
-from mqslam.commands.inputs import choose_odometry, choose_settings, open_data
+from mqslam.commands.inputs import choose_odometry, open_data
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config
+from mqslam.config import ConfigSource, load_config
 from mqslam.psi.place import beam_of
 
 
@@ -16,7 +16,7 @@ def check(
     data: Path | str,
     *,
     odometry: str = "auto",
-    config: Config | Path | str | None = None,
+    config: ConfigSource = None,
     format: str | None = None,
     range_resolution: float | None = None,
     work: Work = QUIET,
@@ -26,7 +26,8 @@ def check(
     Args:
         data: the recording, of which a few short stretches are read.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
-        config: settings, or the path of a YAML file, or the name of one that ships; None takes the defaults.
+        config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
+            the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
         work: what reports on the work; the work itself is done in this process.
@@ -35,7 +36,7 @@ def check(
         ConfigError: the format is unknown, or the range resolution cannot be the length of a range bin.
         DataError: the recording or the odometry file cannot be used.
     """
-    settings = choose_settings(config)
+    settings = load_config(config)
     recording = open_data(Path(data), format, range_resolution, settings)
     track, notes = choose_odometry(recording, odometry, recording.mount)
     notes = [*recording.notes, *notes]

@@ -11,7 +11,6 @@ from mqslam.commands.inputs import (
     Inputs,
     choose_gyroscope,
     choose_odometry,
-    choose_settings,
     open_radar_or_lidar,
     prepare_lidar,
 )
@@ -20,7 +19,7 @@ from mqslam.commands.work import QUIET, Work
 from mqslam.comparison.comparison import compare_rows
 from mqslam.comparison.judgement import take_common_scans
 from mqslam.comparison.rows import Row, make_given_row, run_front_ends, split_row
-from mqslam.config import Config, set_doppler_beta
+from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta
 from mqslam.core import frontend as known_frontends
 from mqslam.core.frontend import Context
 from mqslam.core.recording import LidarRecording, Recording
@@ -53,7 +52,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     odometry: str = "auto",
     imu: str = "auto",
     tolerance: float | None = None,
-    config: Config | Path | str | None = None,
+    config: ConfigSource = None,
     format: str | None = None,
     range_resolution: float | None = None,
     start_s: float | None = None,
@@ -78,7 +77,8 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         imu: `auto` (the recording's own gyroscope), `none`, or the path of a file; only rows `...+gyro` use it.
         tolerance: how far two passes of a good map may be apart [m]; all other tolerances of the verdict change in
             proportion. None takes the tolerances of the settings.
-        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
+        config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
+            the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
         start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
@@ -100,7 +100,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     data, out = Path(data), Path(out)
     if isinstance(frontends, str):
         frontends = [name.strip() for name in frontends.split(",") if name.strip()]
-    settings = _set_kiss_config(choose_settings(config), kiss_config)
+    settings = _set_kiss_config(load_config(config), kiss_config)
     _check_names(frontends, odometry_only=odometry_only)
     given, understood = _make_given_rows(trajectories or {}, frontends)
     with claim_folder(out, force=force, resume=resume, sources=[data]):

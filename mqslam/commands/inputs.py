@@ -63,19 +63,6 @@ Span = tuple[float | None, float | None]  # begin and end [s] since the recordin
 WHOLE: Span = (None, None)
 
 
-def choose_settings(config: Config | Path | str | None, default: str | None = None) -> Config:
-    """Returns the settings that a command was given, or default settings.
-
-    Args:
-        config: settings, or the path of a YAML file, or the name of one that ships with mqslam.
-        default: name of the settings to take if `config` is None; None takes the defaults.
-
-    Raises:
-        ConfigError: the file does not exist or holds a mistake.
-    """
-    return config if isinstance(config, Config) else load_config(default if config is None else config)
-
-
 def open_data(
     data: Path,
     format: str | None,

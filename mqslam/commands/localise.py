@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from mqslam.backend.loops.recognition import DESCRIBED_WITH
 from mqslam.backend.measuring import measure
-from mqslam.commands.inputs import Inputs, choose_settings, name_extrinsics
+from mqslam.commands.inputs import Inputs, name_extrinsics
 from mqslam.commands.result import LocaliseResult
 from mqslam.commands.run import Job, open_job
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config, load_config, set_doppler_beta, set_sensor
+from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta, set_sensor
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
 from mqslam.core.keyframes import KeyframeMap
@@ -42,7 +43,7 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
     odometry: str = "auto",
     imu: str = "auto",
     extrinsics: tuple[float, float, float] | str = "auto",
-    config: Config | Path | str | None = None,
+    config: ConfigSource = None,
     format: str | None = None,
     range_resolution: float | None = None,
     start_s: float | None = None,
@@ -61,8 +62,8 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
         imu: `auto` (the recording's own gyroscope, if it has one), `none`, or the path of a file.
         extrinsics: where the radar sits on the vehicle, as for `run`.
-        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the settings
-            that the map was made with.
+        config: settings, a dict of those that differ, the path of a YAML file, or the name of one that ships with mqslam;
+            None takes the settings that the map was made with.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
         start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
@@ -85,7 +86,7 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
     data, out, map = Path(data), Path(out), Path(map)
     with claim_folder(out, force=force, sources=[data]):
         made = _open_map(map)
-        settings = read_map_settings(map) if config is None else choose_settings(config)
+        settings = load_config(config, partial(read_map_settings, map))
         unit_m = made.keyframes.unit_m
         if settings.sensor.doppler_beta is None:
             settings = set_doppler_beta(settings, made.keyframes.recordings[-1].doppler_beta)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.commands.inputs import choose_settings
 from mqslam.commands.result import MergeResult
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config
+from mqslam.config import Config, ConfigSource, load_config
 from mqslam.errors import ConfigError, DataError, untrusted
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import claim_folder, write_folder_aside
@@ -33,7 +33,7 @@ def merge(
     results: Sequence[Path | str],
     out: Path | str,
     *,
-    config: Config | Path | str | None = None,
+    config: ConfigSource = None,
     force: bool = False,
     work: Work = QUIET,
 ) -> MergeResult:
@@ -45,8 +45,8 @@ def merge(
     Args:
         results: folders of results of `run` or `merge`, two or more.
         out: folder for the merged result; it must not exist yet.
-        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the settings
-            of the first result.
+        config: settings, a dict of those that differ, the path of a YAML file, or the name of one that ships with mqslam;
+            None takes the settings of the first result.
         force: whether what is at `out` is replaced.
         work: where the work is done, and what reports on it.
 
@@ -66,7 +66,7 @@ def merge(
         parts = [read_part(folder) for folder in folders]
         _check_recordings(parts)
         own = folders[0] / "config.yaml"
-        settings = choose_settings(own if config is None and own.is_file() else config)
+        settings = load_config(config, partial(load_config, own) if own.is_file() else Config)
         runner = Runner(work.engine, work.progress)
         with runner.time_stage("total"):
             of_lidar = parts[0].map.keyframes.unit_m is not None

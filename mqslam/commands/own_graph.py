@@ -18,9 +18,9 @@ from mqslam.backend.loops.closing import find_loops
 from mqslam.backend.pose_graph import pose_of, scale_values
 from mqslam.backend.problem import GivenGraph, GraphProblem, Problem
 from mqslam.backend.sensors.odometry import ODOMETRY, doubt_contradicted, hold_odometry, make_odometry_edges
-from mqslam.commands.inputs import choose_settings, fit_to_lidar, open_radar_or_lidar, prepare_lidar
+from mqslam.commands.inputs import fit_to_lidar, open_radar_or_lidar, prepare_lidar
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config, set_doppler_beta
+from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.frontend import Context, measure_motions, require
 from mqslam.core.measurement import Loop, Measurement, Status
@@ -118,7 +118,7 @@ def psi_factors(
     recording: Source,
     keys: Keys = X,
     *,
-    config: Config | Path | str | None = None,
+    config: ConfigSource = None,
     frontend: str = "psi",
     odometry: Trajectory | None = None,
     pose: Pose = gtsam.Pose2,
@@ -142,7 +142,8 @@ def psi_factors(
         keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
             each; by default `gtsam.symbol("x", k)`. The pose is the sensor's at the start of the scan (`scans.stamps_us` of
             the result), REP 103.
-        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
+        config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
+            the name of one that ships with mqslam; None takes the defaults.
         frontend: name of the front end.
         odometry: dead-reckoned poses that cover the recording, or None. They guide the front end, and their motions,
             calibrated by psi, become factors too, as in a run. Leave odometry out if the graph already has factors
@@ -210,7 +211,7 @@ def loop_factors(
     keys: Keys = X,
     *,
     graph: gtsam.NonlinearFactorGraph | None = None,
-    config: Config | Path | str | None = None,
+    config: ConfigSource = None,
     pose: Pose = gtsam.Pose2,
     work: Work = QUIET,
 ) -> LoopFactors:
@@ -230,7 +231,8 @@ def loop_factors(
         keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
             each; by default `gtsam.symbol("x", k)`.
         graph: all factors of the values except the factors of loops; they must determine every variable. It is not changed.
-        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
+        config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
+            the name of one that ships with mqslam; None takes the defaults.
             `loops.enabled` has no effect.
         pose: type of the graph's poses, if no values show it: `gtsam.Pose2`, or `gtsam.Pose3`, whose factors have standard
             deviations of 0.1 m in z, and of 0.03 rad in roll and pitch.
@@ -306,7 +308,7 @@ def refine(
     *,
     loops: Sequence[LoopFactor],
     rounds: int = 2,
-    config: Config | Path | str | None = None,
+    config: ConfigSource = None,
     work: Work = QUIET,
 ) -> RefinedGraph:
     """Registers every scan by psi on the earlier passes around it, at the poses of the user's own graph.
@@ -326,7 +328,8 @@ def refine(
         loops: the loops and their factors, as `loop_factors` returns them.
         rounds: largest number of rounds in which every scan is registered; it replaces `refinement.rounds` of the settings,
             which is 0 by default.
-        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
+        config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
+            the name of one that ships with mqslam; None takes the defaults.
         work: where the work is done, and what reports on it.
 
     Raises:
@@ -432,14 +435,15 @@ class _View:
 
 
 @contextmanager
-def _look_at(recording: Source, config: Config | Path | str | None, work: Work) -> Iterator[_View]:
+def _look_at(recording: Source, config: ConfigSource, work: Work) -> Iterator[_View]:
     """Yields the scans of a recording, detected if need be; scans with too few returns raise an error with a remedy.
 
     Of a lidar's recording, scans between which its own odometry tells of no motion are left out, as in a run.
 
     Args:
         recording: its path, the open recording, or its scans.
-        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
+        config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
+            the name of one that ships with mqslam; None takes the defaults.
         work: where the work is done, and what reports on it.
 
     Raises:
@@ -447,7 +451,7 @@ def _look_at(recording: Source, config: Config | Path | str | None, work: Work) 
         DataError: the recording cannot be used.
         EstimationError: the scans hold too few returns to measure the Doppler shift, or for what the block does with them.
     """
-    settings, runner, remedy = choose_settings(config), Runner(work.engine, work.progress), ""
+    settings, runner, remedy = load_config(config), Runner(work.engine, work.progress), ""
     if isinstance(recording, Path | str):
         recording = open_radar_or_lidar(Path(recording), None, None, settings)
     if isinstance(recording, Recording):

@@ -14,7 +14,6 @@ from mqslam.commands.inputs import (
     check_frame,
     choose_odometry,
     choose_sensors,
-    choose_settings,
     name_extrinsics,
     open_radar_or_lidar,
     place_truth,
@@ -22,7 +21,7 @@ from mqslam.commands.inputs import (
 )
 from mqslam.commands.result import RunResult
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config, set_tolerance
+from mqslam.config import Config, ConfigSource, load_config, set_tolerance
 from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.sensors import NO_SENSORS, RADAR, Sensors
 from mqslam.core.trajectory import Trajectory
@@ -53,7 +52,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     extrinsics: tuple[float, float, float] | str = "auto",
     frame: str = RADAR,
     tolerance: float | None = None,
-    config: Config | Path | str | None = None,
+    config: ConfigSource = None,
     format: str | None = None,
     range_resolution: float | None = None,
     start_s: float | None = None,
@@ -78,7 +77,8 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
             radar on the vehicle must be known.
         tolerance: how far two passes of a good map may be apart [m]; all other tolerances of the verdict change in
             proportion. None takes the tolerances of the settings.
-        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
+        config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
+            the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
         start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
@@ -99,7 +99,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
         >>> print(result.verdict, result.report)  # doctest: +SKIP
     """
     data, out = Path(data), Path(out)
-    settings = set_tolerance(choose_settings(config), tolerance)
+    settings = set_tolerance(load_config(config), tolerance)
     inputs = Inputs(str(odometry), str(imu), str(gnss), name_extrinsics(extrinsics), frame)
     with claim_folder(out, force=force, resume=resume, sources=[data]):
         job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=(start_s, end_s))

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from mqslam.commands.inputs import choose_settings, open_data
-from mqslam.config import Config, DetectorConfig, PsiConfig
+from mqslam.commands.inputs import open_data
+from mqslam.config import ConfigSource, DetectorConfig, PsiConfig, load_config
 from mqslam.core import se2
 from mqslam.core.motion import CONSTANT_TWIST, CONSTANT_VELOCITY, MotionModel
 from mqslam.core.recording import Recording
@@ -30,7 +30,7 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
     scans: int = 3,
     variant: dict[str, str | float | None] | None = None,
     minimise: bool = False,
-    config: Config | Path | str | None = None,
+    config: ConfigSource = None,
     format: str | None = None,
     range_resolution: float | None = None,
 ) -> dict[str, Any]:
@@ -43,7 +43,8 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
         scans: number of scans in the window.
         variant: values that replace settings of the published score, by name; None keeps a setting.
         minimise: whether the motion is estimated as well, starting from the given motion.
-        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
+        config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
+            the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
 
@@ -55,7 +56,7 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
         DataError: a polar scan cannot be read.
         EstimationError: the window holds no returns.
     """
-    settings = choose_settings(config)
+    settings = load_config(config)
     psi = _change_variant(settings.psi, variant or {})
     model = CONSTANT_VELOCITY if len(motion) == 2 else CONSTANT_TWIST
     recording = open_data(Path(data), format, range_resolution, settings)

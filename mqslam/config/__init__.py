@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 import textwrap
+from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypeAlias
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from mqslam.config.yaml_file import parse_yaml
+from mqslam.config.yaml_file import check_tree, parse_yaml
 from mqslam.errors import ConfigError, suggest, untrusted
 
 # Marks a setting that only an expert would touch; it is shown only on request, or if a file changes it.
@@ -370,31 +371,59 @@ class Config(Section):
     verdict: VerdictConfig = VerdictConfig()
 
 
-def load_config(name: str | Path | None = None) -> Config:
-    """Loads settings: the defaults, changed by a YAML file or by a configuration that ships with mqslam.
+ConfigSource: TypeAlias = Config | Mapping[str, Any] | Path | str | None
+"""What names settings: the settings themselves, a dict of those that differ from a command's defaults, such as
+`{"detector": {"threshold": 60}}`, the path of a YAML file, the name of a shipped configuration, or None for the defaults."""
+
+
+def load_config(source: ConfigSource = None, default: Callable[[], Config] | None = None) -> Config:
+    """Loads settings: the defaults, or those of a YAML file or of a configuration that ships with mqslam.
 
     Args:
-        name: path of a YAML file, or name of a shipped configuration, such as `oxford`; None takes the defaults.
+        source: settings, which are returned as they are; a dict of sections that changes the default settings; path of a
+            YAML file; name of a shipped configuration, such as `oxford`; or None, which takes the default settings.
+        default: returns the default settings; None takes those of `Config()`.
 
     Raises:
         ConfigError: the file does not exist or is not YAML, or a setting is unknown or out of range.
     """
-    if name is None:
-        return Config()
-    path = Path(name)
-    shipped = resources.files("mqslam.configs") / f"{name}.yaml"
+    if isinstance(source, Config):
+        return source
+    if source is None or isinstance(source, Mapping):
+        return change_config(Config() if default is None else default(), source or {})
+    path = Path(source)
+    shipped = resources.files("mqslam.configs") / f"{source}.yaml"
     try:
         if path.is_file():
             content: str | bytes = untrusted.read_document(path, untrusted.YAML_BYTES)
         elif shipped.is_file():
             content = shipped.read_bytes()
         else:
-            raise ConfigError(f"{name}: no such configuration and no such file; {suggest(path.stem, list_shipped())}")
+            raise ConfigError(f"{source}: no such configuration and no such file; {suggest(path.stem, list_shipped())}")
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{name}: is not a readable YAML file ({error})") from error
+        raise ConfigError(f"{source}: is not a readable YAML file ({error})") from error
     except (OSError, ValueError) as error:
-        raise ConfigError(f"{name}: cannot be read ({error})") from error
-    return parse_yaml(Config, name, content)
+        raise ConfigError(f"{source}: cannot be read ({error})") from error
+    return parse_yaml(Config, source, content)
+
+
+def change_config(config: Config, changes: Mapping[str, Any]) -> Config:
+    """Returns settings with some of them changed.
+
+    Args:
+        config: the settings before.
+        changes: sections with the new values, such as `{"detector": {"threshold": 60}}`.
+
+    Raises:
+        ConfigError: a setting is unknown or out of range.
+    """
+    if not changes:
+        return config
+    tree = config.model_dump()
+    for name, section in changes.items():
+        both = isinstance(section, Mapping) and name in tree
+        tree[name] = {**tree[name], **section} if both else section
+    return check_tree(Config, "given settings", tree)
 
 
 def list_shipped() -> list[str]:

@@ -38,6 +38,15 @@ def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
         tree = {}
     if not isinstance(tree, dict):
         raise ConfigError(f"{name}: must hold settings in the form 'section: {{key: value}}'")
+    return check_tree(model, name, tree)
+
+
+def check_tree(model: type[M], name: str | Path, tree: dict[str, Any]) -> M:
+    """Returns the settings in a tree, such as a YAML file holds.
+
+    Raises:
+        ConfigError: a setting is unknown or out of range; the error begins with `name`.
+    """
     try:
         return model.model_validate(tree)
     except ValidationError as error:

@@ -10,6 +10,7 @@ import pytest
 import yaml
 from pydantic import BaseModel, Field, ValidationError, create_model
 from support.commands import mqslam
+from support.recordings import write_oxford
 
 from mqslam.config import EXPERT, Config, MapConfig, dump_yaml, list_shipped, load_config
 from mqslam.errors import ConfigError
@@ -190,3 +191,37 @@ def test_the_schema_knows_every_setting_and_refuses_others() -> None:
         assert issubclass(kind, BaseModel) and list(described["properties"]) == list(kind.model_fields)
         assert described["additionalProperties"] is False
     assert yaml.safe_load(mqslam("config", "show", "--all").out).keys() == schema["properties"].keys()
+
+
+def test_a_dict_changes_the_defaults_of_a_command_and_nothing_else() -> None:
+    changed = load_config({"detector": {"threshold": 60}}, lambda: load_config("oxford"))
+    assert changed.detector.threshold == 60.0 and changed.sensor == load_config("oxford").sensor
+    assert load_config({}) == Config() and load_config(changed) is changed
+    with pytest.raises(ConfigError, match=r"^given settings: unknown setting detector.treshold; did you mean threshold\?"):
+        load_config({"detector": {"treshold": 60}})
+    with pytest.raises(ConfigError, match=r"^given settings: detector: "):
+        load_config({"detector": 60})
+
+
+def test_an_option_sets_a_single_setting(tmp_path: Path) -> None:
+    drive = write_oxford(tmp_path / "drive")
+
+    def resolution(*words: str) -> float:
+        shown = mqslam("info", drive, "--json", *words)
+        assert (shown.code, shown.err) == (0, "")
+        return float(json.loads(shown.out)["range_resolution_m"])
+
+    assert resolution("--set", "sensor.range_resolution_m=0.1") == 0.1
+    assert resolution("--config", "oxford", "--set", "sensor.range_resolution_m=0.1") == 0.1
+    assert resolution("--config", "oxford", "--set", "sensor.range_offset_m=-0.3") == 0.0438
+    for wrong, reason in (
+        ("detector.threshold", "give SECTION.NAME=VALUE"),
+        ("threshold=60", "give SECTION.NAME=VALUE"),
+        ("detector.threshold=[", "'[' is no value"),
+        ("detector.treshold=60", "did you mean threshold?"),
+        ("detector.threshold=many", "detector.threshold: Input should be a valid number"),
+    ):
+        shown = mqslam("info", drive, "--set", wrong)
+        assert shown.code == 2 and reason in shown.err and shown.err.count("\n") == 1, shown.err
+    shown = mqslam("info", drive, "--set", "detector.threshold=50", "--set", "detector.threshold=60")
+    assert shown.code == 2 and "detector.threshold is set twice" in shown.err

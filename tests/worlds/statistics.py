@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 from scipy.stats import median_abs_deviation
 
 from mqslam.check.stretches import choose_spans, track_scans
-from mqslam.commands.inputs import choose_settings, open_data
-from mqslam.config import Config, DetectorConfig, EstimatorConfig, TrackerConfig
+from mqslam.commands.inputs import open_data
+from mqslam.config import Config, DetectorConfig, EstimatorConfig, TrackerConfig, load_config
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.scans import Returns, Scans
@@ -175,7 +175,7 @@ def describe_statistics(data: Path, config: Path | None = None) -> Statistics:
         DataError: the recording cannot be used.
         EstimationError: no stretch of it can be followed.
     """
-    settings = choose_settings(config)
+    settings = load_config(config)
     return measure_statistics(open_data(data, None, None, settings), settings)
 
 

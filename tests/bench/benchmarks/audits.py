@@ -22,8 +22,9 @@ from mqslam.auditing import judge
 from mqslam.auditing.sources import Source, place_source
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.commands.audit import detect_radar
-from mqslam.commands.inputs import choose_settings, open_data
+from mqslam.commands.inputs import open_data
 from mqslam.commands.work import Work
+from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.local_engine import LocalEngine
@@ -167,7 +168,7 @@ def _measure_distortions(distortions: Mapping[str, Distortion], find_drives: Fin
 def _judge_tracks(data: Path, tracks: Mapping[str, PoseTrajectory3D]) -> Iterator[tuple[str, str]]:
     """Yields the name of every trajectory of a recording and the verdict on its map; the returns are detected once."""
     work = Work(LocalEngine(os.cpu_count() or 1))
-    settings = choose_settings(None)
+    settings = Config()
     source, _, settings, _ = detect_radar(open_data(data, None, None, settings), None, "ground_truth", settings, work)
     beam = beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
     for name, track in tracks.items():
