@@ -267,6 +267,8 @@ def test_an_example_of_the_help_works_as_printed(
         Path("result").symlink_to(place / "finished")
     if words[0] == "merge":
         pytest.skip("needs the results of two drives: tests/merging has them")
+    if words[0] == "diff":
+        Path("earlier").symlink_to(place / "finished")
     if words[0] == "localise":
         Path("second_drive").symlink_to(place / "DATA")
     if "drive.bag" in words:

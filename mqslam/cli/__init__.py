@@ -13,14 +13,17 @@ from mqslam.cli.check import check
 from mqslam.cli.compare import compare
 from mqslam.cli.config import config
 from mqslam.cli.convert import convert
+from mqslam.cli.diff import diff
 from mqslam.cli.info import info
 from mqslam.cli.localise import localise
 from mqslam.cli.merge import merge
 from mqslam.cli.optimise import optimise
 from mqslam.cli.paper import paper
+from mqslam.cli.plot import plot
 from mqslam.cli.remedies import name_options
 from mqslam.cli.run import run
 from mqslam.cli.score import score
+from mqslam.cli.show import show as show_result
 from mqslam.cli.simulate import simulate
 from mqslam.cli.view import view
 from mqslam.errors import MqslamError, show
@@ -33,7 +36,10 @@ app = typer.Typer(
     rich_markup_mode="markdown",  # joins the lines of a paragraph
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (run, view, compare, batch, merge, audit, localise, info, check, convert, simulate, score, optimise):
+for command in (
+    *(run, show_result, view, plot, diff, compare, batch, merge, audit, localise),
+    *(info, check, convert, simulate, score, optimise),
+):
     app.command()(command)
 app.add_typer(config, name="config")
 app.add_typer(paper, name="paper")

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
 from mqslam.cli.options import Options, argument, choose_exit_code, command, flag, option
 from mqslam.cli.remedies import name_options
 from mqslam.cli.terminal import Terminal, echo, format_rows, format_verdict
+
+if TYPE_CHECKING:
+    from mqslam.commands.result import JudgedResult
 
 _OWN: Options = {
     "data": argument(Path, ..., "DATA", "A radar or lidar recording, or a point cloud with times (PLY, PCD, LAS, NPZ)."),
@@ -71,7 +74,6 @@ _LISTED = 3  # number of the worst torn windows, and of the worst torn revisits,
 def audit(
     terminal: Terminal,
     *,
-    out: Path,
     trajectory: str | None,
     z_range: str | None,
     fail_on: Literal["warn", "fail"] | None,
@@ -96,15 +98,17 @@ def audit(
         raise ConfigError("--covariances can be given only together with a trajectory from a file; give --trajectory FILE")
     heights = _parse_heights(z_range)
     with terminal.open_work() as work:
-        result = do(out=out, trajectory=trajectory or "recording", heights=heights, work=work, **given)
+        result = do(trajectory=trajectory or "recording", heights=heights, work=work, **given)
 
-    def show() -> None:
-        echo(name_options(_format_results(result.summary)))
-        echo(f"results in {out}; open {result.report} in a browser")
-
-    terminal.print_results(result.summary, show)
+    terminal.print_results(result.summary, lambda: print_audit(terminal, result))
     if fail_on is not None:
         raise typer.Exit(choose_exit_code(result.verdict, fail_on))
+
+
+def print_audit(_: Terminal, result: JudgedResult) -> None:
+    """Prints the results of an audit for people."""
+    echo(name_options(_format_results(result.summary)))
+    echo(f"results in {result.folder}; open {result.report} in a browser")
 
 
 def _parse_heights(text: str | None) -> tuple[float, float] | None:

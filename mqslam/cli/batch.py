@@ -15,6 +15,8 @@ from mqslam.errors import show
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from mqslam.commands.result import Result
+
 _OWN: Options = {
     "plan": argument(Path, ..., "RUNS.yaml", "The YAML file that lists the runs; the README shows one."),
     "out": option(Path, ..., "Folder for the results; each run gets a folder in it.", "--out", "-o"),
@@ -38,22 +40,24 @@ def batch(terminal: Terminal, **given: Any) -> None:
         result = run_batch(work=work, **given)
     summary = result.summary
 
-    def print_table() -> None:
-        from rich.console import Console
-
-        Console(soft_wrap=True).print(_tabulate(summary))
-        for run in summary["runs"]:
-            if run["not_judged"]:
-                echo(f"{run['name']} not judged: {show(name_options(run['not_judged']))}")
-        echo(f"report: {result.report}")
-        terminal.print_warnings(summary["warnings"])
-
-    terminal.print_results(summary, print_table)
+    terminal.print_results(summary, lambda: print_batch(terminal, result))
     for run in summary["runs"]:
         if run["failure"] and not terminal.as_json:
             terminal.print(f"{run['name']} failed: {show(name_options(run['failure']))}")
     if summary["counts"]["failed"]:
         raise typer.Exit(1)
+
+
+def print_batch(terminal: Terminal, result: Result) -> None:
+    """Prints the results of a batch for people."""
+    from rich.console import Console
+
+    Console(soft_wrap=True).print(_tabulate(result.summary))
+    for run in result.summary["runs"]:
+        if run["not_judged"]:
+            echo(f"{run['name']} not judged: {show(name_options(run['not_judged']))}")
+    echo(f"report: {result.report}")
+    terminal.print_warnings(result.warnings)
 
 
 def _tabulate(summary: dict[str, Any]) -> Table:

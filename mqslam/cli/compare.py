@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mqslam.cli.options import Options, command, flag, option
 from mqslam.cli.remedies import name_options
 from mqslam.cli.terminal import Terminal, echo
 from mqslam.errors import show
+
+if TYPE_CHECKING:
+    from mqslam.commands.result import CompareResult
 
 _ASCII_ARROWS = str.maketrans({"↓": "v", "↑": "^", "→": "->"})  # for terminals that show only ASCII
 _OWN: Options = {
@@ -33,7 +36,7 @@ _OWN: Options = {
     "topic start_s end_s jobs cluster resume force as_json quiet verbose",
     _OWN,
 )
-def compare(terminal: Terminal, *, out: Path, trajectory: list[str] | None, **given: Any) -> None:
+def compare(terminal: Terminal, *, trajectory: list[str] | None, **given: Any) -> None:
     """Run several front ends on the same returns with the same back end, and judge the maps they make.
 
     Only the row `odometry` uses odometry. The last line names the best row: the row with the least drift or ATE,
@@ -46,18 +49,20 @@ def compare(terminal: Terminal, *, out: Path, trajectory: list[str] | None, **gi
 
     trajectories = _parse_trajectories(trajectory or [])
     with terminal.open_work() as work:
-        result = do(out=out, trajectories=trajectories, work=work, **given)
+        result = do(trajectories=trajectories, work=work, **given)
 
-    def print_table() -> None:
-        _print_table(result.table, result.marked)
-        for row in result.summary["rows"]:
-            if row.get("verdict") in ("warn", "fail"):
-                echo(f"{row['name']} is judged {row['verdict']}: {name_options(row['reasons'])}")
-        echo(f"results in {out}; open {result.report} in a browser")
-        if result.conclusion:
-            echo(result.conclusion)
+    terminal.print_results(result.summary, lambda: print_compared(terminal, result))
 
-    terminal.print_results(result.summary, print_table)
+
+def print_compared(_: Terminal, result: CompareResult) -> None:
+    """Prints the table of a comparison for people."""
+    _print_table(result.table, result.marked)
+    for row in result.summary["rows"]:
+        if row.get("verdict") in ("warn", "fail"):
+            echo(f"{row['name']} is judged {row['verdict']}: {name_options(row['reasons'])}")
+    echo(f"results in {result.folder}; open {result.report} in a browser")
+    if result.conclusion:
+        echo(result.conclusion)
 
 
 def _parse_trajectories(texts: list[str]) -> dict[str, Path | tuple[Path, Path]]:

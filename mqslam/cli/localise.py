@@ -13,6 +13,7 @@ from mqslam.cli.terminal import Terminal, echo
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from mqslam.commands.result import LocaliseResult
     from mqslam.config import ConfigSource
 
 _OWN: Options = {
@@ -56,16 +57,18 @@ def localise(terminal: Terminal, *, map: Path, config: ConfigSource, topic: list
     with terminal.open_work() as work:
         result = do(map=map, config=settings, work=work, **given)
 
-    def show() -> None:
-        from rich.console import Console
+    terminal.print_results(result.summary, lambda: print_localised(terminal, result))
 
-        terminal.print_warnings(result.warnings)
-        Console(soft_wrap=True).print(_tabulate(result.summary))
-        echo(f"report: {result.report}")
-        if result.evo_command:
-            echo(f"compare with evo: {result.evo_command}")
 
-    terminal.print_results(result.summary, show)
+def print_localised(terminal: Terminal, result: LocaliseResult) -> None:
+    """Prints the results of a localisation for people."""
+    from rich.console import Console
+
+    terminal.print_warnings(result.warnings)
+    Console(soft_wrap=True).print(_tabulate(result.summary))
+    echo(f"report: {result.report}")
+    if result.evo_command:
+        echo(f"compare with evo: {result.evo_command}")
 
 
 def _tabulate(summary: dict[str, Any]) -> Table:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mqslam.cli.options import Options, argument, command
 from mqslam.cli.terminal import Terminal, echo, format_rows
+
+if TYPE_CHECKING:
+    from mqslam.commands.result import MergeResult
 
 _OWN: Options = {
     "results": argument(
@@ -16,7 +19,7 @@ _OWN: Options = {
 
 
 @command("results out config changes jobs cluster force as_json quiet verbose", _OWN)
-def merge(terminal: Terminal, *, out: Path, **given: Any) -> None:
+def merge(terminal: Terminal, **given: Any) -> None:
     """Make one map of several recordings, and show what changed between them.
 
     Places that the recordings share are found without a guess of where they are, and psi registers them on each other. Where
@@ -27,13 +30,15 @@ def merge(terminal: Terminal, *, out: Path, **given: Any) -> None:
     from mqslam.commands.merge import merge as do
 
     with terminal.open_work() as work:
-        result = do(out=out, work=work, **given)
+        result = do(work=work, **given)
 
-    def show() -> None:
-        echo(_format_results(result.summary))
-        echo(f"results in {out}; open {result.report} in a browser")
+    terminal.print_results(result.summary, lambda: print_merged(terminal, result))
 
-    terminal.print_results(result.summary, show)
+
+def print_merged(_: Terminal, result: MergeResult) -> None:
+    """Prints the results of a merge for people."""
+    echo(_format_results(result.summary))
+    echo(f"results in {result.folder}; open {result.report} in a browser")
 
 
 def _format_results(summary: dict[str, Any]) -> str:

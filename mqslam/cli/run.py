@@ -15,6 +15,7 @@ from mqslam.cli.terminal import Terminal, echo, format_verdict
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from mqslam.commands.result import RunResult
     from mqslam.config import Config
     from mqslam.execution.runner import Watch
 
@@ -55,24 +56,29 @@ def run(
     summary = result.summary
 
     def show() -> None:
-        from rich.console import Console
-
-        from mqslam.core.wording import list_sensor_notes
-
-        terminal.print_warnings(summary["warnings"])
-        terminal.print_notes(list_sensor_notes(summary))
         if config.sensor.doppler_beta is None and summary["doppler_beta"]:
             shift = f"{summary['doppler_beta']:.4f} ± {summary['doppler_sigma']:.4f} m of range per m/s of closing speed"
             causes = "wrong range bins or a range offset may be part of it"
             terminal.print_notes([f"the Doppler shift, as psi measured it, is {shift}; {causes}"])
-        Console(soft_wrap=True).print(tabulate_summary(summary))
-        echo(f"report: {result.report}")
-        if result.evo_command:
-            echo(f"compare with evo: {result.evo_command}")
+        print_run(terminal, result)
 
     terminal.print_results(summary, show)
     if fail_on is not None:
         raise typer.Exit(choose_exit_code(result.verdict, fail_on))
+
+
+def print_run(terminal: Terminal, result: RunResult) -> None:
+    """Prints the results of a run for people."""
+    from rich.console import Console
+
+    from mqslam.core.wording import list_sensor_notes
+
+    terminal.print_warnings(result.warnings)
+    terminal.print_notes(list_sensor_notes(result.summary))
+    Console(soft_wrap=True).print(tabulate_summary(result.summary))
+    echo(f"report: {result.report}")
+    if result.evo_command:
+        echo(f"compare with evo: {result.evo_command}")
 
 
 @contextmanager

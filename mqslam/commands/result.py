@@ -1,18 +1,28 @@
-"""The results that commands return: the folder that they have written, and the numbers in it."""
+"""The results that commands return, and that are read again from the folder that they have written."""
 
 from __future__ import annotations
 
+import html
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from mqslam.auditing.verdict import VerdictStatus
+from mqslam.config import Config, load_config
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.trajectories import read_trajectory
+from mqslam.results.compare_results import tabulate
 from mqslam.results.files import name_evo_command
 
+_REMEDY: Final = "give the folder of a result, as `mqslam run`, audit, compare, localise, merge or batch has written it"
+_MOST_BYTES: Final = 500_000_000  # audit.json of a day of driving has some 100 MB
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class Result:
     """The result of a command.
 
@@ -33,6 +43,37 @@ class Result:
     def warnings(self) -> list[str]:
         """The warnings that a reader should know before the numbers."""
         return list(self.summary["warnings"])
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """The few facts that tell the result from others, as texts by their name; a notebook shows them as a table."""
+        verdict, dataset = self.summary.get("verdict"), self.summary.get("dataset") or {}
+        known = {"verdict": f"{verdict['status']}: {verdict['diagnosis']}"} if verdict else {}
+        known |= {"recording": str(dataset["path"])} if "path" in dataset else {}
+        known |= {"length": f"{dataset['length_m']:.1f} m"} if dataset.get("length_m") is not None else {}
+        known |= {"duration": f"{dataset['duration_s']:.1f} s"} if "duration_s" in dataset else {}
+        errors = self.summary.get("evaluation")
+        known |= {"ATE": f"{errors['ate_rmse_m']:.3g} m"} if errors else {}
+        return known | ({"warnings": count_of(len(self.warnings), "warning")} if self.warnings else {})
+
+    def __repr__(self) -> str:
+        shown = {name: value.split(":")[0] for name, value in self.facts.items() if name != "recording"}
+        return f"<{type(self).__name__} {str(self.folder)!r}{''.join(f', {value}' for value in shown.values())}>"
+
+    def _repr_html_(self) -> str:
+        """Returns the facts as a table, and a link to the report, for a notebook."""
+        rows = [(name, html.escape(value)) for name, value in self.facts.items()]
+        report = html.escape(str(self.report), quote=True)
+        rows.append(("report", f'<a href="{report}">{report}</a>'))
+        return f"<table>{''.join(f'<tr><th>{name}</th><td>{value}</td></tr>' for name, value in rows)}</table>"
+
+    def read_config(self) -> Config:
+        """Reads the settings that the result was made with.
+
+        Raises:
+            ConfigError: there is no file of settings, or it holds a mistake.
+        """
+        return load_config(self.folder / "config.yaml")
 
 
 class JudgedResult(Result):
@@ -87,7 +128,7 @@ class MergeResult(Result):
         return [read_trajectory(self.folder / f"trajectory_{n}.tum") for n in range(1, count + 1)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CompareResult(Result):
     """The result of a comparison.
 
@@ -100,7 +141,61 @@ class CompareResult(Result):
     marked: frozenset[tuple[int, int]]
 
     @property
+    def facts(self) -> dict[str, str]:
+        """The few facts that tell the comparison from others."""
+        rows = [str(row["name"]) for row in self.summary["rows"]]
+        return {"rows": " and ".join(rows), "conclusion": self.conclusion} | super().facts
+
+    @property
     def conclusion(self) -> str:
         """The sentences that name the best row and say why; empty where there are fewer than two rows to compare."""
         best = self.summary["best"]
         return best["sentence"] if best else ""
+
+
+def read_result(folder: Path | str) -> Result:
+    """Reads a result from the folder that a command has written.
+
+    Args:
+        folder: the folder of a result of `run`, `audit`, `compare`, `localise`, `merge` or `batch`.
+
+    Returns:
+        The same as the command returned: a `RunResult`, `JudgedResult` (of an audit), `CompareResult`, `LocaliseResult`,
+        `MergeResult`, or a plain `Result` (of a batch).
+
+    Raises:
+        DataError: the folder holds no result, or its summary is damaged.
+
+    Example:
+        >>> result = mqslam.read_result("result")  # doctest: +SKIP
+        >>> print(result, result.read_trajectory().length_m)  # doctest: +SKIP
+    """
+    folder = Path(folder)
+    for name, kind in (("audit.json", JudgedResult), ("batch.json", Result)):
+        if (folder / name).is_file():
+            return kind(folder, _read_summary(folder / name, ("warnings",)))
+    if (folder / "compare.json").is_file():
+        summary = _read_summary(folder / "compare.json", ("warnings", "rows", "best"))
+        with untrusted.blame_file(folder / "compare.json"):
+            return CompareResult(folder, summary, *tabulate(summary))
+    if not (folder / "summary.json").is_file():
+        raise DataError(folder, "holds no result (summary.json, audit.json, compare.json or batch.json)", _REMEDY)
+    summary = _read_summary(folder / "summary.json", ("warnings",))
+    kinds = {"recordings": MergeResult, "median_sigma": LocaliseResult}
+    return next((kind for key, kind in kinds.items() if key in summary), RunResult)(folder, summary)
+
+
+def _read_summary(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:
+    """Reads the numbers of a result.
+
+    Raises:
+        DataError: the file is not JSON, or lacks one of the keys.
+    """
+    try:
+        summary = json.loads(untrusted.read_document(path, _MOST_BYTES))
+    except (OSError, ValueError, RecursionError) as error:
+        raise DataError(path, f"cannot be read ({error})", _REMEDY) from error
+    missing = [key for key in keys if key not in summary] if isinstance(summary, Mapping) else list(keys)
+    if missing:
+        raise DataError(path, f"lacks the entries {', '.join(missing)}", _REMEDY)
+    return dict(summary)

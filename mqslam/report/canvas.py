@@ -34,6 +34,10 @@ _LEFT_IN, _RIGHT_IN, _BOTTOM_IN, _TOP_IN = 0.78, 0.12, 0.48, 0.12  # margins aro
 _ENOUGH = 300_000  # points that are counted at a time, and most points that set the edges of a view
 _FAINTEST = 0.35  # opacity of a pixel with a single point
 _LINE_IN, _LETTER_IN, _KEY_IN, _ACROSS_IN = 0.19, 0.075, 0.5, 5.7  # legend: line height; letter, key, total width
+_CHART_IN = 1.7  # height of a chart below a map
+_LARGEST_ELLIPSE = 0.015  # largest radius of an ellipse, as a share of the path's side
+_ELLIPSES = 150  # most ellipses that are shown, so that a long path is not covered by them
+_CORNERS = 24  # corners of an ellipse
 _MOST = 1200  # most points of a line that a chart draws: nobody could see more
 
 
@@ -123,6 +127,36 @@ def join_lines(lines: Sequence[Points]) -> Points:
     return np.concatenate([part for one in lines for part in (one, gap)]) if lines else np.empty((0, 2))
 
 
+def draw_ellipses(positions: Points, covariances: NDArray[np.float64], path: Points) -> tuple[Curve, float]:
+    """Returns a curve of 3-sigma ellipses, enlarged if they are too small to be seen, and their largest radius [m].
+
+    Args:
+        positions: (N, 2) [m].
+        covariances: (N, 2, 2) or (N, 3, 3), of which x and y [m] are drawn, in the frame of the positions.
+        path: (M, 2) [m] of the whole path, whose extent decides how large the ellipses are drawn.
+    """
+    round_trip = np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
+    circle = np.column_stack([np.cos(round_trip), np.sin(round_trip)])
+    picked = pick_evenly(len(positions), _ELLIPSES)
+    shapes, largest = [], 0.0
+    for covariance in covariances[picked]:
+        values, axes = np.linalg.eigh(covariance[:2, :2])
+        radii = 3.0 * np.sqrt(np.maximum(values, 0.0))
+        shapes.append(circle * radii @ axes.T)
+        largest = max(largest, float(radii.max()))
+    side = float(np.ptp(path, axis=0).max())
+    factor = _round_down(_LARGEST_ELLIPSE * side / largest) if largest > 0.0 else 1.0
+    drawn = join_lines([centre + factor * shape for centre, shape in zip(positions[picked], shapes, strict=True)])
+    name = "3σ ellipses" if factor == 1.0 else f"3σ ellipses, {factor:g} times"
+    return Curve(name, PURPLE, drawn, width=1.2), largest
+
+
+def _round_down(factor: float) -> float:
+    """Returns the largest of 1, 2, 5, 10, 20, ... that is no more than a factor; at least 1."""
+    steps = (n * 10.0**k for k in range(6) for n in (1, 2, 5))
+    return max((step for step in steps if step <= factor), default=1.0)
+
+
 def mix_shades(count: int) -> tuple[str, ...]:
     """Returns the colours of `count` groups in the order of time, from blue for the first to orange for the last."""
     ends = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in (BLUE, ORANGE)])
@@ -183,9 +217,19 @@ def draw_world(
 
 def draw_chart(chart: Chart) -> bytes:
     """Draws a chart as an SVG element, with a legend above it."""
-    names = [name for name in (*(curve.name for curve in chart.curves), *(level[0] for level in chart.levels)) if name]
-    above_in = _measure_legend(names)[1]
+    above_in = _measure_legend(_name_curves(chart))[1]
     figure, axes = _make_axes(3.0 + above_in, above_in)
+    _fill(axes, chart)
+    return _encode_svg(figure)
+
+
+def _name_curves(chart: Chart) -> list[str]:
+    """Returns the names in the legend of a chart."""
+    return [name for name in (*(curve.name for curve in chart.curves), *(level[0] for level in chart.levels)) if name]
+
+
+def _fill(axes: Axes, chart: Chart) -> None:
+    """Draws the curves, the levels and the legend of a chart on empty axes."""
     axes.set(xlabel=chart.x_title, ylabel=chart.title)
     sides = {"y": axes}
     if chart.beside:
@@ -207,8 +251,53 @@ def draw_chart(chart: Chart) -> bytes:
         drawn = [curve.points[:, 1] for curve in chart.curves if curve.beside == (name == "beside")]
         if name not in chart.log and np.nanmin(np.concatenate(drawn or [np.zeros(1)]), initial=0.0) >= 0.0:
             side.set_ylim(bottom=0.0, top=chart.top)
-    _put_legend(axes, names, [handle for side in sides.values() for handle in side.get_legend_handles_labels()[0]])
-    return _encode_svg(figure)
+    handles = [handle for side in sides.values() for handle in side.get_legend_handles_labels()[0]]
+    _put_legend(axes, _name_curves(chart), handles)
+
+
+def draw_sheet(drawing: Drawing, charts: Sequence[Chart], suffix: str) -> bytes:
+    """Draws a map with charts below it as one figure for print, white, in which words stay text.
+
+    Args:
+        drawing: the map and the curves on it.
+        charts: the charts.
+        suffix: form of the file: `.pdf`, `.png` or `.svg`.
+    """
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    view = find_common_view(
+        [*(points for points, _ in drawing.maps), *(curve.points for curve in drawing.curves)],
+        MAP_SHAPE,
+        OUTERMOST if drawing.maps else 0.0,
+    )
+    names = [curve.name for curve in drawing.curves if curve.name]
+    inner = _WIDTH_IN - _LEFT_IN - _RIGHT_IN
+    heights = [inner * (view.y1 - view.y0) / (view.x1 - view.x0), *(_CHART_IN for _ in charts)]
+    above = [_measure_legend(listed)[1] for listed in (names, *map(_name_curves, charts))]
+    total = sum(heights) + sum(above) + len(heights) * (_BOTTOM_IN + _TOP_IN)
+    figure, top = Figure(figsize=(_WIDTH_IN, total), dpi=DPI), total
+    panels = []
+    for height, legend in zip(heights, above, strict=True):
+        top -= _TOP_IN + legend + height
+        panels.append(figure.add_axes((_LEFT_IN / _WIDTH_IN, top / total, inner / _WIDTH_IN, height / total)))
+        _style(panels[-1])
+        top -= _BOTTOM_IN
+    world = panels[0]
+    world.set(xlabel="x [m]", ylabel="y [m]", xlim=(view.x0, view.x1), ylim=(view.y0, view.y1))
+    lay_ink(view, [(world, *one) for one in drawing.maps])
+    for curve in drawing.curves:
+        _plot(world, curve)
+    _put_legend(world, names)
+    for axes, chart in zip(panels[1:], charts, strict=True):
+        _fill(axes, chart)
+    if suffix == ".png":
+        return encode_png(figure, opaque=True)
+    file = io.BytesIO()
+    left_out = ("Date", "Creator") if suffix == ".svg" else ("CreationDate", "Creator", "Producer")  # for the same bytes
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "mqslam", "pdf.fonttype": 42}):
+        figure.savefig(file, format=suffix[1:], facecolor="white", metadata=dict.fromkeys(left_out))
+    return file.getvalue()
 
 
 def make_world(view: View, above_in: float = 0.0) -> tuple[MplFigure, Axes]:
@@ -249,6 +338,12 @@ def _make_axes(height_in: float, above_in: float) -> tuple[MplFigure, Axes]:
     figure = Figure(figsize=(_WIDTH_IN, height_in), dpi=DPI)
     left, bottom, top = _LEFT_IN / _WIDTH_IN, _BOTTOM_IN / height_in, (_TOP_IN + above_in) / height_in
     axes = figure.add_axes((left, bottom, 1 - left - _RIGHT_IN / _WIDTH_IN, 1 - bottom - top))
+    _style(axes)
+    return figure, axes
+
+
+def _style(axes: Axes) -> None:
+    """Gives axes their grid, spines and ticks."""
     axes.grid(color=INK, alpha=0.12, linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
@@ -256,7 +351,6 @@ def _make_axes(height_in: float, above_in: float) -> tuple[MplFigure, Axes]:
     axes.tick_params(colors=INK, labelsize=10, color=_SOFT)
     axes.xaxis.label.set(color=INK, fontsize=10)
     axes.yaxis.label.set(color=INK, fontsize=10)
-    return figure, axes
 
 
 def make_halo(width: float = 2.5) -> list[AbstractPathEffect]:

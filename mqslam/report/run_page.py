@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +19,6 @@ from mqslam.core import se2
 from mqslam.core.measurement import Status
 from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
-from mqslam.core.statistics import pick_evenly
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import describe_last_pose, list_sensor_notes
 from mqslam.evaluation import align_positions, measure_drift_by_length, trace_errors
@@ -37,6 +37,7 @@ from mqslam.report.canvas import (
     Drawing,
     Points,
     draw_chart,
+    draw_ellipses,
     draw_world,
     join_lines,
     over,
@@ -63,9 +64,6 @@ from mqslam.solution import Run
 _HALF_SIDE_M = 30.0  # half the side of the close view of a place
 _REACH_M = 43.0  # a circle of this radius holds the close view at any heading
 _SAME_PASS_S = 15.0  # points seen longer than this before or after a window's middle time belong to another pass
-_LARGEST = 0.015  # largest radius of an ellipse, as a share of the map's side
-_ELLIPSES = 150  # most ellipses that are shown, so that a long path is not covered by them
-_CORNERS = 24  # corners of an ellipse
 _SAME_PATH_M: Final = 1e-3  # positions that differ by less look the same in a picture
 _ALIKE: Final = 10.0  # curves whose medians differ by a larger factor are drawn on a logarithmic axis
 _DISTANCE: Final = "distance [m]"
@@ -284,35 +282,19 @@ def _draw_ellipses(run: Run, summary: Mapping[str, Any]) -> tuple[Curve, list[st
     The ellipses would cover the path, so they are hidden until their name in the legend is clicked.
     """
     sure = run.covariances
-    picked = pick_evenly(len(sure.indices), _ELLIPSES)
-    round_trip = np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
-    circle = np.column_stack([np.cos(round_trip), np.sin(round_trip)])
-    poses, shapes, largest = run.optimised.poses[sure.indices[picked]], [], 0.0
-    for pose, covariance in zip(poses, sure.covariances[picked], strict=True):
-        values, axes = np.linalg.eigh(se2.rotate_covariance(covariance, float(pose[2]))[:2, :2])
-        radii = 3.0 * np.sqrt(np.maximum(values, 0.0))
-        shapes.append(circle * radii @ axes.T)
-        largest = max(largest, float(radii.max()))
-    side = float(np.ptp(run.optimised.poses[:, :2], axis=0).max())
-    factor = _round_down(_LARGEST * side / largest) if largest > 0.0 else 1.0
-    drawn = join_lines([pose[:2] + factor * shape for pose, shape in zip(poses, shapes, strict=True)])
-    name = "3σ ellipses" if factor == 1.0 else f"3σ ellipses, {factor:g} times"
+    poses = run.optimised.poses[sure.indices]
+    turned = [se2.rotate_covariance(own, yaw) for own, yaw in zip(sure.covariances, poses[:, 2].tolist(), strict=True)]
+    curve, largest = draw_ellipses(poses[:, :2], np.array(turned).reshape(-1, 3, 3), run.optimised.poses[:, :2])
     explained = []
     if sure.failure:
         explained.append(f"No ellipses are shown: the covariances of the poses are not known ({sure.failure}).")
-    if shapes:
+    if len(poses):
         explained.append(
             f"The legend shows the 3σ ellipses of the positions, with the first pose held fixed; the largest reaches "
             f"{format_length(largest)} from its centre."
         )
         explained += part_of(summary, "range_scale").get("statements", [])
-    return Curve(name, PURPLE, drawn, width=1.2, shown=False), explained
-
-
-def _round_down(factor: float) -> float:
-    """Returns the largest of 1, 2, 5, 10, 20, ... that is no more than a factor; at least 1."""
-    steps = (n * 10.0**k for k in range(6) for n in (1, 2, 5))
-    return max((step for step in steps if step <= factor), default=1.0)
+    return replace(curve, shown=False), explained
 
 
 def _show_windows(run: Run) -> list[Place]:

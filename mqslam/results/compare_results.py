@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
@@ -18,6 +18,7 @@ from mqslam.comparison.judgement import JudgedRow
 from mqslam.comparison.rows import Row
 from mqslam.config import dump_yaml
 from mqslam.core.recording import Recording
+from mqslam.errors import show
 from mqslam.execution.files import write_json, write_text
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import write_tum
@@ -169,6 +170,40 @@ def tabulate(summary: Mapping[str, Any]) -> tuple[list[list[str]], frozenset[tup
     return cells, frozenset((line, k) for k, column in enumerate(shown, 1) for line in _find_best_lines(column, rows))
 
 
+def format_markdown(cells: Sequence[Sequence[str]], marked: Collection[tuple[int, int]]) -> str:
+    """Returns a table as Markdown, with the best values bold; the arguments are what `tabulate` returns."""
+    lines = []
+    for k, line in enumerate(cells):
+        words = [text.replace("\\", "\\\\").replace("|", "\\|").replace("\n", " ") for text in line]
+        lines.append("| " + " | ".join(f"**{text}**" if (k, j) in marked else text for j, text in enumerate(words)) + " |")
+    lines.insert(1, "|---|" + "---:|" * (len(cells[0]) - 1))
+    return "\n".join(lines) + "\n"
+
+
+_LATEX: Final = str.maketrans(
+    {character: f"\\{character}" for character in "&%$#_{}"}
+    | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\n": " "}
+    | {"↓": r"$\downarrow$", "↑": r"$\uparrow$", "→": r"$\rightarrow$", "±": r"$\pm$"}
+)
+
+
+def format_latex(cells: Sequence[Sequence[str]], marked: Collection[tuple[int, int]]) -> str:
+    """Returns a table as LaTeX for the package booktabs, a column per row of the comparison, with the best values bold.
+
+    Args:
+        cells: the lines of the table, its head first, as `tabulate` returns them.
+        marked: (line, column) of the best values.
+    """
+    ran = [k for k, line in enumerate(cells) if not line[1].startswith("could not run: ")]
+    lines = [rf"\begin{{tabular}}{{l{'r' * (len(ran) - 1)}}}", r"\toprule"]
+    for j in range(len(cells[0])):
+        words = [cells[k][j].translate(_LATEX) for k in ran]
+        bold = (rf"\textbf{{{text}}}" if (k, j) in marked else text for k, text in zip(ran, words, strict=True))
+        lines += [" & ".join(bold) + r" \\", *([r"\midrule"] if j == 0 else [])]
+    failed = [line[0] + " " + line[1] for k, line in enumerate(cells) if k not in ran]
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", *(f"% {show(line)}" for line in failed)]) + "\n"
+
+
 def _find_best_lines(column: _Column, rows: Sequence[Mapping[str, Any]]) -> list[int]:
     """Returns the numbers of the lines that hold a column's best value; the head is line 0."""
     values = {line: row[column.key] for line, row in enumerate(rows, 1) if row.get(column.key) is not None}
@@ -201,6 +236,8 @@ def write_compare(folder: Path, comparison: Comparison, summary: Mapping[str, An
             _write_row(folder / row.name, row, comparison.recording)
     write_text(folder / "config.yaml", dump_yaml(comparison.settings))
     write_text(folder / "compare.csv", format_csv(summary["rows"]))
+    write_text(folder / "compare.md", format_markdown(*tabulate(summary)))
+    write_text(folder / "compare.tex", format_latex(*tabulate(summary)))
     write_json(folder / "compare.json", summary)
 
 

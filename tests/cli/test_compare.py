@@ -68,7 +68,7 @@ def test_every_row_is_there_with_its_files(compared: Path) -> None:
     assert 0.1 < rows["psi"]["nees_per_degree"] < 5.0 and rows["truth"]["nees_per_degree"] is None
     assert rows["psi"]["inflation"] < rows["odometry"]["inflation"]
     assert rows["psi"]["ms_per_revolution"] > 0.0 and rows["truth"]["ms_per_revolution"] is None
-    names = {"compare.json", "compare.csv", "report.html", "overlay.png", "config.yaml", *rows}
+    names = {"compare.json", "compare.csv", "compare.md", "compare.tex", "report.html", "overlay.png", "config.yaml", *rows}
     assert {path.name for path in compared.iterdir()} == names
     table = list(csv.DictReader((compared / "compare.csv").read_text().splitlines()))
     assert [row["name"] for row in table] == list(rows)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mqslam.results.compare_results import tabulate
+from mqslam.results.compare_results import format_latex, format_markdown, tabulate
 
 
 def summary(*rows: dict[str, Any]) -> dict[str, Any]:
@@ -73,3 +73,16 @@ def test_psi_across_passes_stands_in_place_of_psi_per_point() -> None:
     assert "psi per point" not in marked(*rows)
     rows[0]["psi_across_passes"], rows[1]["psi_across_passes"] = 0.21, 0.34
     assert marked(*rows)["psi across passes ↓"] == ["psi"]
+
+
+def test_the_table_is_markdown_and_latex_with_the_best_values_bold() -> None:
+    rows = [full_row("my_row", 0.2, 0.8, verdict="pass"), full_row("b|c", 0.3, 0.8), {"name": "x", "failure": "50 % off"}]
+    cells, best = tabulate(summary(*rows))
+    lines = format_markdown(cells, best).splitlines()
+    assert lines[0].startswith("|  | drift [%] ↓ | matched ↑ | verdict |") and lines[1] == "|---|---:|---:|---:|"
+    assert lines[2] == "| my_row | **0.200** | **80.0%** | pass |"
+    assert lines[3] == r"| b\|c | 0.300 | **80.0%** |  |" and len({line.count(" | ") for line in lines[2:]}) == 1
+    text = format_latex(cells, best)
+    assert text.startswith("\\begin{tabular}{lrr}\n\\toprule\n & my\\_row & b|c \\\\\n\\midrule\n")
+    assert "drift [\\%] $\\downarrow$ & \\textbf{0.200} & 0.300 \\\\" in text
+    assert text.endswith("\\bottomrule\n\\end{tabular}\n% x could not run: 50 % off\n")

@@ -1,0 +1,61 @@
+"""`mqslam diff`: shows what two results differ in."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from mqslam.cli.options import Options, argument, command
+from mqslam.cli.terminal import Terminal, echo, format_rows
+
+_OWN: Options = {
+    "first": argument(Path, ..., "OUT1", "The folder of a result."),
+    "second": argument(Path, ..., "OUT2", "The folder of another result of the same kind."),
+}
+_SHOWN = (  # groups of figures that people are shown
+    *("mqslam_version", "frontend", "frame", "dataset", "conclusion", "verdict", "psi", "windows", "revisits", "links"),
+    *("last_pose", "factors", "evaluation"),
+)
+_CASES = {"as_they_are": "as they are", "aligned": "aligned"}
+
+
+@command("first second as_json quiet verbose", _OWN)
+def diff(terminal: Terminal, *, first: Path, second: Path) -> None:
+    """Show what two results differ in: their settings, their figures, and how far their trajectories are apart.
+
+    Trajectories are compared as they are, both in the frame of their first pose, and after the best rigid alignment.
+
+    Example: mqslam diff earlier result
+    """
+    from mqslam.commands.diff import diff_results
+
+    found = diff_results(first, second)
+    terminal.print_results(found, lambda: echo(_format(found)))
+
+
+def _format(found: dict[str, Any]) -> str:
+    """Returns the differences as lines, under a heading for each kind."""
+    shown = {name: both for name, both in found["figures"].items() if name.partition(".")[0] in _SHOWN}
+    parts = []
+    for kind, values in (("settings", found["settings"]), ("figures", shown)):
+        rows = [(name, " -> ".join(_format_value(value) for value in both)) for name, both in values.items()]
+        width = max((len(name) for name, _ in rows), default=0) + 2
+        parts.append(format_rows([(kind, ""), *rows], width) if rows else f"{kind}: the same")
+    if len(shown) < len(found["figures"]):
+        parts.append(f"and {len(found['figures']) - len(shown)} more figures, which --json lists")
+    apart = found["trajectories"]
+    if apart is None:
+        return "\n".join([*parts, "trajectories: cannot be compared"])
+    rows = [("trajectories", "")]
+    for key, name in _CASES.items():
+        case = apart[key]
+        distance = f"{case['largest_m']:.3f} m apart at most (at {case['at_s']:.1f} s), {case['rms_m']:.3f} m RMS"
+        turn = f"turned by {math.degrees(case['largest_rad']):.3f} deg at most (at {case['turned_at_s']:.1f} s)"
+        rows.append((name, f"{distance}; {turn}"))
+    return "\n".join([*parts, format_rows(rows, 13)])
+
+
+def _format_value(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else value if isinstance(value, str) else json.dumps(value)

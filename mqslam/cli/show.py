@@ -1,0 +1,41 @@
+"""`mqslam show`: prints the results in a folder again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from mqslam.cli.audit import print_audit
+from mqslam.cli.batch import print_batch
+from mqslam.cli.compare import print_compared
+from mqslam.cli.localise import print_localised
+from mqslam.cli.merge import print_merged
+from mqslam.cli.options import Options, argument, command
+from mqslam.cli.run import print_run
+from mqslam.cli.terminal import Terminal
+from mqslam.errors import untrusted
+
+_OWN: Options = {
+    "out": argument(Path, ..., "OUT", "The folder of a result of run, audit, compare, localise, merge or batch."),
+}
+_PRINT: dict[str, Any] = {
+    "RunResult": print_run,
+    "JudgedResult": print_audit,
+    "CompareResult": print_compared,
+    "LocaliseResult": print_localised,
+    "MergeResult": print_merged,
+    "Result": print_batch,
+}
+
+
+@command("out as_json quiet verbose", _OWN)
+def show(terminal: Terminal, *, out: Path) -> None:
+    """Show the results in a folder, as the command showed them that has written them.
+
+    Example: mqslam show result
+    """
+    from mqslam.commands.result import read_result
+
+    result = read_result(out)
+    with untrusted.blame_file(out):
+        terminal.print_results(result.summary, lambda: _PRINT[type(result).__name__](terminal, result))

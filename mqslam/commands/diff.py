@@ -1,0 +1,94 @@
+"""Compares two results: their settings, their figures and their trajectories."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from mqslam.commands.result import Result, read_result
+from mqslam.config import list_changes
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import DataError
+from mqslam.evaluation import align_positions, pair_poses
+from mqslam.formats.tum import read_tum
+
+_PASSING: Final = ("run_key", "runtime_s", "peak_rss_mb")  # entries that differ whenever a command is repeated
+_REMEDY: Final = "give the folders of two results of the same recording"
+
+
+def diff_results(first: Path | str, second: Path | str) -> dict[str, Any]:
+    """Compares two results of the same kind.
+
+    Args:
+        first: folder of a result.
+        second: folder of another result.
+
+    Returns:
+        `settings` and `figures`, each with the names that differ and both values as [first, second], and `trajectories`:
+        how far the second is from the first, as the two are (`as_they_are`) and after the best rigid alignment
+        (`aligned`): the largest distance [m] and rotation [rad], and when each occurs [s since the first pose]. It is None
+        if a result has no trajectory.tum, or fewer than 3 stamps of one lie in the span of the other.
+
+    Raises:
+        DataError: a folder holds no result, or the results are of different kinds.
+    """
+    results = [read_result(folder) for folder in (first, second)]
+    kinds = [type(result).__name__ for result in results]
+    if kinds[0] != kinds[1]:
+        raise DataError(Path(second), f"is a {kinds[1]}, and {first} is a {kinds[0]}", _REMEDY)
+    a, b = (dict(_list_figures(result.summary)) for result in results)
+    return {
+        "settings": {name: [before, after] for name, before, after in _list_settings(*results)},
+        "figures": {name: [a.get(name), b.get(name)] for name in {**a, **b} if a.get(name) != b.get(name)},
+        "trajectories": _compare_trajectories(*results),
+    }
+
+
+def _list_settings(first: Result, second: Result) -> list[tuple[str, Any, Any]]:
+    """Returns the settings that differ; none if a result, such as that of a batch, has no settings of its own."""
+    if not all((result.folder / "config.yaml").is_file() for result in (first, second)):
+        return []
+    return list_changes(first.read_config(), second.read_config())
+
+
+def _list_figures(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Yields name and value of each number and word of a summary, but for those that differ whenever it is made."""
+    for key, value in tree.items():
+        if isinstance(value, Mapping) and key not in _PASSING:
+            yield from _list_figures(value, f"{above}{key}.")
+        elif not isinstance(value, Mapping | list) and key not in _PASSING:
+            yield above + key, value
+
+
+def _compare_trajectories(first: Result, second: Result) -> dict[str, Any] | None:
+    """Returns how far the trajectory of a result is from that of another, or None where they cannot be compared."""
+    paths = [result.folder / "trajectory.tum" for result in (first, second)]
+    if not all(path.is_file() for path in paths):
+        return None
+    pair = pair_poses(*(read_tum(path) for path in reversed(paths)))
+    if pair is None:
+        return None
+    moved, held = pair
+    motion = align_positions(moved, held)
+    aligned = moved if motion is None else Trajectory(moved.stamps_us, se2.compose(motion, moved.poses))
+    shared = {"stamps": len(held), "length_m": held.length_m}
+    return shared | {"as_they_are": _measure(moved, held), "aligned": _measure(aligned, held)}
+
+
+def _measure(moved: Trajectory, held: Trajectory) -> dict[str, float]:
+    """Returns the largest distance and the largest rotation between the poses of two trajectories with the same stamps."""
+    distances = np.hypot(*(moved.poses - held.poses)[:, :2].T)
+    turns = np.abs(se2.wrap(moved.poses[:, 2] - held.poses[:, 2]))
+    seconds = held.seconds(int(held.stamps_us[0]))
+    farthest, most = int(distances.argmax()), int(turns.argmax())
+    return {
+        "largest_m": float(distances[farthest]),
+        "at_s": float(seconds[farthest]),
+        "rms_m": float(np.sqrt(np.mean(distances**2))),
+        "largest_rad": float(turns[most]),
+        "turned_at_s": float(seconds[most]),
+    }

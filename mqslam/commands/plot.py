@@ -1,0 +1,111 @@
+"""Draws a result for print: its map with the density of the points, path, error and covariance."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from mqslam.commands.result import MergeResult, Result, read_result
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import ConfigError, DataError, OutputError, Remedy
+from mqslam.evaluation import align_positions, trace_errors
+from mqslam.execution.files import write_bytes
+from mqslam.execution.folders import check_writable
+from mqslam.formats.covariances import read_covariances
+from mqslam.formats.ply import read_ply
+from mqslam.formats.tum import read_tum
+from mqslam.report.canvas import BLUE, GREEN, INK, ORANGE, Chart, Curve, Drawing, draw_ellipses, draw_sheet, mix_shades, over
+from mqslam.results.files import TRUTH
+
+SUFFIXES: Final = (".pdf", ".png", ".svg")
+_PATH: Final = "path [m]"
+_REMEDY: Final = "give the folder of a run, a localisation or a merge"
+
+
+def plot(result: Result | Path | str, out: Path | str | None = None, *, force: bool = False) -> Path:
+    """Draws a result as one figure: its map, path and 3-sigma ellipses, and the error and the covariance along the path.
+
+    The ground truth and the error are drawn where the result holds ground truth, which is aligned with the path.
+
+    Args:
+        result: a result of `run`, `localise` or `merge`, or its folder.
+        out: the file, whose suffix .pdf, .png or .svg chooses its form; None writes `plot.pdf` into the folder.
+        force: whether a file at `out` is replaced.
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        ConfigError: the file has another suffix.
+        DataError: the folder holds no trajectory, or a damaged file.
+        OutputError: the file exists already, or cannot be written.
+    """
+    if not isinstance(result, Result):
+        result = read_result(result)
+    out = result.folder / "plot.pdf" if out is None else Path(out)
+    if out.suffix not in SUFFIXES:
+        raise ConfigError(f"{out}: is no kind of picture; end its name in {', '.join(SUFFIXES)}")
+    if out.exists() and not force:
+        raise OutputError(f"{out}: exists already", Remedy.CHOOSE_OR_REPLACE_OUTPUT)
+    check_writable(out)
+    write_bytes(out, draw_sheet(*_compose(result), out.suffix))
+    return out
+
+
+def _compose(result: Result) -> tuple[Drawing, list[Chart]]:
+    """Returns the map and the charts of a result."""
+    folder = result.folder
+    tracks = result.read_trajectories() if isinstance(result, MergeResult) else [_read_track(folder)]
+    maps = []
+    if (folder / "map.ply").is_file():
+        maps.append((np.column_stack(list(read_ply(folder / "map.ply", ("x", "y")).values())), INK))
+    names = ["path"] if len(tracks) == 1 else [f"recording {n}" for n in range(1, len(tracks) + 1)]
+    colours = (BLUE,) if len(tracks) == 1 else mix_shades(len(tracks))
+    curves = [Curve(*parts) for parts in zip(names, colours, (track.poses[:, :2] for track in tracks), strict=True)]
+    charts: list[Chart] = []
+    if len(tracks) == 1:
+        if (folder / TRUTH).is_file():
+            _add_truth(tracks[0], read_tum(folder / TRUTH), curves, charts)
+        if (folder / "covariances.csv").is_file():
+            _add_covariances(folder / "covariances.csv", tracks[0], curves, charts)
+    return Drawing(maps, curves), charts
+
+
+def _read_track(folder: Path) -> Trajectory:
+    """Reads the trajectory of a result.
+
+    Raises:
+        DataError: there is none, as in the folder of an audit, or it cannot be read.
+    """
+    if not (folder / "trajectory.tum").is_file():
+        raise DataError(folder, "holds no trajectory.tum to draw", _REMEDY)
+    return read_tum(folder / "trajectory.tum")
+
+
+def _add_truth(track: Trajectory, truth: Trajectory, curves: list[Curve], charts: list[Chart]) -> None:
+    """Adds ground truth, aligned with the path, to the curves, and the error along it to the charts."""
+    motion, errors = align_positions(track, truth), trace_errors(track, truth)
+    if motion is None or errors is None:
+        return
+    placed = se2.compose(se2.inverse(motion), truth.poses)
+    curves.insert(0, Curve("ground truth", GREEN, placed[:, :2], width=2.8))
+    charts.append(Chart("error [m]", (Curve("error after alignment", GREEN, over(*errors)),), x_title=_PATH))
+
+
+def _add_covariances(file: Path, track: Trajectory, curves: list[Curve], charts: list[Chart]) -> None:
+    """Adds the 3-sigma ellipses of the positions to the curves, and standard deviations along the path to the charts."""
+    given = read_covariances(file)
+    known = np.isin(given.stamps_us, track.stamps_us)
+    if not known.any():
+        return
+    at = np.searchsorted(track.stamps_us, given.stamps_us[known])
+    poses, covariances = track.poses[at], given.covariances[known]
+    curves.append(draw_ellipses(poses[:, :2], covariances, track.poses[:, :2])[0])
+    own = [se2.rotate_covariance(one, -yaw) for one, yaw in zip(covariances, poses[:, 2].tolist(), strict=True)]
+    sigmas = np.sqrt(np.maximum(np.diagonal(np.array(own), axis1=1, axis2=2), 0.0))
+    path = se2.path_lengths(track.poses)[at]
+    both = Curve("1σ along", BLUE, over(path, sigmas[:, 0])), Curve("1σ across", ORANGE, over(path, sigmas[:, 1]))
+    charts.append(Chart("1σ [m]", both, x_title=_PATH))

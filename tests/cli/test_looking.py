@@ -1,0 +1,158 @@
+"""Results are read, shown, compared and drawn again from their folders: `mqslam show`, `diff` and `plot`."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.commands import mqslam, parse_strict_json
+
+import mqslam as package
+from mqslam.commands.result import CompareResult, JudgedResult, LocaliseResult, MergeResult, Result, RunResult
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import DataError
+from mqslam.formats.tum import read_tum, write_tum
+
+
+@pytest.fixture
+def other(finished: Path, tmp_path: Path) -> Path:
+    """The same run with another setting and another verdict, 3 m farther to the left and turned by 0.1 rad."""
+    copy = tmp_path / "other"
+    shutil.copytree(finished, copy)
+    settings = (copy / "config.yaml").read_text()
+    assert "threshold: 40.0" in settings
+    (copy / "config.yaml").write_text(settings.replace("threshold: 40.0", "threshold: 60.0"))
+    summary = json.loads((copy / "summary.json").read_text())
+    summary["frontend"], summary["runtime_s"]["total"] = "other", 1e6
+    (copy / "summary.json").write_text(json.dumps(summary))
+    track = read_tum(copy / "trajectory.tum")
+    (copy / "trajectory.tum").unlink()
+    write_tum(copy / "trajectory.tum", Trajectory(track.stamps_us, se2.compose([0.0, 3.0, 0.1], track.poses)))
+    return copy
+
+
+def test_a_run_is_read_again_as_the_command_returned_it(finished: Path) -> None:
+    result = package.read_result(str(finished))
+    assert isinstance(result, RunResult) and result.folder == finished
+    assert result.summary == json.loads((finished / "summary.json").read_text())
+    assert result.read_config() == package.load_config(finished / "config.yaml")
+    assert len(result.read_trajectory()) == result.summary["dataset"]["revolutions"]
+
+
+def test_a_result_is_short_in_a_console_and_a_table_in_a_notebook(finished: Path, tmp_path: Path) -> None:
+    result = package.read_result(finished)
+    assert repr(result).startswith(f"<RunResult '{finished}', {result.verdict}, ") and len(repr(result)) < 200
+    table = result._repr_html_()
+    assert f"<th>verdict</th><td>{result.verdict}: " in table and f'href="{result.report}"' in table
+    shutil.copytree(finished, tmp_path / "hostile")
+    summary = result.summary | {"verdict": result.summary["verdict"] | {"diagnosis": "<script>"}}
+    (tmp_path / "hostile" / "summary.json").write_text(json.dumps(summary))
+    assert "<script>" not in package.read_result(tmp_path / "hostile")._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "kind"),
+    [
+        ("audit.json", {}, JudgedResult),
+        ("batch.json", {"runs": []}, Result),
+        ("compare.json", {"rows": [], "best": None}, CompareResult),
+        ("summary.json", {"recordings": []}, MergeResult),
+        ("summary.json", {"median_sigma": {}}, LocaliseResult),
+        ("summary.json", {}, RunResult),
+    ],
+)
+def test_the_kind_of_a_result_follows_from_its_files(name: str, content: dict, kind: type, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(json.dumps({"warnings": [], **content}))
+    result = package.read_result(tmp_path)
+    assert type(result) is kind and result.warnings == [] and repr(result).startswith(f"<{kind.__name__} ")
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"warnings": [], ', "[" * 100_000])
+def test_a_damaged_summary_is_refused(text: str, tmp_path: Path) -> None:
+    (tmp_path / "compare.json").write_text(text)
+    with pytest.raises(DataError, match="give the folder of a result"):
+        package.read_result(tmp_path)
+    shown = mqslam("show", tmp_path)
+    assert shown.code == 2 and shown.err.startswith(f"mqslam: error: {tmp_path / 'compare.json'}: ")
+
+
+@pytest.mark.parametrize("command", ["show", "plot"])
+def test_a_folder_without_a_result_is_refused(command: str, tmp_path: Path) -> None:
+    shown = mqslam(command, tmp_path)
+    assert shown.code == 2 and "holds no result (summary.json" in shown.err
+
+
+def test_show_prints_what_the_run_printed(finished: Path) -> None:
+    shown = mqslam("show", finished)
+    assert shown.code == 0
+    assert "psi per point" in shown.out and f"report: {finished / 'report.html'}" in shown.out and "verdict: " in shown.out
+    assert parse_strict_json(mqslam("show", finished, "--json").out) == package.read_result(finished).summary
+
+
+def test_diff_lists_settings_figures_and_distances(finished: Path, other: Path) -> None:
+    found = parse_strict_json(mqslam("diff", finished, other, "--json").out)
+    assert found["settings"] == {"detector.threshold": [40.0, 60.0]}
+    assert found["figures"] == {"frontend": ["odometry", "other"]}
+    apart, poses = found["trajectories"], read_tum(finished / "trajectory.tum").poses
+    far = np.hypot(*(se2.compose([0.0, 3.0, 0.1], poses) - poses)[:, :2].T)
+    assert apart["stamps"] == len(poses) and apart["as_they_are"]["largest_m"] == pytest.approx(far.max(), abs=1e-5)
+    assert apart["as_they_are"]["largest_rad"] == pytest.approx(0.1, abs=1e-6)
+    assert apart["aligned"]["largest_m"] < 1e-4 and apart["aligned"]["largest_rad"] < 1e-5
+    shown = mqslam("diff", finished, other).out
+    assert "detector.threshold  40 -> 60" in shown and "frontend  odometry -> other" in shown
+    assert f"as they are  {far.max():.3f} m apart at most" in shown and "aligned      0.000 m apart" in shown
+
+
+def test_diff_of_a_result_with_itself_is_empty(finished: Path) -> None:
+    shown = mqslam("diff", finished, finished).out
+    assert "settings: the same\nfigures: the same\n" in shown and "as they are  0.000 m apart" in shown
+
+
+def test_diff_refuses_results_of_different_kinds(finished: Path, tmp_path: Path) -> None:
+    (tmp_path / "audit.json").write_text('{"warnings": []}')
+    shown = mqslam("diff", finished, tmp_path)
+    assert shown.code == 2 and f"is a JudgedResult, and {finished} is a RunResult" in shown.err
+
+
+@pytest.mark.parametrize(("suffix", "begin"), [(".pdf", b"%PDF"), (".png", b"\x89PNG"), (".svg", b"<?xml")])
+def test_plot_draws_map_error_and_covariance(suffix: str, begin: bytes, finished: Path, tmp_path: Path) -> None:
+    first, second = tmp_path / f"one{suffix}", tmp_path / f"two{suffix}"
+    for out in (first, second):
+        shown = mqslam("plot", finished, "--out", out)
+        assert (shown.code, shown.out, shown.err) == (0, f"{out}\n", "")
+    content = first.read_bytes()
+    assert content.startswith(begin) and content == second.read_bytes()
+    if suffix == ".svg":
+        words = content.decode()
+        assert all(word in words for word in ("ground truth", "path", "3σ ellipses", "error [m]", "1σ across", "<image"))
+    if suffix == ".png":
+        with Image.open(first) as image:
+            assert image.height > image.width and np.asarray(image.convert("L")).std() > 10.0
+
+
+def test_plot_leaves_out_what_is_not_there(finished: Path, tmp_path: Path) -> None:
+    bare = tmp_path / "bare"
+    shutil.copytree(finished, bare)
+    for name in ("ground_truth.tum", "covariances.csv", "map.ply"):
+        (bare / name).unlink()
+    assert mqslam("plot", bare, "--out", tmp_path / "bare.svg").code == 0
+    words = (tmp_path / "bare.svg").read_text()
+    assert "path" in words and not any(word in words for word in ("truth", "ellipses", "error", "1σ"))
+    (bare / "trajectory.tum").unlink()
+    shown = mqslam("plot", bare, "--out", tmp_path / "none.svg")
+    assert shown.code == 2 and "holds no trajectory.tum to draw" in shown.err and not (tmp_path / "none.svg").exists()
+
+
+def test_plot_refuses_other_pictures_and_files_that_exist(finished: Path, tmp_path: Path) -> None:
+    shown = mqslam("plot", finished, "--out", tmp_path / "map.jpg")
+    assert shown.code == 2 and "end its name in .pdf, .png, .svg" in shown.err
+    (tmp_path / "map.svg").write_text("mine")
+    shown = mqslam("plot", finished, "--out", tmp_path / "map.svg")
+    assert shown.code == 2 and "exists already; choose another --out or give --force to replace it" in shown.err
+    assert (tmp_path / "map.svg").read_text() == "mine"
+    assert mqslam("plot", finished, "--out", tmp_path / "map.svg", "--force").code == 0
