@@ -11,6 +11,7 @@ import subprocess
 import sys
 from typing import Any
 
+from fields import describe_fields
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
@@ -27,6 +28,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/cli.md": describe_commands(),
         "reference/settings.md": describe_settings(),
         "reference/constants.md": describe_constants(),
+        "reference/fields.md": "\n".join(describe_fields()),
     }
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
