@@ -12,16 +12,17 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from mqslam.config import KissIcpConfig
 from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
 from mqslam.errors import ConfigError, untrusted
 from mqslam.frontends.icp_covariance import Surface
-from mqslam.frontends.scan_matching import FEWEST_MATCHED, PlacedScan, from_matrix, lift, match_scans, to_matrix
+from mqslam.frontends.scan_matching import FEWEST_MATCHED, Matching, PlacedScan, from_matrix, lift, match_scans, to_matrix
 
 _FAR_M = 1e6  # beyond every range that KISS-ICP keeps
+# Share of a scan's returns, and side of the map's voxels [m], with which the front end drifts least on its tuning drives.
+STRONGEST, VOXEL_M = 0.5, 1.0
 _REACH = 3.0  # KISS-ICP looks for correspondences within this many of its adaptive thresholds: its definition
 
 
@@ -42,8 +43,8 @@ class KissIcpFrontEnd:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._settings = context.config.kiss_icp
-        self._config = _make_config(self._settings)
+        self._settings = Matching.of(context, STRONGEST, VOXEL_M)
+        self._config = make_config(self._settings, context.config.kiss_icp.config_file)
 
     def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
         """Measures the motion from the start of each scan to the start of the next.
@@ -51,24 +52,23 @@ class KissIcpFrontEnd:
         Raises:
             EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
         """
-        return match_scans(scans, lambda: _KissIcpMatcher(self._config, self._settings), self._context)
+        return match_scans(scans, lambda: _KissIcpMatcher(self._config), self._context, self._settings.strongest)
 
 
 class _KissIcpMatcher:
     """KISS-ICP as a `ScanMatcher`; pose and motion are handed to it with every scan."""
 
-    def __init__(self, config: Any, settings: KissIcpConfig) -> None:
+    def __init__(self, config: Any) -> None:
         from kiss_icp.kiss_icp import KissICP
 
         self._kiss = KissICP(config)
-        self._settings = settings
         self.reference = 1.0 if config.data.deskew else 0.5  # a scan that is not deskewed fits best at half its duration
 
     def match(
         self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
     ) -> PlacedScan | None:
         """Matches a scan, and adds it to the map; see `ScanMatcher`."""
-        kiss, settings = self._kiss, self._settings
+        kiss, voxel_size = self._kiss, self._kiss.config.mapping.voxel_size
         # KISS-ICP takes its earliest and latest point for the ends of a scan: two points too far to be kept mark these ends
         frame = lift(np.vstack([points, [[_FAR_M, 0.0], [_FAR_M, 0.0]]]))
         deskewed = kiss.preprocessor.preprocess(frame, np.r_[fractions, 0.0, 1.0], to_matrix(motion))
@@ -76,7 +76,7 @@ class _KissIcpMatcher:
         scan, predicted = source[:, :2], se2.compose(before, motion)
         kernel = kiss.adaptive_threshold.get_threshold()
         reach = _REACH * kernel
-        surface = None if kiss.local_map.empty() else Surface(kiss.local_map.point_cloud()[:, :2], settings.voxel_size_m)
+        surface = None if kiss.local_map.empty() else Surface(kiss.local_map.point_cloud()[:, :2], voxel_size)
         # with only a few correspondences the linear system is singular, and KISS-ICP aborts the process
         if surface is None or surface.count_matched(scan, predicted, reach) < FEWEST_MATCHED:
             kiss.local_map.update(joining, to_matrix(predicted))
@@ -89,16 +89,20 @@ class _KissIcpMatcher:
         pose = from_matrix(placed)
         if surface.count_matched(scan, pose, reach) < FEWEST_MATCHED:
             return None
-        near = surface.count_matched(scan, pose, kiss.config.mapping.voxel_size) / len(scan)
+        near = surface.count_matched(scan, pose, voxel_size) / len(scan)
         return PlacedScan(pose, partial(surface.compute_covariance, scan, pose, reach, kernel), near)
 
 
-def _make_config(settings: KissIcpConfig) -> Any:
-    """Makes the KISSConfig from the settings, or from the file of KISS-ICP's own settings that the settings name."""
+def make_config(settings: Matching, own: Path | None = None) -> Any:
+    """Makes the KISSConfig from the settings, or from a file of KISS-ICP's own settings.
+
+    Raises:
+        ConfigError: the file cannot be read, or does not hold valid settings of KISS-ICP.
+    """
     from kiss_icp.config import KISSConfig
 
-    if settings.config_file is not None:
-        return _load_config(settings.config_file)
+    if own is not None:
+        return _load_config(own)
     config = KISSConfig()
     config.mapping.voxel_size = settings.voxel_size_m
     config.data.max_range = settings.max_range_m

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,34 @@ _BACKWARD_EVERY = 1000
 _BACKWARD_WARM_UP = 20
 # Missing time between two scans, in durations of a scan, beyond which it is a gap.
 _GAP_TURNS = 0.5
+
+
+class Matching(NamedTuple):
+    """The settings of a front end that matches scans, with its own usual values where the user sets none.
+
+    Args:
+        strongest: share of each scan's returns that is used, the strongest first.
+        voxel_size_m: side of the map's voxels [m].
+        max_range_m: farther returns are dropped [m].
+    """
+
+    strongest: float
+    voxel_size_m: float
+    max_range_m: float
+
+    @classmethod
+    def of(cls, context: Context, strongest: float, voxel_size_m: float) -> Matching:
+        """Returns the settings that a context holds, with a front end's usual share and voxels where there are none.
+
+        All returns of a lidar are used by default, because their intensities tell the material from which they come.
+        """
+        chosen = context.config.scan_matching
+        usual = 1.0 if context.is_lidar else strongest
+        return cls(
+            usual if chosen.strongest is None else chosen.strongest,
+            voxel_size_m if chosen.voxel_size_m is None else chosen.voxel_size_m,
+            chosen.max_range_m,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +183,19 @@ class ScanTrack:
 NewTrack = Callable[[float, se2.Array], ScanTrack]  # makes a track that begins at a time [s] with a twist (3,)
 
 
-def match_scans(scans: Iterable[Scan], new_matcher: Callable[[], ScanMatcher], context: Context) -> Iterator[Measurement]:
+def keep_strongest(scan: Scan, share: float) -> Scan:
+    """Returns a scan with a share (0, 1] of its returns, the strongest; of returns as strong as the last one, all stay."""
+    count = int(np.ceil(share * len(scan.returns)))
+    if count == len(scan.returns):
+        return scan
+    intensities = scan.returns.intensities
+    weakest = np.partition(intensities, -count)[-count]
+    return replace(scan, returns=scan.returns.take(intensities >= weakest))
+
+
+def match_scans(
+    scans: Iterable[Scan], new_matcher: Callable[[], ScanMatcher], context: Context, strongest: float = 1.0
+) -> Iterator[Measurement]:
     """Yields the motion from the start of each scan to the start of the next.
 
     A matcher predicts by its last motion, so that it needs a motion to begin with. It finds this motion itself: it runs
@@ -169,11 +209,12 @@ def match_scans(scans: Iterable[Scan], new_matcher: Callable[[], ScanMatcher], c
         scans: the scans in order.
         new_matcher: makes a matcher that has seen no scan.
         context: context of the front end; its odometry is used for the start only.
+        strongest: share of each scan's returns that is matched, the strongest first.
 
     Raises:
         EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
     """
-    scans = list(scans)
+    scans = [keep_strongest(scan, strongest) for scan in scans]
 
     def new_track(time: float, twist: se2.Array) -> ScanTrack:
         return ScanTrack(new_matcher(), time, twist, context.doppler_beta)

@@ -215,25 +215,35 @@ class TrackerConfig(Section):
 
 
 class ScanMatchingConfig(Section):
-    """Settings shared by the front ends KISS-ICP and Open3D ICP, which match every scan to a map of their own."""
+    """Settings of the front ends kiss_icp, open3d_icp, small_gicp and genz_icp, which match scans to maps of their own."""
 
-    voxel_size_m: float = Field(
-        1.0, gt=0.0, description="Side of the map's voxels [m]. Values of 0.5 to 2.0 give similar results on radar returns."
+    strongest: float | None = Field(
+        None,
+        gt=0.0,
+        le=1.0,
+        description="Share of each scan's returns that is used, the strongest first. null takes the share on which the front "
+        "end drifts least in simulated cities, and all returns of a lidar.",
+    )
+    voxel_size_m: float | None = Field(
+        None,
+        gt=0.0,
+        description="Side of the map's voxels [m]. null takes the size with which the front end drifts least in simulated "
+        "cities.",
     )
     max_range_m: float = Field(100.0, gt=0.0, description="Farther returns are dropped [m].")
 
 
-class KissIcpConfig(ScanMatchingConfig):
+class KissIcpConfig(Section):
     """Settings of the KISS-ICP front end."""
 
     config_file: Path | None = Field(
         None,
-        description="YAML file of KISS-ICP's own settings, which replaces voxel_size_m and max_range_m; null uses "
-        "these two.",
+        description="YAML file of KISS-ICP's own settings, which replaces voxel_size_m and max_range_m of section "
+        "scan_matching; null uses these two.",
     )
 
 
-class Open3dIcpConfig(ScanMatchingConfig):
+class Open3dIcpConfig(Section):
     """Settings of the Open3D ICP front end."""
 
     method: Literal["point_to_point", "generalized"] = Field(
@@ -360,6 +370,7 @@ class Config(Section):
     psi: PsiConfig = PsiConfig()
     estimator: EstimatorConfig = EstimatorConfig()
     tracker: TrackerConfig = TrackerConfig()
+    scan_matching: ScanMatchingConfig = ScanMatchingConfig()
     kiss_icp: KissIcpConfig = KissIcpConfig()
     open3d_icp: Open3dIcpConfig = Open3dIcpConfig()
     odometry: OdometryConfig = OdometryConfig()

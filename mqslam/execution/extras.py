@@ -13,6 +13,7 @@ from urllib.parse import unquote, urlparse
 
 _LIBRARIES: Final = {  # names of libraries for messages, by the names that `describe_missing` takes
     "open3d": "Open3D",
+    "small_gicp": "small_gicp",
     "pcd": "pypcd4",
     "las": "laspy with lazrs",
     "view": "Rerun",
@@ -21,7 +22,7 @@ _LIBRARIES: Final = {  # names of libraries for messages, by the names that `des
 _EXTRAS: Final = {"pcd": "clouds", "las": "clouds"}  # names of the extras in pyproject.toml that differ from those above
 
 
-_DECIDING: Final = ("numpy", "scipy", "numba", "gtsam", "open3d", "kiss-icp", "matplotlib")  # results depend on these
+_DECIDING: Final = ("numpy", "scipy", "numba", "gtsam", "open3d", "kiss-icp", "small_gicp", "matplotlib")  # results depend on these
 
 
 def list_versions() -> list[str]:
@@ -39,7 +40,7 @@ def describe_missing(library: str) -> tuple[str, str]:
     """Returns the two parts of an error's message: that a library is not installed, and the command that installs it.
 
     Args:
-        library: `open3d`, `pcd`, `las`, `view` or `cluster`.
+        library: `open3d`, `small_gicp`, `pcd`, `las`, `view` or `cluster`.
     """
     return f"{_LIBRARIES[library]} is not installed", f"install it with: {_name_command(_EXTRAS.get(library, library))}"
 

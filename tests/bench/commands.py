@@ -13,6 +13,8 @@ from bench.recordings import MQSLAM
 
 from mqslam.config import Config
 from mqslam.core.scans import Scans
+from mqslam.frontends.kiss_icp import STRONGEST, VOXEL_M, make_config
+from mqslam.frontends.scan_matching import Matching, keep_strongest
 
 FRONT_ENDS = {"psi": "psi", "kiss_icp": "KISS-ICP", "open3d_icp": "Open3D ICP"}
 """The front ends that are compared, with the names that tables show."""
@@ -95,16 +97,12 @@ def _call(*words: object) -> None:
 
 
 def register(scans: Scans) -> None:
-    """Follows the scans by KISS-ICP itself on one thread, with the voxel size and range of its front end."""
-    from kiss_icp.config import KISSConfig
+    """Follows the scans by KISS-ICP itself on one thread, with the settings of its front end, on the same returns."""
     from kiss_icp.kiss_icp import KissICP
 
-    settings, config = Config().kiss_icp, KISSConfig()
-    config.mapping.voxel_size, config.data.max_range = settings.voxel_size_m, settings.max_range_m
-    config.data.min_range = 0.0
-    config.registration.max_num_threads = 1
-    kiss = KissICP(config)
-    for scan in scans:
+    settings = Matching(STRONGEST, VOXEL_M, Config().scan_matching.max_range_m)
+    kiss = KissICP(make_config(settings))
+    for scan in (keep_strongest(scan, settings.strongest) for scan in scans):
         ranges, azimuths = scan.returns.ranges, scan.returns.azimuths
         points = np.column_stack([ranges * np.cos(azimuths), ranges * np.sin(azimuths), np.zeros(len(ranges))])
         kiss.register_frame(points, (scan.returns.times - scan.t0) / (scan.t1 - scan.t0))

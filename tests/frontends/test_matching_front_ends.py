@@ -1,4 +1,4 @@
-"""What the front ends that match scans have in common: psi, KISS-ICP and Open3D."""
+"""What the front ends that match scans have in common: psi, KISS-ICP, Open3D and small_gicp."""
 
 from __future__ import annotations
 
@@ -15,13 +15,18 @@ from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError
 
-TWO_SCANS = {"psi": [0.06, 0.03, 0.005], "kiss_icp": [0.4, 0.2, 0.02], "open3d_icp": [0.4, 0.2, 0.02]}
+TWO_SCANS = {
+    "psi": [0.06, 0.03, 0.005],
+    "kiss_icp": [0.4, 0.2, 0.02],
+    "open3d_icp": [0.4, 0.2, 0.02],
+    "small_gicp": [0.4, 0.2, 0.02],
+}
 
 
 @pytest.fixture(params=TWO_SCANS)
 def name(request: pytest.FixtureRequest) -> str:
-    if request.param == "open3d_icp":
-        pytest.importorskip("open3d", exc_type=ImportError)
+    if request.param in ("open3d_icp", "small_gicp"):
+        pytest.importorskip(request.param.removesuffix("_icp"), exc_type=ImportError)
     return str(request.param)
 
 

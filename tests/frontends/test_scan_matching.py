@@ -1,4 +1,4 @@
-"""What the KISS-ICP and the Open3D front end have in common."""
+"""What the front ends of KISS-ICP, Open3D and small_gicp have in common."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from support.drives import drive, find_errors, street_drive
 
-from mqslam.config import Config
+from mqslam.config import Config, ScanMatchingConfig
 from mqslam.core import frontend, se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
@@ -23,20 +23,21 @@ from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends import scan_matching
-from mqslam.frontends.scan_matching import _COAST_VX, PlacedScan, match_scans
+from mqslam.frontends.scan_matching import _COAST_VX, Matching, PlacedScan, keep_strongest, match_scans
 from mqslam.simulator import ConstantDrive, make_corridor_scene, make_street_scene
 
 Measure = Callable[..., list[Measurement]]
 
 
-@pytest.fixture(params=["kiss_icp", "open3d_icp"])
+@pytest.fixture(params=["kiss_icp", "open3d_icp", "small_gicp"])
 def measured(request: pytest.FixtureRequest) -> Measure:
-    """The motions between scans by either front end."""
-    if request.param == "open3d_icp":
-        pytest.importorskip("open3d", exc_type=ImportError)
+    """The motions between scans by any of the front ends, from all returns: the worlds of these tests hold no speckle."""
+    if request.param != "kiss_icp":
+        pytest.importorskip(request.param.removesuffix("_icp"), exc_type=ImportError)
 
     def measure(recording: Recording, scans: Sequence[Scan], odometry: Trajectory | None = None) -> list[Measurement]:
-        context = Context(Config(), recording.revolution_s, recording.start_us, odometry)
+        config = Config(scan_matching=ScanMatchingConfig(strongest=1.0))
+        context = Context(config, recording.revolution_s, recording.start_us, odometry)
         return list(frontend.load(request.param)(context).measure(scans))
 
     return measure
@@ -122,6 +123,32 @@ def test_the_real_sample_is_followed_from_its_first_pair(measured: Measure, oxfo
     truth = np.array([se2.between(*recording.ground_truth.at(s)) for s in stamps])
     off = (np.array([m.pose for m in motions]) - truth) / recording.revolution_s
     np.testing.assert_array_less(np.sqrt(np.mean(off**2, axis=0)), [0.5, 0.3, 0.02])
+
+
+def test_the_strongest_returns_are_kept_in_order_with_those_that_are_as_strong() -> None:
+    scan = street_drive()[1][0]
+    returns = replace(scan.returns, intensities=np.arange(len(scan.returns)) % 4.0)
+    quarter, half, whole = (keep_strongest(replace(scan, returns=returns), share) for share in (0.2, 0.5, 1.0))
+    np.testing.assert_array_equal(quarter.returns.times, returns.times[3::4])
+    assert set(half.returns.intensities) == {2.0, 3.0}
+    np.testing.assert_array_equal(half.returns.times, returns.times[returns.intensities >= 2.0])
+    assert len(whole.returns) == len(returns)
+    assert len(keep_strongest(replace(scan, returns=Returns.none()), 0.5).returns) == 0
+
+
+def test_a_scan_whose_returns_are_all_as_strong_is_kept_whole() -> None:
+    scan = street_drive()[1][0]
+    alike = replace(scan, returns=replace(scan.returns, intensities=np.ones(len(scan.returns))))
+    assert len(keep_strongest(alike, 0.1).returns) == len(scan.returns)
+
+
+@pytest.mark.parametrize(("is_lidar", "chosen", "share"), [(False, None, 0.5), (True, None, 1.0), (True, 0.3, 0.3)])
+def test_a_front_ends_own_share_holds_for_radar_unless_the_user_sets_one(
+    is_lidar: bool, chosen: float | None, share: float
+) -> None:
+    config = Config(scan_matching=ScanMatchingConfig(strongest=chosen))
+    settings = Matching.of(replace(context(), config=config, is_lidar=is_lidar), 0.5, 1.5)
+    assert settings == (share, 1.5, 100.0)
 
 
 @dataclass

@@ -1,0 +1,96 @@
+"""The small_gicp front end: generalized ICP matches each scan to the last keyframes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core import se2
+from mqslam.core.frontend import Context
+from mqslam.core.measurement import Measurement
+from mqslam.core.scans import Scan
+from mqslam.errors import ConfigError
+from mqslam.execution.extras import describe_missing
+from mqslam.frontends.keyframe_matching import KeyframeMatcher
+from mqslam.frontends.scan_matching import Matching, from_matrix, lift, match_scans, to_matrix
+
+# Share of a scan's returns, and side of the map's voxels [m], with which the front end drifts least on its tuning drives.
+STRONGEST, VOXEL_M = 0.5, 1.0
+# Longest distance between corresponding points [m], chosen on the same drives.
+_REACH_M = 1.0
+# Most iterations of one registration.
+_ITERATIONS = 30
+# Number of points, around a point and with it, that show how its surface runs.
+_NEIGHBOURS = 10
+# Heights at which each return stands, in units of the side of its voxels.
+_HEIGHTS = (-0.5, 0.0, 0.5)
+
+
+class SmallGicpFrontEnd:
+    """Matches each scan to a map of the last keyframes with small_gicp, and starts as KISS-ICP's front end does.
+
+    Raises:
+        ConfigError: small_gicp cannot be imported.
+    """
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._settings = Matching.of(context, STRONGEST, VOXEL_M)
+        self._registration = _SmallGicpRegistration(_import_small_gicp())
+
+    def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
+        """Measures the motion from the start of each scan to the start of the next.
+
+        Raises:
+            EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
+        """
+        settings = self._settings
+        return match_scans(scans, lambda: KeyframeMatcher(self._registration, settings), self._context, settings.strongest)
+
+
+class _SmallGicpRegistration:
+    """small_gicp's generalized ICP of planar clouds.
+
+    It takes the flattest direction around a point for the normal of a surface. In points of one plane that is always the
+    vertical, so that nothing in the plane would count as a surface. Each return therefore stands at three heights, like a
+    piece of a wall. The heights are symmetric about the plane, so that scans do not leave it.
+    """
+
+    reach_m = _REACH_M
+
+    def __init__(self, small_gicp: Any) -> None:
+        self._small_gicp = small_gicp
+
+    def register(self, source: Any, target: Any, reach_m: float, begin: se2.Array) -> se2.Array:
+        """Returns the pose (3,) of a cloud in another one; see `Registration`."""
+        (cloud, _), (map_cloud, tree) = source, target
+        result = self._small_gicp.align(
+            map_cloud, cloud, tree, to_matrix(begin), max_correspondence_distance=reach_m, max_iterations=_ITERATIONS
+        )
+        return from_matrix(result.T_target_source)
+
+    def make_cloud(self, points: NDArray[np.float64], voxel_size_m: float) -> tuple[Any, NDArray[np.float64]]:
+        """Returns points (N, 2) [m] as a cloud with covariances and the tree that searches it; see `Registration`."""
+        planar = self._small_gicp.voxelgrid_sampling(lift(points), voxel_size_m).points()[:, :2]
+        standing = np.concatenate([lift(planar) + [0.0, 0.0, height * voxel_size_m] for height in _HEIGHTS])
+        cloud = self._small_gicp.PointCloud(standing)
+        tree = self._small_gicp.KdTree(cloud)
+        self._small_gicp.estimate_covariances(cloud, tree, _NEIGHBOURS)
+        return (cloud, tree), planar
+
+
+def _import_small_gicp() -> Any:
+    """Imports small_gicp.
+
+    Raises:
+        ConfigError: small_gicp cannot be imported.
+    """
+    try:
+        import small_gicp
+    except ModuleNotFoundError as error:
+        missing, remedy = describe_missing("small_gicp")
+        raise ConfigError(f"front end small_gicp: {missing}", remedy) from error
+    return small_gicp
