@@ -33,12 +33,9 @@ _START_RETURNS = 20
 _START_STEP_M = 2.0
 # A start at a slower speed is as good if it matches this share of the points that the best start matches.
 _START_AS_GOOD = 0.95
-# Number of scans in a row that are followed backwards in time, too, to learn how large errors are.
-_BACKWARD_SCANS = 80
-# One such stretch is followed per this number of scans; errors are as large everywhere.
-_BACKWARD_EVERY = 1000
-# Number of further scans at the start of such a stretch that are not used, because its map is still thin.
-_BACKWARD_WARM_UP = 20
+# A track is lost where its motions differ by more than this speed [m/s] or yaw rate [rad/s] from those of a track backward
+# in time, on average over this time [s].
+_LOST_SPEED, _LOST_RATE, _LOST_S = 1.0, 0.05, 2.0
 # Missing time between two scans, in durations of a scan, beyond which it is a gap.
 _GAP_TURNS = 0.5
 
@@ -201,9 +198,10 @@ def match_scans(
     A matcher predicts by its last motion, so that it needs a motion to begin with. It finds this motion itself: it runs
     over the first scans forwards and then backwards in time, and arrives at the start with the speed at the start.
 
-    The residuals of a scan have common errors, so that they do not show how far a match is off. When all scans are
-    matched, other matchers therefore follow some stretches of them backwards. The backward motions are not part of the
-    result: their differences from the forward motions show how large the errors of both are.
+    The residuals of a scan have common errors, and a scan that lies wrong in the map still matches the scans that were
+    placed wrong before it. Neither shows how far a match is off. When all scans are matched, another matcher therefore
+    follows them backwards. Its motions are not part of the result. Their differences from the forward motions show how large
+    the errors of both are, and where one of the two tracks is lost: motions there have the status `LOST`.
 
     Args:
         scans: the scans in order.
@@ -223,18 +221,45 @@ def match_scans(
     for motion, unseen_s in _follow(scans, *_find_start(scans, new_track, context)):
         followed.append((motion, unseen_s))
         context.preview(motion)
-    backward = _measure_backwards(scans, [motion for motion, _ in followed], new_track)
+    last = followed[-1][0]
+    backward = _follow_backwards(scans, new_track(scans[-1].t1, se2.log(last.pose) / (last.t1 - last.t0)))
+    apart = np.array(
+        [
+            np.zeros(3) if back is None else se2.subtract(back, motion.pose)
+            for (motion, _), back in zip(followed, backward, strict=True)
+        ]
+    )
+    lost = _find_lost(apart, np.array([motion.t1 - motion.t0 for motion, _ in followed]))
     twice = [
-        Twice(m.pose, se2.subtract(b, m.pose), 2.0 * np.diag(m.covariance))
-        for (m, unseen_s), b in zip(followed, backward, strict=True)
-        if m.on_map and b is not None and not unseen_s.any()
+        Twice(m.pose, off, 2.0 * np.diag(m.covariance))
+        for (m, unseen_s), b, off, is_lost in zip(followed, backward, apart, lost, strict=True)
+        if m.on_map and b is not None and not unseen_s.any() and not is_lost
     ]
     scale = learn_scale(twice)
     coasting = np.diag(np.array([_COAST_VX, _COAST_VY, _COAST_OMEGA]) ** 2)
-    for (motion, unseen_s), back in zip(followed, backward, strict=True):
+    for (motion, unseen_s), back, off, is_lost in zip(followed, backward, apart, lost, strict=True):
         covariance = se2.scale_covariance(motion.covariance, scale) + coasting * (unseen_s**2).sum()
-        apart = np.sqrt(2.0) * se2.subtract(back, motion.pose) if motion.on_map and back is not None else np.full(3, np.nan)
-        yield replace(motion, covariance=covariance, apart=apart)
+        if is_lost:
+            covariance = covariance + coasting * (motion.t1 - motion.t0) ** 2 + np.outer(off, off)
+            motion = replace(motion, status=Status.LOST, on_map=False)
+        both = np.sqrt(2.0) * off if motion.on_map and back is not None else np.full(3, np.nan)
+        yield replace(motion, covariance=covariance, apart=both)
+
+
+def _find_lost(apart: NDArray[np.float64], seconds: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Returns the motions (N,) around which two tracks of the same scans contradict each other.
+
+    Args:
+        apart: (N, 3) differences of the two tracks' motions; zero where one of them has none.
+        seconds: (N,) duration of each motion [s].
+    """
+    ends = np.r_[0.0, np.cumsum(seconds)]
+    middles = 0.5 * (ends[:-1] + ends[1:])
+    first = np.searchsorted(middles, middles - 0.5 * _LOST_S)
+    after = np.searchsorted(middles, middles + 0.5 * _LOST_S, side="right")
+    sums = np.vstack([np.zeros(3), np.cumsum(apart, axis=0)])
+    mean = (sums[after] - sums[first]) / np.maximum(ends[after] - ends[first], _LOST_S)[:, None]
+    return np.asarray((np.hypot(mean[:, 0], mean[:, 1]) > _LOST_SPEED) | (np.abs(mean[:, 2]) > _LOST_RATE))
 
 
 def _follow(scans: Sequence[Scan], track: ScanTrack, start: Step) -> Iterator[tuple[Measurement, NDArray[np.float64]]]:
@@ -258,23 +283,6 @@ def _follow(scans: Sequence[Scan], track: ScanTrack, start: Step) -> Iterator[tu
         )
         yield measurement, np.array([coasted_s, step.coasted_s, scan.t0 - before.t1])
         before, begin, coasted_s, step = scan, end, step.coasted_s, after
-
-
-def _measure_backwards(scans: Sequence[Scan], motions: Sequence[Measurement], new_track: NewTrack) -> list[se2.Array | None]:
-    """Returns the motions (3,) that new tracks backwards in time measure on some stretches; None for all other motions."""
-    backward: list[se2.Array | None] = [None] * len(motions)
-    length = _BACKWARD_SCANS + _BACKWARD_WARM_UP
-    stretches = [(0, len(motions))]  # numbers of the first and the last scan of each, evenly spread over all scans
-    if len(scans) > length:
-        ends = np.linspace(0, len(motions), -(-len(scans) // _BACKWARD_EVERY) + 1)[1:].astype(int).tolist()
-        stretches = [(end - length, end) for end in ends if end >= length]
-    for first, last in stretches:
-        after = motions[last - 1]
-        twist = se2.log(after.pose) / (after.t1 - after.t0)
-        measured = _follow_backwards(scans[first : last + 1], new_track(scans[last].t1, twist))
-        grown = last if last == len(motions) and first == 0 else last - _BACKWARD_WARM_UP
-        backward[first:grown] = measured[: grown - first]
-    return backward
 
 
 def _follow_backwards(scans: Sequence[Scan], track: ScanTrack) -> list[se2.Array | None]:

@@ -75,7 +75,7 @@ class _SmallGicpRegistration:
     def make_cloud(self, points: NDArray[np.float64], voxel_size_m: float) -> tuple[Any, NDArray[np.float64]]:
         """Returns points (N, 2) [m] as a cloud with covariances and the tree that searches it; see `Registration`."""
         planar = self._small_gicp.voxelgrid_sampling(lift(points), voxel_size_m).points()[:, :2]
-        standing = np.concatenate([lift(planar) + [0.0, 0.0, height * voxel_size_m] for height in _HEIGHTS])
+        standing = np.concatenate([lift(planar) + np.array([0.0, 0.0, height * voxel_size_m]) for height in _HEIGHTS])
         cloud = self._small_gicp.PointCloud(standing)
         tree = self._small_gicp.KdTree(cloud)
         self._small_gicp.estimate_covariances(cloud, tree, _NEIGHBOURS)

@@ -221,8 +221,8 @@ class ScanMatchingConfig(Section):
         None,
         gt=0.0,
         le=1.0,
-        description="Share of each scan's returns that is used, the strongest first. null takes the share on which the front "
-        "end drifts least in simulated cities, and all returns of a lidar.",
+        description="Share of each scan's returns that is used, the strongest first. null takes the share with which the "
+        "front end drifts least in simulated cities, and all returns of a lidar.",
     )
     voxel_size_m: float | None = Field(
         None,

@@ -75,12 +75,18 @@ class Benchmark:
         """Returns the texts that tell a row from the others."""
         return ", ".join(str(row.get(column.key)) for column in self.columns if column.label)
 
-    def find_missed(self, name: str, rows: Sequence[Mapping[str, Any]]) -> list[str]:
-        """Returns a sentence for every figure that misses a bound, and for every bound that concerns no figure."""
+    def find_missed(self, name: str, rows: Sequence[Mapping[str, Any]], *, is_whole: bool = True) -> list[str]:
+        """Returns a sentence for every figure that misses a bound, and for every bound that concerns no figure.
+
+        Args:
+            name: of the benchmark.
+            rows: of its table.
+            is_whole: whether these are all rows of the table, so that each bound should concern one of them.
+        """
         missed = []
         for bound in self.bounds:
             concerned = [row for row in rows if all(row.get(key) == text for key, text in bound.where.items())]
-            if not concerned:
+            if not concerned and is_whole:
                 missed.append(f"{name}: no row has {', '.join(bound.where.values())}, whose {bound.key} has a bound")
             limits = [f"at least {bound.least:g}"] if bound.least > float("-inf") else []
             limits += [f"at most {bound.most:g}"] if bound.most < float("inf") else []

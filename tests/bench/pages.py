@@ -1,8 +1,9 @@
 """The results of benchmarks as JSON files, and the tables on the pages, which are theirs: no figure is typed.
 
 A page holds `<!-- bench: NAME -->` and `<!-- /bench -->`, and between them the table of NAME.json.
-`<!-- bench: NAME KEY=TEXT -->` asks for the rows with that text only, without its column, and `<!-- bench: NAME made -->`
-for the command and the machine that made them.
+`<!-- bench: NAME KEY=TEXT -->` asks for the rows with that text only, without its column. `<!-- bench: NAME only=KEY,KEY -->`
+asks for some columns only, and `<!-- bench: NAME made -->` for the command and the machine that made them. The figures of these
+rows that miss a bound of their benchmark are listed under the table.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import json
 import os
 import platform
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -36,19 +37,29 @@ class Table:
     columns: list[dict[str, str]]  # key, head and format of each
     rows: list[dict[str, Any]]  # cells by key; those of a benchmark also say whether the row is `judged`
 
-    def format(self, where: Mapping[str, str]) -> str:
-        """Returns the table in Markdown, which people read in a terminal too.
-
-        Args:
-            where: texts that the rows to be shown have, by the key of their column; those columns are left out.
+    def choose(self, where: Mapping[str, str]) -> list[dict[str, Any]]:
+        """Returns the rows that have some texts, by the key of their column.
 
         Raises:
             ValueError: no row has these texts.
         """
-        columns = [column for column in self.columns if column["key"] not in where]
         rows = [row for row in self.rows if all(row.get(key) == text for key, text in where.items())]
         if not rows:
             raise ValueError(f"{self.name} has no row with {dict(where)}")
+        return rows
+
+    def format(self, where: Mapping[str, str], only: Sequence[str] = ()) -> str:
+        """Returns the table in Markdown, which people read in a terminal too.
+
+        Args:
+            where: texts that the rows to be shown have, by the key of their column; those columns are left out.
+            only: keys of the columns to be shown; all others are shown if there are none.
+
+        Raises:
+            ValueError: no row has these texts.
+        """
+        columns = [c for c in self.columns if c["key"] not in where and (not only or c["key"] in only)]
+        rows = self.choose(where)
         cells = [[column["head"] for column in columns]]
         cells += [[_format_cell(row.get(column["key"]), column["form"]) for column in columns] for row in rows]
         widths = [max(len(line[k]) for line in cells) for k in range(len(columns))]
@@ -134,14 +145,31 @@ def write_pages() -> None:
 
 def _make_block(words: list[str], results: Path) -> str:
     if words[0] == LITERATURE.stem:
-        return Table(**json.loads(LITERATURE.read_text(encoding="utf-8"))).format({})
+        return Table(**json.loads(LITERATURE.read_text(encoding="utf-8"))).format(
+            dict(word.split("=", 1) for word in words[1:])
+        )
     path = results / f"{words[0]}.json"
     if not path.exists():
         return "These figures have not been measured yet."
     result = Result.read(path)
     if words[1:] == ["made"]:
         return result.describe_making()
-    return result.format(dict(word.split("=", 1) for word in words[1:]))
+    where = dict(word.split("=", 1) for word in words[1:])
+    only = where.pop("only").split(",") if "only" in where else ()
+    return "\n\n".join([result.format(where, only), *_list_missed(result, where)])
+
+
+def _list_missed(result: Result, where: Mapping[str, str]) -> list[str]:
+    """Returns a list in Markdown of the bounds that the chosen rows of a result miss, under a heading, or nothing."""
+    from bench.benchmarks import BENCHMARKS  # it needs all of mqslam
+
+    benchmark = BENCHMARKS.get(result.name)
+    missed = benchmark.find_missed(result.name, result.choose(where), is_whole=not where) if benchmark else []
+    return (
+        ["Bounds that were set before measuring and are missed:", "\n".join(f"- {line}." for line in missed)]
+        if missed
+        else []
+    )
 
 
 def _format_cell(cell: Cell, form: str) -> str:

@@ -22,7 +22,6 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError
 from mqslam.formats.recordings import open_recording
-from mqslam.frontends import scan_matching
 from mqslam.frontends.scan_matching import _COAST_VX, Matching, PlacedScan, keep_strongest, match_scans
 from mqslam.simulator import ConstantDrive, make_corridor_scene, make_street_scene
 
@@ -36,7 +35,7 @@ def measured(request: pytest.FixtureRequest) -> Measure:
         pytest.importorskip(request.param.removesuffix("_icp"), exc_type=ImportError)
 
     def measure(recording: Recording, scans: Sequence[Scan], odometry: Trajectory | None = None) -> list[Measurement]:
-        config = Config(scan_matching=ScanMatchingConfig(strongest=1.0))
+        config = Config(scan_matching=ScanMatchingConfig(strongest=1.0, voxel_size_m=1.0))
         context = Context(config, recording.revolution_s, recording.start_us, odometry)
         return list(frontend.load(request.param)(context).measure(scans))
 
@@ -128,7 +127,7 @@ def test_the_real_sample_is_followed_from_its_first_pair(measured: Measure, oxfo
 def test_the_strongest_returns_are_kept_in_order_with_those_that_are_as_strong() -> None:
     scan = street_drive()[1][0]
     returns = replace(scan.returns, intensities=np.arange(len(scan.returns)) % 4.0)
-    quarter, half, whole = (keep_strongest(replace(scan, returns=returns), share) for share in (0.2, 0.5, 1.0))
+    quarter, half, whole = (keep_strongest(replace(scan, returns=returns), share) for share in (0.2, 0.45, 1.0))
     np.testing.assert_array_equal(quarter.returns.times, returns.times[3::4])
     assert set(half.returns.intensities) == {2.0, 3.0}
     np.testing.assert_array_equal(half.returns.times, returns.times[returns.intensities >= 2.0])
@@ -204,12 +203,50 @@ def test_a_scan_is_handed_on_with_its_times_and_the_last_motion() -> None:
         np.testing.assert_allclose(motion.pose, step, atol=1e-9)
 
 
-def test_only_some_stretches_are_followed_backwards(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, count in {"_BACKWARD_SCANS": 4, "_BACKWARD_WARM_UP": 2, "_BACKWARD_EVERY": 12}.items():
-        monkeypatch.setattr(scan_matching, name, count)
+def test_all_scans_are_followed_backwards() -> None:
     motions = list(match_scans(street_drive()[1][:24], Recorder, context()))
-    twice = [k for k, motion in enumerate(motions) if np.isfinite(motion.apart).all()]
-    assert twice == [5, 6, 7, 8, 17, 18, 19, 20]
+    assert all(np.isfinite(motion.apart).all() for motion in motions)
+
+
+@pytest.mark.parametrize("slip", [[0.0, 0.5, 0.0], [0.0, 0.0, 0.03]])  # 2 m/s sideways, 0.12 rad/s
+def test_a_track_that_its_way_back_contradicts_is_lost_there(slip: list[float]) -> None:
+    tracks = iter(range(100))
+
+    @dataclass
+    class Slipping(Recorder):
+        """A matcher that slips between the 16th and the 32nd scan, if it is the third, whose motions count."""
+
+        number: int = field(default_factory=lambda: next(tracks))
+
+        def match(
+            self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
+        ) -> PlacedScan:
+            match = super().match(points, fractions, before, np.array([np.copysign(2.0, motion[0]), 0.0, 0.0]))
+            slips = self.number == 2 and 16 < len(self.given) <= 32
+            return replace(match, pose=se2.compose(match.pose, np.array(slip))) if slips else match
+
+    recording, scans = street_drive()
+    motions = list(match_scans(scans, Slipping, context(recording.odometry)))
+    lost = np.array([motion.status is Status.LOST for motion in motions])
+    assert lost[18:28].all() and not lost[:10].any() and not lost[36:].any()
+    sigmas = np.sqrt([np.diag(motion.covariance) for motion in motions])
+    np.testing.assert_array_less(np.abs(np.array(slip)), sigmas[22] + 1e-12)
+    assert not any(motion.on_map for motion in np.array(motions, dtype=object)[lost])
+
+
+def test_tracks_that_differ_by_noise_alone_are_not_lost() -> None:
+    noise = np.random.default_rng(1)
+
+    class Noisy(Recorder):
+        """A matcher whose poses are off by 0.1 m and 5 mrad."""
+
+        def match(
+            self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
+        ) -> PlacedScan:
+            match = super().match(points, fractions, before, np.array([np.copysign(2.0, motion[0]), 0.0, 0.0]))
+            return replace(match, pose=se2.compose(match.pose, noise.normal(0.0, [0.1, 0.1, 0.005])))
+
+    assert all(m.status is Status.CONVERGED for m in match_scans(street_drive()[1], Noisy, context()))
 
 
 def test_covariances_are_turned_into_the_frame_the_motion_starts_in() -> None:

@@ -2,6 +2,7 @@
 
 from bench.benchmarks import (
     audits,
+    city,
     costs,
     front_ends,
     maps,
@@ -22,6 +23,7 @@ from bench.benchmarks import (
 _MODULES = (
     *(
         audits,
+        city,
         costs,
         front_ends,
         maps,

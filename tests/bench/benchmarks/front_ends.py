@@ -1,4 +1,4 @@
-"""All front ends on the same returns of a recording, and KISS-SLAM where it is installed: a row each."""
+"""Front ends on the same returns of a recording, before loops: a row each."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 from bench.benchmark import Benchmark, Bound, Cell, Column, Goal, Row, label
-from bench.commands import FRONT_ENDS, OURS, RIVAL, compare, read_json, run_without_loops
-from bench.kiss_slam import find_interpreter, run_kiss_slam
-from bench.recordings import TRUTH, simulate, simulate_city, simulate_short_city, twin
+from bench.commands import FRONT_ENDS, OURS, RIVAL, compare, run_without_loops
+from bench.recordings import TRUTH, simulate, simulate_short_city, twin
 from bench.scorer import measure_nees, measure_pose_nees, score
 
 _MEAN = "mean"
@@ -24,11 +23,8 @@ _COLUMNS = (
     Column("turn", "[deg/100 m]", "{:.3f}", Goal.LOW),
     Column("speed", "speed RMS [m/s]", "{:.3f}", Goal.LOW),
     Column("ate", "ATE [m]", "{:.2f}", Goal.LOW),
-    Column("ate_after", "ATE after loops [m]", "{:.3f}", Goal.LOW),
-    Column("loops", "loops", "{:.0f}"),
     Column("nees", "NEES/3", "{:.2f}", Goal.ONE),
     Column("nees_median", "its median", "{:.2f}"),
-    Column("nees_poses", "poses' NEES/3, with loops", "{:.2f}"),
     Column("nees_alone", "without loops", "{:.2f}"),
     Column("of_rival", "of KISS-ICP's drift", "{:.2f}", Goal.LOW),
 )
@@ -42,9 +38,9 @@ class _Run(NamedTuple):
     find: Callable[[], Path]
 
 
-def _measure(runs: Iterable[_Run], back_end: bool, out: Path) -> list[Row]:
+def _measure(runs: Iterable[_Run], out: Path) -> list[Row]:
     """Returns a row per run and front end, and the mean of each world, of which psi's is judged."""
-    rows = [cells for run in runs for cells in _measure_run(run, out, back_end=back_end)]
+    rows = [cells for run in runs for cells in _measure_run(run, out)]
     means: list[Row] = []
     for world in _WORLDS:
         names = dict.fromkeys(cells["front_end"] for cells in rows if cells["world"] == world)
@@ -58,48 +54,41 @@ def _measure(runs: Iterable[_Run], back_end: bool, out: Path) -> list[Row]:
     return [*(Row(cells, judged=False) for cells in rows), *means]  # chance decides much of a single run
 
 
-def _measure_run(run: _Run, out: Path, *, back_end: bool) -> list[dict[str, Cell]]:
-    """Returns the cells of every front end on a recording; graph and loops follow with `back_end`."""
+def _measure_run(run: _Run, out: Path) -> list[dict[str, Cell]]:
+    """Returns the cells of every front end on a recording, before loops."""
     data = run.find()
     truth = data / TRUTH
-    folder = compare(data, out / data.name, tuple(FRONT_ENDS), back_end=back_end)
-    loops = {row["name"]: row.get("loops") for row in read_json(folder / "compare.json")["rows"]}
+    folder = compare(data, out / data.name, tuple(FRONT_ENDS), back_end=False)
     rows = []
     for name, shown in FRONT_ENDS.items():
         cells: dict[str, Cell] = {"world": run.world, "run": run.name, "front_end": shown}
         own = folder / name
         if own.is_dir():
-            cells |= _score(own / "odometry.tum", own / "trajectory.tum" if back_end else None, truth)
-            nees = measure_nees(own / "measurements.csv", own / "trajectory.tum", truth)
-            cells |= {
-                "loops": loops[name] if back_end else None,
-                "nees": float(nees.mean()),
-                "nees_median": float(np.median(nees)),
-                "nees_poses": measure_pose_nees(own, truth) if back_end else None,
-            }
+            cells |= _score(own / "odometry.tum", truth)
+            cells |= _judge_motions(own / "measurements.csv", own / "trajectory.tum", truth)
         if shown == OURS:
             alone = run_without_loops(data, out / f"{data.name}-without-loops")
             cells["nees_alone"] = measure_pose_nees(alone, truth)
         rows.append(cells)
-    python = find_interpreter()
-    if python is not None and back_end:
-        slam = run_kiss_slam(python, data, folder / "kiss_icp" / "measurements.csv", out / f"{data.name}-kiss-slam")
-        cells = {"world": run.world, "run": run.name, "front_end": "KISS-SLAM, random heights", "loops": slam.loops}
-        rows.append(cells | _score(slam.odometry, slam.trajectory, truth))
     _relate(rows)
     return rows
 
 
-def _score(odometry: Path, trajectory: Path | None, truth: Path) -> dict[str, Cell]:
-    """Returns the cells of a track before loops, and after them where there are any."""
+def _score(odometry: Path, truth: Path) -> dict[str, Cell]:
+    """Returns the cells of a track before loops."""
     errors = score(odometry, truth)
     return {
         "drift": errors.drift_percent,
         "turn": errors.drift_deg_per_100m,
         "speed": errors.rpe_v_rms,
         "ate": errors.ate_rmse_m,
-        "ate_after": None if trajectory is None else score(trajectory, truth).ate_rmse_m,
     }
+
+
+def _judge_motions(measurements: Path, track: Path, truth: Path) -> dict[str, Cell]:
+    """Returns the cells of the covariances that a front end states."""
+    nees = measure_nees(measurements, track, truth)
+    return {"nees": float(nees.mean()), "nees_median": float(np.median(nees))}
 
 
 def _relate(rows: list[dict[str, Cell]]) -> None:
@@ -117,10 +106,6 @@ def _mean(values: list[Cell]) -> float | None:
     return float(np.mean(known)) if known and len(known) == len(values) else None
 
 
-_CITIES = {"kind": (1, 2), "hard": (1, 2, 3, 4)}
-_CITY_RUNS = [
-    _Run(world, f"seed {seed}", partial(simulate_city, world, seed)) for world, seeds in _CITIES.items() for seed in seeds
-]
 _TWIN_RUNS = [
     _Run(world, f"{name}, first {scans}", partial(twin, name, world, seed, scans))
     for world, scans in (("kind", 800), ("hard", 400))
@@ -161,35 +146,13 @@ def _measure_lockstep(out: Path) -> list[Row]:
     return rows
 
 
-_HARD = {"world": "hard", "front_end": OURS}
-_HARD_MEAN = {**_HARD, "run": _MEAN}
-
 BENCHMARKS = {
-    "city": Benchmark(
-        what="Drives of two kilometres, by radar alone: every front end gets the same returns and the same back end.",
-        data="simulated",
-        seeds=_CITIES["hard"],
-        columns=_COLUMNS,
-        measure=partial(_measure, _CITY_RUNS, True),
-        bounds=(
-            Bound("of_rival", _HARD, most=1.0),
-            Bound("of_rival", _HARD_MEAN, most=0.25),
-            Bound("drift", _HARD_MEAN, most=0.13),
-            Bound("turn", _HARD_MEAN, most=0.045),
-            Bound("speed", _HARD, most=0.12),
-            Bound("ate_after", _HARD, most=0.10),
-            Bound("nees", _HARD_MEAN, most=1.6),
-            Bound("nees_poses", _HARD_MEAN, least=0.6, most=1.6),
-            Bound("nees_alone", _HARD_MEAN, least=0.2, most=1.6),
-            Bound("nees_alone", _HARD, most=2.5),
-        ),
-    ),
     "twin": Benchmark(
         what="The first scans of the city twin, by radar alone: every front end gets the same returns.",
         data="twin",
         seeds=(1, 2),
-        columns=tuple(column for column in _COLUMNS if column.key not in ("ate_after", "loops", "nees_poses")),
-        measure=partial(_measure, _TWIN_RUNS, False),
+        columns=_COLUMNS,
+        measure=partial(_measure, _TWIN_RUNS),
         bounds=(
             Bound("of_rival", {"front_end": OURS}, most=1.0),
             Bound("nees_alone", {"front_end": OURS}, most=2.5),
