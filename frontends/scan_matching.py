@@ -140,6 +140,7 @@ class ScanTrack:
         self._matcher = matcher
         self._doppler_beta = doppler_beta
         self.twist = twist
+        self._motion: se2.Array | None = None  # over the last scan, if it follows another one at once
         self.last = Step(time, np.zeros(3), np.zeros((3, 3)), 0.0, 0.0)
 
     def follow(self, scan: Scan, backwards: bool = False, with_covariance: bool = True) -> Step:
@@ -155,7 +156,9 @@ class ScanTrack:
         elapsed, duration = time - self.last.time, last - first
         if abs(elapsed) > _LONGEST_COAST_S:
             self.twist = np.zeros(3)
-        motion = se2.exp(self.twist, duration)
+        follows = abs(elapsed - duration) < _GAP_TURNS * abs(duration)
+        # KISS-ICP, too, takes the motion over the scan before, however long both scans took
+        motion = self._motion if follows and self._motion is not None else se2.exp(self.twist, duration)
         before = se2.compose(self.last.pose, se2.exp(self.twist, elapsed - duration))  # across a gap, if there is one
         returns = scan.returns
         ahead, left = np.cos(returns.azimuths), np.sin(returns.azimuths)
@@ -165,8 +168,11 @@ class ScanTrack:
         predicted = se2.compose(before, motion)
         if match is None:
             self.last = Step(time, predicted, np.zeros((3, 3)), 0.0, self.last.coasted_s + abs(elapsed))
+            self._motion = motion if follows else None
             return self.last
-        self.twist = se2.log(se2.wrapped_between(self.last.pose, match.pose)) / elapsed
+        moved = se2.wrapped_between(self.last.pose, match.pose)
+        self.twist = se2.log(moved) / elapsed
+        self._motion = moved if follows else None
         covariance = np.zeros((3, 3))
         if with_covariance:
             # a scan that is deskewed by the predicted motion fits at half its duration; its end is off by half the error of

@@ -12,9 +12,10 @@ import numpy as np
 from bench.recordings import MQSLAM
 
 from mqslam.config import Config
+from mqslam.core import se2
 from mqslam.core.scans import Scans
 from mqslam.frontends.kiss_icp import STRONGEST, VOXEL_M, make_config
-from mqslam.frontends.scan_matching import Matching, keep_strongest
+from mqslam.frontends.scan_matching import Matching, from_matrix, keep_strongest, to_matrix
 
 FRONT_ENDS = {"psi": "psi", "kiss_icp": "KISS-ICP", "open3d_icp": "Open3D ICP"}
 """The front ends that are compared, with the names that tables show."""
@@ -96,13 +97,27 @@ def _call(*words: object) -> None:
     subprocess.run([str(word) for word in (MQSLAM, *words, "--force", "--quiet")], check=True)
 
 
-def register(scans: Scans) -> None:
-    """Follows the scans by KISS-ICP itself on one thread, with the settings of its front end, on the same returns."""
+def register(scans: Scans, first: se2.Array | None = None) -> se2.Array:
+    """Follows the scans by KISS-ICP itself on one thread, with the settings of its front end, on the same returns.
+
+    Args:
+        scans: the N scans.
+        first: (3,) motion over the first scan; at rest without it.
+
+    Returns:
+        poses (N, 3) at the end of each scan, to which KISS-ICP deskews it.
+    """
     from kiss_icp.kiss_icp import KissICP
 
     settings = Matching(STRONGEST, VOXEL_M, Config().scan_matching.max_range_m)
-    kiss = KissICP(make_config(settings))
+    kiss, poses = KissICP(make_config(settings)), []
+    if first is not None:
+        kiss.last_delta = to_matrix(first)
     for scan in (keep_strongest(scan, settings.strongest) for scan in scans):
         ranges, azimuths = scan.returns.ranges, scan.returns.azimuths
         points = np.column_stack([ranges * np.cos(azimuths), ranges * np.sin(azimuths), np.zeros(len(ranges))])
-        kiss.register_frame(points, (scan.returns.times - scan.t0) / (scan.t1 - scan.t0))
+        # KISS-ICP takes the first and the last time of a scan for its ends: two points too far to be kept mark these ends
+        times = np.r_[(scan.returns.times - scan.t0) / (scan.t1 - scan.t0), 0.0, 1.0]
+        kiss.register_frame(np.vstack([points, np.full((2, 3), 1e6)]), times)
+        poses.append(from_matrix(kiss.last_pose))
+    return np.array(poses)

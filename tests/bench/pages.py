@@ -1,9 +1,10 @@
 """The results of benchmarks as JSON files, and the tables on the pages, which are theirs: no figure is typed.
 
 A page holds `<!-- bench: NAME -->` and `<!-- /bench -->`, and between them the table of NAME.json.
-`<!-- bench: NAME KEY=TEXT -->` asks for the rows with that text only, without its column. `<!-- bench: NAME only=KEY,KEY -->`
-asks for some columns only, and `<!-- bench: NAME made -->` for the command and the machine that made them. The figures of these
-rows that miss a bound of their benchmark are listed under the table.
+`<!-- bench: NAME KEY=TEXT -->` asks for the rows with that text only, without its column.
+`<!-- bench: NAME only=KEY,KEY -->` asks for some columns only.
+`<!-- bench: NAME made -->` asks for the command and the machine that made the table.
+Figures of these rows that miss a bound of their benchmark are listed under the table.
 """
 
 from __future__ import annotations

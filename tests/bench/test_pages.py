@@ -6,12 +6,12 @@ import re
 from pathlib import Path
 
 import pytest
-from bench.benchmark import Benchmark, Column, Row, label
+from bench.benchmark import Benchmark, Bound, Column, Row, label
 from bench.benchmarks import BENCHMARKS
 from bench.pages import BASELINE, LITERATURE, PAGES, Result, fill_page, list_blocks, make_result
 from bench.timing import Took
 
-PAGE = "Before.\n\n<!-- bench: city -->\nold\n<!-- /bench -->\n\nAfter.\n"
+PAGE = "Before.\n\n<!-- bench: outing -->\nold\n<!-- /bench -->\n\nAfter.\n"
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def results(tmp_path: Path) -> Path:
             Row({"world": "hard", "run": "seed 1", "drift": None}, judged=False),
         ],
     )
-    make_result("city", benchmark, benchmark.measure(tmp_path), Took(160.4, 70.0)).write(tmp_path / "city.json")
+    make_result("outing", benchmark, benchmark.measure(tmp_path), Took(160.4, 70.0)).write(tmp_path / "outing.json")
     return tmp_path
 
 
@@ -58,7 +58,7 @@ def test_committed_results_are_of_benchmarks_that_exist_and_have_their_columns()
 def test_a_block_is_filled_with_the_table(results: Path) -> None:
     filled = fill_page(PAGE, results)
     assert filled == (
-        "Before.\n\n<!-- bench: city -->\n\n"
+        "Before.\n\n<!-- bench: outing -->\n\n"
         "| world | run    | drift [%] |\n"
         "|-------|--------|-----------|\n"
         "| kind  | mean   | 0.12      |\n"
@@ -69,15 +69,37 @@ def test_a_block_is_filled_with_the_table(results: Path) -> None:
 
 
 def test_a_block_can_ask_for_some_rows(results: Path) -> None:
-    filled = fill_page(PAGE.replace("city -->", "city run=mean -->"), results)
+    filled = fill_page(PAGE.replace("outing -->", "outing run=mean -->"), results)
     assert "| world | drift [%] |\n" in filled and "hard" not in filled
-    with pytest.raises(ValueError, match="city has no row"):
-        fill_page(PAGE.replace("city -->", "city run=none -->"), results)
+    with pytest.raises(ValueError, match="outing has no row"):
+        fill_page(PAGE.replace("outing -->", "outing run=none -->"), results)
+
+
+def test_a_block_can_ask_for_some_columns(results: Path) -> None:
+    filled = fill_page(PAGE.replace("outing -->", "outing run=mean only=drift -->"), results)
+    assert "| drift [%] |\n|-----------|\n| 0.12      |\n" in filled and "kind" not in filled
+
+
+def test_figures_that_miss_a_bound_are_listed_below_the_table(results: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bounds = (Bound("drift", {"run": "mean"}, most=0.1), Bound("drift", {"run": "seed 2"}, most=0.1))
+    benchmark = Benchmark(
+        what="Drives.", data="simulated", columns=(label("world", "world"), label("run", "run")), measure=list, bounds=bounds
+    )
+    monkeypatch.setitem(BENCHMARKS, "outing", benchmark)
+    assert "| hard  | seed 1 | -         |\n\nBounds that were set before measuring and are missed:\n\n" in fill_page(
+        PAGE, results
+    )
+    assert "- outing, kind, mean: drift is 0.1235; it must be at most 0.1." in fill_page(PAGE, results)
+    assert "- outing: no row has seed 2, whose drift has a bound." in fill_page(PAGE, results)
+    by_mean, by_seed = (
+        fill_page(PAGE.replace("outing -->", f"outing {word} -->"), results) for word in ("run=mean", "world=hard")
+    )
+    assert by_mean.count("\n- ") == 1 and "missed" not in by_seed
 
 
 def test_a_block_can_ask_how_the_table_was_made(results: Path) -> None:
-    filled = fill_page(PAGE.replace("city -->", "city made -->"), results)
-    assert "`.venv/bin/python tests/bench/run.py city` (simulated data, seeds 1, 2; mqslam " in filled
+    filled = fill_page(PAGE.replace("outing -->", "outing made -->"), results)
+    assert "`.venv/bin/python tests/bench/run.py outing` (simulated data, seeds 1, 2; mqslam " in filled
     assert "; 3 min, 70 s of processor time, " in filled
 
 
@@ -87,6 +109,6 @@ def test_a_table_that_has_not_been_measured_says_so(tmp_path: Path) -> None:
 
 def test_a_change_of_a_result_shows_on_the_page(results: Path) -> None:
     filled = fill_page(PAGE, results)
-    path = results / "city.json"
+    path = results / "outing.json"
     path.write_text(path.read_text(encoding="utf-8").replace("0.123457", "0.2"), encoding="utf-8")
     assert fill_page(filled, results) != filled
