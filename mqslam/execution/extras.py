@@ -22,7 +22,8 @@ _LIBRARIES: Final = {  # names of libraries for messages, by the names that `des
 _EXTRAS: Final = {"pcd": "clouds", "las": "clouds"}  # names of the extras in pyproject.toml that differ from those above
 
 
-_DECIDING: Final = ("numpy", "scipy", "numba", "gtsam", "open3d", "kiss-icp", "small_gicp", "matplotlib")  # results depend on these
+# Results depend on these libraries.
+_DECIDING: Final = ("numpy", "scipy", "numba", "gtsam", "open3d", "kiss-icp", "small_gicp", "matplotlib")
 
 
 def list_versions() -> list[str]:

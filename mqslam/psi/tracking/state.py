@@ -58,7 +58,7 @@ CONTRADICTED: Final = np.diag([1.0, 1.0, 0.1])
 """Covariance [m^2, m^2, rad^2] of odometry's motion to a scan that does not fit there, as where wheels slip."""
 
 AS_UNKNOWN: Final = np.array([10.0, 10.0, 3.0])
-"""Standard deviations [m, m, rad] of a scan's pose, as good as unknown, along directions in which psi only followed odometry.
+"""Standard deviations [m, m, rad] of a scan's pose, as good as unknown, along directions where psi only followed odometry.
 
 Odometry states there itself, by factors of its own, how well the motion is known."""
 

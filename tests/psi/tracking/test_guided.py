@@ -1,4 +1,4 @@
-"""A lidar's track that follows odometry: what bare walls do not show is left to odometry, and wheels that slip are not followed."""
+"""A lidar's track that follows odometry where bare walls show nothing, and does not follow wheels that slip."""
 
 from __future__ import annotations
 
