@@ -9,10 +9,10 @@ from typing import Any, Final
 import numpy as np
 
 from mqslam.commands.result import Result, read_result
-from mqslam.config import list_changes
+from mqslam.config.yaml_file import parse_tree
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.evaluation import align_positions, pair_poses
 from mqslam.formats.tum import read_tum
 
@@ -49,10 +49,24 @@ def diff_results(first: Path | str, second: Path | str) -> dict[str, Any]:
 
 
 def _list_settings(first: Result, second: Result) -> list[tuple[str, Any, Any]]:
-    """Returns the settings that differ; none if a result, such as that of a batch, has no settings of its own."""
-    if not all((result.folder / "config.yaml").is_file() for result in (first, second)):
+    """Returns the settings that differ, also if versions of mqslam with other settings made the results.
+
+    There are none if a result, such as that of a batch, has no settings of its own.
+    """
+    files = [result.folder / "config.yaml" for result in (first, second)]
+    if not all(file.is_file() for file in files):
         return []
-    return list_changes(first.read_config(), second.read_config())
+    a, b = (dict(_flatten(parse_tree(file, untrusted.read_document(file, untrusted.YAML_BYTES)))) for file in files)
+    return [(name, a.get(name), b.get(name)) for name in {**a, **b} if a.get(name) != b.get(name)]
+
+
+def _flatten(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Yields name and value of each setting in a tree."""
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _flatten(value, f"{above}{key}.")
+        else:
+            yield f"{above}{key}", value
 
 
 def _list_figures(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:

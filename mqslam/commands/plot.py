@@ -21,6 +21,7 @@ from mqslam.report.canvas import BLUE, GREEN, INK, ORANGE, Chart, Curve, Drawing
 from mqslam.results.files import TRUTH
 
 SUFFIXES: Final = (".pdf", ".png", ".svg")
+_ELLIPSES = 30  # most ellipses on the map of a figure for print, so that they leave the path visible
 _PATH: Final = "path [m]"
 _REMEDY: Final = "give the folder of a run, a localisation or a merge"
 
@@ -103,7 +104,8 @@ def _add_covariances(file: Path, track: Trajectory, curves: list[Curve], charts:
         return
     at = np.searchsorted(track.stamps_us, given.stamps_us[known])
     poses, covariances = track.poses[at], given.covariances[known]
-    curves.append(draw_ellipses(poses[:, :2], covariances, track.poses[:, :2])[0])
+    drawn = np.unique(np.linspace(0, len(poses) - 1, _ELLIPSES).round().astype(int))
+    curves.append(draw_ellipses(poses[drawn, :2], covariances[drawn], track.poses[:, :2])[0])
     own = [se2.rotate_covariance(one, -yaw) for one, yaw in zip(covariances, poses[:, 2].tolist(), strict=True)]
     sigmas = np.sqrt(np.maximum(np.diagonal(np.array(own), axis1=1, axis2=2), 0.0))
     path = se2.path_lengths(track.poses)[at]

@@ -26,6 +26,19 @@ def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
     Raises:
         ConfigError: the text is not YAML, or a setting is unknown or out of range.
     """
+    return check_tree(model, name, parse_tree(name, text))
+
+
+def parse_tree(name: str | Path, text: str | bytes) -> dict[str, Any]:
+    """Returns the tree of settings in a YAML text, which may hold settings of other versions.
+
+    Args:
+        name: name of the file, for errors.
+        text: content of the file; bytes are UTF-8.
+
+    Raises:
+        ConfigError: the text is not YAML, or is no tree.
+    """
     try:
         tree = yaml.safe_load(text if isinstance(text, str) else untrusted.decode(text))
     except yaml.MarkedYAMLError as error:
@@ -38,7 +51,7 @@ def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
         tree = {}
     if not isinstance(tree, dict):
         raise ConfigError(f"{name}: must hold settings in the form 'section: {{key: value}}'")
-    return check_tree(model, name, tree)
+    return tree
 
 
 def check_tree(model: type[M], name: str | Path, tree: dict[str, Any]) -> M:

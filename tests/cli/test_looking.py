@@ -113,6 +113,13 @@ def test_diff_of_a_result_with_itself_is_empty(finished: Path) -> None:
     assert "settings: the same\nfigures: the same\n" in shown and "as they are  0.000 m apart" in shown
 
 
+def test_diff_compares_results_of_versions_with_other_settings(finished: Path, other: Path) -> None:
+    settings = (other / "config.yaml").read_text()
+    (other / "config.yaml").write_text(settings + "former:\n  setting: 3\n")
+    found = parse_strict_json(mqslam("diff", finished, other, "--json").out)
+    assert found["settings"]["former.setting"] == [None, 3]
+
+
 def test_diff_refuses_results_of_different_kinds(finished: Path, tmp_path: Path) -> None:
     (tmp_path / "audit.json").write_text('{"warnings": []}')
     shown = mqslam("diff", finished, tmp_path)
