@@ -15,6 +15,7 @@ from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError
+from mqslam.frontends.bidirectional import are_instants
 from mqslam.frontends.calibration import Twice, learn_scale
 
 # A gap longer than this [s] is a pause or a jump of the clock. After such a gap the sensor is taken to be at rest.
@@ -134,11 +135,16 @@ class ScanTrack:
         time: when the track begins [s].
         twist: (3,) twist with which the track begins [m/s, m/s, rad/s].
         doppler_beta: range shift per closing speed [s]; the shift is removed from the ranges.
+        instants: whether each scan was taken in the instant at which it starts, as a lidar's without a time per beam. The
+            motion that leads to a scan is then the one since the last scan, and there is nothing to deskew.
     """
 
-    def __init__(self, matcher: ScanMatcher, time: float, twist: se2.Array, doppler_beta: float) -> None:
+    def __init__(
+        self, matcher: ScanMatcher, time: float, twist: se2.Array, doppler_beta: float, *, instants: bool = False
+    ) -> None:
         self._matcher = matcher
         self._doppler_beta = doppler_beta
+        self._instants = instants
         self.twist = twist
         self._motion: se2.Array | None = None  # over the last scan, if it follows another one at once
         self.last = Step(time, np.zeros(3), np.zeros((3, 3)), 0.0, 0.0)
@@ -152,7 +158,12 @@ class ScanTrack:
             with_covariance: whether the step's covariance is computed.
         """
         first, last = (scan.t1, scan.t0) if backwards else (scan.t0, scan.t1)
-        time = first + self._matcher.reference * (last - first)
+        reference = self._matcher.reference
+        if self._instants:
+            reference = 1.0
+            if not backwards:
+                first, last = min(self.last.time, scan.t0 - (scan.t1 - scan.t0)), scan.t0
+        time = first + reference * (last - first)
         elapsed, duration = time - self.last.time, last - first
         if abs(elapsed) > _LONGEST_COAST_S:
             self.twist = np.zeros(3)
@@ -174,7 +185,9 @@ class ScanTrack:
         self.twist = se2.log(moved) / elapsed
         self._motion = moved if follows else None
         covariance = np.zeros((3, 3))
-        if with_covariance:
+        if with_covariance and self._instants:
+            covariance = match.compute_covariance()
+        elif with_covariance:
             # a scan that is deskewed by the predicted motion fits at half its duration; its end is off by half the error of
             # that motion
             off = 0.5 * se2.wrapped_between(predicted, match.pose)
@@ -220,11 +233,13 @@ def match_scans(
     """
     scans = [keep_strongest(scan, strongest) for scan in scans]
 
+    instants = are_instants(scans)
+
     def new_track(time: float, twist: se2.Array) -> ScanTrack:
-        return ScanTrack(new_matcher(), time, twist, context.doppler_beta)
+        return ScanTrack(new_matcher(), time, twist, context.doppler_beta, instants=instants)
 
     followed = []
-    for motion, unseen_s in _follow(scans, *_find_start(scans, new_track, context)):
+    for motion, unseen_s in _follow(scans, *_find_start(scans, new_track, context), instants=instants):
         followed.append((motion, unseen_s))
         context.preview(motion)
     last = followed[-1][0]
@@ -268,15 +283,21 @@ def _find_lost(apart: NDArray[np.float64], seconds: NDArray[np.float64]) -> NDAr
     return np.asarray((np.hypot(mean[:, 0], mean[:, 1]) > _LOST_SPEED) | (np.abs(mean[:, 2]) > _LOST_RATE))
 
 
-def _follow(scans: Sequence[Scan], track: ScanTrack, start: Step) -> Iterator[tuple[Measurement, NDArray[np.float64]]]:
-    """Yields the motions between scans along a new track, and for each motion the times (3,) [s] without a match."""
+def _follow(
+    scans: Sequence[Scan], track: ScanTrack, start: Step, *, instants: bool
+) -> Iterator[tuple[Measurement, NDArray[np.float64]]]:
+    """Yields the motions between scans along a new track, and for each motion the times (3,) [s] without a match.
+
+    Between scans of an instant all time is without returns, which two matches bridge.
+    """
     before, begin, coasted_s = scans[0], np.zeros(3), 0.0
     step = replace(start, time=track.follow(before).time, pose=track.last.pose)
     for scan in scans[1:]:
         after = track.follow(scan)
         end = se2.interpolate([step.time, after.time], np.array([step.pose, after.pose]), [scan.t0])[0]
         motion = se2.wrapped_between(begin, end)
-        gap = scan.t0 - before.t1 > _GAP_TURNS * (before.t1 - before.t0)  # only a match after the gap bridges it
+        missing_s = 0.0 if instants else scan.t0 - before.t1
+        gap = missing_s > _GAP_TURNS * (before.t1 - before.t0)  # only a match after the gap bridges it
         measurement = Measurement(
             before.t0,
             scan.t0,
@@ -287,7 +308,7 @@ def _follow(scans: Sequence[Scan], track: ScanTrack, start: Step) -> Iterator[tu
             matched=step.matched,
             on_map=not (step.coasted_s or after.coasted_s),
         )
-        yield measurement, np.array([coasted_s, step.coasted_s, scan.t0 - before.t1])
+        yield measurement, np.array([coasted_s, step.coasted_s, missing_s])
         before, begin, coasted_s, step = scan, end, step.coasted_s, after
 
 

@@ -923,7 +923,7 @@ CONSTANTS = (
     Constant(
         "mqslam.psi.tracking.state",
         "CONTRADICTED",
-        "Covariance that is added where a scan does not fit where odometry puts it [m^2, m^2, rad^2, in its own unit].",
+        "Covariance added where a scan does not fit where odometry puts it [m^2, m^2, rad^2, in the recording's unit].",
         "tuned",
         _LIDARS,
     ),
