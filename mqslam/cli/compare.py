@@ -39,9 +39,10 @@ _OWN: Options = {
 def compare(terminal: Terminal, *, trajectory: list[str] | None, **given: Any) -> None:
     """Run several front ends on the same returns with the same back end, and judge the maps they make.
 
-    Only the row `odometry` uses odometry; with a lidar's recording all rows do, as a run does. The last line names the best row: the row with the least drift or ATE,
-    or without ground truth the row with the fewest torn windows and revisits. A window is torn if its inflation is too
-    large (its median is 2.37 for a right trajectory).
+    Only the row `odometry` uses odometry; with a lidar's recording all rows do, as a run does.
+    The last line names the best row: the row with the least drift or ATE, or without ground truth the row with the
+    fewest torn windows and revisits. A window is torn if its inflation is too large (its median is 2.37 for a right
+    trajectory).
 
     Example: mqslam compare drive --out compared --frontends psi,kiss_icp
     """

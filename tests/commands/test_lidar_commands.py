@@ -26,7 +26,7 @@ ROUND_S = 60.0  # the robot drives two rounds, each as long as this
 
 
 def largest_error_m(track: Trajectory, truth: Trajectory, start: se2.Array | None = None) -> float:
-    """Returns the largest distance [m] of a track's poses from the true ones, in the frame of its start or of a true pose."""
+    """Returns the largest distance [m] of a track from the true poses, in the frame of its start or of a true pose."""
     true = truth.at(track.stamps_us)
     own = se2.between(track.poses[0], track.poses) if start is None else track.poses
     off = own[:, :2] - se2.between(true[0] if start is None else start, true)[:, :2]
