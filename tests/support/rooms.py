@@ -70,24 +70,52 @@ def write_carmen(path: Path) -> Trajectory:
 def write_bag(path: Path, kind: str) -> Trajectory:
     """Writes the drive as a bag with `/scan` and `/odom`, and returns the true poses."""
     truth = drive_truth()
-    with bag_writer(path, kind) as bag:
-        scans, wheels = bag.topic("/scan", "sensor_msgs/msg/LaserScan"), bag.topic("/odom", "nav_msgs/msg/Odometry")
-        for stamp, pose, ranges in zip(truth.stamps_us.tolist(), slip(truth).poses, cast(truth), strict=True):
-            message = bag.store.types["sensor_msgs/msg/LaserScan"](
-                bag.header(stamp),
-                angle_min=-np.pi / 2,
-                angle_max=np.pi / 2,
-                angle_increment=np.pi / (BEAMS - 1),
-                time_increment=0.0,
-                scan_time=0.2,
-                range_min=0.05,
-                range_max=REACH_M,
-                ranges=ranges.astype(np.float32),
-                intensities=np.zeros(0, np.float32),
-            )
-            bag.write(scans, stamp, message)
-            bag.write(wheels, stamp, bag.odometry(stamp, pose))
+    _write_scans(path, kind, truth, cast(truth), 0.0)
     return truth
+
+
+def write_turning_bag(path: Path, *, beam_times: bool) -> Trajectory:
+    """Writes a drive to and fro with fast turns on the spot, whose beams are cast one by one; returns the true poses.
+
+    Args:
+        path: of the bag.
+        beam_times: whether the bag states the time of each beam; the ranges are the same.
+    """
+    turns = np.radians([4.0, 9.0, 14.0, *[18.0] * 7, 14.0, 9.0, 4.0])  # half a turn, at up to 90 degrees per second
+    poses = se2.chain(np.array(([[STEP_M, 0.0, 0.0]] * 10 + [[0.0, 0.0, turn] for turn in turns]) * 2 * 3))
+    truth = Trajectory(START_US + PERIOD_US * np.arange(len(poses)), poses)
+    walls, noise, increment = build_walls(), np.random.default_rng(5), 0.9 * 1e-6 * PERIOD_US / BEAMS
+    late_us = np.round(1e6 * increment * np.arange(BEAMS)).astype(np.int64)
+    fan, ranges = np.linspace(-np.pi / 2, np.pi / 2, BEAMS), np.empty((len(truth) - 1, BEAMS))
+    for k, stamp in enumerate(truth.stamps_us[:-1]):
+        for n, pose in enumerate(truth.at(stamp + late_us)):
+            ranges[k, n] = cast_beams(walls, pose[:2], pose[2] + fan[n : n + 1], REACH_M)[0]
+    ranges += noise.normal(0.0, NOISE_M, ranges.shape)
+    _write_scans(path, "ros1", truth, ranges, increment if beam_times else 0.0)
+    return truth
+
+
+def _write_scans(path: Path, kind: str, truth: Trajectory, ranges: NDArray[np.float64], increment_s: float) -> None:
+    """Writes a bag with scans of ranges (N, BEAMS) [m], one for each of the first N poses, and slipping wheels."""
+    wheels, stamps = slip(truth).poses, truth.stamps_us.tolist()
+    with bag_writer(path, kind) as bag:
+        scans, odometry = bag.topic("/scan", "sensor_msgs/msg/LaserScan"), bag.topic("/odom", "nav_msgs/msg/Odometry")
+        for k, (stamp, pose) in enumerate(zip(stamps, wheels, strict=True)):
+            if k < len(ranges):
+                message = bag.store.types["sensor_msgs/msg/LaserScan"](
+                    bag.header(stamp),
+                    angle_min=-np.pi / 2,
+                    angle_max=np.pi / 2,
+                    angle_increment=np.pi / (BEAMS - 1),
+                    time_increment=increment_s,
+                    scan_time=0.2,
+                    range_min=0.05,
+                    range_max=REACH_M,
+                    ranges=ranges[k].astype(np.float32),
+                    intensities=np.zeros(0, np.float32),
+                )
+                bag.write(scans, stamp, message)
+            bag.write(odometry, stamp, bag.odometry(stamp, pose))
 
 
 def _list_sides(left: float, low: float, right: float, high: float) -> list[list[float]]:
