@@ -95,8 +95,6 @@ _FEW_STAMPS = 20
 # Duration [s] that a sweep of a cloud is taken to have if every point has its own stamp.
 _CLOUD_SWEEP_S = 0.1
 
-LIDAR_CONFIG: Final = "lidar"
-"""Name of the shipped settings for everything that was not recorded by a radar."""
 CLOUDS: Final = (".ply", ".pcd", ".las", ".laz", ".npz")
 """Endings of the files that hold finished clouds."""
 

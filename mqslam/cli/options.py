@@ -193,8 +193,8 @@ OPTIONS: Final[Options] = {
     "config": option(
         str | None,
         None,
-        "Settings: a YAML file, or the name of one that ships with mqslam: boreas, default, lidar, mulran, oxford "
-        "or radiate. Without it the layout sets bins, stamps and direction, and psi measures the radar's Doppler shift.",
+        "Settings: a YAML file, or the name of one that ships with mqslam: boreas, default, lidar, mulran, oxford, "
+        "radiate or rooms. Without it the layout sets bins, stamps and direction, and psi measures the Doppler shift.",
         "--config",
         "-c",
         metavar="FILE|NAME",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,6 @@ from mqslam.auditing.mending.rounds import mend as mend_trajectory
 from mqslam.auditing.odometry_check import check_odometry
 from mqslam.auditing.own_test import load_test
 from mqslam.auditing.sources import (
-    LIDAR_CONFIG,
     Source,
     divide_cloud,
     find_relative_covariances,
@@ -31,6 +29,7 @@ from mqslam.auditing.verdict import Finding
 from mqslam.backend.marginals import RelativeCovariances
 from mqslam.backend.sensors.odometry import ODOMETRY
 from mqslam.commands.inputs import WHOLE, carry_to_radar, open_radar_or_lidar, read_extrinsics
+from mqslam.commands.lidar_inputs import fit_to_rooms
 from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta, set_false_alarms, set_tolerance
@@ -148,7 +147,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             settings = load_config(config)
             recording = open_radar_or_lidar(data, format, range_resolution, settings, span=(start_s, end_s))
             if isinstance(recording, LidarRecording):
-                settings, source = load_config(config, partial(load_config, LIDAR_CONFIG)), make_lidar_source(recording)
+                settings, source = fit_to_rooms(settings), make_lidar_source(recording)
                 subject = _place_recording(work, source, given or _pick_carried(data, source.tracks, name), settings)
             else:
                 subject = _place_recording(work, *detect_radar(recording, given, name, settings, work))
@@ -295,7 +294,8 @@ def _judge_sweeps(
 
 def _place_cloud(data: Path, cloud: TimedCloud, given: Trajectory | None, config: ConfigSource) -> _Subject:
     """Makes the subject of an audit from a cloud; if a trajectory is given, the cloud is divided into sweeps by it."""
-    settings = load_config(config, Config if cloud.is_of_radar else partial(load_config, LIDAR_CONFIG))
+    settings = load_config(config)
+    settings = settings if cloud.is_of_radar else fit_to_rooms(settings)
     beam = beam_of(settings.estimator, 0.0)
 
     def move(mended: Trajectory) -> Sweeps:

@@ -7,13 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from mqslam.commands.inputs import (
-    Inputs,
-    choose_gyroscope,
-    choose_odometry,
-    open_radar_or_lidar,
-    prepare_lidar,
-)
+from mqslam.commands.inputs import Inputs, choose_gyroscope, choose_odometry, open_radar_or_lidar
+from mqslam.commands.lidar_inputs import prepare_lidar
 from mqslam.commands.result import CompareResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.comparison.comparison import compare_rows

@@ -18,7 +18,8 @@ from mqslam.backend.loops.closing import find_loops
 from mqslam.backend.pose_graph import pose_of, scale_values
 from mqslam.backend.problem import GivenGraph, GraphProblem, Problem
 from mqslam.backend.sensors.odometry import ODOMETRY, doubt_contradicted, hold_odometry, make_odometry_edges
-from mqslam.commands.inputs import fit_to_lidar, open_radar_or_lidar, prepare_lidar
+from mqslam.commands.inputs import open_radar_or_lidar
+from mqslam.commands.lidar_inputs import fit_to_lidar, prepare_lidar
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta
 from mqslam.core import se2
@@ -175,7 +176,7 @@ def psi_factors(
         lift, scan_keys = _choose_lift(pose), _list_keys(keys, len(scans))
         context = view.make_context(odometry)
         measurements = list(view.runner.follow("windows", measure_motions(frontend, context, scans), len(scans) - 1))
-        if frontend == PSI:
+        if frontend == PSI and not view.is_lidar:
             with view.runner.tolerate("the ties along the path"):
                 measurements = straighten(measurements, scans, settings, view.beam, view.runner)
             for warning in view.runner.warnings:

@@ -17,8 +17,8 @@ from mqslam.commands.inputs import (
     name_extrinsics,
     open_radar_or_lidar,
     place_truth,
-    prepare_lidar,
 )
+from mqslam.commands.lidar_inputs import prepare_lidar
 from mqslam.commands.result import RunResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, ConfigSource, load_config, set_tolerance

@@ -15,7 +15,7 @@ from support.laser_drive import drive_truth, write_laser_bag
 from mqslam.auditing.findings import judge_pooled
 from mqslam.auditing.registration import Registration
 from mqslam.auditing.sizes import STEP_SCANS
-from mqslam.auditing.sources import LIDAR_CONFIG, make_lidar_source, place_source
+from mqslam.auditing.sources import make_lidar_source, place_source
 from mqslam.auditing.spans.delay import Delay, measure_twists
 from mqslam.auditing.spans.lever import _LEVER_TURNS
 from mqslam.auditing.spans.measured import SPAN_M, find_spans, register_spans
@@ -23,7 +23,8 @@ from mqslam.auditing.spans.pooled import Pooled, pool
 from mqslam.auditing.sweeps import place_sweeps
 from mqslam.auditing.table import share_of_false_alarms
 from mqslam.auditing.verdict import VerdictStatus
-from mqslam.config import Config, load_config
+from mqslam.commands.lidar_inputs import fit_to_rooms
+from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.local_engine import LocalEngine
@@ -232,7 +233,7 @@ def test_spans_have_their_path_between_them() -> None:
 
 
 def test_a_lidar_that_does_not_see_far_shows_no_scale(tmp_path: Path) -> None:
-    config = load_config(LIDAR_CONFIG)
+    config = fit_to_rooms(Config())
     source = make_lidar_source(read_lidar(write_laser_bag(tmp_path / "boxes.bag", solid=True), config.reading))
     sweeps, _ = place_source(source, drive_truth(), beam_of(config.estimator, 0.0))
     known = np.ones(len(sweeps), bool)

@@ -9,10 +9,11 @@ import pytest
 
 from mqslam.auditing.judge import Audit, audit
 from mqslam.auditing.sizes import WINDOW
-from mqslam.auditing.sources import LIDAR_CONFIG, divide_cloud, is_cloud, make_lidar_source, place_source
+from mqslam.auditing.sources import divide_cloud, is_cloud, make_lidar_source, place_source
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.inflation import fit_bend
-from mqslam.config import load_config
+from mqslam.commands.lidar_inputs import fit_to_rooms
+from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.point_map import TimedCloud
 from mqslam.core.trajectory import Trajectory
@@ -22,7 +23,7 @@ from mqslam.execution.progress import ignore_progress
 from mqslam.formats.lidars import carmen
 from mqslam.psi.place import beam_of
 
-CONFIG = load_config(LIDAR_CONFIG)
+CONFIG = fit_to_rooms(Config())
 SETTINGS = (CONFIG.audit, CONFIG.estimator, CONFIG.verdict)
 BEAM = beam_of(CONFIG.estimator, 0.0)
 REVOLUTION_S = 0.1
