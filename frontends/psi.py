@@ -21,7 +21,14 @@ from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
 from mqslam.core.statistics import MEDIAN_OF_CHI2
 from mqslam.execution.local_engine import HERE
-from mqslam.frontends.bidirectional import DirectedMotion, ReversedScans, join
+from mqslam.frontends.bidirectional import (
+    SHARED,
+    SHARED_BY_LIDAR,
+    DirectedMotion,
+    ReversedScans,
+    are_instants,
+    join,
+)
 from mqslam.frontends.segments import Segment, extend, split_into_segments
 from mqslam.psi.place import beam_of
 from mqslam.psi.tracking.local_map import SURFACES, USUAL
@@ -62,10 +69,13 @@ class PsiFrontEnd:
         is_whole = len(segments) == 2  # one segment in each direction
         is_guided = self._context.is_lidar and self._context.odometry is not None
         tracks = self._track_at_once(scans, *segments) if is_whole else self._track_segments(scans, segments)
-        joined = join(*tracks, is_guided=is_guided)
+        joined = join(*tracks, SHARED_BY_LIDAR if self._context.is_lidar else SHARED, is_guided=is_guided)
         if is_guided:
             joined = rejoin(joined)
-        left_out = _estimate_unsteadiness(joined, settings, self._context.revolution_s)
+        if are_instants(scans):
+            left_out = np.zeros((len(joined), 3))  # nothing moves while a scan is taken
+        else:
+            left_out = _estimate_unsteadiness(joined, settings, self._context.revolution_s)
         for motion, variances in zip(joined, left_out, strict=True):
             yield replace(motion, covariance=motion.covariance + np.diag(variances))
 

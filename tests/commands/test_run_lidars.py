@@ -59,6 +59,19 @@ def test_a_run_of_rooms_leaves_all_files_and_judges_its_map_good(carmen: tuple[P
         assert (out / name).stat().st_size > 0
 
 
+def test_motions_state_how_well_they_are_known_and_are_not_tied_along_the_path(carmen: tuple[Path, Trajectory]) -> None:
+    out, truth = carmen
+    rows = np.genfromtxt(out / "measurements.csv", delimiter=",", names=True, usecols=range(11))
+    times = np.array([rows["t0"], rows["t1"]]) * 1e6
+    begin, end = (truth.at(truth.stamps_us[0] + np.round(stamps).astype(np.int64)) for stamps in times)
+    off = np.column_stack([rows["dx"], rows["dy"], rows["dyaw"]]) - se2.wrapped_between(begin, end)
+    xx, xy, xt, yy, yt, tt = (rows[f"cov_{name}"] for name in ("xx", "xy", "xyaw", "yy", "yyaw", "yawyaw"))
+    covariances = np.moveaxis(np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]]), 2, 0)
+    assert 0.3 < np.mean(se2.normalise(off, covariances)) / 3.0 < 3.0
+    runtime_s = json.loads((out / "summary.json").read_text())["runtime_s"]
+    assert runtime_s["along"] < 0.01 * runtime_s["windows"]
+
+
 def test_the_map_of_rooms_is_free_along_the_way_and_occupied_at_walls(carmen: tuple[Path, Trajectory]) -> None:
     out, _ = carmen
     made, track = read_nav2_map(out / "map.yaml"), read_tum(out / "trajectory.tum")

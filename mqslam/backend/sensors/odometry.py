@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from mqslam.backend.sensors.calibration import (
     AT_ORIGIN,
@@ -134,6 +135,8 @@ def leave_turns_out(edges: Sequence[Measurement]) -> list[Measurement]:
 ODOMETRY = "odometry"
 # Covariance [m^2, m^2, rad^2] that is as good as no measurement between two successive scans.
 _WORTHLESS = np.diag([100.0, 100.0, 10.0])
+# Squared difference over covariance beyond which a motion of odometry contradicts the scans: one right one in a thousand does.
+_CHANCE: Final = float(chi2.ppf(0.999, 3))
 _ROUNDS: Final = 10  # rounds of fit and noise; they settle in fewer
 _LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the covariance of exact motions from being singular
 
@@ -218,17 +221,30 @@ def make_odometry_edges(
 
 
 def doubt_contradicted(odometry: Sequence[Measurement], measured: Sequence[Measurement]) -> list[Measurement]:
-    """Returns the motions of odometry; those to scans of many returns that do not fit where odometry puts them are unsure.
+    """Returns the motions of odometry; those that a front end contradicts, which starts from odometry, are unsure as a whole.
+
+    A motion is contradicted if the scan holds many returns and fits nowhere near, or if it fits far from where odometry puts
+    it: farther than the errors explain that motions of this odometry usually have.
 
     Args:
         odometry: motions of odometry; there may be none.
-        measured: motions of a front end that looks for scans where odometry puts them, over the same scans.
+        measured: motions of the front end over the same scans.
     """
+    if not odometry:
+        return []
+    usual = np.diag(np.median([np.diag(motion.covariance) for motion in odometry], axis=0))
+
+    def is_contradicted(motion: Measurement, seen: Measurement) -> bool:
+        if seen.status is Status.LOST:
+            return seen.points >= FEWEST_RETURNS
+        off = se2.subtract(seen.pose, motion.pose)
+        off[2] = se2.wrap(off[2])
+        beyond = se2.normalise(off[None], (seen.covariance + usual)[None])[0] > _CHANCE
+        return seen.status is Status.CONVERGED and bool(beyond)
+
     return [
-        replace(motion, covariance=motion.covariance + _WORTHLESS)
-        if seen.status is Status.LOST and seen.points >= FEWEST_RETURNS
-        else motion
-        for motion, seen in zip(odometry, measured, strict=bool(odometry))
+        replace(motion, covariance=motion.covariance + _WORTHLESS) if is_contradicted(motion, seen) else motion
+        for motion, seen in zip(odometry, measured, strict=True)
     ]
 
 

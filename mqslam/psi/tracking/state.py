@@ -57,10 +57,10 @@ _GUIDE_M, _GUIDE_RAD, _GUIDE_SHARE = 0.2, 0.01, 0.2
 CONTRADICTED: Final = np.diag([1.0, 1.0, 0.1])
 """Covariance [m^2, m^2, rad^2] of odometry's motion to a scan that does not fit there, as where wheels slip."""
 
-AS_UNKNOWN: Final = np.array([10.0, 10.0, 3.0])
-"""Standard deviations [m, m, rad] of a scan's pose, as good as unknown, along directions where psi only followed odometry.
+UNSHOWN: Final = np.sqrt(np.diag(CONTRADICTED))
+"""Standard deviations [m, m, rad] of a scan's pose along directions in which psi only followed odometry.
 
-Odometry states there itself, by factors of its own, how well the motion is known."""
+Odometry states there itself, by factors of its own, how well the motion is known: they are much surer."""
 
 _DEPENDENT = 1e-6  # singular values of unit vectors below this are rounding
 _HALF = 0.5**0.5  # root of one half: each of the two poses that a motion lies between gets half the motion's variance

@@ -85,8 +85,9 @@ class Track:
             self._measure_again()
             self._resume(k)
             return k + 1
-        psi_odometry = self._score_odometry(scan)
-        tracked = self._tracker.follow(scan, self._twist_to(scan))
+        twist = self._twist_to(scan)
+        psi_odometry = self._score_odometry(scan, twist)
+        tracked = self._tracker.follow(scan, twist)
         self._tracked[k] = replace(tracked, psi_odometry=psi_odometry)
         if tracked.is_found:
             self._take_as_matched(k)
@@ -107,8 +108,9 @@ class Track:
     def _resume(self, k: int) -> bool:
         """Tracks scan k after a gap or a loss, from the motions before and after it; returns whether the track goes on."""
         scan = self._scans[k]
-        psi_odometry = self._score_odometry(scan)
-        tracked = self._tracker.resume(_take_head(self._scans, k), _whole(self._twist_to(scan)))
+        twist = self._twist_to(scan)
+        psi_odometry = self._score_odometry(scan, twist)
+        tracked = self._tracker.resume(_take_head(self._scans, k), _whole(twist))
         self._tracked[k] = replace(tracked, psi_odometry=psi_odometry)
         if not tracked.is_found:
             self._lost.append(k)
@@ -133,9 +135,10 @@ class Track:
             again = self._tracker.remeasure([self._scans[n] for n in young], [self._tracked[n] for n in young])
             self._tracked.update(zip(young, again, strict=True))
 
-    def _score_odometry(self, scan: Scan) -> float:
-        """Returns psi of a scan at the pose that odometry predicts from the last match; NaN without odometry."""
-        twist, now = _whole(self._twist_to(scan)), _whole(self._find_twist(scan.t0, scan.t1))
+    def _score_odometry(self, scan: Scan, twist: se2.Array | None) -> float:
+        """Returns psi of a scan at the pose to which odometry moves by a twist (3,) from the last match; NaN without odometry."""
+        twist = _whole(twist)
+        now = None if twist is None else _whole(self._find_twist(scan.t0, scan.t1))
         if twist is None or now is None:
             return float("nan")
         pose = se2.compose(self._pose, se2.exp(twist, scan.t0 - self._scans[self._matched].t0))

@@ -32,13 +32,13 @@ from mqslam.psi.tracking.local_map import USUAL, LocalMap, Tuning
 from mqslam.psi.tracking.matching import Matcher
 from mqslam.psi.tracking.plausibility import FEWEST_RETURNS, PredictionErrors, Usual, is_usable, overlaps
 from mqslam.psi.tracking.state import (
-    AS_UNKNOWN,
     CONTRADICTED,
     LONGEST_COAST_S,
     ORIGIN,
     POSE,
     SIZE,
     TWIST,
+    UNSHOWN,
     Belief,
     Blindness,
     LastMatch,
@@ -206,6 +206,8 @@ class Tracker:
                 minimum = matcher.look_beside(scan, minimum, prior.information, self._map) or minimum
         if self._is_out_of_place(minimum):
             minimum, _ = matcher.search(scan, begin, self._map, minimum)
+        if self._is_guided and self._is_out_of_place(minimum):
+            minimum = self._look_around(scan, minimum)
         if self._is_out_of_place(minimum):
             return self._miss(scan, begin, minimum)
         weak, blind = matcher.find_weak_directions(scan, State(minimum.state), self._map), Blindness.none()
@@ -311,6 +313,13 @@ class Tracker:
         mean = np.where(np.isfinite(twist), twist, se2.log(se2.wrapped_between(self._last.pose, state.pose)) / dt)
         return State.at_constant_twist(se2.compose(self._last.pose, se2.exp(mean, dt)), mean)
 
+    def _look_around(self, scan: Scan, minimum: Minimum) -> Minimum:
+        """Returns a match of a scan around the last match, or `minimum` if there is none: odometry may have jumped."""
+        still = guide(self._last.belief, np.zeros(3), scan.t0 - self._last.t0)
+        here = self._matcher.minimise(scan, still.mean, still.prior, self._map)
+        found, _ = self._matcher.search(scan, still, self._map, here)
+        return minimum if self._is_out_of_place(found) else found
+
     def _follow_odometry(self, twist: se2.Array | None) -> FirstMotion | None:
         """Returns the motion of the first scans by odometry (3,); None if the track does not follow odometry."""
         if not self._is_guided or twist is None:
@@ -352,7 +361,7 @@ class Tracker:
         self._prediction_errors.add(self._matcher.place(scan, predicted.mean), placed)
         self._map.offer(scan.t0, belief.pose, placed)
         status = Status.DEGENERATE if len(weak) else Status.CONVERGED
-        unseen = spread_along(weak, AS_UNKNOWN if self._is_guided else blind.pose)
+        unseen = spread_along(weak, UNSHOWN if self._is_guided else blind.pose)
         return Tracked(scan.t0, belief.mean, covariance, unseen, minimum.evaluation, status)
 
     def _pass_over(self, scan: Scan, predicted: Belief) -> Tracked:
