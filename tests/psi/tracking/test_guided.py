@@ -21,6 +21,9 @@ from mqslam.psi.tracking.state import UNSHOWN
 
 BEAMS, PERIOD_S, REACH_M = 181, 0.2, 40.0
 BARE = np.array([[-200.0, -7.0, 200.0, -7.0], [-200.0, 7.0, 200.0, 7.0]])
+ROOM = np.array(
+    [*BARE, [25.0, -7.0, 25.0, 7.0], [-10.0, -7.0, -10.0, 7.0], [16.0, 3.0, 16.0, 7.0], [18.0, -7.0, 18.0, -4.0]]
+)
 CONFIG = Config()
 
 
@@ -34,19 +37,18 @@ def look(walls: NDArray[np.float64], pose: se2.Array, t0: float, seed: int) -> S
     return spread_evenly(Scan(t0, t0 + PERIOD_S, returns), np.pi / (BEAMS - 1), 0.25)
 
 
-def follow_corridor(steps: NDArray[np.float64], stated: NDArray[np.float64]) -> list[Measurement]:
-    """Returns psi's motions along a bare corridor, which is driven by steps (N,) [m]; odometry states other steps (N,)."""
-    xs = np.r_[0.0, np.cumsum(steps)]
-    scans = [look(BARE, np.array([x, 0.0, 0.0]), PERIOD_S * k, k) for k, x in enumerate(xs)]
-    moves = np.column_stack([stated, np.zeros((len(stated), 2))])
+def follow(walls: NDArray[np.float64], moves: se2.Array, stated: se2.Array) -> list[Measurement]:
+    """Returns psi's motions between walls, which are driven by moves (N, 3); odometry states other moves (N, 3)."""
+    poses = se2.chain(moves)
+    scans = [look(walls, pose, PERIOD_S * k, k) for k, pose in enumerate(poses)]
     stamps = np.round(1e6 * PERIOD_S * np.arange(len(scans))).astype(np.int64)
-    context = Context(CONFIG, PERIOD_S, 0, Trajectory(stamps, se2.chain(moves)), is_lidar=True)
+    context = Context(CONFIG, PERIOD_S, 0, Trajectory(stamps, se2.chain(stated)), is_lidar=True)
     return list(PsiFrontEnd(context).measure(scans))
 
 
 def test_along_a_bare_corridor_the_motion_is_odometrys_and_hardly_known() -> None:
-    steps = np.full(30, 0.5)
-    motions = follow_corridor(steps, 1.2 * steps)
+    moves = np.tile([0.5, 0.0, 0.0], (30, 1))
+    motions = follow(BARE, moves, 1.2 * moves)
     assert {motion.status for motion in motions[1:-1]} == {Status.DEGENERATE}
     poses = np.array([motion.pose for motion in motions])
     np.testing.assert_allclose(poses[:, 0], 0.6, atol=0.02)
@@ -54,6 +56,15 @@ def test_along_a_bare_corridor_the_motion_is_odometrys_and_hardly_known() -> Non
     sigmas = np.sqrt([np.diag(motion.covariance) for motion in motions[1:-1]])
     assert np.all(sigmas[:, 0] > 0.9 * UNSHOWN[0])
     assert np.all(sigmas[:, 1] < 0.5)
+
+
+def test_a_jump_of_odometry_does_not_lose_the_track() -> None:
+    moves = np.tile([0.5, 0.0, 0.01], (24, 1))
+    stated = moves.copy()
+    stated[12, 2] = -2.0
+    motions = follow(ROOM, moves, stated)
+    assert {motion.status for motion in motions} == {Status.CONVERGED}
+    np.testing.assert_allclose([motion.pose for motion in motions], moves, atol=0.05)
 
 
 def test_directions_that_differ_by_chance_are_not_intersected_along_a_corridor() -> None:
