@@ -26,8 +26,8 @@ from mqslam.frontends.calibration import Twice, learn_scale
 # Share of the variance of a motion that its measurements by psi, forward and backward in time, have in common, so that
 # their difference does not show it. The true share is unknown; 0 to 0.5 was found in simulated cities.
 SHARED = 0.2
-# The same for a lidar. Surfaces look the same from everywhere, and a map averages the errors of many scans, so that the errors
-# of the scan itself, which both measurements have in common, are most of it: 0.79 to 0.92 in simulated rooms.
+# The same for a lidar. Surfaces look the same from everywhere, and a map averages the errors of many scans. So the errors of
+# the scan itself, which both measurements have in common, are most of it: 0.79 to 0.92 in simulated rooms.
 SHARED_BY_LIDAR = 0.9
 _TRUST = (Status.LOST, Status.DEGENERATE, Status.AMBIGUOUS, Status.CONVERGED)  # from the least to the most trusted
 _CHANCE = float(chi2.ppf(0.999, 3))  # squared difference over covariance beyond which two measurements contradict each other

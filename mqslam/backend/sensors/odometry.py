@@ -135,7 +135,8 @@ def leave_turns_out(edges: Sequence[Measurement]) -> list[Measurement]:
 ODOMETRY = "odometry"
 # Covariance [m^2, m^2, rad^2] that is as good as no measurement between two successive scans.
 _WORTHLESS = np.diag([100.0, 100.0, 10.0])
-# Squared difference over covariance beyond which a motion of odometry contradicts the scans: one right one in a thousand does.
+# Squared difference over covariance beyond which a motion of odometry contradicts the scans, as one in a thousand right ones
+# does by chance.
 _CHANCE: Final = float(chi2.ppf(0.999, 3))
 _ROUNDS: Final = 10  # rounds of fit and noise; they settle in fewer
 _LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the covariance of exact motions from being singular
@@ -221,7 +222,7 @@ def make_odometry_edges(
 
 
 def doubt_contradicted(odometry: Sequence[Measurement], measured: Sequence[Measurement]) -> list[Measurement]:
-    """Returns the motions of odometry; those that a front end contradicts, which starts from odometry, are unsure as a whole.
+    """Returns the motions of odometry; those that a front end contradicts that follows odometry are unsure as a whole.
 
     A motion is contradicted if the scan holds many returns and fits nowhere near, or if it fits far from where odometry puts
     it: farther than the errors explain that motions of this odometry usually have.

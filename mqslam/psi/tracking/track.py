@@ -136,7 +136,7 @@ class Track:
             self._tracked.update(zip(young, again, strict=True))
 
     def _score_odometry(self, scan: Scan, twist: se2.Array | None) -> float:
-        """Returns psi of a scan at the pose to which odometry moves by a twist (3,) from the last match; NaN without odometry."""
+        """Returns psi of a scan where odometry puts it by its mean twist (3,) since the last match; NaN without odometry."""
         twist = _whole(twist)
         now = None if twist is None else _whole(self._find_twist(scan.t0, scan.t1))
         if twist is None or now is None:

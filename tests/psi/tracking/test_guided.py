@@ -1,4 +1,4 @@
-"""A lidar's track that follows odometry where bare walls show nothing, and does not follow wheels that slip."""
+"""A lidar's track that follows odometry: bare walls leave the motion to odometry, and jumps of odometry are not followed."""
 
 from __future__ import annotations
 
