@@ -133,8 +133,8 @@ def measure_unit(scans: Scans) -> float:
 def pick_moving(scans: Scans, odometry: Trajectory, path_m: float, turn_rad: float) -> list[int]:
     """Picks the scans between which a robot has moved or turned; scans at rest add nothing.
 
-    Odometry tells where the robot has moved. Where wheels slip or stamps are wrong, the ranges themselves tell it. The stamps
-    of scans that were held up are wrong: such scans arrive in a burst, in which odometry seems to stand still.
+    Odometry tells where the robot has moved. Where wheels slip or stamps are wrong, the ranges themselves tell it. Stamps of
+    scans that were held up are wrong: such scans arrive in a burst, in which odometry seems to stand still.
 
     Args:
         scans: all scans.
