@@ -206,6 +206,19 @@ def smooth(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     return result
 
 
+def find_poses_of_returns(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
+    """Returns the poses (M, 3) of a sensor at the times `at` (M,) of its returns, from poses (N, 3) at increasing times (N,).
+
+    They lie on the curve of `smooth`. If all times of returns are times of poses, as for a lidar that sees everything in an
+    instant, the poses themselves are returned: scans that arrive in a burst have poses of their own, which no curve shows.
+    """
+    t, q = np.asarray(times, dtype=np.float64), np.asarray(at, dtype=np.float64)
+    nearest = np.minimum(np.searchsorted(t, q), len(t) - 1)
+    if np.array_equal(t[nearest], q):
+        return np.asarray(np.asarray(poses, dtype=np.float64)[nearest])
+    return smooth(times, poses, at)
+
+
 def select_apart(times: Array) -> NDArray[np.int64]:
     """Returns the indices of the increasing times (N,) that are not duplicates of an earlier one.
 

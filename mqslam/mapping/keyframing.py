@@ -78,7 +78,8 @@ def _render(scan: Scan, k: int, times: NDArray[np.float64], poses: se2.Array, be
     points = np.zeros(len(returns), KEYFRAME_POINT)
     points["x"], points["y"] = placed.points.T
     points["range"] = returns.ranges
-    points["ray"] = se2.wrap(se2.smooth(times[first:last], local, returns.times)[:, 2] + returns.azimuths)
+    at = se2.find_poses_of_returns(times[first:last], local, returns.times)
+    points["ray"] = se2.wrap(at[:, 2] + returns.azimuths)
     points["time"] = returns.times - scan.t0
     points["intensity"] = returns.intensities
     return points

@@ -151,7 +151,7 @@ def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, 
         poses: (K, 3) poses of the sensor, world frame.
         beam: the sensor's errors.
     """
-    at = se2.smooth(times, poses, returns.times)
+    at = se2.find_poses_of_returns(times, poses, returns.times)
     ranges = returns.ranges
     beta = beam.doppler_beta
     if beta != 0.0 and len(times) > 1:

@@ -152,3 +152,17 @@ def test_an_angle_in_range_keeps_its_last_bit() -> None:
     angles = np.array([1e-17, -0.3, 0.1, 3.0, -np.pi])
     np.testing.assert_array_equal(se2.wrap(angles), angles)
     np.testing.assert_allclose(se2.wrap(angles + 2.0 * np.pi), angles, rtol=0.0, atol=1e-15)
+
+
+def test_returns_of_scans_that_arrive_in_a_burst_are_seen_from_the_poses_of_these_scans() -> None:
+    times = np.array([0.0, 1.0, 2.0, 2.001, 2.002, 3.0, 4.0])
+    poses = np.column_stack([np.arange(7.0), np.zeros(7), 0.3 * np.arange(7.0)])
+    at = np.repeat(times[2:6], 5)
+    np.testing.assert_array_equal(se2.find_poses_of_returns(times, poses, at), np.repeat(poses[2:6], 5, axis=0))
+
+
+def test_returns_between_poses_are_seen_from_the_smooth_curve() -> None:
+    times = np.arange(5.0)
+    poses = np.column_stack([times**2, np.zeros(5), 0.1 * times])
+    at = np.array([1.0, 1.5, 2.25])
+    np.testing.assert_array_equal(se2.find_poses_of_returns(times, poses, at), se2.smooth(times, poses, at))
