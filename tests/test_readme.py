@@ -38,7 +38,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = sorted(page for page in (ROOT / "docs").rglob("*.md") if not page.is_symlink())
 TEXT = "\n".join([README, *(page.read_text(encoding="utf-8") for page in PAGES)])
 BINARY = ".venv/bin/mqslam "
-WRITTEN = ("OUT", "RESULT.mcap", "OUT.mcap", "figures", "drive", "results", "LOCALISED", "optimised.g2o")
+WRITTEN = ("OUT", "RESULT.mcap", "RESULT.tum", "OUT.mcap", "figures", "drive", "results", "LOCALISED", "optimised.g2o")
 
 
 def commands() -> list[str]:

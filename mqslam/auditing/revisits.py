@@ -26,6 +26,7 @@ from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.statistics import MEDIAN_EFFICIENCY, compute_p_values, correct_for_places, find_usual_scale
+from mqslam.core.wording import count_of
 from mqslam.execution.progress import Progress
 from mqslam.psi.correlate import compute_same_m
 
@@ -223,6 +224,49 @@ class RevisitAudit:
     p_value: float = np.nan
     stated_covariance: NDArray[np.float64] | None = None
     excused: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Honesty:
+    """How the covariances that a trajectory states agree with its revisits.
+
+    Args:
+        revisits: number of sure revisits.
+        nees: mean squared offset in units of its covariance, per degree of freedom; 1 where the covariances are right.
+        least: lower end of the range within which `nees` lies by chance (95 %) where they are right.
+        most: upper end of this range.
+        statement: the finding as a sentence.
+    """
+
+    revisits: int
+    nees: float
+    least: float
+    most: float
+    statement: str
+
+
+def judge_honesty(revisits: Sequence[RevisitAudit]) -> Honesty | None:
+    """Judges by revisits whether the covariances that a trajectory states are honest; None where it states none.
+
+    The offset of a revisit shows an error of the trajectory, up to the covariance of the registration. Poses whose
+    covariances are listed one by one have no stated correlation, so that those of poses near each other in a graph with
+    loops seem larger than they are relative to each other: that covariances are too large is only said, and no fault.
+    """
+    sure = [r.revisit.inflation for r in revisits if r.revisit.sure and r.stated_covariance is not None]
+    if not sure:
+        return None
+    degrees = 3 * len(sure)
+    nees = float(np.sum(sure)) / degrees
+    least, most = (float(bound) / degrees for bound in chi2.ppf([0.025, 0.975], degrees))
+    chance = f"and by chance {least:.2g} to {most:.2g} where they are right"
+    by = f"by {count_of(len(sure), 'revisit')}: NEES/3 is {nees:.2g}, {chance}"
+    if nees > most:
+        what = f"are too small: errors are {np.sqrt(nees):.1f} times as large as they state"
+    elif nees < least:
+        what = "are larger than the errors, or lack the correlations between poses"
+    else:
+        what = "are honest"
+    return Honesty(len(sure), nees, least, most, f"the covariances of the trajectory {what}, {by}")
 
 
 def audit_revisits(

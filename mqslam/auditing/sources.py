@@ -22,7 +22,7 @@ from mqslam.core.sensors import Gyroscope
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import ConfigError, DataError, Remedy
-from mqslam.formats.covariances import read_covariances
+from mqslam.formats.covariances import holds_covariances, read_covariances
 from mqslam.psi.place import Beam
 
 _TRAJECTORY, _COVARIANCES = "trajectory.tum", "covariances.csv"  # a run writes both into one folder
@@ -36,8 +36,8 @@ def find_relative_covariances(
     """Returns the covariances that a trajectory states of its poses, or None if it states none, and notes for the user.
 
     Args:
-        covariances: file of the covariances of the trajectory's poses; None takes the file beside a run's own
-            trajectory.tum.
+        covariances: file of the covariances of the trajectory's poses; None takes those in the trajectory's own file, or
+            the file beside a run's own trajectory.tum.
         origin: the trajectory as the user named it: poses, a file, or the name of a trajectory that the recording carries.
         given: the trajectory; None if the recording carries it.
         offset_us: time that was added to the trajectory's stamps [us]; it is added to those of the covariances, too.
@@ -55,6 +55,8 @@ def find_relative_covariances(
         return None, []
     path = Path(origin)
     poses = path / _TRAJECTORY if path.is_dir() else path
+    if holds_covariances(poses):
+        return _read_covariances(poses, given, offset_us, sweeps), []
     if poses.name != _TRAJECTORY:
         return None, []
     beside = poses.with_name(_COVARIANCES)
@@ -85,7 +87,7 @@ def _read_covariances(path: Path, given: Trajectory, offset_us: int, sweeps: Swe
     if without:
         total = count_of(len(sweeps), "scan")
         raise DataError(path, f"has no covariance within {slack_s:.2g} s of {without} of {total}", _REMEDY)
-    turns = (given.poses[0, 2] - sweeps.poses[:, 2]).tolist()  # the file states them in the first pose's frame
+    turns = ((given.poses[0, 2] if read.of_first_pose else 0.0) - sweeps.poses[:, 2]).tolist()
     own = [se2.rotate_covariance(c, yaw) for c, yaw in zip(read.covariances[nearest], turns, strict=True)]
     return SingleCovariances(np.array(own), sweeps.poses)
 

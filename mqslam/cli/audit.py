@@ -12,7 +12,7 @@ from mqslam.cli.remedies import name_options
 from mqslam.cli.terminal import Terminal, echo, format_rows, format_verdict
 
 if TYPE_CHECKING:
-    from mqslam.commands.result import JudgedResult
+    from mqslam.commands.result import AuditResult
 
 _OWN: Options = {
     "data": argument(Path, ..., "DATA", "A radar or lidar recording, or a point cloud with times (PLY, PCD, LAS, NPZ)."),
@@ -48,8 +48,9 @@ _OWN: Options = {
     "covariances": option(
         Path | None,
         None,
-        "Covariances of the trajectory's poses, in the form of a run's covariances.csv, by which revisits are tested; "
-        "the file beside a run's own trajectory.tum is found by itself.",
+        "Covariances of the trajectory's poses, by which revisits are tested, and which are tested by them: a run's "
+        "covariances.csv, TUM with the covariance after each pose (36, 21 or 12 numbers), or a bag with "
+        "PoseWithCovarianceStamped or Odometry. Those in the trajectory's own file are found by themselves.",
         metavar="FILE",
     ),
     "false_alarms": option(
@@ -60,6 +61,13 @@ _OWN: Options = {
         metavar="RATE",
     ),
     "test": option(Path | None, None, "Python file with a test of your own, which judges the map, too.", metavar="FILE"),
+    "baseline": option(
+        Path | None,
+        None,
+        "Folder of an earlier audit. Exit with 1 if the verdict or a test is worse than there.",
+        "--baseline",
+        metavar="OLD",
+    ),
     "mend": flag("Write the trajectory with the corrections put in as mended.tum, and judge it, too.", "--mend"),
 }
 
@@ -68,7 +76,7 @@ _LISTED = 3  # number of the worst torn windows, and of the worst torn revisits,
 
 @command(
     "data out trajectory times topic frame time_offset_s extrinsics z_range covariances false_alarms tolerance test fail_on "
-    "mend config changes format range_resolution start_s end_s jobs cluster force as_json quiet verbose",
+    "baseline mend config changes format range_resolution start_s end_s jobs cluster force as_json quiet verbose",
     _OWN,
 )
 def audit(
@@ -101,13 +109,17 @@ def audit(
         result = do(trajectory=trajectory or "recording", heights=heights, work=work, **given)
 
     terminal.print_results(result.summary, lambda: print_audit(terminal, result))
+    if result.worse:
+        raise typer.Exit(1)
     if fail_on is not None:
         raise typer.Exit(choose_exit_code(result.verdict, fail_on))
 
 
-def print_audit(_: Terminal, result: JudgedResult) -> None:
+def print_audit(_: Terminal, result: AuditResult) -> None:
     """Prints the results of an audit for people."""
     echo(name_options(_format_results(result.summary)))
+    if result.worse:
+        echo(f"worse than {result.summary['baseline']['path']}: {'; '.join(result.worse)}")
     echo(f"results in {result.folder}; open {result.report} in a browser")
 
 

@@ -23,7 +23,7 @@ class MessageKind(StrEnum):
 
 _OWN: Options = {
     "data": argument(Path, ..., "DATA", "A recording in any layout, the folder of a finished run, or keyframes."),
-    "out": argument(Path, ..., "OUT", "The file (.bag, .mcap, .npz, .ply) or folder to write, not there yet."),
+    "out": argument(Path, ..., "OUT", "The file (.bag, .mcap, .npz, .ply, .tum) or folder to write, not there yet."),
     "to": option(
         str | None,
         None,
@@ -54,8 +54,9 @@ def convert(
 ) -> None:
     """Write a recording in another layout, with the odometry, ground truth and sensors that mqslam writes there.
 
-    The folder of a finished run is written as a bag of its results: /path, /tf from map to radar, /map (the occupancy grid)
-    and /points. The keyframes of a result, or a folder of keyframes alone, are written as a point cloud if OUT ends in .ply.
+    The folder of a finished run is written as a bag of its results: /path, /tf from map to radar, /pose with covariances,
+    /map (the occupancy grid) and /points; or as TUM with the covariance of each pose, if OUT ends in .tum. The keyframes of
+    a result, or a folder of keyframes alone, are written as a point cloud if OUT ends in .ply.
 
     Example: mqslam convert drive drive.mcap
 
@@ -63,10 +64,13 @@ def convert(
 
     Example: mqslam convert result result.bag
 
+    Example: mqslam convert result with_covariances.tum
+
     Example: mqslam convert result/keyframes keyframes.ply
     """
     from mqslam.commands.inputs import open_data
     from mqslam.commands.keyframe_cloud import SUFFIX, write_keyframe_cloud
+    from mqslam.commands.result import write_wide_trajectory
     from mqslam.errors import ConfigError
     from mqslam.formats.conversion import claim_target, find_target, write_recording
     from mqslam.formats.maps.keyframe_folder import find_keyframes
@@ -75,6 +79,8 @@ def convert(
     keyframes, notes = find_keyframes(data), list[str]()
     if out.suffix == SUFFIX and to is None and (keyframes is not None or is_run(data)):
         write_keyframe_cloud(out, data, force=force)
+    elif out.suffix == ".tum" and to is None and is_run(data):
+        write_wide_trajectory(out, data, force=force)
     elif keyframes == data:
         raise ConfigError(f"{data}: holds keyframes, which become point clouds only; end OUT in {SUFFIX}, without --to")
     else:
@@ -88,8 +94,8 @@ def convert(
             elif target.is_bag:
                 write_results(out, data, target.name)
             else:
-                instead = "end OUT in .bag or .mcap, or give --to rosbag2"
-                raise ConfigError(f"{data}: is a run; its results can only be converted to a bag; {instead}")
+                instead = "end OUT in .bag, .mcap or .tum, or give --to rosbag2"
+                raise ConfigError(f"{data}: is a run; its results can only be converted to a bag or to TUM; {instead}")
     if not terminal.quiet:
         terminal.print_notes(notes)
         terminal.print(f"wrote {out}")

@@ -20,7 +20,7 @@ _OWN: Options = {
 }
 _PRINT: dict[str, Any] = {
     "RunResult": print_run,
-    "JudgedResult": print_audit,
+    "AuditResult": print_audit,
     "CompareResult": print_compared,
     "LocaliseResult": print_localised,
     "MergeResult": print_merged,

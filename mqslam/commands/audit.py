@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from mqslam.auditing.mending.rounds import AuditedTrajectory, Mended
 from mqslam.auditing.mending.rounds import mend as mend_trajectory
 from mqslam.auditing.odometry_check import check_odometry
 from mqslam.auditing.own_test import load_test
+from mqslam.auditing.revisits import judge_honesty
 from mqslam.auditing.sources import (
     Source,
     divide_cloud,
@@ -30,7 +32,7 @@ from mqslam.backend.marginals import RelativeCovariances
 from mqslam.backend.sensors.odometry import ODOMETRY
 from mqslam.commands.inputs import WHOLE, carry_to_radar, open_radar_or_lidar, read_extrinsics
 from mqslam.commands.lidar_inputs import fit_to_rooms
-from mqslam.commands.result import JudgedResult
+from mqslam.commands.result import AuditResult, read_result
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta, set_false_alarms, set_tolerance
 from mqslam.core import se2
@@ -48,6 +50,7 @@ from mqslam.formats.tum import write_tum
 from mqslam.psi.doppler import choose_doppler
 from mqslam.psi.place import beam_of
 from mqslam.report.audit_page import write_audit_page
+from mqslam.results.audit_gate import list_worse
 from mqslam.results.audit_results import summarise, summarise_mended, write_audit
 from mqslam.results.files import add_warnings
 from mqslam.results.run_results import summarise_check
@@ -78,9 +81,10 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     start_s: float | None = None,
     end_s: float | None = None,
     mend: bool = False,
+    baseline: Path | str | None = None,
     force: bool = False,
     work: Work = QUIET,
-) -> JudgedResult:
+) -> AuditResult:
     """Judges the map that a recording makes under a trajectory, or a finished map, without ground truth.
 
     Args:
@@ -96,8 +100,9 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             to the left and yaw [degrees] to the left, or the three as a text X,Y,YAW; None if the trajectory is the
             sensor's own.
         heights: lowest and highest height of the points of a cloud that are used [m]; None takes all.
-        covariances: file with covariances of the trajectory's poses, in the form of a run's covariances.csv, by which
-            revisits are tested; None takes the file beside a run's own trajectory.tum.
+        covariances: file with covariances of the trajectory's poses, by which revisits are tested: a run's covariances.csv,
+            TUM with a covariance in each line, or a bag; None takes those in the trajectory's own file, or the file beside
+            a run's own trajectory.tum.
         false_alarms: probability with which an audit calls a good map bad, in (0, 0.5); None takes the settings' value.
         tolerance: how far two passes may be apart [m]; all other tolerances change in proportion. None takes the tolerances
             of the settings.
@@ -110,6 +115,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
         mend: whether to mend the trajectory by the findings, write it as mended.tum with the stamps and in the frame of the
             given trajectory, and audit it too; the verdict is still on the given trajectory.
+        baseline: folder of an earlier audit with which the verdict and the tests are compared; None compares with none.
         force: whether what is at `out` is replaced.
         work: where the work is done, and what reports on it.
 
@@ -125,6 +131,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     """
     data, out = Path(data), Path(out)
     with claim_folder(out, force=force, sources=[data]):
+        earlier = None if baseline is None else _read_baseline(Path(baseline))
         _set_limits(Config(), false_alarms, tolerance)  # raises for a mistake before anything is read
         own = [] if test is None else [load_test(Path(test))]
         of_cloud = is_cloud(data)
@@ -175,7 +182,9 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             **summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, warnings, stated),
             "notes": notes,
             "gyroscope": None if turning is None else summarise_check(turning),
+            "covariances": _judge_honesty(judged, notes, work),
         }
+        summary["baseline"] = earlier and {"path": str(baseline), "worse": list_worse(summary, earlier)}
         mended: Mended | None = None
         if mend and track is not None:
             audited = AuditedTrajectory(track, sweeps, judged)
@@ -197,7 +206,29 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             add_warnings(folder / "audit.json", summary, failures)
         for warning in summary["warnings"][len(warnings) :]:
             work.tell(warning)
-        return JudgedResult(out, summary)
+        return AuditResult(out, summary)
+
+
+def _read_baseline(folder: Path) -> dict[str, Any]:
+    """Reads the numbers of an earlier audit.
+
+    Raises:
+        DataError: the folder holds no result of an audit.
+    """
+    result = read_result(folder)
+    if not isinstance(result, AuditResult) or not {"verdict", "tests"} <= result.summary.keys():
+        raise DataError(folder, "holds no result of an audit that can be a baseline", "give the folder of an earlier audit")
+    return result.summary
+
+
+def _judge_honesty(judged: judge.Audit, notes: list[str], work: Work) -> dict[str, Any] | None:
+    """Returns how stated covariances agree with the revisits, and adds it to the notes; None where none are stated."""
+    honesty = judge_honesty(judged.revisits)
+    if honesty is None:
+        return None
+    notes.append(honesty.statement)
+    work.tell(honesty.statement)
+    return asdict(honesty)
 
 
 def _set_limits(settings: Config, false_alarms: float | None, tolerance: float | None) -> Config:

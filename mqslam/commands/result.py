@@ -13,8 +13,11 @@ from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config, load_config
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
-from mqslam.errors import DataError, untrusted
+from mqslam.errors import DataError, OutputError, Remedy, untrusted
+from mqslam.execution.folders import check_writable
+from mqslam.formats.covariances import read_covariances, write_wide
 from mqslam.formats.trajectories import read_trajectory
+from mqslam.formats.tum import read_tum
 from mqslam.results.compare_results import tabulate
 from mqslam.results.files import name_evo_command
 
@@ -90,6 +93,16 @@ class JudgedResult(Result):
         return list(self.summary["verdict"]["reasons"])
 
 
+class AuditResult(JudgedResult):
+    """The result of an audit."""
+
+    @property
+    def worse(self) -> list[str]:
+        """Sentences on what is worse than in the baseline; empty without a baseline."""
+        baseline = self.summary.get("baseline")
+        return list(baseline["worse"]) if baseline else []
+
+
 class TrajectoryResult(Result):
     """A result with a trajectory: the optimised one of a run, or the poses of a localisation in the frame of a map."""
 
@@ -160,7 +173,7 @@ def read_result(folder: Path | str) -> Result:
         folder: the folder of a result of `run`, `audit`, `compare`, `localise`, `merge` or `batch`.
 
     Returns:
-        The same as the command returned: a `RunResult`, `JudgedResult` (of an audit), `CompareResult`, `LocaliseResult`,
+        The same as the command returned: a `RunResult`, `AuditResult`, `CompareResult`, `LocaliseResult`,
         `MergeResult`, or a plain `Result` (of a batch).
 
     Raises:
@@ -171,7 +184,7 @@ def read_result(folder: Path | str) -> Result:
         >>> print(result, result.read_trajectory().length_m)  # doctest: +SKIP
     """
     folder = Path(folder)
-    for name, kind in (("audit.json", JudgedResult), ("batch.json", Result)):
+    for name, kind in (("audit.json", AuditResult), ("batch.json", Result)):
         if (folder / name).is_file():
             return kind(folder, _read_summary(folder / name, ("warnings",)))
     if (folder / "compare.json").is_file():
@@ -199,3 +212,16 @@ def _read_summary(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:
     if missing:
         raise DataError(path, f"lacks the entries {', '.join(missing)}", _REMEDY)
     return dict(summary)
+
+
+def write_wide_trajectory(out: Path, run: Path, *, force: bool = False) -> None:
+    """Writes the trajectory of a run as TUM with the covariance of each pose, as `mqslam.formats.covariances.write_wide`.
+
+    Raises:
+        DataError: the run knows no covariances, or a file of it is damaged.
+        OutputError: the file exists already, or cannot be written.
+    """
+    if out.exists() and not force:
+        raise OutputError(f"{out}: exists already", Remedy.CHOOSE_OR_REPLACE_OUTPUT)
+    check_writable(out)
+    write_wide(out, read_tum(run / "trajectory.tum"), read_covariances(run / "covariances.csv"))

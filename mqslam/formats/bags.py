@@ -45,6 +45,8 @@ ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
 POSE_TYPE = "geometry_msgs/msg/PoseStamped"
 POSE_WITH_COVARIANCE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 PATH_TYPE = "nav_msgs/msg/Path"
+RESULT_TOPICS = ("/path", "/pose")
+"""The topics on which the bag of a run holds its poses: without and with their covariances."""
 TRUTH_NAME = re.compile(r"truth|(?<![a-z])gt(?![a-z])")
 _MOST_METADATA_BYTES = 800_000  # limit on metadata.yaml; a day recorded in files of one minute has about 500,000
 PoseRow = tuple[int, float, float, float]

@@ -1,23 +1,32 @@
-"""Writes and reads the covariances of a trajectory's poses as CSV: a stamp and six terms per row."""
+"""Writes and reads the covariances of a trajectory's poses: as CSV, as TUM with a covariance in each line, and from bags."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
+from mqslam.formats import bags
 from mqslam.formats.stamps import LATEST_US
 from mqslam.formats.text import read_lines
+from mqslam.formats.tum import WIDE, format_tum, read_tum
 
 _COLUMNS: Final = ("stamp_us", "cov_xx", "cov_xy", "cov_xyaw", "cov_yy", "cov_yyaw", "cov_yawyaw")
 _ROUNDING: Final = 1e-9  # as correlations, rounded terms may exceed the limits of a covariance by this much
-_REMEDY: Final = "give covariances.csv as a run writes it"
+_REMEDY: Final = (
+    "give covariances.csv as a run writes it, TUM with the covariance after the pose (36, 21 or 12 more numbers), or a bag "
+    "with PoseWithCovarianceStamped or Odometry"
+)
+_PLANAR: Final = np.ix_([0, 1, 5], [0, 1, 5])  # x, y and yaw of a covariance of x, y, z and the rotations about them
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,11 +35,14 @@ class StampedCovariances:
 
     Args:
         stamps_us: (N,) [us], increasing.
-        covariances: (N, 3, 3) of x [m], y [m] and yaw [rad], in the frame of the first pose.
+        covariances: (N, 3, 3) of x [m], y [m] and yaw [rad].
+        of_first_pose: whether they are in the frame of the first pose, as those of a run, rather than in the frame in which
+            the trajectory's poses are given, as in ROS.
     """
 
     stamps_us: NDArray[np.int64]
     covariances: NDArray[np.float64]
+    of_first_pose: bool = True
 
 
 def write_covariances(path: Path, given: StampedCovariances) -> None:
@@ -41,15 +53,58 @@ def write_covariances(path: Path, given: StampedCovariances) -> None:
     write_text(path, "\n".join(lines) + "\n")
 
 
+def write_wide(path: Path, trajectory: Trajectory, given: StampedCovariances) -> None:
+    """Writes `t x y z qx qy qz qw` and the 36 terms of the pose's covariance per line, for poses whose covariance is known.
+
+    The covariance is that of ROS's PoseWithCovariance: row by row, of x, y, z and the rotations about these axes, in the
+    frame of the trajectory. What a planar pose does not know (z, roll and pitch) is zero.
+    """
+    lines = []
+    for track, covariance in list_known(trajectory, given):
+        terms = " ".join(f"{term:.12g}" for term in spread(covariance))
+        lines.append(f"{format_tum(track)} {terms}\n")
+    write_text(path, "".join(lines))
+
+
+def list_known(
+    trajectory: Trajectory, given: StampedCovariances
+) -> Iterator[tuple[tuple[int, float, float, float], NDArray[np.float64]]]:
+    """Yields stamp [us], x, y [m] and yaw [rad] of each pose whose covariance is known, and its covariance (3, 3).
+
+    The covariances are in the frame of the trajectory.
+    """
+    turn = float(trajectory.poses[0, 2]) if given.of_first_pose else 0.0
+    known = dict(zip(given.stamps_us.tolist(), given.covariances, strict=True))
+    for stamp, pose in zip(trajectory.stamps_us.tolist(), trajectory.poses.tolist(), strict=True):
+        if stamp in known:
+            yield (stamp, *pose), se2.rotate_covariance(known[stamp], turn)
+
+
+def spread(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns a covariance (3, 3) of x, y and yaw as the 36 terms of ROS's PoseWithCovariance."""
+    whole = np.zeros((6, 6))
+    whole[_PLANAR] = covariance
+    return whole.reshape(-1)
+
+
 @untrusted.reads_file
 def read_covariances(path: Path) -> StampedCovariances:
     """Reads the covariances of a trajectory's poses.
+
+    - CSV as `write_covariances` writes it, in the frame of the first pose.
+    - TUM with more numbers after the pose: 36 or the 21 of the upper triangle, of x, y, z and the rotations about them; or
+      12, which are the upper triangles of rotation and position, as OpenVINS writes them.
+    - A ROS bag with PoseWithCovarianceStamped, or else Odometry, on one topic.
 
     Raises:
         DataError: the file cannot be read, has other columns or a row that is not made of numbers, its stamps do not
             increase, or the terms of a row do not form a covariance.
     """
+    if bags.recognises(path):
+        return _read_bag(path)
     lines = read_lines(path, _REMEDY, missing=_REMEDY)
+    if _is_wide(lines):
+        return _read_wide(path, lines)
     if not lines or tuple(name.strip() for name in lines[0].split(",")) != _COLUMNS:
         raise DataError(path, f"does not begin with the columns {','.join(_COLUMNS)}", _REMEDY)
     rows = {number: _parse_row(path, number, line) for number, line in enumerate(lines[1:], 2) if line}
@@ -60,6 +115,67 @@ def read_covariances(path: Path) -> StampedCovariances:
             raise DataError(path, f"the stamp of line {number} is not later than the stamp before", _REMEDY)
     stamps, covariances = zip(*rows.values(), strict=True)
     return StampedCovariances(np.array(stamps, dtype=np.int64), np.array(covariances))
+
+
+def holds_covariances(path: Path) -> bool:
+    """Returns whether a file is TUM with a covariance after each pose."""
+    return path.suffix in (".tum", ".txt") and path.is_file() and _is_wide(read_lines(path, _REMEDY))
+
+
+def _is_wide(lines: Sequence[str]) -> bool:
+    """Returns whether the lines of a file are TUM with a covariance after the pose."""
+    first = next((line for line in lines if line and not line.startswith("#")), "")
+    return "," not in first and len(first.split()) in WIDE
+
+
+def _read_wide(path: Path, lines: Sequence[str]) -> StampedCovariances:
+    """Returns the covariances after the poses of a TUM file."""
+    covariances = []
+    for number, line in enumerate(lines, 1):
+        words = line.split("#", 1)[0].split()
+        if not words:
+            continue
+        try:
+            terms = np.array([float(word) for word in words[8:]])
+            if len(words) not in WIDE or not np.isfinite(terms).all():
+                raise ValueError
+        except ValueError:
+            raise DataError(path, f"line {number} is not a pose with 36, 21 or 12 finite numbers", _REMEDY) from None
+        covariances.append(_check(path, f"line {number}", _flatten(terms)))
+    return StampedCovariances(read_tum(path).stamps_us, np.array(covariances), of_first_pose=False)
+
+
+def _flatten(terms: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the covariance (3, 3) of x, y and yaw among 36, 21 or 12 terms."""
+    if len(terms) == 36:
+        return terms.reshape(6, 6)[_PLANAR]
+    whole = np.zeros((6, 6))
+    if len(terms) == 21:
+        whole[np.triu_indices(6)] = terms
+    else:
+        rows, columns = np.triu_indices(3)
+        whole[rows + 3, columns + 3], whole[rows, columns] = terms[:6], terms[6:]
+    return (whole + np.triu(whole, 1).T)[_PLANAR]
+
+
+def _read_bag(path: Path) -> StampedCovariances:
+    """Returns the covariances of the only topic of poses with covariance in a bag, or else of the only odometry."""
+    with bags.open_bag(path) as reader:
+        for kind in (bags.POSE_WITH_COVARIANCE_TYPE, bags.ODOMETRY_TYPE):
+            topics = {c.topic for c in reader.connections if c.msgcount and c.msgtype == kind}
+            if len(topics) > 1:
+                raise DataError(path, f"has {len(topics)} topics of {kind}: {', '.join(sorted(topics))}", _REMEDY)
+            if topics:
+                break
+        else:
+            raise DataError(path, f"has no poses with covariances (topics: {bags.list_topics(reader)})", _REMEDY)
+        clock, rows = bags.Clock(), dict[int, NDArray[np.float64]]()
+        for connection, logged, raw in reader.messages([c for c in reader.connections if c.topic in topics]):
+            message: Any = reader.deserialize(raw, connection.msgtype)
+            stamp = clock.stamp(connection.topic, message, logged)
+            rows[stamp] = _check(path, f"the pose at {stamp} us", np.asarray(message.pose.covariance).reshape(6, 6)[_PLANAR])
+    stamps = sorted(rows)
+    return StampedCovariances(np.array(stamps, dtype=np.int64), np.array([rows[k] for k in stamps]), of_first_pose=False)
 
 
 def _parse_row(path: Path, number: int, line: str) -> tuple[int, NDArray[np.float64]]:
@@ -73,12 +189,20 @@ def _parse_row(path: Path, number: int, line: str) -> tuple[int, NDArray[np.floa
         raise DataError(path, f"line {number} is not a stamp [us] and six finite numbers", _REMEDY)
     covariance = np.zeros((3, 3))
     covariance[np.triu_indices(3)] = terms
-    covariance += np.triu(covariance, 1).T
+    return stamp, _check(path, f"line {number}", covariance + np.triu(covariance, 1).T)
+
+
+def _check(path: Path, place: str, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns a symmetric matrix (3, 3).
+
+    Raises:
+        DataError: it is no covariance; the error names the place in the file.
+    """
     if not np.all(covariance.diagonal() > 0.0):
-        raise DataError(path, f"line {number} has a variance that is not positive", _REMEDY)
+        raise DataError(path, f"{place} has a variance that is not positive", _REMEDY)
     if not _is_covariance(covariance):
-        raise DataError(path, f"the terms of line {number} do not form a covariance", _REMEDY)
-    return stamp, covariance
+        raise DataError(path, f"the terms of {place} do not form a covariance", _REMEDY)
+    return covariance
 
 
 def _is_covariance(matrix: NDArray[np.float64]) -> bool:

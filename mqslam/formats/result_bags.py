@@ -1,4 +1,7 @@
-"""Writes the results of a run as a ROS bag: /tf and /path of the radar or the vehicle, and the map as /map and /points."""
+"""Writes the results of a run as a ROS bag: /tf, /path and /pose of the radar or vehicle, and the map as /map and /points.
+
+/pose holds each pose with its covariance, where the run knows it.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,18 @@ import numpy as np
 from mqslam.core.sensors import VEHICLE
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, untrusted
-from mqslam.formats.bags import PATH_TYPE, POSE_TYPE, RADAR_FRAME, TF_TYPE, VEHICLE_FRAME, Bag, write_bag
+from mqslam.formats.bags import (
+    PATH_TYPE,
+    POSE_TYPE,
+    POSE_WITH_COVARIANCE_TYPE,
+    RADAR_FRAME,
+    RESULT_TOPICS,
+    TF_TYPE,
+    VEHICLE_FRAME,
+    Bag,
+    write_bag,
+)
+from mqslam.formats.covariances import list_known, read_covariances, spread
 from mqslam.formats.maps.nav2_map import read_nav2_map
 from mqslam.formats.ply import read_ply
 from mqslam.formats.tum import read_tum
@@ -49,9 +63,15 @@ def write_results(out: Path, run: Path, kind: str) -> None:
         for topic, message_type, message in (
             ("/map", _GRID_TYPE, _make_grid(bag, run, first)),
             ("/points", _CLOUD_TYPE, _make_cloud(bag, run / "map.ply", first)),
-            ("/path", PATH_TYPE, _make_path(bag, trajectory)),
+            (RESULT_TOPICS[0], PATH_TYPE, _make_path(bag, trajectory)),
         ):
             bag.write(bag.topic(topic, message_type, latched=True), first, message)
+        if (run / "covariances.csv").is_file():
+            poses = bag.topic(RESULT_TOPICS[1], POSE_WITH_COVARIANCE_TYPE)
+            for (stamp, *pose), covariance in list_known(trajectory, read_covariances(run / "covariances.csv")):
+                known = bag.make("geometry_msgs/msg/PoseWithCovariance", bag.pose(np.array(pose)), spread(covariance))
+                message = bag.make(POSE_WITH_COVARIANCE_TYPE, bag.header(stamp, WORLD_FRAME), known)
+                bag.write(poses, stamp, message)
         transforms = bag.topic("/tf", TF_TYPE)
         for stamp, pose in zip(trajectory.stamps_us.tolist(), trajectory.poses, strict=True):
             bag.write(transforms, stamp, bag.transform(stamp, (WORLD_FRAME, moved), pose))

@@ -28,7 +28,7 @@ from mqslam.formats.tables import (
 )
 from mqslam.formats.text import read_lines
 from mqslam.formats.transforms import Transforms, holds_transforms, is_static
-from mqslam.formats.tum import read_tum
+from mqslam.formats.tum import WIDE, read_tum
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -51,7 +51,7 @@ _AT_ONCE_US = 10_000  # messages recorded within so short a time were written af
 def read_trajectory(path: Path, times: Path | None = None, topic: str | None = None, frame: str | None = None) -> Trajectory:
     """Reads a trajectory. Its format is recognised by its content, the unit of its stamps by their name or size.
 
-    - TUM: `t[s] x y z qx qy qz qw` per line.
+    - TUM: `t[s] x y z qx qy qz qw` per line, which may go on with the pose's covariance.
     - KITTI: the 12 numbers of a 3x4 pose matrix per line, stamps in `times`. If y varies less than z and the motion runs
       along the poses' own z, they are poses of a camera (x right, y down, z forward): its z and -x become x and y. All
       other poses lie in the x-y plane.
@@ -179,6 +179,8 @@ def _read_bag(path: Path, topic: str | None, frame: str | None) -> tuple[Traject
             problem = f"has no transforms on {topic}" if topic else "has no transforms"
             raise DataError(path, f"{problem} (topics: {bags.list_topics(reader)})", "leave the frame out")
         chosen = [name for name in poses if topic in (None, name)]
+        if tuple(chosen) == bags.RESULT_TOPICS:  # the same poses twice
+            chosen = chosen[:1]
         if len(chosen) != 1:
             problem = f"has no poses on {topic}" if topic else f"has {len(chosen)} topics of poses"
             there = [*poses, *moving]
@@ -239,7 +241,7 @@ def _read_file(path: Path, times: Path | None) -> Trajectory:
         return _read_table(path, rows)
     if columns == _NUMBERS + 1:
         return _read_stamped_matrices(path, lines)
-    if columns == 8:
+    if columns in (8, *WIDE):
         return read_tum(path)
     raise DataError(path, f"is no trajectory in a known format ({columns} words in its first line)", _KNOWN)
 

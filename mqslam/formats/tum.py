@@ -13,6 +13,8 @@ from mqslam.formats.poses import make_trajectory, read_yaw, round_yaw
 from mqslam.formats.stamps import guess_unit, parse_stamps
 from mqslam.formats.text import read_lines
 
+WIDE = (8 + 36, 8 + 21, 8 + 12)
+"""Numbers in a line that holds a pose and its covariance: the whole one, its upper triangle, or those of its two blocks."""
 _REMEDY = "give a TUM trajectory"
 
 
@@ -21,19 +23,24 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
 
     A file that is read and written again stays the same text: the yaw is rounded, and the quaternion has digits to spare.
     """
-    lines = []
-    for stamp, (x, y, yaw) in zip(trajectory.stamps_us.tolist(), trajectory.poses.tolist(), strict=True):
-        half = round_yaw(yaw) / 2
-        seconds = f"{stamp // 1_000_000}.{stamp % 1_000_000:06d}"
-        lines.append(f"{seconds} {x:.6f} {y:.6f} 0 0 0 {np.sin(half):.12f} {np.cos(half):.12f}\n")
-    write_text(path, "".join(lines))
+    rows = zip(trajectory.stamps_us.tolist(), *trajectory.poses.T.tolist(), strict=True)
+    write_text(path, "".join(f"{format_tum(row)}\n" for row in rows))
+
+
+def format_tum(row: tuple[int, float, float, float]) -> str:
+    """Returns the line of a pose: its stamp [us], x, y [m] and yaw [rad]."""
+    stamp, x, y, yaw = row
+    half = round_yaw(yaw) / 2
+    seconds = f"{stamp // 1_000_000}.{stamp % 1_000_000:06d}"
+    return f"{seconds} {x:.6f} {y:.6f} 0 0 0 {np.sin(half):.12f} {np.cos(half):.12f}"
 
 
 @untrusted.reads_file
 def read_tum(path: Path) -> Trajectory:
     """Reads a TUM file: `t[s] x y z qx qy qz qw`, `#` starts a comment; z, roll and pitch are dropped.
 
-    Stamps above 1e11 are taken as milliseconds, above 1e14 as microseconds, above 1e17 as nanoseconds.
+    A covariance after the pose (36, 21 or 12 more numbers) is skipped: `mqslam.formats.covariances` reads it. Stamps above
+    1e11 are taken as milliseconds, above 1e14 as microseconds, above 1e17 as nanoseconds.
 
     Raises:
         DataError: the file cannot be read, has a line that is not eight numbers or a quaternion of zeros, or its stamps do
@@ -47,12 +54,12 @@ def read_tum(path: Path) -> Trajectory:
             continue
         try:
             values = [float(word) for word in words]
-            if len(values) != 8 or not np.isfinite(values).all():
+            if len(values) not in (8, *WIDE) or not np.isfinite(values).all():
                 raise ValueError
         except ValueError:
             raise DataError(path, f"line {number} is not 't x y z qx qy qz qw'", _REMEDY) from None
         times.append(words[0])
-        poses.append((values[1], values[2], read_yaw(path, f"line {number}", values[4:])))
+        poses.append((values[1], values[2], read_yaw(path, f"line {number}", values[4:8])))
     try:
         unit = guess_unit(max((abs(float(time)) for time in times), default=0.0))
         stamps = parse_stamps(times, unit) if unit != "s" else np.array([_parse_stamp(t) for t in times], dtype=np.int64)

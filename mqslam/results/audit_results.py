@@ -25,6 +25,7 @@ from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
 from mqslam.core.statistics import find_smallest
 from mqslam.core.wording import count_of
 from mqslam.execution.files import write_json, write_text
+from mqslam.results.audit_gate import write_gate
 from mqslam.results.files import format_csv, format_log, format_numbers, list_notes, list_verdict
 from mqslam.version import __version__
 
@@ -392,4 +393,5 @@ def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> Non
     title = f"mqslam {summary['mqslam_version']}: audit of {dataset['path']} ({dataset['format']}){under}"
     lines = [*list_notes(summary, summary.get("notes", ())), *list_verdict(summary)]
     write_text(folder / "run.log", format_log(title, lines))
+    write_gate(folder, summary)
     write_json(folder / "audit.json", summary)

@@ -14,7 +14,16 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import read_tum, write_tum
 
-TABLES = {"audit.csv", "steps.csv", "spans.csv", "revisits.csv", "bad_places.csv", "bad_places.geojson"}
+TABLES = {
+    "audit.md",
+    "junit.xml",
+    "audit.csv",
+    "steps.csv",
+    "spans.csv",
+    "revisits.csv",
+    "bad_places.csv",
+    "bad_places.geojson",
+}
 FILES = {"audit.json", "heatmap.png", "report.html", "config.yaml", "run.log", *TABLES}
 
 
@@ -136,3 +145,19 @@ def test_a_trajectory_of_another_clock_takes_an_offset(finished: Path, tmp_path:
     assert shifted["per_window"] == right["per_window"]
     result = mqslam(*words, "--out", tmp_path / "d", "--time-offset", "1e15")
     assert result.code == 2 and "beyond any clock" in result.err
+
+
+def test_a_baseline_fails_what_got_worse(street: Path, tracks: Path, quick: Path, tmp_path: Path) -> None:
+    words = ("--trajectory", tracks / "bent.tum", "--config", quick)
+    before = audited(street, tmp_path / "before", *words)
+    assert before["baseline"] is None and before["verdict"]["status"] == "fail"
+    same = audited(street, tmp_path / "same", *words, "--baseline", tmp_path / "before")
+    assert same["baseline"] == {"path": str(tmp_path / "before"), "worse": []}
+    bad = next(name for name, test in before["tests"].items() if test["status"] == "fail")
+    before["tests"][bad]["status"] = "pass"
+    (tmp_path / "before" / "audit.json").write_text(json.dumps(before))
+    shown = mqslam("audit", street, "--out", tmp_path / "after", *words, "--baseline", tmp_path / "before")
+    assert shown.code == 1 and f"worse than {tmp_path / 'before'}: {bad} is fail and was pass" in shown.out
+    assert f"- {bad} is fail and was pass" in (tmp_path / "after" / "audit.md").read_text()
+    shown = mqslam("audit", street, "--out", tmp_path / "none", *words, "--baseline", tracks)
+    assert shown.code == 2 and "holds no result" in shown.err and not (tmp_path / "none").exists()

@@ -17,7 +17,9 @@ from support.conversions import EVEN, STAMPED
 from support.layouts import assert_alike, left_turn, write_radiate
 from support.recordings import START_US, TURN_US, assert_same
 
+from mqslam.formats.covariances import read_covariances
 from mqslam.formats.recordings import list_targets, open_recording
+from mqslam.formats.trajectories import read_trajectory
 from mqslam.formats.tum import read_tum
 
 FOLDERS = ("oxford", "boreas", "mulran", "mulran_oxford", "radiate", "rosbag2", "rosbag2_mcap")
@@ -162,6 +164,14 @@ def test_results_of_a_run_come_back_from_a_bag(finished: Path, tmp_path: Path, w
         np.testing.assert_allclose([(p.x, p.y) for p, _ in places], trajectory.poses[:, :2], rtol=0.0, atol=1e-9)
         yaws = np.array([2.0 * np.arctan2(q.z, q.w) for _, q in places])
         np.testing.assert_allclose(np.exp(1j * yaws), np.exp(1j * trajectory.poses[:, 2]), rtol=0.0, atol=1e-9)
+    given = read_covariances(finished / "covariances.csv")
+    assert [stamp for stamp, _ in messages["/pose"]] == (1000 * given.stamps_us).tolist()
+    for (_, message), covariance, pose in zip(messages["/pose"], given.covariances, poses, strict=True):
+        assert (message.pose.pose.position, message.pose.pose.orientation) == pose
+        terms = np.asarray(message.pose.covariance).reshape(6, 6)
+        np.testing.assert_allclose(terms[np.ix_([0, 1, 5], [0, 1, 5])], covariance, rtol=1e-9)
+        assert not terms[2:5].any() and not terms[:, 2:5].any()
+    np.testing.assert_array_equal(read_trajectory(out).stamps_us, trajectory.stamps_us)
     ((stamp, grid),) = messages["/map"]
     assert stamp == stamps[0]
     assert_is_nav2_map(grid, finished)

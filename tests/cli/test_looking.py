@@ -12,7 +12,7 @@ from PIL import Image
 from support.commands import mqslam, parse_strict_json
 
 import mqslam as package
-from mqslam.commands.result import CompareResult, JudgedResult, LocaliseResult, MergeResult, Result, RunResult
+from mqslam.commands.result import AuditResult, CompareResult, LocaliseResult, MergeResult, Result, RunResult
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
@@ -58,7 +58,7 @@ def test_a_result_is_short_in_a_console_and_a_table_in_a_notebook(finished: Path
 @pytest.mark.parametrize(
     ("name", "content", "kind"),
     [
-        ("audit.json", {}, JudgedResult),
+        ("audit.json", {}, AuditResult),
         ("batch.json", {"runs": []}, Result),
         ("compare.json", {"rows": [], "best": None}, CompareResult),
         ("summary.json", {"recordings": []}, MergeResult),
@@ -123,7 +123,7 @@ def test_diff_compares_results_of_versions_with_other_settings(finished: Path, o
 def test_diff_refuses_results_of_different_kinds(finished: Path, tmp_path: Path) -> None:
     (tmp_path / "audit.json").write_text('{"warnings": []}')
     shown = mqslam("diff", finished, tmp_path)
-    assert shown.code == 2 and f"is a JudgedResult, and {finished} is a RunResult" in shown.err
+    assert shown.code == 2 and f"is a AuditResult, and {finished} is a RunResult" in shown.err
 
 
 @pytest.mark.parametrize(("suffix", "begin"), [(".pdf", b"%PDF"), (".png", b"\x89PNG"), (".svg", b"<?xml")])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +10,22 @@ import pytest
 from support.reported import swept_walls
 
 import mqslam
+from mqslam.auditing.revisits import Revisit, RevisitAudit, judge_honesty
 from mqslam.auditing.sources import find_relative_covariances
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError
-from mqslam.formats.covariances import StampedCovariances, write_covariances
+from mqslam.formats import bags
+from mqslam.formats.covariances import (
+    StampedCovariances,
+    list_known,
+    read_covariances,
+    spread,
+    write_covariances,
+    write_wide,
+)
+from mqslam.formats.trajectories import read_trajectory
 
 START_US = 1_600_000_000_000_000
 PAIR = (9, 50)
@@ -55,6 +66,59 @@ def test_those_beside_a_runs_own_trajectory_are_found(tmp_path: Path, name: str,
     assert (claims is not None) is found and notes == []
     assert find_relative_covariances(None, tmp_path / "away" / "trajectory.tum", given, 0, sweeps) == (None, [])
     assert find_relative_covariances(None, given, given, 0, sweeps) == (None, [])
+
+
+@pytest.mark.parametrize("form", ["whole", "triangle", "blocks", "bag"])
+def test_covariances_are_read_as_others_write_them(form: str, tmp_path: Path) -> None:
+    sweeps, given = turned_walls()
+    known = read_covariances(written(tmp_path, given.stamps_us, given.poses))
+    expected = find_relative_covariances(tmp_path / "covariances.csv", "any.tum", given, 0, sweeps)[0]
+    path = tmp_path / ("poses.bag" if form == "bag" else "poses.tum")
+    if form == "bag":
+        with bags.write_bag(path, "rosbag1") as bag:
+            topic = bag.topic("/pose", bags.POSE_WITH_COVARIANCE_TYPE)
+            for (stamp, *pose), covariance in list_known(given, known):
+                one = bag.make("geometry_msgs/msg/PoseWithCovariance", bag.pose(np.array(pose)), spread(covariance))
+                bag.write(topic, stamp, bag.make(bags.POSE_WITH_COVARIANCE_TYPE, bag.header(stamp, "map"), one))
+    else:
+        write_wide(path, given, known)
+    if form in ("triangle", "blocks"):
+        lines = []
+        for line in path.read_text().splitlines():
+            words = line.split()
+            whole = np.array(words[8:], dtype=float).reshape(6, 6)
+            parts = [whole] if form == "triangle" else [whole[3:, 3:], whole[:3, :3]]
+            terms = [f"{term:.15g}" for part in parts for term in part[np.triu_indices(len(part))]]
+            lines.append(" ".join([*words[:8], *terms]))
+        path.write_text("\n".join(lines))
+    read, _ = find_relative_covariances(path, "any.tum", given, 0, sweeps)
+    assert read is not None and expected is not None
+    np.testing.assert_allclose(read.relate([PAIR])[0], expected.relate([PAIR])[0], rtol=1e-9, atol=1e-15)
+    if form != "bag":
+        np.testing.assert_allclose(read_trajectory(path).poses, given.poses, atol=1e-6)
+        assert find_relative_covariances(None, path, given, 0, sweeps)[0] is not None
+
+
+@pytest.mark.parametrize("terms", ["1 " * 35 + "x", "1 " * 20, "nan " * 36, "0 " * 36])
+def test_a_wide_line_that_holds_no_covariance_is_refused(terms: str, tmp_path: Path) -> None:
+    right = " ".join(map(str, spread(np.eye(3))))
+    (tmp_path / "poses.tum").write_text(f"1.0 0 0 0 0 0 0 1 {right}\n2.0 0 0 0 0 0 0 1 {terms}\n")
+    with pytest.raises(DataError, match="line 2 "):
+        read_covariances(tmp_path / "poses.tum")
+
+
+@pytest.mark.parametrize(("scale", "said"), [(0.05, "are too small: errors are"), (1.0, "are honest"), (30.0, "are larger")])
+def test_revisits_say_whether_stated_covariances_are_honest(scale: float, said: str) -> None:
+    stated = np.diag([0.04, 0.04, 1e-4])
+    revisits = []
+    for offset in np.random.default_rng(3).multivariate_normal(np.zeros(3), stated, size=40):
+        inflation = float(offset @ np.linalg.solve(scale * stated, offset))
+        one = Revisit(0, 9, offset, scale * stated, 0.0, inflation, 1.0, 0.1, 0.1, True)
+        revisits.append(RevisitAudit(one, torn=False, stated_covariance=scale * stated))
+    honesty = judge_honesty(revisits)
+    assert honesty is not None and said in honesty.statement and honesty.revisits == 40
+    assert honesty.least < 1.0 < honesty.most and honesty.nees * scale == pytest.approx(1.0, abs=0.3)
+    assert judge_honesty([replace(one, stated_covariance=None) for one in revisits]) is None
 
 
 def test_an_offset_of_the_trajectory_moves_the_covariances_too(tmp_path: Path) -> None:

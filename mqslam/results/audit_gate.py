@@ -1,0 +1,87 @@
+"""An audit as a gate of a team's builds: what got worse than in an earlier audit, as Markdown and as JUnit's XML."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from mqslam.auditing.verdict import GRAVEST_FIRST, VerdictStatus
+from mqslam.errors import show
+from mqslam.execution.files import write_bytes, write_text
+
+_GRAVEST_FIRST = [status.value for status in GRAVEST_FIRST]
+
+
+def list_worse(summary: Mapping[str, Any], baseline: Mapping[str, Any]) -> list[str]:
+    """Returns a sentence for each test, and for the verdict, that is worse than in an earlier audit.
+
+    Args:
+        summary: content of audit.json.
+        baseline: content of the audit.json of the earlier audit.
+    """
+    now, before = ({"verdict": one["verdict"], **one["tests"]} for one in (summary, baseline))
+    worse = []
+    for name in now.keys() & before.keys():
+        status, old = now[name]["status"], before[name]["status"]
+        if _GRAVEST_FIRST.index(status) < _GRAVEST_FIRST.index(old):
+            worse.append((list(now).index(name), f"{name} is {status} and was {old}"))
+    return [sentence for _, sentence in sorted(worse)]
+
+
+def write_gate(folder: Path, summary: Mapping[str, Any]) -> None:
+    """Writes audit.md and junit.xml, the forms of an audit that build servers show.
+
+    Args:
+        folder: the folder of the audit's results.
+        summary: content of audit.json.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    write_text(folder / "audit.md", format_markdown(summary))
+    write_bytes(folder / "junit.xml", format_junit(summary))
+
+
+def format_markdown(summary: Mapping[str, Any]) -> str:
+    """Returns an audit as Markdown: the verdict, what got worse, and a table of the tests."""
+    verdict, baseline = summary["verdict"], summary["baseline"]
+    lines = [f"## mqslam audit: {verdict['status']}", "", _plain(verdict["diagnosis"]), ""]
+    if baseline is not None:
+        lines += [f"Compared with `{_plain(baseline['path'])}`: {'' if baseline['worse'] else 'nothing is worse.'}", ""]
+        lines += [*(f"- {sentence}" for sentence in baseline["worse"]), ""]
+    lines += ["| test | status | finding |", "|---|---|---|"]
+    for name, test in summary["tests"].items():
+        lines.append(f"| {name} | {test['status']} | {_plain('; '.join(test['reasons']))} |")
+    return "\n".join(lines) + "\n"
+
+
+def _plain(text: str) -> str:
+    """Returns a text in which nothing is Markdown or HTML, since parts of it are written by others."""
+    return "".join(f"\\{c}" if c in "\\`*_[]|<>#" else c for c in show(text))
+
+
+def format_junit(summary: Mapping[str, Any]) -> bytes:
+    """Returns an audit as JUnit's XML: a test fails if its status is fail, or worse than in the earlier audit."""
+    baseline = summary["baseline"]
+    worse = {} if baseline is None else {sentence.split(" is ")[0]: sentence for sentence in baseline["worse"]}
+    cases = []
+    for name, test in {**summary["tests"], "verdict": summary["verdict"]}.items():
+        case = ElementTree.Element("testcase", classname="mqslam.audit", name=name)
+        text = show("; ".join([*([worse[name]] if name in worse else []), *test["reasons"]]))
+        if test["status"] == VerdictStatus.FAIL or name in worse:
+            ElementTree.SubElement(case, "failure", message=text)
+        elif test["status"] == VerdictStatus.NOT_JUDGED:
+            ElementTree.SubElement(case, "skipped", message=text)
+        else:
+            ElementTree.SubElement(case, "system-out").text = text
+        cases.append(case)
+    counts = {kind: str(sum(case.find(tag) is not None for case in cases)) for kind, tag in _COUNTED.items()}
+    suite = ElementTree.Element("testsuite", {"name": "mqslam audit", "tests": str(len(cases)), **counts})
+    suite.extend(cases)
+    ElementTree.indent(suite)
+    return bytes(ElementTree.tostring(suite, encoding="utf-8", xml_declaration=True)) + b"\n"
+
+
+_COUNTED = {"failures": "failure", "skipped": "skipped"}
