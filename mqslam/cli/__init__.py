@@ -18,6 +18,7 @@ from mqslam.cli.info import info
 from mqslam.cli.localise import localise
 from mqslam.cli.merge import merge
 from mqslam.cli.optimise import optimise
+from mqslam.cli.options import Command, Group
 from mqslam.cli.paper import paper
 from mqslam.cli.plot import plot
 from mqslam.cli.remedies import name_options
@@ -35,14 +36,23 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",  # joins the lines of a paragraph
     context_settings={"help_option_names": ["-h", "--help"]},
+    cls=Group,
+    epilog="Exit codes: 0 done; 1 check found something suspicious, the verdict of run or audit is as bad as --fail-on or "
+    "worse, an audit is worse than its --baseline, or a run of batch failed; 2 a mistake in the command or its input, "
+    "described in one line; 3 the map that run or audit should judge with --fail-on could not be judged; 129, 130 and 143 "
+    "interrupted.",
 )
-for command in (
-    *(run, show_result, view, plot, diff, compare, batch, merge, audit, localise),
-    *(info, check, convert, simulate, score, optimise),
-):
-    app.command()(command)
-app.add_typer(config, name="config")
-app.add_typer(paper, name="paper")
+_EVERYDAY, _MAPS, _DATA, _RESEARCH = "Everyday", "Maps", "Data and settings", "Research"
+for panel, commands in {
+    _EVERYDAY: (run, info, show_result, view, plot, audit, compare, batch),
+    _MAPS: (localise, merge, diff),
+    _DATA: (check, convert, simulate),
+    _RESEARCH: (score, optimise),
+}.items():
+    for command in commands:
+        app.command(cls=Command, rich_help_panel=panel)(command)
+app.add_typer(config, name="config", rich_help_panel=_DATA)
+app.add_typer(paper, name="paper", rich_help_panel=_RESEARCH)
 
 
 def _print_version(asked: bool) -> None:
@@ -57,10 +67,6 @@ def _top(
     version: bool = typer.Option(False, "--version", callback=_print_version, is_eager=True, help="Print the version."),
 ) -> None:
     """Offline radar SLAM in which the measurement is map quality.
-
-    Exit codes: 0 done; 1 check found something suspicious, the verdict of run or audit is as bad as --fail-on or worse, or a
-    run of batch failed; 2 a mistake in the command or its input, described in one line; 3 the map that run or audit should
-    judge with --fail-on could not be judged; 129, 130 and 143 interrupted.
 
     Example: mqslam run drive --out result
     """

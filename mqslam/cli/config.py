@@ -6,10 +6,10 @@ import json
 
 import typer
 
-from mqslam.cli.options import Options, argument, command, complete_config, flag
+from mqslam.cli.options import Command, Group, Options, argument, command, complete_config, flag
 from mqslam.cli.terminal import Terminal, echo
 
-config = typer.Typer(help="Show the settings, what a file changes, and their schema.", no_args_is_help=True)
+config = typer.Typer(cls=Group, help="Show the settings, what a file changes, and their schema.", no_args_is_help=True)
 
 
 _SHOW: Options = {
@@ -26,7 +26,7 @@ _DIFF: Options = {
 }
 
 
-@config.command()
+@config.command(cls=Command)
 @command("name everything as_json", _SHOW)
 def show(terminal: Terminal, *, name: str | None, everything: bool) -> None:
     """Show the settings of a file, or the defaults, as YAML that --config reads, each with its unit and reason.
@@ -44,7 +44,7 @@ def show(terminal: Terminal, *, name: str | None, everything: bool) -> None:
         echo(explain_yaml(settings, everything=everything), end="")
 
 
-@config.command()
+@config.command(cls=Command)
 @command("name other as_json", _DIFF)
 def diff(terminal: Terminal, *, name: str, other: str | None) -> None:
     """Show which settings a file changes.
@@ -61,7 +61,7 @@ def diff(terminal: Terminal, *, name: str, other: str | None) -> None:
         typer.echo(f"{key}: {json.dumps(before)} -> {json.dumps(after)}")
 
 
-@config.command()
+@config.command(cls=Command)
 def schema() -> None:
     """Print the JSON schema of the settings, which editors use to complete and check a YAML file.
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from mqslam.cli.terminal import Terminal
 from mqslam.errors import show_lines
@@ -23,7 +24,33 @@ if TYPE_CHECKING:
 Options = Mapping[str, tuple[Any, Any]]
 """Type and declaration of each option, by the name of the function argument that it becomes."""
 
+_PANELS: Final = {
+    "Settings": "config changes",
+    "Recording and sensors": "odometry imu gnss extrinsics frame format range_resolution topic start_s end_s strict",
+    "Work and output": "jobs cluster resume force as_json quiet verbose",
+}
+"""Headings in the help, under which options that several commands have are listed."""
 _TOPICS: Final = {"radar": "radar_topic", "odometry": "odometry_topic", "truth": "truth_topic"}
+
+
+class _FlagsWithoutType:
+    """A command whose help shows no type for an option that only switches something on."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Returns the parameters of the command."""
+        listed: list[Any] = super().get_params(ctx)  # type: ignore[misc]
+        for parameter in listed:
+            if getattr(parameter, "is_flag", False):
+                parameter.metavar = ""
+        return listed
+
+
+class Command(_FlagsWithoutType, TyperCommand):
+    """A command of the command line."""
+
+
+class Group(_FlagsWithoutType, TyperGroup):
+    """A command with commands of its own."""
 
 
 def argument(kind: Any, default: Any, metavar: str, help: str, **more: Any) -> tuple[Any, Any]:
@@ -301,3 +328,6 @@ OPTIONS: Final[Options] = {
     ),
 }
 """The options that several commands have."""
+for _panel, _names in _PANELS.items():
+    for _name in _names.split():
+        OPTIONS[_name][1].rich_help_panel = _panel

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import typer
 
-from mqslam.cli.options import Options, command, option
+from mqslam.cli.options import Command, Group, Options, command, option
 from mqslam.cli.terminal import Terminal, echo, format_rows
 
-paper = typer.Typer()
+paper = typer.Typer(cls=Group)
 _TABLE: Options = {
     "seeds": option(int, 3, "Number of seeds; each makes another yard and other noise.", min=1),
     "revolutions": option(int, 4, "Length of a window, in scans.", min=2),
@@ -39,7 +39,7 @@ def table(terminal: Terminal, *, context: typer.Context, seeds: int, revolutions
         _print_table(terminal, seeds, revolutions)
 
 
-@paper.command()
+@paper.command(cls=Command)
 @command("seeds revolutions jobs as_json quiet verbose", _TABLE)
 def table1(terminal: Terminal, *, seeds: int, revolutions: int) -> None:
     """Print the same as `mqslam paper` without a command.
@@ -65,7 +65,7 @@ def _print_table(terminal: Terminal, seeds: int, revolutions: int) -> None:
     terminal.print_results(tree, show_tables)
 
 
-@paper.command()
+@paper.command(cls=Command)
 @command("out seed force as_json quiet verbose", _FIGURES)
 def figures(terminal: Terminal, *, out: Path, seed: int, force: bool) -> None:
     """Reproduce figures 2 and 3: a window under a bad, a better and a good motion, and the three cases before and after.

@@ -96,3 +96,35 @@ def test_no_command_shows_the_help() -> None:
 def test_an_unknown_command_is_refused() -> None:
     shown = mqslam("rnu")
     assert shown.code == 2 and "rnu" in shown.err
+
+
+def test_commands_are_in_groups_and_exit_codes_come_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    shown = mqslam("--help").out
+    heads = [line.split(" ")[1] for line in shown.splitlines() if line.startswith("╭─ ")]
+    assert heads == ["Options", "Everyday", "Maps", "Data", "Research"]
+    assert shown.rstrip().splitlines()[-1].strip().endswith("interrupted.")
+    assert shown.index("Exit codes: 0 done") > shown.rindex("╰")
+
+
+@pytest.mark.parametrize("words", [(), ("run",), ("paper",), ("paper", "figures"), ("config", "show")], ids=" ".join)
+def test_flags_show_no_type(words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    shown = mqslam(*words, "--help").out
+    assert "--help" in shown and "<bool>" not in shown
+
+
+def test_options_are_in_groups(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    shown = mqslam("run", "--help").out
+    order = [
+        "─ Options ",
+        "--frontend ",
+        "─ Settings ",
+        "--set ",
+        "─ Recording and sensors ",
+        "--gnss ",
+        "─ Work and output ",
+    ]
+    places = [shown.index(word) for word in [*order, "--jobs "]]
+    assert places == sorted(places)
