@@ -77,4 +77,4 @@ bench: $(READY)
 	$(BIN)/python tests/bench/run.py
 
 clean:
-	rm -rf $(VENV) build dist demo .mypy_cache .ruff_cache .pytest_cache *.egg-info
+	rm -rf $(VENV) .editable build dist demo .mypy_cache .ruff_cache .pytest_cache *.egg-info

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -14,7 +15,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PARTS = ("mqslam", "frontends", "factors", "configs")
-SOURCES = ("pyproject.toml", "README.md", "LICENSE", *PARTS)
+SOURCES = ("pyproject.toml", "README.md", "LICENSE", ".ci/backend", *PARTS)
 
 
 @pytest.fixture(scope="module")
@@ -82,3 +83,27 @@ def test_image_and_pixi_use_a_python_that_is_supported_and_the_command_that_is_i
     lowest, above = pixi["dependencies"]["python"].split(",")
     assert lowest == project["requires-python"] and above.removeprefix("<") not in supported
     assert pixi["pypi-dependencies"]["mqslam"]["path"] == "."
+
+
+def test_a_clone_in_the_working_directory_does_not_hide_the_package(tmp_path: Path) -> None:
+    (tmp_path / "mqslam" / "docs").mkdir(parents=True)  # a clone holds no __init__.py, and Python takes it for a package
+    program = "import mqslam, mqslam.frontends.psi; print(mqslam.load_config().map.cell_m, mqslam.__file__)"
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("0.2 ") and str(tmp_path) not in done.stdout
+
+
+@pytest.mark.slow
+def test_type_checkers_see_the_installed_package_from_outside(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "import mqslam\nfrom mqslam.frontends.psi import PsiFrontEnd\n\n"
+        'length: str = mqslam.read_result("out").folder\nreveal_type(mqslam.load_config())\nreveal_type(PsiFrontEnd)\n'
+    )
+    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "MYPYPATH")}
+    command = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", str(tmp_path / "cache"), "mine.py"]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    shown = [line for line in done.stdout.splitlines() if line.startswith("mine.py")]
+    assert len(shown) == 3, done.stdout + done.stderr
+    assert 'expression has type "Path", variable has type "str"' in shown[0]
+    assert "mqslam.config.Config" in shown[1] and "mqslam.frontends.psi.PsiFrontEnd" in shown[2]
