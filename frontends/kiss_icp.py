@@ -22,7 +22,7 @@ from mqslam.frontends.scan_matching import FEWEST_MATCHED, Matching, PlacedScan,
 
 _FAR_M = 1e6  # beyond every range that KISS-ICP keeps
 # Share of a scan's returns, and side of the map's voxels [m], with which the front end drifts least on its tuning drives.
-STRONGEST, VOXEL_M = 0.5, 2.0
+STRONGEST, VOXEL_M = 0.7, 1.0
 _REACH = 3.0  # KISS-ICP looks for correspondences within this many of its adaptive thresholds: its definition
 
 

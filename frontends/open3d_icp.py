@@ -21,7 +21,7 @@ from mqslam.frontends.scan_matching import Matching, from_matrix, lift, match_sc
 # Share of a scan's returns, and side of the map's voxels [m], with which the front end drifts least on its tuning drives.
 STRONGEST, VOXEL_M = 0.5, 1.0
 # Longest distance between corresponding points [m], chosen on the same drives.
-_REACH_M = 1.0
+_REACH_M = 0.5
 # Most iterations of one registration.
 _ITERATIONS = 30
 # Squared residual at which generalized ICP gives a pair a quarter of the weight [m^2].

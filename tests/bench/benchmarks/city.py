@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
@@ -20,7 +21,7 @@ from mqslam.core.frontend import Context, measure_motions
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.execution.local_engine import LocalEngine
+from mqslam.execution.local_engine import HERE, LocalEngine
 from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import write_tum
@@ -59,7 +60,10 @@ _COLUMNS = (
 
 def _measure(out: Path) -> list[Row]:
     """Returns a row per front end over all drives, of which psi's are judged, and a row per drive and front end."""
-    rows = [cells for seed in _SEEDS for cells in _measure_drive(seed, out)]
+    data = [simulate("city", "hard", seed, _DRIVE_S) for seed in _SEEDS]
+    with LocalEngine(os.cpu_count() or 1) as engine:
+        drives = engine.map(_measure_drive, out, list(zip(_SEEDS, data, strict=True)))
+    rows = [cells for drive in drives for cells in drive]
     names = dict.fromkeys(str(cells["front_end"]) for cells in rows)
     summary = [_summarise(name, [cells for cells in rows if cells["front_end"] == name]) for name in names]
     for of_run in (summary, *([cells for cells in rows if cells["run"] == f"seed {seed}"] for seed in _SEEDS)):
@@ -68,16 +72,15 @@ def _measure(out: Path) -> list[Row]:
     return [*judged, *(Row(cells, judged=False) for cells in rows)]  # chance decides much of a single drive
 
 
-def _measure_drive(seed: int, out: Path) -> list[dict[str, Cell]]:
-    """Returns the cells of every front end on a drive."""
-    data = simulate("city", "hard", seed, _DRIVE_S)
+def _measure_drive(out: Path, drive: tuple[int, Path]) -> list[dict[str, Cell]]:
+    """Returns the cells of every front end on a drive, which its seed and its folder name."""
+    seed, data = drive
     truth = data / TRUTH
-    with LocalEngine(1) as engine:
-        runner = Runner(engine)
-        scans, context = prepare(open_recording(data), Config(), runner)
-        rows: list[dict[str, Cell]] = [_solve(scans, context, truth, out / f"{seed}-psi", runner)]
-        for name, motions in _measure_others(scans, context):
-            rows.append({"front_end": name} | _judge(motions, scans, truth, out / f"{seed}-{name}"))
+    runner = Runner(HERE)
+    scans, context = prepare(open_recording(data), Config(), runner)
+    rows: list[dict[str, Cell]] = [_solve(scans, context, truth, out / f"{seed}-psi", runner)]
+    for name, motions in _measure_others(scans, context):
+        rows.append({"front_end": name} | _judge(motions, scans, truth, out / f"{seed}-{name}"))
     return [{"run": f"seed {seed}", **cells} for cells in rows]
 
 
