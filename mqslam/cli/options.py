@@ -214,7 +214,7 @@ OPTIONS: Final[Options] = {
     "frontend": option(
         str,
         "psi",
-        "Front end: psi, kiss_icp, open3d_icp, odometry, one that you have installed, or a Python file that defines one.",
+        "Front end: psi, kiss_icp, open3d_icp, small_gicp, odometry, another that is installed, or a Python file with one.",
         autocompletion=_complete("mqslam.core.frontend", lambda module: module.list_front_ends()),
     ),
     "config": option(

@@ -17,6 +17,7 @@ from mqslam.comparison.comparison import Comparison
 from mqslam.comparison.judgement import JudgedRow
 from mqslam.comparison.rows import Row
 from mqslam.config import dump_yaml
+from mqslam.core.measurement import Status
 from mqslam.core.recording import Recording
 from mqslam.errors import show
 from mqslam.execution.files import write_json, write_text
@@ -24,6 +25,7 @@ from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import write_tum
 from mqslam.results.files import format_csv
 from mqslam.results.run_results import format_measurements, write_marginals
+from mqslam.results.run_verdict import warn_of_lost
 from mqslam.version import __version__
 
 
@@ -58,6 +60,7 @@ _COLUMNS: Final = (
     _Column("psi_across_passes", "psi across passes", "{:.4f}", "↓"),
     _Column("psi_over_best", "psi over its best", "{:.2f}", "↓"),
     _Column("matched", "matched", "{:.1%}", "↑"),
+    _Column("lost", "lost", "{:.1%}", "↓"),
     _Column("verdict", "verdict", "{}"),
     _Column("inflation", "inflation", "{:.3g}", "↓"),
     _Column("windows_torn", "windows torn", "{:.1%}", "↓"),
@@ -84,7 +87,10 @@ def summarise(comparison: Comparison) -> dict[str, Any]:
         },
         "doppler_beta": comparison.doppler_beta,
         "threshold": TORN_INFLATION,
-        "warnings": list(comparison.warnings),
+        "warnings": [
+            *comparison.warnings,
+            *(f"{row.name}: {line}" for row in comparison.rows for line in warn_of_lost(row.measurements)),
+        ],
         "best": best and {"rows": list(best.rows), "decided_by": best.decided_by, "sentence": best.sentence},
         "rows": [_list_row(row, judged.get(row.name), across.get(row.name), len(recording)) for row in comparison.rows],
         "agreement": [
@@ -115,6 +121,7 @@ def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: i
         "odometry_drift_deg_per_100m": before and before.drift_deg_per_100m,
         "odometry_ate_rmse_m": before and before.ate_rmse_m,
         "nees_per_degree": judged.nees,
+        "lost": np.mean([m.status is Status.LOST for m in row.measurements]).item() if row.measurements else None,
         "verdict": judged.audit.verdict.status,
         "reasons": "; ".join(judged.audit.verdict.reasons),
         "psi_across_passes": across,

@@ -80,9 +80,10 @@ def list_warnings(run: Run, recording: Recording) -> list[str]:
     """Returns the warnings about a run that a reader of its results should know first."""
     warnings = [*recording.faults, *warn_of_unread(run.unread), *run.warnings]
     warnings += _warn_of_gaps(recording.gaps(), LONGEST_COAST_S)
-    for status, what in ((Status.LOST, "lost track"), (Status.DEGENERATE, "did not observe every direction")):
-        remark = _SEEN_BY_CHIRPS if status is Status.DEGENERATE and _has_velocities(run, status) else ""
-        warnings += [f"{line}{remark}" for line in _warn_of_stretches(what, find_stretches(run.measurements, status))]
+    warnings += warn_of_lost(run.measurements)
+    remark = _SEEN_BY_CHIRPS if _has_velocities(run, Status.DEGENERATE) else ""
+    unobserved = find_stretches(run.measurements, Status.DEGENERATE)
+    warnings += [f"{line}{remark}" for line in _warn_of_stretches("did not observe every direction", unobserved)]
     if run.refined.refused:
         warnings.append("the refinement made psi between passes larger: the poses from before the refinement are kept")
     stops = find_stops(run, recording)
@@ -91,6 +92,11 @@ def list_warnings(run: Run, recording: Recording) -> list[str]:
         for begin, end in stops
     ]
     return warnings
+
+
+def warn_of_lost(measurements: Sequence[Measurement]) -> list[str]:
+    """Returns a warning for each stretch, or for several stretches near each other, in which a front end lost track."""
+    return _warn_of_stretches("lost track", find_stretches(measurements, Status.LOST))
 
 
 def find_stops(run: Run, recording: Recording) -> list[tuple[float, float]]:
