@@ -75,10 +75,10 @@ class KeyframeMatcher:
         pose = predicted
         for distance in (first_reach, reach):
             pose = self._registration.register(source, target, distance, pose)
-        matched = surface.count_matched(scan, pose, reach)
-        if matched < FEWEST_MATCHED:
+        if surface.count_matched(scan, pose, reach) < FEWEST_MATCHED:
             return None
-        return PlacedScan(pose, partial(surface.compute_covariance, scan, pose, reach, reach**2), matched / len(scan))
+        near = surface.count_matched(scan, pose, self._settings.voxel_size_m) / len(scan)
+        return PlacedScan(pose, partial(surface.compute_covariance, scan, pose, reach, reach**2), near)
 
     def _join(self, placed: NDArray[np.float64], pose: se2.Array) -> None:
         """Adds a scan to the map if it is far from the last keyframe, or rotated relative to it."""

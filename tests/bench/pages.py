@@ -167,7 +167,7 @@ def _list_missed(result: Result, where: Mapping[str, str]) -> list[str]:
     benchmark = BENCHMARKS.get(result.name)
     missed = benchmark.find_missed(result.name, result.choose(where), is_whole=not where) if benchmark else []
     return (
-        ["Bounds that were set before measuring and are missed:", "\n".join(f"- {line}." for line in missed)]
+        ["Bounds that were set before measuring and are missed:", "\n".join(f"- {line}." for line in dict.fromkeys(missed))]
         if missed
         else []
     )

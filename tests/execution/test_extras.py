@@ -19,7 +19,14 @@ from mqslam.execution import extras
 from mqslam.execution.extras import describe_missing
 from mqslam.formats.clouds import read_cloud
 
-EXTRAS = {"open3d": "open3d", "small_gicp": "small_gicp", "pcd": "clouds", "las": "clouds", "view": "view", "cluster": "cluster"}
+EXTRAS = {
+    "open3d": "open3d",
+    "small_gicp": "small_gicp",
+    "pcd": "clouds",
+    "las": "clouds",
+    "view": "view",
+    "cluster": "cluster",
+}
 
 
 def test_every_library_is_in_an_extra_that_there_is() -> None:
