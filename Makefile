@@ -25,12 +25,12 @@ $(INSTALLED): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mqslam needs Python 3.11 or newer: make PYTHON=python3.11 ...")'
 	@echo "installing mqslam and what it needs in $(VENV): 0.8 GB, a minute or two"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --disable-pip-version-check --editable .
+	$(BIN)/python -m pip install --disable-pip-version-check --editable .
 	touch $(INSTALLED)
 
 $(READY): $(INSTALLED)
 	@echo "installing what the tests need in $(VENV): 2.5 GB more, some minutes"
-	$(BIN)/pip install --disable-pip-version-check --editable '.[test]'
+	$(BIN)/python -m pip install --disable-pip-version-check --editable '.[test]'
 	sh .ci/system-libraries $(BIN)/python
 	touch $(READY)
 
@@ -64,7 +64,7 @@ lint: $(READY) types
 	cd $(TYPED) && $(CURDIR)/$(BIN)/lint-imports --config $(CURDIR)/pyproject.toml
 
 types: $(READY)
-	rm -rf build && $(BIN)/pip install --quiet --disable-pip-version-check --no-deps --target $(TYPED) . && rm -rf mqslam.egg-info
+	rm -rf build && $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --target $(TYPED) . && rm -rf mqslam.egg-info
 	MYPYPATH=$(TYPED):tests $(BIN)/mypy --strict -p mqslam -p worlds.hard -m worlds.statistics -m worlds.writing
 
 docs: $(READY)

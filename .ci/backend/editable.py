@@ -1,6 +1,6 @@
 """The build backend: setuptools, whose editable installs also hold the package as one folder.
 
-The package's parts lie in several folders of the repository, which setuptools joins by an import hook. Python finds that
+The package's parts lie in several folders of the repository, which setuptools joins by an import hook. Python asks that
 hook only after every folder on its path, so that a folder named `mqslam` in the working directory, such as a clone, hides
 the package; and type checkers run no hooks. A folder of links, on Python's path, mends both. A new file or folder directly
 in `mqslam/` needs another install; everything below these is seen at once.

@@ -30,7 +30,7 @@ from mqslam.results.files import format_csv, format_log, format_numbers, list_no
 from mqslam.version import __version__
 
 # entries that audit.json has only once, since they hold for both the given and the mended trajectory
-_OF_BOTH: Final = ("mqslam_version", "dataset", "trajectory", "threshold", "bend_m", "extrinsics", "warnings")
+_OF_BOTH: Final = ("mqslam_version", "dataset", "trajectory", "threshold", "bend_m", "extrinsics", "warnings", "baseline")
 _POSE, _OFFSET = ("x", "y", "yaw"), ("dx", "dy", "dyaw")  # metres, metres, radians
 _SIGMAS, _STATED = ("sigma_x", "sigma_y", "sigma_yaw"), ("claimed_sigma_x", "claimed_sigma_y", "claimed_sigma_yaw")
 
@@ -193,6 +193,7 @@ def summarise(
         **summarise_audit(audit),
         **summarise_tests(audit.tests, bounds),
         "extrinsics": None if extrinsics is None else list(extrinsics),
+        "baseline": None,
         "warnings": list(warnings),
         "per_window": _list_rows(audit.windows, _WINDOW, sweeps),
         "per_revisit": _list_rows(audit.revisits, _REVISIT, sweeps),
