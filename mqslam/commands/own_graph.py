@@ -137,6 +137,8 @@ def psi_factors(
     poses of the graph, with keys of their own and factors to their scans and to each other. If the submaps were
     eliminated, every scan would be tied to all others of the drive, and the robust losses would have no place. No factor
     fixes the trajectory as a whole in the world: a prior or other factors must do that.
+    Of a lidar's recording, scans between which the robot hardly moved are left out, as in a run: scan numbers count those
+    that remain, whose stamps the result's `scans` hold.
 
     Args:
         recording: a recording's path, the open recording, or the scans that were detected in it before.
@@ -232,6 +234,7 @@ def loop_factors(
         keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
             each; by default `gtsam.symbol("x", k)`.
         graph: all factors of the values except the factors of loops; they must determine every variable. It is not changed.
+            With a lidar's recording, it may hold only between-factors and priors of `gtsam.Pose2`.
         config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
             the name of one that ships with mqslam; None takes the defaults.
             `loops.enabled` has no effect.
@@ -320,7 +323,8 @@ def refine(
     larger: otherwise the graph is returned with its loops.
 
     Args:
-        graph: all factors except the factors of loops; they must determine every variable. It is not changed.
+        graph: all factors except the factors of loops; they must determine every variable. It is not changed. With a lidar's
+            recording, it may hold only between-factors and priors of `gtsam.Pose2`.
         values: values of all variables, with a pose (`gtsam.Pose2` or `gtsam.Pose3`) for the start of every scan. The
             optimisation starts from them. They are not changed.
         recording: a recording's path, the open recording, or its scans, such as those of `psi_factors`.
