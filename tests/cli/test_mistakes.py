@@ -86,7 +86,7 @@ MISTAKES: list[tuple[str, str, dict[str, str]]] = [
     ("audit STREET --out out -t TRUTH --extrinsics 1500,0,0", "extrinsics of 1500, 0, 0 are not a pose on a vehicle", {}),
     ("audit STREET --out out -t TRUTH --extrinsics 0,0,nan", "extrinsics of 0, 0, nan are not a pose on a vehicle", {}),
     ("audit STREET --out out -t TRUTH --frame base_link", "is no bag, and holds neither topics nor frames", {}),
-    ("audit map.ply --out out -t t.tum --start 1", "map.ply: only a radar's recording can be", {"map.ply": "ply\n"}),
+    ("audit map.ply --out out -t t.tum --start 1", "map.ply: only a recording can be audited in part", {"map.ply": "ply\n"}),
     ("compare STREET --out out --frontends psi,kis_icp", "front end kis_icp: unknown; did you mean kiss_icp?", {}),
     ("compare STREET --out out --frontends psi,psi", "each name once", {}),
     ("compare STREET --out out --frontends psi+gps", "+gyro is the only sensor that can be added; name psi or psi+gyro", {}),
