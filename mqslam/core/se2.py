@@ -207,7 +207,7 @@ def smooth(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
 
 
 def find_poses_of_returns(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
-    """Returns the poses (M, 3) of a sensor at the times `at` (M,) of its returns, from poses (N, 3) at increasing times.
+    """Returns a sensor's poses (M, 3) at the times `at` (M,) of its returns, from poses (N, 3) at increasing times (N,).
 
     They lie on the curve of `smooth`. If all times of returns are times of poses, as for a lidar that sees everything in an
     instant, the poses themselves are returned: scans that arrive in a burst have poses of their own, which no curve shows.
