@@ -21,7 +21,7 @@ from mqslam.formats.clouds import read_cloud
 
 EXTRAS = {
     "open3d": "open3d",
-    "small_gicp": "small_gicp",
+    "small_gicp": "small-gicp",
     "pcd": "clouds",
     "las": "clouds",
     "view": "view",

@@ -19,7 +19,7 @@ def context() -> Context:
 
 
 def test_generalized_icp_of_standing_points_stays_in_the_plane() -> None:
-    pytest.importorskip("small_gicp", reason="small_gicp is not installed; the extra small_gicp brings it")
+    pytest.importorskip("small_gicp", reason="small_gicp is not installed; the extra small-gicp brings it")
     recording, scans = street_drive()
     poses = np.array([motion.pose for motion in SmallGicpFrontEnd(context()).measure(scans[:12])])
     truth = recording.drive.poses(np.array([scan.t0 for scan in scans[:12]]))
@@ -29,5 +29,5 @@ def test_generalized_icp_of_standing_points_stays_in_the_plane() -> None:
 
 def test_where_small_gicp_cannot_be_imported_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "small_gicp", None)
-    with pytest.raises(ConfigError, match=r"small_gicp: small_gicp is not installed; install it with: .*\[small_gicp\]"):
+    with pytest.raises(ConfigError, match=r"small_gicp: small_gicp is not installed; install it with: .*\[small-gicp\]"):
         SmallGicpFrontEnd(context())
