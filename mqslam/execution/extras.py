@@ -19,7 +19,8 @@ _LIBRARIES: Final = {  # names of libraries for messages, by the names that `des
     "view": "Rerun",
     "cluster": "Dask",
 }
-_EXTRAS: Final = {"small_gicp": "small-gicp", "pcd": "clouds", "las": "clouds"}  # names of the extras in pyproject.toml that differ from those above
+# Names of the extras in pyproject.toml that differ from those above.
+_EXTRAS: Final = {"small_gicp": "small-gicp", "pcd": "clouds", "las": "clouds"}
 
 
 # Results depend on these libraries.
