@@ -388,6 +388,26 @@ CONSTANTS = (
     ),
     Constant(
         "mqslam.frontends.bidirectional",
+        "SHARED_BY_LIDAR",
+        "Share of the variance of a lidar's motion that both directions of time have in common.",
+        "tuned",
+        "simulated rooms of the tests, where the errors of both directions correlate by 0.79 to 0.92",
+    ),
+    Constant(
+        "mqslam.psi.tracking.state",
+        "UNSHOWN",
+        "Standard deviations [m, m, rad] of a scan's pose along directions in which psi only followed odometry.",
+        "tuned",
+        _LIDARS,
+    ),
+    Constant(
+        "mqslam.backend.sensors.odometry",
+        "_CHANCE",
+        "Squared difference over covariance beyond which a motion of odometry contradicts a lidar's scans.",
+        "definition",
+    ),
+    Constant(
+        "mqslam.frontends.bidirectional",
         "_CHANCE",
         "Squared difference of both directions, over its covariance, beyond which it enlarges the covariance.",
         "not recorded",
