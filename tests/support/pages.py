@@ -235,6 +235,7 @@ def write_merge(folder: Path) -> list[str]:
     made = two_recordings()
     change = Change(0, 1, np.array([3.0, 2.0]), np.array([2.0, 4.5]), 9, 4, 6, 1e-4)
     merged: Any = SimpleNamespace(
+        unit_m=1.0,
         config=Config(),
         kept=made,
         map=render_keyframes(made.keyframes),
