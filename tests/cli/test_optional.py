@@ -241,7 +241,7 @@ def test_an_audit_keeps_its_numbers_without_pictures_and_report(
         monkeypatch.setattr(f"mqslam.report.{name}", failing(ValueError("by nothing")))
     shown = mqslam("audit", drive, "--trajectory", "ground_truth", "--out", tmp_path / "out", "--fail-on", "fail")
     assert shown.code == 3 and shown.out.startswith("verdict       not judged: 0 of 4 windows are torn, too few to judge")
-    names = "config.yaml run.log audit.csv steps.csv spans.csv revisits.csv bad_places.csv bad_places.geojson audit.json"
+    names = "config.yaml run.log audit.csv steps.csv spans.csv revisits.csv bad_places.csv bad_places.geojson audit.json audit.md junit.xml"
     assert {path.name for path in (tmp_path / "out").iterdir()} == set(names.split())
     said = [
         f"{name} could not be made (ValueError: by nothing); the other results are whole"
@@ -274,7 +274,7 @@ def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monk
     given = ("--frontends", "odometry", "--odometry-only", "--trajectory", f"first={drive / 'gt' / 'poses_tum.txt'}")
     shown = mqslam("compare", drive, "--out", tmp_path / "out", *given)
     assert shown.code == 0
-    names = {"compare.csv", "compare.json", "config.yaml", "odometry", "first"}
+    names = {"compare.csv", "compare.md", "compare.tex", "compare.json", "config.yaml", "odometry", "first"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == names
     summary = summary_of(tmp_path / "out", "compare.json")
     rows = {row["name"]: row for row in summary["rows"]}
