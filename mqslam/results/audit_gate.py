@@ -46,13 +46,13 @@ def write_gate(folder: Path, summary: Mapping[str, Any]) -> None:
 
 def format_markdown(summary: Mapping[str, Any]) -> str:
     """Returns an audit as Markdown: the verdict, what got worse, and a table of the tests."""
-    verdict, baseline = summary["verdict"], summary["baseline"]
+    verdict, baseline = summary["verdict"], summary.get("baseline")
     lines = [f"## mqslam audit: {verdict['status']}", "", _plain(verdict["diagnosis"]), ""]
     if baseline is not None:
         lines += [f"Compared with `{_plain(baseline['path'])}`: {'' if baseline['worse'] else 'nothing is worse.'}", ""]
         lines += [*(f"- {sentence}" for sentence in baseline["worse"]), ""]
     lines += ["| test | status | finding |", "|---|---|---|"]
-    for name, test in summary["tests"].items():
+    for name, test in summary.get("tests", {}).items():
         lines.append(f"| {name} | {test['status']} | {_plain('; '.join(test['reasons']))} |")
     return "\n".join(lines) + "\n"
 
@@ -64,10 +64,10 @@ def _plain(text: str) -> str:
 
 def format_junit(summary: Mapping[str, Any]) -> bytes:
     """Returns an audit as JUnit's XML: a test fails if its status is fail, or worse than in the earlier audit."""
-    baseline = summary["baseline"]
+    baseline = summary.get("baseline")
     worse = {} if baseline is None else {sentence.split(" is ")[0]: sentence for sentence in baseline["worse"]}
     cases = []
-    for name, test in {**summary["tests"], "verdict": summary["verdict"]}.items():
+    for name, test in {**summary.get("tests", {}), "verdict": summary["verdict"]}.items():
         case = ElementTree.Element("testcase", classname="mqslam.audit", name=name)
         text = show("; ".join([*([worse[name]] if name in worse else []), *test["reasons"]]))
         if test["status"] == VerdictStatus.FAIL or name in worse:
