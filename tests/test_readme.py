@@ -68,6 +68,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     (folder / "my_kiss.yaml").write_text("mapping:\n  voxel_size: 1.0\ndata:\n  max_range: 100.0\n")
     (folder / "mine.yaml").write_text("tracker: {sigma_alpha: 0.3}\n")
     (folder / "mine.py").write_text(next(text for text in snippets("python") if "class Mine" in text))
+    (folder / "top_speed.py").write_text(next(text for text in snippets("python") if "TOP_SPEED" in text))
     for name in ("drive1", "drive2", "DATA2"):
         (folder / name).symlink_to(folder / "DATA")
     (folder / "runs.yaml").write_text(snippets("yaml")[0])
@@ -87,6 +88,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     before = Path.cwd()
     os.chdir(folder)
     assert mqslam("run", "DATA", "--out", "finished", "--quiet").code == 0
+    assert mqslam("audit", "DATA", "--trajectory", "T.tum", "--out", "EARLIER", "--quiet").code == 0
     for name in ("OUT1", "OUT2"):
         Path(name).symlink_to("finished")
     shutil.copy("finished/map.ply", "map.ply")
