@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.table import TESTS, MapTest
-from mqslam.auditing.verdict import Finding
+from mqslam.auditing.verdict import Cause, Finding, VerdictStatus
 from mqslam.config import AuditConfig
 from mqslam.core.own_files import import_file
 from mqslam.errors import ConfigError, MqslamError, describe_error, raise_interrupt
@@ -56,4 +57,11 @@ def judge_by(test: MapTest, sweeps: Sweeps, settings: AuditConfig) -> list[Findi
         raise ConfigError(f"test {test.name}: stopped with {describe_error(error)}; mend its file") from error
     if not all(isinstance(one, Finding) for one in findings):
         raise ConfigError(f"test {test.name}: gave something else than objects Finding; mend its file")
-    return findings
+    return [_explain(one) for one in findings]
+
+
+def _explain(finding: Finding) -> Finding:
+    """Returns a finding that explains itself if the test calls the map bad and names no cause."""
+    if finding.status is not VerdictStatus.FAIL or finding.cause is not None:
+        return finding
+    return replace(finding, cause=Cause.OWN, explanation=finding.reason)

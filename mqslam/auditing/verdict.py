@@ -105,6 +105,7 @@ class Cause(IntEnum):
     PASSES = auto()
     JUMPS = auto()
     PART = auto()
+    OWN = auto()  # a test of a user's own, which explains nothing else
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +167,9 @@ def verdict_of(tests: Mapping[str, Sequence[Finding]]) -> Verdict:
     held = [finding for finding in judged if finding.status is not VerdictStatus.PASS]
     explained = [f for f in findings if f.cause is not None and f.status in (VerdictStatus.FAIL, VerdictStatus.WARN)]
     first = min(explained, key=_rank_cause, default=None)
+    failed = [finding for finding in explained if finding.status is VerdictStatus.FAIL]
+    if failed and all(finding.cause is Cause.OWN for finding in failed):
+        first = failed[0]
     # Where the trajectory is surely mirrored or foreign, no other stamps, mount or scale mend anything.
     if first is not None and first.status is VerdictStatus.FAIL and _rank_cause(first) < (Cause.STAMPS,):
         held = [finding for finding in held if not _is_correction(finding)]

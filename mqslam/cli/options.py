@@ -208,7 +208,8 @@ OPTIONS: Final[Options] = {
         ...,
         "DATA",
         "The recording: a folder in the layout of Oxford Radar RobotCar, Boreas, MulRan or RADIATE, a ROS bag "
-        "(.bag, .mcap, or the folder of a ROS 2 bag), or an .npz file of `convert`.",
+        "(.bag, .mcap, or the folder of a ROS 2 bag), an .npz file of `convert`, or a planar "
+        "lidar's CARMEN log.",
     ),
     "out": option(Path, ..., "Folder for the results; it must not exist yet.", "--out", "-o"),
     "frontend": option(

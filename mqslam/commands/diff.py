@@ -17,7 +17,7 @@ from mqslam.evaluation import align_positions, pair_poses
 from mqslam.formats.tum import read_tum
 
 _PASSING: Final = ("run_key", "runtime_s", "peak_rss_mb")  # entries that differ whenever a command is repeated
-_REMEDY: Final = "give the folders of two results of the same recording"
+_REMEDY: Final = "give the folders of two results of one command"
 
 
 def diff_results(first: Path | str, second: Path | str) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def diff_results(first: Path | str, second: Path | str) -> dict[str, Any]:
     results = [read_result(folder) for folder in (first, second)]
     kinds = [type(result).__name__ for result in results]
     if kinds[0] != kinds[1]:
-        raise DataError(Path(second), f"is a {kinds[1]}, and {first} is a {kinds[0]}", _REMEDY)
+        raise DataError(Path(second), f"is of another command than {first} ({kinds[1]}, not {kinds[0]})", _REMEDY)
     a, b = (dict(_list_figures(result.summary)) for result in results)
     return {
         "settings": {name: [before, after] for name, before, after in _list_settings(*results)},

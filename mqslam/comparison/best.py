@@ -1,7 +1,7 @@
 """Finds the best row (front end or given trajectory) of a comparison, and says in words what decides.
 
-Errors against ground truth decide first, then the shares of torn windows and of torn revisits. psi per point over neighbours
-in time decides nothing, since it is as small for a map that bends slowly as for one that does not bend.
+Errors against ground truth decide first, then the shares of torn windows and of torn revisits, then the verdicts. psi per
+point over neighbours in time decides nothing, since it is as small for a map that bends slowly as for one that does not.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from mqslam.auditing.revisits import share_torn_revisits
-from mqslam.auditing.verdict import CONFIDENCE, Share
+from mqslam.auditing.verdict import CONFIDENCE, GRAVEST_FIRST, Share, VerdictStatus
 from mqslam.auditing.windows.windows import share_torn
 from mqslam.comparison.judgement import JudgedRow
 from mqslam.core.wording import join_words
@@ -29,6 +29,7 @@ class Standing:
         ate_rmse_m: position error [m] against ground truth, or None where it is not known.
         windows: share of its windows that are torn.
         revisits: share of its sure revisits that are torn.
+        verdict: the verdict on its map.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Standing:
     ate_rmse_m: float | None
     windows: Share
     revisits: Share
+    verdict: VerdictStatus = VerdictStatus.NOT_JUDGED
 
     @classmethod
     def of(cls, judged: JudgedRow) -> Standing:
@@ -46,6 +48,7 @@ class Standing:
             ate_rmse_m=None if judged.after is None else judged.after.ate_rmse_m,
             windows=share_torn(judged.audit.windows),
             revisits=share_torn_revisits(judged.audit.revisits),
+            verdict=judged.audit.verdict.status,
         )
 
 
@@ -83,7 +86,7 @@ class _Tie(NamedTuple):
 
 
 def find_best(rows: Sequence[Standing]) -> Best | None:
-    """Finds the best row: by drift, then by ATE, then by the share of torn windows, then of torn revisits.
+    """Finds the best row: by drift, then by ATE, then by the share of torn windows, then of torn revisits, then by verdict.
 
     A criterion keeps the row with the smallest value and all rows that do not differ from it, and the next criterion decides
     among these. Two errors differ if they have different text in the table. Two shares differ if their ranges do not
@@ -136,11 +139,20 @@ def _state_share(name: str, share: Share) -> _Figure | None:
     return _Figure(name, value, share.lower_bound(CONFIDENCE), share.upper_bound(CONFIDENCE), text)
 
 
+def _state_verdict(name: str, verdict: VerdictStatus) -> _Figure | None:
+    """Returns a verdict as a figure, the larger the graver; None where the map could not be judged."""
+    if verdict is VerdictStatus.NOT_JUDGED:
+        return None
+    value = -float(GRAVEST_FIRST.index(verdict))
+    return _Figure(name, value, value, value, str(verdict))
+
+
 _CRITERIA: Final[dict[str, Callable[[Standing], _Figure | None]]] = {
     "drift": lambda row: _state_error(row.name, row.drift_percent, "%"),
     "ATE": lambda row: _state_error(row.name, row.ate_rmse_m, "m"),
     "share of torn windows": lambda row: _state_share(row.name, row.windows),
     "share of torn revisits": lambda row: _state_share(row.name, row.revisits),
+    "verdict": lambda row: _state_verdict(row.name, row.verdict),
 }
 
 

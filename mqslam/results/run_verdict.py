@@ -274,7 +274,7 @@ def list_unknown_scale(run: Run, recording: Recording) -> list[str]:
     known = "assumed" if recording.is_resolution_assumed else "stated"
     length = f"range bins of {recording.range_resolution:.4g} m, a value that is {known}"
     length = length if recording.range_resolution else "the ranges that the lidar measures"
-    return [f"the scale of the map rests on {length}: neither odometry nor GNSS checks it"]
+    return [f"the scale of the map rests on {length}: neither odometry nor GNSS shows enough to check it"]
 
 
 def measure_ratio(run: Run) -> float | None:

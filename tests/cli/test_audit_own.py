@@ -21,6 +21,8 @@ def test_the_test_on_the_page_passes_and_fails_with_its_limit(street: Path, quic
         assert (result.code, result.err) == (0, "")
         summary = json.loads((out / "audit.json").read_text())
         assert summary["tests"]["top_speed"]["status"] == summary["verdict"]["status"] == status
+        if status == "fail":
+            assert "faster than this vehicle can" in summary["verdict"]["diagnosis"]
         page = (out / "report.html").read_text()
         assert "top_speed: the speed of the trajectory with the top speed of the vehicle" in page and "slow errors" in page
 

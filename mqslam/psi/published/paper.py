@@ -74,7 +74,8 @@ NOTES = (
     "The paper's errors of 0.0087 to 0.0227 rad/s cannot be repeated in a simulated yard, whose motion is constant and "
     "known exactly. The same search of the same score errs by less there, so that the rest of the paper's errors must come "
     "from what the yard lacks: its robot, its reference or its surroundings.",
-    "The paper's scores of Figure 2 are of another scene and other returns: only their order can be compared.",
+    "The paper's scores of Figure 2 are of another scene and other returns: only their order can be compared. "
+    "Where the order above is not the paper's, the score as printed does not rank the maps of this yard as the paper's.",
 )
 """What a reader of the table has to know about comparing the paper's figures with ours."""
 
