@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mqslam.auditing.verdict import Share
+from mqslam.auditing.verdict import Share, VerdictStatus
 from mqslam.comparison.best import Best, Standing, find_best
 
 CONFIDENCE = 0.95
@@ -13,6 +13,16 @@ NOTHING = Share(0, 0)
 
 def standing(name: str, drift: float | None = None, ate: float | None = None, **torn: Share) -> Standing:
     return Standing(name, drift, ate, torn.get("windows", NOTHING), torn.get("revisits", NOTHING))
+
+
+def test_the_verdict_decides_where_nothing_else_does() -> None:
+    shares = Share(1, 20), NOTHING
+    rows = [
+        Standing(name, None, None, *shares, status)
+        for name, status in (("a", VerdictStatus.FAIL), ("b", VerdictStatus.PASS))
+    ]
+    best = best_of(*rows)
+    assert best.rows == ("b",) and best.sentence.startswith("b is best: its verdict is pass, against fail for a.")
 
 
 def best_of(*rows: Standing) -> Best:
