@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable, Iterator
 from functools import partial
 from typing import Any, Protocol
 
@@ -10,8 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
+from mqslam.core.frontend import Context
+from mqslam.core.measurement import Measurement
+from mqslam.core.scans import Scan
 from mqslam.frontends.icp_covariance import Surface
-from mqslam.frontends.scan_matching import FEWEST_MATCHED, Matching, PlacedScan
+from mqslam.frontends.scan_matching import FEWEST_MATCHED, Matching, PlacedScan, match_scans
 
 # Number of scans that the map holds.
 _KEYFRAMES = 20
@@ -38,6 +42,28 @@ class Registration(Protocol):
     def register(self, source: Any, target: Any, reach_m: float, begin: se2.Array) -> se2.Array:
         """Returns the pose (3,) of a cloud in another one, found from a start pose with correspondences within a reach."""
         ...
+
+
+class KeyframeFrontEnd:
+    """Matches each scan to a map of the last keyframes by a library's registration, and starts as KISS-ICP's front end does.
+
+    Args:
+        context: what the front end may use besides the scans.
+        registration: the library's registration.
+        settings: how scans are matched.
+    """
+
+    def __init__(self, context: Context, registration: Registration, settings: Matching) -> None:
+        self._context, self._registration, self._settings = context, registration, settings
+
+    def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
+        """Measures the motion from the start of each scan to the start of the next.
+
+        Raises:
+            EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
+        """
+        settings = self._settings
+        return match_scans(scans, lambda: KeyframeMatcher(self._registration, settings), self._context, settings.strongest)
 
 
 class KeyframeMatcher:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -10,13 +9,11 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.frontend import Context
-from mqslam.core.measurement import Measurement
-from mqslam.core.scans import Scan
 from mqslam.errors import ConfigError
 from mqslam.execution.extras import describe_missing
 from mqslam.frontends.icp_covariance import Surface
-from mqslam.frontends.keyframe_matching import KeyframeMatcher
-from mqslam.frontends.scan_matching import Matching, from_matrix, lift, match_scans, to_matrix
+from mqslam.frontends.keyframe_matching import KeyframeFrontEnd
+from mqslam.frontends.scan_matching import Matching, from_matrix, lift, to_matrix
 
 # Share of a scan's returns, and side of the map's voxels [m], with which the front end drifts least on its tuning drives.
 STRONGEST, VOXEL_M = 0.5, 1.0
@@ -28,7 +25,7 @@ _ITERATIONS = 30
 _LOSS = 1.0
 
 
-class Open3dIcpFrontEnd:
+class Open3dIcpFrontEnd(KeyframeFrontEnd):
     """Matches each scan to a map of the last keyframes with Open3D, and starts as KISS-ICP's front end does.
 
     Raises:
@@ -36,20 +33,12 @@ class Open3dIcpFrontEnd:
     """
 
     def __init__(self, context: Context) -> None:
-        self._context = context
-        self._settings = Matching.of(context, STRONGEST, VOXEL_M)
-        self._registration = _Open3dRegistration(
-            _import_open3d(), self._settings.voxel_size_m, is_generalized=context.config.open3d_icp.method == "generalized"
+        settings, is_generalized = (
+            Matching.of(context, STRONGEST, VOXEL_M),
+            context.config.open3d_icp.method == "generalized",
         )
-
-    def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
-        """Measures the motion from the start of each scan to the start of the next.
-
-        Raises:
-            EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
-        """
-        settings = self._settings
-        return match_scans(scans, lambda: KeyframeMatcher(self._registration, settings), self._context, settings.strongest)
+        registration = _Open3dRegistration(_import_open3d(), settings.voxel_size_m, is_generalized=is_generalized)
+        super().__init__(context, registration, settings)
 
 
 class _Open3dRegistration:

@@ -9,14 +9,14 @@ from typing import Any, Final
 import numpy as np
 
 from mqslam.commands.result import Result, read_result
-from mqslam.config.yaml_file import parse_tree
+from mqslam.config import read_tree
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError, untrusted
+from mqslam.errors import DataError
 from mqslam.evaluation import align_positions, pair_poses
 from mqslam.formats.tum import read_tum
 
-_PASSING: Final = ("run_key", "runtime_s", "peak_rss_mb")  # entries that differ whenever a command is repeated
+_PASSING: Final = frozenset({"run_key", "runtime_s", "peak_rss_mb"})  # entries that differ whenever a command is repeated
 _REMEDY: Final = "give the folders of two results of one command"
 
 
@@ -56,12 +56,12 @@ def _list_settings(first: Result, second: Result) -> list[tuple[str, Any, Any]]:
     files = [result.folder / "config.yaml" for result in (first, second)]
     if not all(file.is_file() for file in files):
         return []
-    a, b = (dict(_flatten(parse_tree(file, untrusted.read_document(file, untrusted.YAML_BYTES)))) for file in files)
+    a, b = (dict(_flatten(read_tree(file))) for file in files)
     return [(name, a.get(name), b.get(name)) for name in {**a, **b} if a.get(name) != b.get(name)]
 
 
 def _flatten(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Yields name and value of each setting in a tree."""
+    """Yields name and value of each leaf of a tree."""
     for key, value in tree.items():
         if isinstance(value, Mapping):
             yield from _flatten(value, f"{above}{key}.")
@@ -69,13 +69,11 @@ def _flatten(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, An
             yield f"{above}{key}", value
 
 
-def _list_figures(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+def _list_figures(summary: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Yields name and value of each number and word of a summary, but for those that differ whenever it is made."""
-    for key, value in tree.items():
-        if isinstance(value, Mapping) and key not in _PASSING:
-            yield from _list_figures(value, f"{above}{key}.")
-        elif not isinstance(value, Mapping | list) and key not in _PASSING:
-            yield above + key, value
+    for name, value in _flatten(summary):
+        if not isinstance(value, list) and _PASSING.isdisjoint(name.split(".")):
+            yield name, value
 
 
 def _compare_trajectories(first: Result, second: Result) -> dict[str, Any] | None:

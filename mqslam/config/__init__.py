@@ -12,7 +12,7 @@ from typing import Any, Final, Literal, TypeAlias
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from mqslam.config.yaml_file import check_tree, parse_yaml
+from mqslam.config.yaml_file import check_tree, parse_tree
 from mqslam.errors import ConfigError, suggest, untrusted
 
 # Marks a setting that only an expert would touch; it is shown only on request, or if a file changes it.
@@ -402,6 +402,18 @@ def load_config(source: ConfigSource = None, default: Callable[[], Config] | Non
         return source
     if source is None or isinstance(source, Mapping):
         return change_config(Config() if default is None else default(), source or {})
+    return check_tree(Config, source, read_tree(source))
+
+
+def read_tree(source: Path | str) -> dict[str, Any]:
+    """Reads a file of settings as a tree, whatever version of mqslam has these settings.
+
+    Args:
+        source: path of a YAML file, or name of a shipped configuration.
+
+    Raises:
+        ConfigError: the file does not exist, or is not YAML in the form of settings.
+    """
     path = Path(source)
     shipped = resources.files("mqslam.configs") / f"{source}.yaml"
     try:
@@ -415,7 +427,7 @@ def load_config(source: ConfigSource = None, default: Callable[[], Config] | Non
         raise ConfigError(f"{source}: is not a readable YAML file ({error})") from error
     except (OSError, ValueError) as error:
         raise ConfigError(f"{source}: cannot be read ({error})") from error
-    return parse_yaml(Config, source, content)
+    return parse_tree(source, content)
 
 
 def change_config(config: Config, changes: Mapping[str, Any]) -> Config:

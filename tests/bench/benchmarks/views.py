@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,11 @@ from mqslam.backend.problem import Problem
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.frontend import Context
-from mqslam.core.scans import Scans
 from mqslam.detection.stage import detect_all
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
+from mqslam.mapping.render import place_along
 from mqslam.psi.place import beam_of
 
 _WAYS_M = (20.0, 40.0, 80.0)  # paths between two views
@@ -34,42 +35,40 @@ def _measure(out: Path) -> list[Row]:
             recording, config, runner = open_recording(drive.data), Config(), Runner(engine)
             scans, _ = detect_all(recording, config.detector, runner)
             true = read_truth(drive.data, scans.stamps_us)
-            context = Context.of(recording, config)
-            motions = measure("psi", scans, context, beam_of(config.estimator, 0.0), runner)
+            beam = beam_of(config.estimator, 0.0)
+            points = [place_along(scan.returns, scans.start_times, true, beam).points for scan in scans]
+            motions = measure("psi", scans, Context.of(recording, config), beam, runner)
             cells: dict[str, Cell] = {"kind": drive.kind, "seed": drive.data.name.split("seed")[1].split("-")[0]}
             for way in _WAYS_M:
-                cells[f"pull{way:.0f}"] = _measure_pull(scans, true, way)
+                cells[f"pull{way:.0f}"] = _measure_pull(points, true, way)
             tracked = Problem(motions, []).solve_poses([])
             rows.append(Row(cells | {"scale": _compare_lengths(tracked, true, _WAYS_M[1])}))
     return rows
 
 
-def _measure_pull(scans: Scans, true: se2.Array, way: float) -> float:
+def _measure_pull(points: Sequence[NDArray[np.float64]], true: se2.Array, way: float) -> float:
     """Returns how far returns lie ahead of the returns of the same objects a path of `way` before, as a share of the path.
 
-    All returns are placed by the true poses (K, 3). Two returns are of one object if each is the nearest to the other.
+    Two returns are of one object if each is the nearest to the other.
+
+    Args:
+        points: for each scan the points (N, 2) of its returns, placed by the true poses.
+        true: (K, 3) true poses at the starts of the scans.
+        way: path between the two views [m].
     """
     travelled, pulls = se2.path_lengths(true), []
-    for first in range(0, len(scans), _EVERY):
+    for first in range(0, len(points), _EVERY):
         second = int(np.searchsorted(travelled, travelled[first] + way))
-        if second >= len(scans):
+        if second >= len(points):
             break
         moved = true[second, :2] - true[first, :2]
-        before, after = (_place(scans, true, k) for k in (first, second))
+        before, after = points[first], points[second]
         distances, nearest = cKDTree(after).query(before, distance_upper_bound=_SAME_M)
         found = np.flatnonzero(np.isfinite(distances))
         _, back = cKDTree(before).query(after)
         mutual = found[back[nearest[found]] == found]
         pulls.append((after[nearest[mutual]] - before[mutual]) @ moved / (moved @ moved))
     return float(np.mean(np.concatenate(pulls)))
-
-
-def _place(scans: Scans, poses: se2.Array, k: int) -> NDArray[np.float64]:
-    """Returns the points (N, 2) of the returns of scan k under the poses (K, 3) of all scans."""
-    returns = scans[k].returns
-    at = se2.smooth(scans.start_times, poses, returns.times)
-    heading = at[:, 2] + returns.azimuths
-    return at[:, :2] + returns.ranges[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
 
 
 def _compare_lengths(tracked: se2.Array, true: se2.Array, way: float) -> float:
