@@ -25,6 +25,7 @@ from mqslam.auditing.findings import (
     judge_windows,
 )
 from mqslam.auditing.frame import Place, judge_frame, judge_readings
+from mqslam.auditing.gyroscope_check import check_gyroscope, judge_gyroscope
 from mqslam.auditing.own_test import judge_by
 from mqslam.auditing.registration import Registration
 from mqslam.auditing.revisits import RevisitAudit, audit_revisits, doubt_interpolated
@@ -54,6 +55,7 @@ from mqslam.backend.pose_graph import PoseGraph
 from mqslam.config import AuditConfig, Config, EstimatorConfig, VerdictConfig
 from mqslam.core.engine import Engine
 from mqslam.core.scans import Scans
+from mqslam.core.sensors import Gyroscope
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.progress import Progress
 from mqslam.execution.runner import Runner
@@ -201,7 +203,13 @@ def audit(
 
 
 def audit_trajectory(
-    scans: Scans, trajectory: Trajectory, config: Config, beam: Beam, runner: Runner, optimum: Optimum | None = None
+    scans: Scans,
+    trajectory: Trajectory,
+    config: Config,
+    beam: Beam,
+    runner: Runner,
+    optimum: Optimum | None = None,
+    gyroscope: Gyroscope | None = None,
 ) -> Audit:
     """Judges the map that a run has made, but only a sample of its windows.
 
@@ -213,14 +221,16 @@ def audit_trajectory(
         runner: where the map is judged; the result does not depend on it.
         optimum: the graph that the trajectory optimises and its values, from which the covariances of the trajectory
             follow; None where they cannot be computed.
+        gyroscope: gyroscope with whose turns the trajectory's are compared, or None.
 
     Raises:
         EstimationError: there are no returns.
     """
+    sensors = [] if gyroscope is None else [judge_gyroscope(check_gyroscope(gyroscope, scans, trajectory))]
     sweeps, inside = place_sweeps(scans, trajectory, beam)
     stated = None if optimum is None else GraphCovariances(*optimum, inside, sweeps.poses)
     sections = config.audit, config.estimator, config.verdict
-    return audit(sweeps, *sections, runner.engine, runner.progress, _SAMPLED_WINDOWS, Known(stated))
+    return audit(sweeps, *sections, runner.engine, runner.progress, _SAMPLED_WINDOWS, Known(stated, sensors=sensors))
 
 
 def _expect(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,10 +9,8 @@ from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.table import TESTS, MapTest
 from mqslam.auditing.verdict import Cause, Finding, VerdictStatus
 from mqslam.config import AuditConfig
-from mqslam.core.own_files import import_file
-from mqslam.errors import ConfigError, MqslamError, describe_error, raise_interrupt
-
-_log = logging.getLogger(__name__)
+from mqslam.core.own_files import NO_IMPORT, STOPPED, blame, import_file
+from mqslam.errors import ConfigError
 
 
 def load_test(path: Path) -> MapTest:
@@ -25,12 +21,8 @@ def load_test(path: Path) -> MapTest:
     """
     if not path.is_file():
         raise ConfigError(f"test {path}: there is no such file; check the path")
-    try:
+    with blame(f"test {path}", NO_IMPORT, ConfigError, "mend the file"):
         module = import_file(path.resolve(), "map_test")
-    except Exception as error:  # the file may be anyone's code
-        raise_interrupt(error)
-        _log.info("test %s cannot be imported", path, exc_info=error)
-        raise ConfigError(f"test {path}: cannot be imported ({describe_error(error)}); mend the file") from error
     tests = [one for one in vars(module).values() if isinstance(one, MapTest) and one.judge is not None]
     if len(tests) != 1:
         raise ConfigError(f"test {path}: defines {len(tests)} objects MapTest with a function judge; define one")
@@ -46,15 +38,8 @@ def judge_by(test: MapTest, sweeps: Sweeps, settings: AuditConfig) -> list[Findi
         ConfigError: the test stops with an error of its own, or gives something else than findings.
     """
     assert test.judge is not None, test
-    try:
-        found: Sequence[Finding] = test.judge(sweeps, settings)
-        findings = list(found)
-    except MqslamError:
-        raise
-    except Exception as error:
-        raise_interrupt(error)
-        _log.info("test %s stopped", test.name, exc_info=error)
-        raise ConfigError(f"test {test.name}: stopped with {describe_error(error)}; mend its file") from error
+    with blame(f"test {test.name}", STOPPED, ConfigError, "mend its file"):
+        findings = list(test.judge(sweeps, settings))
     if not all(isinstance(one, Finding) for one in findings):
         raise ConfigError(f"test {test.name}: gave something else than objects Finding; mend its file")
     return [_explain(one) for one in findings]

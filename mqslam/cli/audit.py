@@ -71,6 +71,8 @@ _OWN: Options = {
     "mend": flag("Write the trajectory with the corrections put in as mended.tum, and judge it, too.", "--mend"),
 }
 
+# The tests that find faults which --mend can mend.
+_MENDABLE = ("speeds", "windows", "shaking", "steps", "spans", "sums", "pooled", "revisits")
 _LISTED = 3  # number of the worst torn windows, and of the worst torn revisits, that are printed
 
 
@@ -118,8 +120,9 @@ def audit(
 def print_audit(_: Terminal, result: AuditResult) -> None:
     """Prints the results of an audit for people."""
     echo(name_options(_format_results(result.summary)))
-    if result.worse:
-        echo(f"worse than {result.summary['baseline']['path']}: {'; '.join(result.worse)}")
+    if (baseline := result.summary["baseline"]) is not None:
+        worse = f"worse than {baseline['path']}: {'; '.join(result.worse)}"
+        echo(worse if result.worse else f"nothing is worse than in {baseline['path']}")
     echo(f"results in {result.folder}; open {result.report} in a browser")
 
 
@@ -155,7 +158,8 @@ def _format_results(summary: dict[str, Any]) -> str:
         rows += _list_worst(summary)
     verdict, can_mend = summary["verdict"], summary["trajectory"] is not None and "mended" not in summary
     names_remedy = not {"give", "must"}.isdisjoint(verdict["diagnosis"].split())  # a better one than --mend
-    if can_mend and verdict["status"] in ("warn", "fail") and not names_remedy:
+    is_mendable = any(summary["tests"].get(name, {}).get("status") in ("warn", "fail") for name in _MENDABLE)
+    if can_mend and is_mendable and not names_remedy:
         rows.append(("to mend it", "audit it with --mend, which writes the trajectory with the corrections put in"))
     if "mended" in summary:
         verdict = summary["mended"]["verdict"]

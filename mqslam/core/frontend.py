@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -17,25 +16,15 @@ from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.measurement import Measurement
-from mqslam.core.own_files import import_file
+from mqslam.core.own_files import NO_IMPORT, STOPPED, blame, import_file
 from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.scans import Scan, Scans
 from mqslam.core.sensors import NO_SENSORS, KnownTurning, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.units import scale_settings, scale_track
 from mqslam.core.velocity import Velocities
-from mqslam.errors import (
-    ConfigError,
-    EstimationError,
-    FrontEndError,
-    MqslamError,
-    Remedy,
-    describe_error,
-    raise_interrupt,
-    suggest,
-)
+from mqslam.errors import ConfigError, EstimationError, FrontEndError, Remedy, suggest
 
-_log = logging.getLogger(__name__)
 _FILE = ".py"  # suffix of a front end that is a file
 _NEGATIVE = 1e-6  # a negative eigenvalue of a covariance is a rounding error if it is smaller than this share of the trace
 
@@ -167,16 +156,10 @@ def load(name: str) -> type[FrontEnd]:
     Raises:
         ConfigError: no front end has that name, or it cannot be imported.
     """
-    try:
+    with blame(f"front end {name}", NO_IMPORT, ConfigError):
         front_end: type[FrontEnd] = (
             _load_file(Path(name).resolve()) if name.endswith(_FILE) else find_entry_point(name).load()
         )
-    except ConfigError:
-        raise
-    except Exception as error:  # a front end may be anyone's code
-        raise_interrupt(error)
-        _log.info("front end %s cannot be imported", name, exc_info=error)
-        raise ConfigError(f"front end {name}: cannot be imported ({describe_error(error)})") from error
     return front_end
 
 
@@ -217,6 +200,11 @@ def create(name: str, context: Context) -> FrontEnd:
     """
     with _blame(name):
         return load(name)(context)
+
+
+def _blame(name: str) -> AbstractContextManager[None]:
+    """Returns a context in which an unexpected error becomes a FrontEndError that names the front end."""
+    return blame(f"front end {name}", STOPPED, FrontEndError, Remedy.MEND_FRONT_END)
 
 
 def find_entry_point(name: str) -> EntryPoint:
@@ -281,22 +269,3 @@ def _check_motion(name: str, motion: Measurement) -> None:
         + ("a covariance with negative variances" if known else "a pose or a covariance that is not a number")
         + "; choose another front end, or have this one mended"
     )
-
-
-@contextmanager
-def _blame(name: str) -> Iterator[None]:
-    """Turns an unexpected error in the block into a FrontEndError that names the front end.
-
-    A MemoryError is passed on unchanged, since it is seldom the fault of the front end.
-
-    Raises:
-        FrontEndError: the block raised such an error.
-    """
-    try:
-        yield
-    except (MqslamError, MemoryError):
-        raise
-    except Exception as error:
-        raise_interrupt(error)
-        _log.info("front end %s stopped", name, exc_info=error)
-        raise FrontEndError(f"front end {name}: stopped with {describe_error(error)}", Remedy.MEND_FRONT_END) from error

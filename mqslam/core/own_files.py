@@ -1,11 +1,21 @@
-"""Imports Python files of a user's own, which define a front end or a test of a map."""
+"""Imports Python files of a user's own, which define a front end or a test of a map, and names them in their errors."""
 
 from __future__ import annotations
 
+import logging
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
+from typing import Final
+
+from mqslam.errors import MqslamError, describe_error, raise_interrupt
+
+_log = logging.getLogger(__name__)
+NO_IMPORT: Final = "cannot be imported ({})"
+STOPPED: Final = "stopped with {}"
 
 
 def import_file(path: Path, what: str) -> ModuleType:
@@ -20,3 +30,28 @@ def import_file(path: Path, what: str) -> ModuleType:
     module = sys.modules[spec.name] = module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@contextmanager
+def blame(owner: str, happened: str, kind: type[MqslamError], remedy: str = "") -> Iterator[None]:
+    """Turns an unexpected error of the block, which runs anyone's code, into an error that names this code.
+
+    A MemoryError is passed on unchanged, since it is seldom the fault of the code that it stops.
+
+    Args:
+        owner: what the code is, such as "front end mine.py".
+        happened: `NO_IMPORT` or `STOPPED`.
+        kind: class of the error that is raised.
+        remedy: what the user can do about it, unless the error says so already.
+
+    Raises:
+        MqslamError: the block raised an unexpected error.
+    """
+    try:
+        yield
+    except (MqslamError, MemoryError):
+        raise
+    except Exception as error:
+        raise_interrupt(error)
+        _log.info("%s: %s", owner, happened.format("an error"), exc_info=error)
+        raise kind(f"{owner}: {happened.format(describe_error(error))}", remedy) from error

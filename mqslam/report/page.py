@@ -15,7 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from mqslam.auditing.table import TESTS, MapTest
-from mqslam.auditing.verdict import VerdictStatus
+from mqslam.auditing.verdict import GRAVEST_FIRST, VerdictStatus
 from mqslam.core.wording import count_of, list_reasons
 from mqslam.errors import tolerate
 from mqslam.execution.extras import list_versions
@@ -252,6 +252,7 @@ def tabulate_tests(summary: Mapping[str, Any], own: Sequence[MapTest] = ()) -> S
             (calm if status is VerdictStatus.PASS else others).append(row)
     if not calm and not others:
         return None
+    others.sort(key=lambda row: GRAVEST_FIRST.index(VerdictStatus(row[1])))
     notes = [
         "What each test compares, what it found, and what it cannot see.",
         "The p-value is the probability that a test shows as much anywhere in a map without a fault, as far as the stated "

@@ -51,7 +51,7 @@ def judge_run(run: Run) -> dict[str, list[Finding]]:
     else:
         tests = run.checked.tests
     others = {
-        "sensors": [*_judge_direction(run), *_judge_scale(run)],
+        "sensors": [*tests.get("sensors", []), *_judge_direction(run), *_judge_scale(run)],
         "tracking": _judge_track(run),
         "graph": [*_judge_passes(run), *_judge_whole_map(run)],
     }

@@ -151,7 +151,9 @@ def test_a_baseline_fails_what_got_worse(street: Path, tracks: Path, quick: Path
     words = ("--trajectory", tracks / "bent.tum", "--config", quick)
     before = audited(street, tmp_path / "before", *words)
     assert before["baseline"] is None and before["verdict"]["status"] == "fail"
-    same = audited(street, tmp_path / "same", *words, "--baseline", tmp_path / "before")
+    shown = mqslam("audit", street, "--out", tmp_path / "same", *words, "--baseline", tmp_path / "before")
+    assert shown.code == 0 and f"nothing is worse than in {tmp_path / 'before'}" in shown.out
+    same = json.loads((tmp_path / "same" / "audit.json").read_text())
     assert same["baseline"] == {"path": str(tmp_path / "before"), "worse": []}
     bad = next(name for name, test in before["tests"].items() if test["status"] == "fail")
     before["tests"][bad]["status"] = "pass"

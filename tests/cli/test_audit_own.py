@@ -19,6 +19,7 @@ def test_the_test_on_the_page_passes_and_fails_with_its_limit(street: Path, quic
         file.write_text(CODE.replace("25.0", speed))
         result = mqslam("audit", street, "--out", out, *WORDS, "--test", file, "--config", quick)
         assert (result.code, result.err) == (0, "")
+        assert "--mend" not in result.out  # it mends nothing that such a test finds
         summary = json.loads((out / "audit.json").read_text())
         assert summary["tests"]["top_speed"]["status"] == summary["verdict"]["status"] == status
         if status == "fail":

@@ -125,3 +125,11 @@ def test_an_audit_holds_the_trajectory_against_the_gyroscope(street: Path, tmp_p
     check = audited["gyroscope"]
     assert check["agrees"] is True and "agrees with the trajectory" in check["statement"]
     assert f"note: {check['statement']}" in done.err and check["statement"] not in audited["warnings"]
+
+
+def test_a_run_judges_its_turns_by_the_gyroscope_as_an_audit_does(street: Path, joined: Path, tmp_path: Path) -> None:
+    done = mqslam("audit", street, "--out", tmp_path / "out", "--trajectory", joined / "trajectory.tum", "--quiet")
+    assert done.code == 0
+    audited, own = json.loads((tmp_path / "out" / "audit.json").read_text()), summary_of(joined)
+    assert audited["gyroscope"]["statement"] in own["tests"]["sensors"]["reasons"]
+    assert own["tests"]["sensors"]["status"] == audited["tests"]["sensors"]["status"]
