@@ -68,7 +68,7 @@ types: $(READY)
 	MYPYPATH=$(TYPED):tests $(BIN)/mypy --strict -p mqslam -p worlds.hard -m worlds.statistics -m worlds.writing
 
 docs: $(READY)
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 verdict-page: $(READY)
 	cd docs/hooks && ../../$(BIN)/python -c "import generate; open('../explanation/verdict.md', 'w').write(generate.describe_verdict())"

@@ -36,11 +36,14 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
-    """Makes the search prefer pages that say what to do to long lists of figures and changes."""
+    """Makes the search prefer pages that say what to do to long lists of figures and changes, and mends the links of these.
+
+    Both lists are files in the folder of the project, from where their links lead.
+    """
     part, _, name = page.file.src_uri.partition("/")
     boost = 0.2 if name in ("figures.md", "changes.md") else 2.0 if part in ("how-to", "tutorials") else 1.0
     page.meta["search"] = {"boost": boost}
-    return markdown
+    return re.sub(r"\]\((?:docs/|(?=notebooks/))", "](../", markdown) if name in ("figures.md", "changes.md") else markdown
 
 
 def describe_commands() -> str:

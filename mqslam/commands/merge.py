@@ -58,7 +58,7 @@ def merge(
 
     Example:
         >>> merged = mqslam.merge(["monday", "friday"], "both")  # doctest: +SKIP
-        >>> print(merged.summary["links"]["count"], merged.report)  # doctest: +SKIP
+        >>> print(merged.summary["links"], merged.report)  # doctest: +SKIP
     """
     folders, out = [Path(result) for result in results], Path(out)
     _require_distinct(folders)

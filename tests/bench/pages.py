@@ -3,7 +3,9 @@
 A page holds `<!-- bench: NAME -->` and `<!-- /bench -->`, and between them the table of NAME.json.
 `<!-- bench: NAME KEY=TEXT -->` asks for the rows with that text only, without its column.
 `<!-- bench: NAME only=KEY,KEY -->` asks for some columns only.
+`<!-- bench: NAME KEY=TEXT bounds=all -->` lists the bounds that other rows miss, too.
 `<!-- bench: NAME made -->` asks for the command and the machine that made the table.
+`<!-- bench: summary -->` asks for the table of summary.json, whose figures are those of several results.
 Figures of these rows that miss a bound of their benchmark are listed under the table.
 """
 
@@ -22,10 +24,17 @@ from bench.benchmark import Benchmark, Cell, Row
 from bench.timing import Took
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = (ROOT / "README.md", ROOT / "BENCHMARKS.md", ROOT / "docs" / "tutorials" / "compare.md")
+PAGES = (
+    ROOT / "README.md",
+    ROOT / "BENCHMARKS.md",
+    ROOT / "docs" / "tutorials" / "compare.md",
+    ROOT / "docs" / "reference" / "seeds.md",
+)
 BASELINE = Path(__file__).with_name("baseline")
 LITERATURE = Path(__file__).with_name("literature.json")
 """Figures that others have published, or that were measured elsewhere."""
+SUMMARY = Path(__file__).with_name("summary.json")
+"""The rows of the first table of BENCHMARKS.md: where to find a figure of mqslam, and those of its peers."""
 _BLOCK = re.compile(r"(<!-- bench: ([^\n]*?) -->\n).*?(<!-- /bench -->)", re.DOTALL)
 _DIGITS = 6  # more of a figure would only show noise
 
@@ -149,6 +158,8 @@ def _make_block(words: list[str], results: Path) -> str:
         return Table(**json.loads(LITERATURE.read_text(encoding="utf-8"))).format(
             dict(word.split("=", 1) for word in words[1:])
         )
+    if words[0] == SUMMARY.stem:
+        return _make_summary(results).format({})
     path = results / f"{words[0]}.json"
     if not path.exists():
         return "These figures have not been measured yet."
@@ -157,7 +168,34 @@ def _make_block(words: list[str], results: Path) -> str:
         return result.describe_making()
     where = dict(word.split("=", 1) for word in words[1:])
     only = where.pop("only").split(",") if "only" in where else ()
-    return "\n\n".join([result.format(where, only), *_list_missed(result, where)])
+    bounded = {} if where.pop("bounds", "") == "all" else where
+    return "\n\n".join([result.format(where, only), *_list_missed(result, bounded)])
+
+
+def _make_summary(results: Path) -> Table:
+    """Returns a table of the main figures: each of mqslam beside the best one of its peers, and the benchmark it is from."""
+    heads = {"data": "data", "what": "what", "ours": "psi", "other": "best peer", "benchmark": "benchmark"}
+    rows = []
+    for entry in json.loads(SUMMARY.read_text(encoding="utf-8")):
+        result = Result.read(results / f"{entry['benchmark']}.json")
+        found = [(_find_cell(result, entry, other), other["name"]) for other in entry["others"]]
+        best = min(found, default=None)
+        ours = entry["form"].format(_find_cell(result, entry, entry["ours"]))
+        other = None if best is None else f"{entry['form'].format(best[0])} ({best[1]})"
+        rows.append({"data": entry["data"], "what": entry["what"], "ours": ours, "other": other, "benchmark": result.name})
+    return Table(
+        name=SUMMARY.stem, columns=[{"key": key, "head": head, "form": "{}"} for key, head in heads.items()], rows=rows
+    )
+
+
+def _find_cell(result: Result, entry: Mapping[str, Any], wanted: Mapping[str, Any]) -> float:
+    """Returns the figure of the one row that has the wanted texts.
+
+    Raises:
+        ValueError: there is no such row, or more than one.
+    """
+    (row,) = result.choose(wanted["where"])
+    return float(row[wanted.get("key", entry["key"])])
 
 
 def _list_missed(result: Result, where: Mapping[str, str]) -> list[str]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
 import pytest
 from bench.benchmark import Benchmark, Bound, Column, Row, label
 from bench.benchmarks import BENCHMARKS
-from bench.pages import BASELINE, LITERATURE, PAGES, Result, fill_page, list_blocks, make_result
+from bench.pages import BASELINE, LITERATURE, PAGES, SUMMARY, Result, fill_page, list_blocks, make_result
 from bench.timing import Took
 
 PAGE = "Before.\n\n<!-- bench: outing -->\nold\n<!-- /bench -->\n\nAfter.\n"
@@ -46,8 +47,18 @@ def test_no_table_is_typed() -> None:
 def test_every_benchmark_has_its_table_and_its_making_on_the_page() -> None:
     text = PAGES[1].read_text(encoding="utf-8")
     shown = list_blocks(text)
-    assert sorted(set(shown)) == sorted([*BENCHMARKS, LITERATURE.stem])
+    assert sorted(set(shown)) == sorted([*BENCHMARKS, LITERATURE.stem, SUMMARY.stem])
     assert {name: shown.count(name) for name in BENCHMARKS} == dict.fromkeys(BENCHMARKS, 2)
+
+
+def test_the_first_table_of_the_page_holds_the_main_figures_beside_the_best_peers() -> None:
+    text = PAGES[1].read_text(encoding="utf-8")
+    assert list_blocks(text)[0] == SUMMARY.stem
+    rows = [line for line in text.split("<!-- /bench -->")[0].splitlines() if line.startswith("|")][2:]
+    assert len(rows) == len(json.loads(SUMMARY.read_text(encoding="utf-8"))) and "real" in rows[0]
+    cartographer = Result.read(BASELINE / "planar.json").choose({"run": "intel", "method": "Cartographer"})[0]["metres"]
+    (intel,) = (row for row in rows if "Intel" in row)
+    assert f"{cartographer:.4f} (Cartographer, published)" in intel
 
 
 def test_committed_results_are_of_benchmarks_that_exist_and_have_their_columns() -> None:
@@ -95,6 +106,7 @@ def test_figures_that_miss_a_bound_are_listed_below_the_table(results: Path, mon
         fill_page(PAGE.replace("outing -->", f"outing {word} -->"), results) for word in ("run=mean", "world=hard")
     )
     assert by_mean.count("\n- ") == 1 and "missed" not in by_seed
+    assert fill_page(PAGE.replace("outing -->", "outing world=hard bounds=all -->"), results).count("\n- ") == 2
 
 
 def test_a_block_can_ask_how_the_table_was_made(results: Path) -> None:
