@@ -4,7 +4,7 @@
 # make docs      build the documentation in build/site, and stop at a link or a name that leads nowhere
 # make dist      build sdist and wheel, and try both without extras in a clean environment of each Python that mqslam supports
 # make lint      check style, types and layers only
-# make bench     make the measurements of BENCHMARKS.md and compare them with the committed ones, which takes six hours: tests/bench/run.py NAME makes one
+# make bench     make the short measurements of BENCHMARKS.md and compare them with the committed ones, which takes half an hour
 # make clean     remove .venv and everything that is built or generated
 
 PYTHON ?= python3

@@ -70,6 +70,7 @@ class Benchmark:
     columns: tuple[Column, ...]  # of its table
     measure: Callable[[Path], list[Row]]  # makes the rows; it may use the folder it is given, and raises MissingData
     bounds: tuple[Bound, ...] = ()  # limits that rows must keep
+    study: bool = False  # whether it takes so long that it is run only if it is named, or all are asked for
 
     def name_row(self, row: Mapping[str, Any]) -> str:
         """Returns the texts that tell a row from the others."""

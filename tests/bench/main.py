@@ -22,7 +22,10 @@ from bench.timing import Took
 def main() -> int:
     """Runs the benchmarks that the command line names, and returns the exit code."""
     parser = argparse.ArgumentParser(description="The measurements of BENCHMARKS.md.")
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"one of {', '.join(BENCHMARKS)}; all by default")
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help=f"one of {', '.join(BENCHMARKS)}; the short ones by default"
+    )
+    parser.add_argument("--all", action="store_true", help="run all, which takes ten hours; by default the short ones run")
     parser.add_argument("--write", action="store_true", help="make the results the new baseline, and fill the pages")
     parser.add_argument("--fill", action="store_true", help="fill the pages from the baseline, and measure nothing")
     parser.add_argument("--out", type=Path, default=None, help="folder for the results; in the cache by default")
@@ -38,7 +41,7 @@ def main() -> int:
     missed: list[str] = []
     lost: list[str] = []
     skipped: list[str] = []
-    for name in chosen.names or BENCHMARKS:
+    for name in chosen.names or [name for name, benchmark in BENCHMARKS.items() if chosen.all or not benchmark.study]:
         print(f"\n== {name}", flush=True)
         try:
             missed_here, lost_here = _run(name, out, write=chosen.write)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from bench import main
 from bench.benchmark import Benchmark, Bound, Column, Goal, MissingData, Row, label
 from bench.benchmarks import BENCHMARKS
-from bench.pages import Result
+from bench.pages import BASELINE, Result
 
 Run = Callable[..., int]
 
@@ -85,6 +86,17 @@ def test_a_benchmark_without_its_data_is_skipped_with_the_reason(run: Run, capsy
 def test_a_benchmark_that_breaks_fails_the_command(run: Run, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(raising(RuntimeError("no"))) == 1
     assert "drive failed: no" in capsys.readouterr().out
+
+
+def test_a_study_runs_only_if_it_is_named_or_all_are_asked_for(run: Run, capsys: pytest.CaptureFixture[str]) -> None:
+    study = replace(make_benchmark(0.2), study=True)
+    for words, runs in (((), False), (("drive",), True), (("--all",), True)):
+        assert run(study, *words) == 0 and ("== drive" in capsys.readouterr().out) is runs
+
+
+def test_what_runs_by_default_takes_half_an_hour_at_most() -> None:
+    took = [Result.read(BASELINE / f"{name}.json").took for name, benchmark in BENCHMARKS.items() if not benchmark.study]
+    assert len(took) > 10 and sum(one["processor_s"] for one in took) < 1800.0
 
 
 def test_an_unknown_benchmark_is_refused_with_those_that_exist(run: Run, capsys: pytest.CaptureFixture[str]) -> None:

@@ -222,6 +222,7 @@ def _compare_distortions(
     """Returns a benchmark of distortions; a right trajectory is to be called bad nowhere."""
     shares = [(Column(w, w, "{:.0%}", Goal.HIGH), Column(f"{w} verdicts", "verdicts", "{}")) for w in _WORLDS]
     return Benchmark(
+        study=True,
         what=what,
         data=data,
         seeds=seeds,
@@ -241,6 +242,7 @@ BENCHMARKS = {
         bounds=(Bound("torn", {"trajectory": _TRUE, "data": "kind"}, most=0.02),),
     ),
     "lidar": Benchmark(
+        study=True,
         what="Two public lidar logs, each under two trajectories.",
         data="real",
         columns=_MAP_COLUMNS,
@@ -248,6 +250,7 @@ BENCHMARKS = {
         bounds=(Bound("torn", {"trajectory": "corrected"}, most=0.05), Bound("torn", {"trajectory": "wheels"}, least=0.2)),
     ),
     "audit_bends": Benchmark(
+        study=True,
         what=(
             "Windows of the hard city judged under the true trajectory and under trajectories whose every step errs by a "
             "constant: the probability (AUC) that a bent window scores worse than a true one; 0.5 is chance."
@@ -262,6 +265,7 @@ BENCHMARKS = {
         bounds=tuple(Bound(f"bend{k}", {"measure": "inflation"}, least=0.85) for k in range(2)),  # the larger bends
     ),
     "false_alarms": Benchmark(
+        study=True,
         what="Cities of a minute, audited under their true trajectories, and run: "
         "the number of drives whose map is called bad.",
         data="simulated",

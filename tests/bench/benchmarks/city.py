@@ -164,6 +164,7 @@ _OURS_ALL = {**_OURS, "run": _ALL}
 
 BENCHMARKS = {
     "city": Benchmark(
+        study=True,
         what="Ten drives of a kilometre, by radar alone: every front end gets the same returns; psi goes on to close loops.",
         data="simulated",
         seeds=_SEEDS,

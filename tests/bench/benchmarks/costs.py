@@ -206,6 +206,7 @@ BENCHMARKS = {
         bounds=(Bound("share", {}, most=3.0),),
     ),
     "install": Benchmark(
+        study=True,
         what="Space on disk of a fresh environment, with pip and all that mqslam needs.",
         data="simulated",
         columns=(label("command", "command"), Column("megabytes", "on disk [MB]", "{:.0f}", Goal.LOW)),

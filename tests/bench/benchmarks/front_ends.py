@@ -148,6 +148,7 @@ def _measure_lockstep(out: Path) -> list[Row]:
 
 BENCHMARKS = {
     "twin": Benchmark(
+        study=True,
         what="The first scans of the city twin, by radar alone: every front end gets the same returns.",
         data="twin",
         seeds=(1, 2),
@@ -160,6 +161,7 @@ BENCHMARKS = {
         ),
     ),
     "heading": Benchmark(
+        study=True,
         what="Heading drift over ten drives of a minute each, before loops; counter-clockwise is positive.",
         data="simulated",
         seeds=_SHORT_SEEDS,
@@ -175,6 +177,7 @@ BENCHMARKS = {
         bounds=(Bound("errors_off", {"front_end": OURS}, most=2.0),),
     ),
     "lockstep": Benchmark(
+        study=True,
         what="A minute among vehicles that move in exact lockstep with the own one, before loops.",
         data="simulated",
         seeds=_QUEUE_SEEDS,

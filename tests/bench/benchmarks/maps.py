@@ -269,6 +269,7 @@ def _measure_merges(out: Path) -> list[Row]:
 
 BENCHMARKS = {
     "localise": Benchmark(
+        study=True,
         what="A drive of the hard city twin localised in the map of another day, by radar alone, on one job. Errors are "
         "those against the nearest keyframe of the map. Cold starts have half a minute of the recording.",
         data="twin",
@@ -301,6 +302,7 @@ BENCHMARKS = {
         ),
     ),
     "merge": Benchmark(
+        study=True,
         what="Two runs of the city twin, a day apart, radar alone, as one map: the first one's frame and start are drawn at "
         "random. In the blocks the streets repeat, so that several places fit.",
         data="twin",

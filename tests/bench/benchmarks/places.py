@@ -240,6 +240,7 @@ def _lose_and_close(drive: _Drive, seed: int, runner: Runner) -> dict[str, Cell]
 
 BENCHMARKS = {
     "places": Benchmark(
+        study=True,
         what="Places 10 m apart looked up without a guess; "
         "none of those that psi and their neighbours confirm may be wrong.",
         data="twin",
@@ -258,6 +259,7 @@ BENCHMARKS = {
         bounds=tuple(Bound("wrong", {"way": way}, most=0.0) for way in _WAYS),
     ),
     "lost": Benchmark(
+        study=True,
         what="Odometry with a scale 5 % wrong and a yaw rate that puts the first revisit 100 m off, in place of psi, by the "
         "seed of its noise and signs. A loop is far off by more than 1 m or 0.03 rad, and wrong if it is farther off than "
         "its covariance explains, too (beyond the quantile of 99.9 %). Blocks repeat every 8 or 12 m and look the same from "

@@ -60,6 +60,7 @@ def _score(trajectory: Path, name: str) -> dict[str, Cell]:
 
 BENCHMARKS = {
     "planar": Benchmark(
+        study=True,
         what="Two public runs of planar lidars by default settings: the mean error of relations that people verified, all "
         "of them and those with over a minute between their ends, beside published figures, which are not measured here.",
         data="real",

@@ -154,6 +154,7 @@ _FOUND = (
 
 BENCHMARKS = {
     "scales": Benchmark(
+        study=True,
         what="Cities of two kilometres whose recordings state the right length of the range bins or one that is 1 % too "
         "short, by radar alone and with GNSS (white noise of 2 m, and wander): the scale that a run applies to the ranges, "
         "with its standard deviation, what is left of the error, and the drift of psi's motions.",
@@ -173,6 +174,7 @@ BENCHMARKS = {
         bounds=(Bound("error", {"sensors": "GNSS"}, least=-0.4, most=0.4),),
     ),
     "ranges": Benchmark(
+        study=True,
         what="Cities of a minute, by radars with a range offset and a Doppler shift that the recording does not state: what "
         "psi shows of them, and the drift before loops of a run that corrects no offset and of one that is given the right "
         "one. The shift is measured by every run.",

@@ -90,6 +90,7 @@ _OUR_SCANS = {"front_end": OURS, "bins": _DEFAULT, "doppler": _MEASURED}
 
 BENCHMARKS = {
     "drive": Benchmark(
+        study=True,
         what="A whole real drive: 714 scans, 1.50 km. The truth is GPS, good to a metre or two. Radar alone is judged "
         "before loops, and other sensors after them. Peers get the same returns, and the intensity threshold that serves "
         "them best.",

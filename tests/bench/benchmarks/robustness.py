@@ -165,6 +165,7 @@ def _conclude(rows: list[dict[str, Cell]]) -> list[Row]:
 
 BENCHMARKS = {
     "robust_drive": Benchmark(
+        study=True,
         what="A whole real drive (714 scans, 1.50 km, GPS) by radar alone, disturbed in a score of ways, before loops. The "
         f"ATE is that over the scans that all have, those from scan {max(_STARTS)} on; that of all its scans has a column "
         "of its own. Wrong range bins make the whole map longer or shorter, which no radar alone can see. Peers get the "

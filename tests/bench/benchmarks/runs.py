@@ -189,6 +189,7 @@ BENCHMARKS = {
         bounds=(*_BOUNDS, Bound("peak_mb", {}, most=2000.0)),
     ),
     "twin_full": Benchmark(
+        study=True,
         what="Whole runs of the city twin, about 6 km each, by radar alone.",
         data="twin",
         seeds=(1, 2),
@@ -204,6 +205,7 @@ BENCHMARKS = {
         bounds=_BOUNDS,
     ),
     "whole_run": Benchmark(
+        study=True,
         what="A drive of KAIST01 in full on an idle machine, in seconds of wall time unless the column says otherwise.",
         data="twin",
         seeds=(1,),
@@ -227,6 +229,7 @@ BENCHMARKS = {
         ),
     ),
     "stages": Benchmark(
+        study=True,
         what="Seconds on one core per hour of radar (14,400 scans) of the hard city.",
         data="simulated",
         seeds=(1,),
@@ -238,6 +241,7 @@ BENCHMARKS = {
         measure=_measure_stages,
     ),
     "memory": Benchmark(
+        study=True,
         what="A whole run with two jobs, loops and check included, everything written: a drive past few points.",
         data="simulated",
         columns=(

@@ -109,6 +109,7 @@ def _make_jump(fixes: Fixes) -> Fixes:
 
 BENCHMARKS = {
     "sensors": Benchmark(
+        study=True,
         what="Full drives of the hard twin, tracked by psi, with other sensors in the pose graph and without loops.",
         data="twin",
         seeds=(1, 2),

@@ -108,6 +108,7 @@ _NUMBERS = [*(f"{what}{lag:.0f}" for lag in _LAGS_M for what in ("nees", "within
 
 BENCHMARKS = {
     "uncertainty": Benchmark(
+        study=True,
         what="Poses relative to the poses 20, 100 and 400 m of path before them, by default settings, on twenty drives that "
         "nothing was tuned on: the mean of their normalised squared errors over 3, and the share of them within the region "
         "that the covariance says to hold 68 %; and the standard deviation of the scale that is part of it.",

@@ -82,6 +82,7 @@ def _compare_lengths(tracked: se2.Array, true: se2.Array, way: float) -> float:
 
 BENCHMARKS = {
     "views": Benchmark(
+        study=True,
         what="How far returns, placed by the true poses, lie ahead of the returns of the same objects that were seen 20, 40 "
         "and 80 m of path before, as a share of this path; and by how much the motions that psi measures are too long.",
         data="simulated",

@@ -156,6 +156,7 @@ def simulate_batch(seconds: Sequence[float], workers: int, dispatch_s: float) ->
 
 BENCHMARKS = {
     "cluster": Benchmark(
+        study=True,
         what="A batch of four runs of a minute each on a local cluster, the whole command.",
         data="simulated",
         seeds=(_SHORT,),
