@@ -1,4 +1,4 @@
-"""Between-factors of planar motions, with the noise and robust loss of their sources, and the prior of the first pose."""
+"""Factors between planar poses, with the noise and robust loss of each kind of measurement, and the first pose's prior."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
 
-# Residual [standard deviations] beyond which Huber's loss of a motion grows only linearly. With this value it keeps 95 % of
-# the efficiency of least squares where errors are Gaussian.
+# Residual of a motion [standard deviations] beyond which Huber's loss grows only linearly. With this value the loss keeps
+# 95 % of the efficiency of least squares where errors are Gaussian.
 HUBER: Final = 1.345
-# Residual [standard deviations] beyond which the pull of a loop becomes weaker.
+# Residual of a loop [standard deviations] at which Cauchy's loss halves the weight of the loop.
 CAUCHY: Final = 3.0
-# Standard deviations of x, y [m] and yaw [rad] by which the bend of submaps makes a loop wrong. Their squares are added to
-# the covariance of the loop, since its score does not show the bend.
+# Standard deviations of the error of a loop in x, y [m] and yaw [rad] that slightly bent submaps cause. Their squares are
+# added to the covariance of the loop, because its score does not show this error.
 BEND_SIGMAS = (0.05, 0.05, 0.0015)
-# Standard deviations [m, rad] of the prior that holds the first pose: far smaller than those of any motion.
+# Standard deviations [m, rad] of the prior that holds the first pose: far smaller than the uncertainty of any motion.
 PRIOR_M, PRIOR_RAD = 1e-3, 1e-4
 # Standard deviations of z [m], and of roll and pitch [rad], in a factor between poses in space. The radar does not measure
 # these components; within a submap, roads bend and springs give way by no more than this.
@@ -54,14 +54,14 @@ def loop_between(a: int, b: int, loop: Loop) -> gtsam.BetweenFactorPose2:
 
 
 def add_bend(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Adds the bend of the submaps, which psi does not show, to the covariance (3, 3) [m, m, rad] of a loop."""
+    """Returns the covariance (3, 3) [m, m, rad] of a loop with the error of bent submaps added, which psi does not show."""
     return np.asarray(covariance + np.diag(np.square(BEND_SIGMAS)))
 
 
 def _make_between(
     a: int, b: int, pose: se2.Array, covariance: NDArray[np.float64], loss: gtsam.noiseModel.mEstimator.Base
 ) -> gtsam.BetweenFactorPose2:
-    """Returns a between-factor; its covariance is given in the frame of a and is rotated to the frame of b for GTSAM."""
+    """Returns a between-factor from a covariance in the frame of a, which is rotated to the frame of b for GTSAM."""
     gaussian = gtsam.noiseModel.Gaussian.Covariance(se2.rotate_covariance(covariance, -pose[2]) + _LEAST)
     return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*pose), gtsam.noiseModel.Robust.Create(loss, gaussian))
 
@@ -100,7 +100,7 @@ def _find_loop_noise(factor: gtsam.NonlinearFactor) -> gtsam.noiseModel.Gaussian
 
 
 def measure_loop_offset(factor: gtsam.NonlinearFactor, values: gtsam.Values) -> float:
-    """Returns how far a loop is off [standard deviations]; zero for any other factor."""
+    """Returns the residual of a loop at the values of its poses [standard deviations]; zero for any other factor."""
     gaussian = _find_loop_noise(factor)
     if gaussian is None:
         return 0.0
@@ -109,7 +109,7 @@ def measure_loop_offset(factor: gtsam.NonlinearFactor, values: gtsam.Values) -> 
 
 
 def hold_firmly(factor: gtsam.NonlinearFactor) -> gtsam.NonlinearFactor:
-    """Returns the factor of a loop with Huber's loss in place of Cauchy's; other factors are returned unchanged."""
+    """Replaces the Cauchy loss of a loop by Huber's loss, which cannot ignore the loop; returns other factors unchanged."""
     gaussian = _find_loop_noise(factor)
     if gaussian is None:
         return factor
@@ -121,7 +121,7 @@ def hold_firmly(factor: gtsam.NonlinearFactor) -> gtsam.NonlinearFactor:
 
 
 def scale_factor(factor: gtsam.NonlinearFactor, scale: float) -> gtsam.NonlinearFactor:
-    """Multiplies the lengths of a between-factor or a prior of planar poses by a scale; its errors weigh as before."""
+    """Multiplies the lengths of a between-factor or prior of planar poses, and of its noise, by a scale."""
     if isinstance(factor, gtsam.PriorFactorPose2):
         return prior(factor.keys()[0], scale_vector(factor.prior(), scale))
     assert isinstance(factor, gtsam.BetweenFactorPose2)
@@ -129,14 +129,14 @@ def scale_factor(factor: gtsam.NonlinearFactor, scale: float) -> gtsam.Nonlinear
 
 
 def scale_between(factor: gtsam.BetweenFactorPose2, scale: float) -> gtsam.BetweenFactorPose2:
-    """Multiplies the lengths of a between-factor of planar poses by a scale; its errors weigh as before."""
+    """Multiplies the lengths of a between-factor of planar poses, and of its noise, by a scale."""
     a, b = factor.keys()
     noise = scale_noise(factor.noiseModel(), scale)
     return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*scale_vector(factor.measured(), scale)), noise)
 
 
 def scale_noise(noise: gtsam.noiseModel.Base, scale: float) -> gtsam.noiseModel.Base:
-    """Multiplies the lengths of the noise of a planar pose by a scale; its robust loss stays."""
+    """Multiplies the lengths in the noise model of a planar pose by a scale; a robust loss stays the same."""
     gaussian = noise.noise() if isinstance(noise, gtsam.noiseModel.Robust) else noise
     assert isinstance(gaussian, gtsam.noiseModel.Gaussian)
     variances = np.array([scale * scale, scale * scale, 1.0])

@@ -1,4 +1,4 @@
-"""Factors of GNSS fixes. Fixes are positions in a tangent plane of the Earth, and its pose in the map is a variable."""
+"""Factors of GNSS fixes: positions in a tangent plane of the Earth, whose pose in the map is a variable of the graph."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 
 from mqslam.core import se2
 
-# Residual [standard deviations] beyond which a fix counts as a jump and gets very little weight.
+# Residual of a fix [standard deviations] beyond which the fix counts as a jump and gets very little weight.
 REACH = 3.0
-_NO_TURN: Final = 1e-6  # numerical: the plane wanders and does not rotate [rad]
+_NO_TURN: Final = 1e-6  # numerical: the plane drifts, but does not rotate [rad]
 _UNKNOWN_YAW: Final = 1e3  # far more than a full rotation [rad], since a fix does not measure the yaw
 
 
@@ -30,7 +30,7 @@ def gnss_position(plane: int, key: int, pose: se2.Array, sigma_m: float) -> gtsa
 
 
 def plane_walk(a: int, b: int, walk_m: float) -> gtsam.BetweenFactorPose2:
-    """Returns the factor between two successive poses of the tangent plane, which wanders as the receiver's error does.
+    """Returns the factor between two successive poses of the tangent plane, which drifts like the receiver's error.
 
     Args:
         a: key of the earlier pose (Pose2).

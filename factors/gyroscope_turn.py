@@ -2,8 +2,8 @@
 
     error = yaw of b - yaw of a - (1 + scale error) x angle + bias x duration
 
-The bias and the scale error of the gyroscope are variables of the graph. The error is linear in all variables, so that a
-single linearisation is valid for all their values.
+The bias and the scale error of the gyroscope are variables of the graph. The error is linear in all variables, so it has to
+be linearised only once.
 """
 
 from __future__ import annotations

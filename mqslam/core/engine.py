@@ -1,4 +1,4 @@
-"""The protocol of engines, which call a pure function for many items; the results are the same with every engine."""
+"""The protocol of engines, which call a pure function for many items. Every engine gives the same results."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Engine(Protocol):
         ...
 
     def start(self, function: Callable[[S, T], R], shared: S, item: T) -> AbstractContextManager[Callable[[], R] | None]:
-        """Starts a call of function(shared, item) in another process; it runs beside the context's block and ends with it.
+        """Starts function(shared, item) in another process, which runs it in parallel with the block of the context.
 
         Args:
             function: the function to call.

@@ -35,7 +35,7 @@ def ignore_motion(motion: Measurement) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """The settings and measurements that a front end may use besides the scans.
+    """The settings, and the measurements of other sensors, that a front end may use besides the scans.
 
     Args:
         config: all settings.
@@ -53,9 +53,10 @@ class Context:
             gyroscope itself.
         velocities: velocities of the sensor, measured by the radar's own chirps, or None. They are used like `turning`.
         engine: engine on which a front end may track stretches of a recording in parallel; None tracks them in this process.
-        is_resolution_assumed: whether the recording does not state its bins' length, so that the usual one is used.
-        is_lidar: whether the scans are a lidar's: what it sees looks the same from everywhere, and its odometry predicts the
-            motion between scans better than the motion so far does.
+        is_resolution_assumed: True if the recording does not state the length of its range bins, so that the layout's usual
+            length is used.
+        is_lidar: whether the scans come from a lidar. A lidar sees the same surfaces from every position, and odometry
+            predicts its next motion better than its previous motion does.
     """
 
     config: Config
@@ -97,7 +98,10 @@ class Context:
         )
 
     def scale(self, factor: float) -> Self:
-        """Multiplies all lengths of the settings and of the odometry by a factor; other sensors must not be there."""
+        """Returns the context with all lengths of the settings and the odometry multiplied by a factor.
+
+        The context must not hold measurements of other sensors, since these are not scaled.
+        """
         odometry = None if self.odometry is None else scale_track(self.odometry, factor)
         return replace(self, config=scale_settings(self.config, factor), odometry=odometry)
 
@@ -111,10 +115,10 @@ class Context:
         return np.asarray(self.odometry.mean_twists(stamps[:1], stamps[1:])[0])
 
     def told_twist(self, t0: float, t1: float) -> se2.Array | None:
-        """Returns the mean twist (3,) between two times [s] as other sensors measured it, or None where no sensor did.
+        """Returns the mean twist (3,) between two times [s] from odometry, chirps and gyroscope, or None if all are missing.
 
-        A component that no sensor measures is NaN. The gyroscope's yaw rate and the chirps' velocity are better than
-        those of the odometry, so they are preferred.
+        A component that no sensor measures is NaN. The yaw rate of the gyroscope and the velocity from the chirps are more
+        accurate than the odometry's, so they are preferred.
         """
         twist = self.odometry_twist(t0, t1)
         twist = np.full(3, np.nan) if twist is None else twist.copy()
@@ -245,7 +249,7 @@ def measure_motions(name: str, context: Context, scans: Scans) -> Iterator[Measu
         yield _wrap_yaw(motion)
     if count != len(scans) - 1:
         raise EstimationError(
-            f"front end {name}: gave {count} motions for {len(scans)} scans; it must give one for every two successive scans"
+            f"front end {name}: gave {count} motions for {len(scans)} scans; it must give one per pair of successive scans"
         )
 
 
@@ -267,5 +271,5 @@ def _check_motion(name: str, motion: Measurement) -> None:
     raise EstimationError(
         f"front end {name}: the motion from {motion.t0:.2f} s to {motion.t1:.2f} s has "
         + ("a covariance with negative variances" if known else "a pose or a covariance that is not a number")
-        + "; choose another front end, or have this one mended"
+        + "; choose another front end, or report the fault to its authors"
     )

@@ -96,7 +96,7 @@ class Keyframes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaceTable:
-    """Descriptors of what places of a map look like, by which the places can be recognised.
+    """Descriptors of the appearance of places in a map, by which the places can be recognised.
 
     Args:
         keyframes: (P,) number of the keyframe at each place.
@@ -127,7 +127,7 @@ class KeyframeMap:
         return replace(self, keyframes=keyframes)
 
     def scale(self, factor: float) -> KeyframeMap:
-        """Returns the map with all lengths multiplied by a factor; what its places look like does not depend on the unit."""
+        """Returns the map with all lengths multiplied by a factor; the descriptors of places do not depend on the unit."""
         return self if factor == 1.0 else replace(self, keyframes=self.keyframes.scale(factor))
 
     def place_on_earth(self, georeference: Georeference | None) -> KeyframeMap:

@@ -34,12 +34,12 @@ class Measurement:
         psi: the scan's score at its minimum; NaN where the front end has none.
         psi_odometry: the scan's score under the odometry's motion; NaN without odometry.
         points: number of returns used.
-        matched: share of these returns that found a neighbour in the map; NaN where the front end does not say.
+        matched: share of these returns that found a neighbour in the map; NaN where the front end does not state it.
         on_map: whether both scans were matched to one map, so that errors of successive motions cancel instead of adding
             up.
-        apart: (3,) the motion measured backward in time minus the motion measured forward in time, where `pose` is the
-            mean of both. A pose that is only one of the two has a larger error, so its difference is multiplied by the
-            square root of two. NaN where the motion was measured only once.
+        apart: (3,) the motion measured backward in time minus the motion measured forward in time [m, m, rad]. `pose` is
+            the mean of the two. Where `pose` is only one of the two, its error is larger, and the difference is multiplied
+            by the square root of two. NaN where the motion was measured only once.
     """
 
     t0: float
@@ -120,7 +120,7 @@ class LoopSearch:
 
     @property
     def warnings(self) -> list[str]:
-        """Warnings for the user: one for each reason that left out more pairs of passes than there are loops."""
+        """Warnings for the user: one for each reason for which more pairs of passes were left out than there are loops."""
         left_out = {
             "several places fit": self.ambiguous,
             "only a place fits that the trajectory rules out": self.implausible,

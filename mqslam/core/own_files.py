@@ -1,4 +1,4 @@
-"""Imports Python files of a user's own, which define a front end or a test of a map, and names them in their errors."""
+"""Imports Python files in which a user defines a front end or a test of a map, and names them in their errors."""
 
 from __future__ import annotations
 

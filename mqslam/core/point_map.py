@@ -15,8 +15,8 @@ from mqslam.core import se2
 from mqslam.core.statistics import pick_evenly
 from mqslam.core.stored import make_stored, release
 
-_BLOCK: Final = 200_000  # points of a map that are in memory at a time; no result depends on it
-_LOOKED_AT: Final = 1_000_000  # number of points, evenly spread over the map's time, among which thinning picks
+_BLOCK: Final = 200_000  # points of a map that are in memory at a time; no result depends on this number
+_LOOKED_AT: Final = 1_000_000  # thinning considers at most this many points, evenly spread over the map's time
 # numerical limits of the search for the raster by which a map is thinned for display
 _SMALLEST_CELL_M: Final = 1e-3
 _CELL_RATIO: Final = 1.05
@@ -105,7 +105,7 @@ def pick_thinned(points: NDArray[np.float64], most: int) -> NDArray[np.int64]:
 
 def _pick_one_per_cell(points: NDArray[np.float64], most: int) -> NDArray[np.int64]:
     """Returns the index of one point per cell of the finest raster with at most `most` occupied cells."""
-    order = np.random.default_rng(0).permutation(len(points))  # so that a random point of a cell stays, not its earliest
+    order = np.random.default_rng(0).permutation(len(points))  # to keep a random point of each cell, not the earliest one
     shuffled = (points - points.min(axis=0))[order]
     low, high = _SMALLEST_CELL_M, float(np.ptp(points, axis=0).max()) + _SMALLEST_CELL_M
     while high > _CELL_RATIO * low:
@@ -126,7 +126,7 @@ def find_first_of_cells(points: NDArray[np.float64], cell: float, most: int) -> 
     room = 4
     while room < 4 * most:
         room *= 2
-    taken = np.full((room, 2), -1, np.int64)  # a hash table: each cell is kept in the first free slot from its hash on
+    taken = np.full((room, 2), -1, np.int64)  # a hash table with linear probing: column and row of each occupied cell
     first = np.empty(most + 1, np.int64)
     count = 0
     for k in range(len(points)):
@@ -151,7 +151,8 @@ class OccupancyGrid:
         occupied: (H, W) bool, row 0 at the lowest y, column 0 at the lowest x.
         resolution: side of a cell [m].
         origin: x, y [m] of the lower left corner of cell (0, 0), world frame.
-        free: (H, W) bool, cells that the sensor saw through, as a lidar's beams show them; None where it does not show them.
+        free: (H, W) bool, cells that a lidar's beams crossed and that are therefore empty; None for a radar, whose returns
+            do not show empty cells.
     """
 
     occupied: NDArray[np.bool_]

@@ -61,7 +61,8 @@ class Recording(ABC):
         turns_us: (N,) int64 [us], duration of each revolution: the time until the next one begins, unless a gap follows.
         range_resolution: length of a range bin [m].
         range_offset: true range of an object at rest minus the range of the bin's centre [m].
-        is_resolution_assumed: whether the recording does not state its bins' length, so that the usual one is used.
+        is_resolution_assumed: True if the recording does not state the length of its range bins, so that the layout's usual
+            length is used.
         stamp_sigma_s: standard deviation of a polar scan's stamp [s] where stamps are arrival times corrected for their
             delays; 0 where stamps are exact.
         odometry: dead-reckoned poses that the recording contains, or None. They are poses of the vehicle's frame if the
@@ -144,7 +145,7 @@ class Recording(ABC):
         return float(np.clip(np.median(self.turns_us), FASTEST_TURN_US, SLOWEST_TURN_US)) * 1e-6
 
     def complete(self, track: Trajectory) -> Trajectory:
-        """Returns a track of the recording's scans, to which a lidar's recording adds poses of scans that it left out."""
+        """Returns the track of the recording's scans; a lidar's recording adds poses of the scans that it left out."""
         return track
 
     def gaps(self) -> list[tuple[int, float]]:
@@ -187,7 +188,7 @@ class LidarRecording(Recording):
             format: name of its layout: carmen or laserscan.
             scans: the scans.
             trajectory: poses of the sensor that some SLAM system stored with the scans, or None.
-            odometry: dead-reckoned poses of the sensor that the recording carries, or None.
+            odometry: dead-reckoned poses of the sensor that the recording contains, or None.
             notes: what a user should know about how the recording was understood.
         """
         turns_us = _measure_turns(scans)
@@ -212,7 +213,7 @@ class LidarRecording(Recording):
         return replace(self, stamps_us=part.stamps_us, turns_us=_measure_turns(part), scans=part)
 
     def complete(self, track: Trajectory) -> Trajectory:
-        """Adds the poses of the scans that were left out: the odometry, as the poses before and after them correct it.
+        """Adds poses of the scans that were left out: odometry, corrected to agree with the poses before and after them.
 
         Args:
             track: poses of the scans that the recording holds.
@@ -236,7 +237,7 @@ class LidarRecording(Recording):
 
 
 def _measure_turns(scans: Scans) -> NDArray[np.int64]:
-    """Returns the times (N,) [us] from each scan to the next; the last scan takes as long as is usual."""
+    """Returns the times (N,) [us] from each scan to the next; the last scan is taken to last as long as usual."""
     return np.append(np.diff(scans.stamps_us), round(scans.revolution_s * 1e6)).astype(np.int64)
 
 

@@ -121,8 +121,8 @@ class Scans(Sequence[Scan]):
         scans: the scans.
         start_us: stamp [us] of time zero, the recording's start.
         revolution_s: usual duration of a revolution of the radar [s].
-        unit_m: for a lidar's scans, the length [m] that is to what it sees as a metre is to what a radar sees in a street;
-            None for a radar's.
+        unit_m: for a lidar's scans, the unit of length [m] in which a run solves them (`mqslam.core.units`): measured in
+            this unit, rooms are about as large as streets in metres. None for a radar's scans.
     """
 
     scans: tuple[Scan, ...] | StoredScans
@@ -196,7 +196,7 @@ class Scans(Sequence[Scan]):
 
 @dataclass(frozen=True, slots=True)
 class PeakCounts:
-    """Counts of what the steps of the detector kept and dropped.
+    """Numbers of azimuths and peaks that the steps of the detector kept and dropped.
 
     Args:
         azimuths: azimuths processed.
@@ -223,7 +223,7 @@ class PeakCounts:
             return f"{left_out}; check the radar's gain and which azimuths its driver marks as invalid"
         if 2 * self.ring_peaks > self.peaks:
             rings = f"{self.ring_peaks} of {self.peaks} peaks lie on rings around the radar"
-            return f"{rings}; look for something on its mount that reflects in all directions"
+            return f"{rings}; look for an object on the radar's mount that reflects in all directions"
         if self.peaks_out_of_range > self.peaks:
             outside = f"{self.peaks_out_of_range} peaks lie out of range and only {self.peaks} within it"
             return f"{outside}; raise detector.max_range_m or lower detector.min_range_m"

@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-_CLOSE = 0.1  # poses nearer in time than this share of the usual step are duplicates: they show noise, not a velocity
+_CLOSE = 0.1  # poses closer in time than this share of the usual step are duplicates: they show noise, not a velocity
 
 
 def wrap(angle: ArrayLike) -> Array:
-    """Wraps an angle [rad] to [-pi, pi); an angle that is there already stays the same to its last bit."""
+    """Wraps an angle [rad] to [-pi, pi); an angle in this interval stays exactly the same."""
     given = np.asarray(angle, dtype=np.float64)
     return np.where((given >= -np.pi) & (given < np.pi), given, (given + np.pi) % (2.0 * np.pi) - np.pi)
 
@@ -124,7 +124,7 @@ def _arc(w: Array) -> tuple[Array, Array]:
 
 
 def adjoint(pose: ArrayLike) -> Array:
-    """Returns the matrix (3, 3) that carries a perturbation in a pose's own frame to the frame that the pose is given in."""
+    """Returns the adjoint (3, 3) of a pose, which converts a perturbation from the pose's frame to the reference frame."""
     x, y, yaw = np.asarray(pose, dtype=np.float64)
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c, -s, y], [s, c, -x], [0.0, 0.0, 1.0]])
@@ -152,7 +152,7 @@ def scale_covariance(covariance: Array, factors: Array) -> Array:
 
 
 def covariance_of_inverse(pose: ArrayLike, covariance: Array) -> Array:
-    """Converts the covariance (3, 3) of a pose to that of its inverse, each in the frame in which its pose is given."""
+    """Converts the covariance (3, 3) of a pose to the covariance of the inverse pose, each in the frame of its pose."""
     x, y, yaw = np.asarray(pose, dtype=np.float64)
     lever = adjoint([x, y, 0.0])
     return rotate_covariance(lever @ covariance @ lever.T, -yaw)
@@ -161,7 +161,7 @@ def covariance_of_inverse(pose: ArrayLike, covariance: Array) -> Array:
 def interpolate(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     """Returns poses (M, 3) at times `at` (M,) on the constant-twist arcs through poses (N, 3) at increasing times (N,).
 
-    Before the first and after the last time, the nearest arc is continued; it joins poses that `select_apart` keeps.
+    Before the first and after the last time, the nearest arc between two poses that `select_apart` keeps is continued.
     """
     t, p, q = np.asarray(times, dtype=np.float64), np.asarray(poses, dtype=np.float64), np.asarray(at, dtype=np.float64)
     if len(t) == 1:
@@ -209,8 +209,8 @@ def smooth(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
 def find_poses_of_returns(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     """Returns a sensor's poses (M, 3) at the times `at` (M,) of its returns, from poses (N, 3) at increasing times (N,).
 
-    They lie on the curve of `smooth`. If all times of returns are times of poses, as for a lidar that sees everything in an
-    instant, the poses themselves are returned: scans that arrive in a burst have poses of their own, which no curve shows.
+    The poses lie on the curve of `smooth`. If all times of returns are times of poses, as for a lidar whose scan takes no
+    time, the poses themselves are returned. A smooth curve could not follow the poses of scans that arrive in a burst.
     """
     t, q = np.asarray(times, dtype=np.float64), np.asarray(at, dtype=np.float64)
     nearest = np.minimum(np.searchsorted(t, q), len(t) - 1)
@@ -220,9 +220,9 @@ def find_poses_of_returns(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> 
 
 
 def select_apart(times: Array) -> NDArray[np.int64]:
-    """Returns the indices of the increasing times (N,) that are not duplicates of an earlier one.
+    """Returns the indices of the increasing times (N,) that are not duplicates.
 
-    A time is a duplicate if it follows another one within a small part of the usual step.
+    A time is a duplicate if it follows an earlier time within a small part of the usual step.
     """
     steps = np.diff(times)
     least = _CLOSE * float(np.median(steps)) if len(steps) else 0.0

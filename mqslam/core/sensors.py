@@ -45,7 +45,7 @@ class Gyroscope(_Stamped):
     own_clock: bool = False
 
 
-_LONGEST: Final = 5.0  # by definition, a time between readings longer than this many median times is a gap
+_LONGEST: Final = 5.0  # a time between two readings that is longer than this many median times counts as a gap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,7 +125,7 @@ class Fixes(_Stamped):
         source: the file or topic that the fixes come from, for messages.
         made_truth: whether the recording's ground truth was made from this receiver, so that the evaluation of an
             estimate that uses the fixes would be meaningless.
-        own_clock: whether the receiver's clock is known not to be that of the radar.
+        own_clock: whether the receiver is known to have a clock of its own.
     """
 
     stamps_us: NDArray[np.int64]
@@ -242,7 +242,7 @@ class Mount:
 
     Args:
         pose: (3,) x [m], y [m] and yaw [rad] of the radar in the vehicle's frame.
-        source: the file, topic or publication that states it, for messages.
+        source: the file, topic or publication that states the pose, for messages.
         given: whether the user states the pose, not the recording.
     """
 

@@ -11,16 +11,15 @@ from numpy.typing import NDArray
 MEDIAN_OF_CHI2: Final = 0.4549
 """Median of a chi-square with one degree of freedom; a median of squares divided by it estimates the variance."""
 MEDIAN_SPREAD: Final = 2.33
-"""Standard deviation of a variance estimated from the median of squares, relative to the variance, times the root of the
-number of squares."""
+"""A variance estimated from the median of n squares has a relative standard deviation of this number divided by sqrt(n)."""
 SIGMAS_PER_DEVIATION: Final = 1.4826
-"""Standard deviations of normal noise per median absolute deviation."""
+"""Ratio of the standard deviation of normal noise to its median absolute deviation."""
 
 
 def cut_gross(squares: NDArray[np.float64], times: float) -> NDArray[np.float64]:
-    """Limits squares (N, K) to `times` times the median of their column; NaN stays NaN.
+    """Limits squares (N, K) to the median of their column multiplied by `times`.
 
-    A column whose median is zero is not limited.
+    NaN stays NaN, and a column whose median is zero is not limited.
     """
     known = np.isfinite(squares)
     median = np.array(
@@ -30,8 +29,8 @@ def cut_gross(squares: NDArray[np.float64], times: float) -> NDArray[np.float64]
 
 
 MEDIAN_EFFICIENCY: Final = 0.37
-"""By definition: efficiency of the median absolute deviation relative to the standard deviation, for normal noise."""
-_KEPT: Final = 0.998  # by definition: share of normal noise that a trimmed scale keeps, within 3.1 standard deviations
+"""Efficiency of the median absolute deviation relative to the standard deviation, for normal noise."""
+_KEPT: Final = 0.998  # share of normal noise that a trimmed scale keeps: the values within 3.1 standard deviations
 
 
 def correct_for_places(p_values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -40,15 +39,16 @@ def correct_for_places(p_values: NDArray[np.float64]) -> NDArray[np.float64]:
     A corrected p-value is the probability that a good map shows a p-value as small as this one at any of the places.
 
     Args:
-        p_values: p-values of single places; NaN where nothing was judged, which does not count as a place.
+        p_values: p-values of single places; NaN for a place that was not judged, which is not counted.
     """
     return np.minimum(np.count_nonzero(np.isfinite(p_values)) * p_values, 1.0)
 
 
 def find_trimmed_scale(squares: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Estimates the factors of `find_usual_scale` by a mean that leaves out the places that are far off.
+    """Estimates the factors of `find_usual_scale` by a mean that leaves out places with very large offsets.
 
-    With few places it is less uncertain than the median. Torn places do not affect it as long as they are fewer than half.
+    With few places, this mean is less uncertain than the median. Places where the map is torn do not affect it as long as
+    they are fewer than half.
 
     Args:
         squares: (N, 3), as for `find_usual_scale`.
@@ -65,8 +65,8 @@ def compute_p_values(squares: NDArray[np.float64], freedom: float) -> NDArray[np
     """Returns the probabilities (N,) that single places of a good map show offsets as large as these.
 
     Args:
-        squares: (N,) squares of offsets (3,) in units of their covariances, which were scaled to fit the usual place.
-        freedom: degrees of freedom of that scale, which is itself uncertain.
+        squares: (N,) squared Mahalanobis distances of the offsets, under covariances that were scaled to fit usual places.
+        freedom: degrees of freedom with which this scale was estimated.
     """
     from scipy.stats import f as f_distribution
 
@@ -74,15 +74,15 @@ def compute_p_values(squares: NDArray[np.float64], freedom: float) -> NDArray[np
 
 
 def find_smallest(p_values: Iterable[float]) -> float | None:
-    """Returns the smallest corrected p-value of places, which is the p-value of all places together; None if all are NaN."""
+    """Returns the smallest corrected p-value, which is the p-value of all places together; None if all are NaN."""
     return min((float(p) for p in p_values if np.isfinite(p)), default=None)
 
 
 def find_usual_scale(squares: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns factors (3,), at least 1, on variances that make the covariances fit the median offset of all places.
 
-    The covariance from the curvature is too small by a factor that depends on the world. The median of all places shows
-    this factor, and the few torn places do not affect it.
+    The covariance from the curvature is too small by a factor that depends on the surroundings. The median of all places
+    shows this factor, and the few places where the map is torn do not affect it.
 
     Args:
         squares: (N, 3) squared offset of each place per axis, in units of its variance.
@@ -90,7 +90,7 @@ def find_usual_scale(squares: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.maximum(np.median(squares, axis=0) / MEDIAN_OF_CHI2, 1.0))
 
 
-_FINE = 44  # last bits, which only place a number within its step; the 524,288 steps are 0.2 to 0.4 % wide
+_FINE = 44  # low bits of a float64 that do not count when numbers are sorted into 524,288 steps, each 0.2 to 0.4 % wide
 
 
 def find_median(list_blocks: Callable[[], Iterable[NDArray[np.float64]]]) -> float:

@@ -20,7 +20,7 @@ _SMALL = 4_000_000  # bytes; a smaller array stays in memory, which is faster
 
 
 def make_stored(shape: tuple[int, ...], kind: type[np.generic] | np.dtype[Any] = np.float64) -> NDArray[Any]:
-    """Returns an array of zeros, which lies in a temporary file if it is large.
+    """Returns an array of zeros of a shape and type; a large array lies in a temporary file.
 
     Raises:
         OutputError: there is no room for the file.
@@ -93,9 +93,11 @@ def release(*parts: NDArray[Any] | memoryview | mmap.mmap) -> None:
 
 
 def _map(file: IO[bytes], size: int, kind: type[np.generic] | np.dtype[Any]) -> NDArray[Any]:
+    """Maps the first `size` bytes of a file into memory as an array of numbers of a type."""
     return np.frombuffer(mmap.mmap(file.fileno(), size), kind)
 
 
 def _report(error: OSError) -> OutputError:
+    """Returns the error for the user that temporary files cannot be written."""
     folder = tempfile.gettempdir()
     return OutputError(f"{folder}: temporary files cannot be written ({error.strerror})", f"free space in {folder}")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 
-# A trajectory covers a recording if it lacks at most this much time [us] at each end, where its first or last motion is
+# A trajectory covers a recording if it lacks at most this much time [us] at each end; there its first or last motion is
 # continued.
 _TRACK_SLACK_US: Final = 500_000
 

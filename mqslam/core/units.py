@@ -1,7 +1,8 @@
-"""Units of length: carries scans, tracks and measurements between metres and another unit.
+"""Units of length: converts tracks, measurements and settings between metres and another unit.
 
-The method's lengths (widths of the score, spacing of keyframes, reach of loops) fit what a radar sees in streets. A robot
-with a lidar in rooms sees the same world, several times smaller. Its recording is therefore solved in a unit of its own.
+The method's lengths (widths of the score, spacing of keyframes, reach of loops) are chosen for a radar in streets. To a
+robot with a lidar, rooms look like streets that are several times smaller. Its recording is therefore solved in a unit of
+length that is shorter than a metre.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _LENGTHS: Final = {
     *(("psi", key) for key in ("s", "beta_s", "tau")),
     ("tracker", "speed_max"),
 }
-_NOT_LENGTHS: Final = {"range_resolution_m", "range_offset_m", "min_range_m", "max_range_m"}  # the sensor's own
+_NOT_LENGTHS: Final = {"range_resolution_m", "range_offset_m", "min_range_m", "max_range_m"}  # properties of the sensor
 
 
 def scale_pose(pose: se2.Array, factor: float) -> se2.Array:
@@ -65,12 +66,12 @@ def scale_settings(config: Config, factor: float) -> Config:
 
 
 def fit_settings(config: Config, usual: Config, unit_m: float) -> Config:
-    """Replaces the settings that were left at their defaults by those that are usual for a sensor, with lengths in its unit.
+    """Replaces settings that the user left at their defaults by values that suit a sensor and its unit of length.
 
     Args:
-        config: settings as they were given.
-        usual: settings that are usual for the sensor, in which lengths that differ from the defaults are in metres.
-        unit_m: unit of the recording [m], by which all other lengths are multiplied.
+        config: settings as the user gave them.
+        usual: settings that are usual for the sensor. Values that differ from the defaults are used as they are.
+        unit_m: unit of length of the recording [m]; all other lengths are their defaults multiplied by it.
     """
     defaults, scaled, changed = Config(), scale_settings(Config(), unit_m), {}
     for name, section in config:

@@ -151,10 +151,11 @@ class Detected:
     """The returns and velocities detected in a stretch of polar scans, and the time that it took.
 
     Args:
-        returns: returns of each polar scan, empty for a scan that could not be read; an empty list if a `Scans` holds them.
+        returns: returns of each polar scan, empty for a scan that could not be read; an empty list if the returns are kept
+            in a `Scans` object instead.
         unread: why a polar scan could not be read, by its number in the recording.
         read_s, detect_s: seconds spent on reading and on detection.
-        counts: what the detector kept and dropped.
+        counts: numbers of azimuths and peaks that the detector kept and dropped.
         velocities: velocities of the sensor, one per polar scan; None if not asked for or if chirps do not alternate.
     """
 

@@ -81,7 +81,7 @@ def list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _doubt_sensors(summary: Mapping[str, Any], used: Sequence[str]) -> list[str]:
-    """Returns a note if a map that does not pass was crisper, by psi, before the sensors in use were added."""
+    """Returns a note if the map does not pass the audit and psi was lower (crisper) before the sensors were added."""
     psi = summary.get("psi") or {}
     before, after = psi.get("per_point_odometry"), psi.get("per_point_optimised")
     passed = (summary.get("verdict") or {}).get("status") == "pass"
