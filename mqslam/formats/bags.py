@@ -1,4 +1,4 @@
-"""Opens and writes ROS bags, reads the stamps and planar poses in them, and names a message that is at fault."""
+"""Opens and writes ROS bags, reads their stamps and planar poses, and names the message that causes an error."""
 
 from __future__ import annotations
 
@@ -167,8 +167,8 @@ def require_topic(path: Path, topic: str, there: Iterable[Connection], what: str
         path: path of the bag.
         topic: name of the topic.
         there: the connections to choose from.
-        what: name of what is read from the topic, for the error.
-        kind: name of the kind of messages that hold what is read, for the error.
+        what: what the topic should hold, for the error, such as `polar scans`.
+        kind: what messages of the right type hold, for the error, such as `images`.
 
     Raises:
         DataError: none of the connections has that topic; the error lists their topics, twelve at most.
@@ -223,7 +223,7 @@ class Clock:
 
 @dataclass(slots=True)
 class PoseLog:
-    """Collects the planar poses on the topics of a bag; `add` takes in one message after the other.
+    """The planar poses on the topics of a bag, which `add` collects one message at a time.
 
     Args:
         clock: reads the stamps of messages.
@@ -255,7 +255,7 @@ class PoseLog:
         return Trajectory(np.array([row[0] for row in kept], dtype=np.int64), np.array([row[1:] for row in kept]))
 
     def note_left_out(self, topic: str | None) -> list[str]:
-        """Returns a list with a note on the poses of a topic that `trajectory` leaves out; empty if it leaves none out."""
+        """Returns a list with a note on the poses of a topic that `trajectory` leaves out; empty if it keeps all poses."""
         rows = self.rows.get(topic or "", [])
         if rows and self.trajectory(topic) is None:
             return [f"{topic} is left out: it holds no two poses at different times"]

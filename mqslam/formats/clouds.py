@@ -25,14 +25,14 @@ from mqslam.formats.stamps import LATEST_US, convert_stamps, time_unit
 from mqslam.formats.tables import find_stamps
 
 _WANTED = "a cloud needs x, y and one of time, t, timestamp, stamp or gps_time for every point"
-_COARSEST_S = 0.05  # coarser times cannot tell one sweep of a sensor from the next: such files are refused
+_COARSEST_S = 0.05  # a file with coarser time steps is refused, because they cannot tell one scan from the next
 _NOTED_S = 1e-3  # finer time steps than this do not matter for a map and get no note
 _YEAR_US = 365.25 * 86400e6
 _LONGEST_US = 10 * _YEAR_US  # longer spans of time are damaged, and would make an audit judge a huge number of windows
 _MOST_NUMBERS = 10_000  # limit on the numbers per point that a header may claim
 Columns = Mapping[str, Any]
 _RECORD_BYTES, _COMPRESSED = 54, 0x80  # of LAS: size of a variable-length record's header, flag of compressed points
-_ALWAYS_BYTES: Final = 1 << 30  # memory for an interpreter with its libraries; almost all of it is never used
+_ALWAYS_BYTES: Final = 1 << 30  # limit on the memory of the Python process itself, besides the points; it uses far less
 _COPIES: Final = 4  # copies of the points that are in memory at a time while they are unpacked and written
 
 
@@ -68,7 +68,7 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
         return cloud
     if clock.start_us + int(cloud.stamps_us[-1]) > LATEST_US:
         raise DataError(path, "states that its times count from a stamp beyond any clock", "write the file again")
-    notes = [f"they are counted from {clock.start_us} us, as the file states"] if clock.start_us else []
+    notes = [f"times are counted from {clock.start_us} us, as the file states"] if clock.start_us else []
     return replace(cloud, stamps_us=cloud.stamps_us + clock.start_us, notes=(*cloud.notes, *notes), scan_us=clock.scan_us)
 
 
@@ -229,7 +229,7 @@ def unpack(path: Path) -> Iterator[Path]:
     Raises:
         DataError: the file cannot be unpacked.
     """
-    compressed, points_bytes = _read_covariances(path)
+    compressed, points_bytes = _read_size(path)
     if points_bytes > untrusted.bound_unpacked(path.stat().st_size):
         raise DataError(
             path, f"states {points_bytes} bytes of points, but has only {path.stat().st_size} bytes", "write the file again"
@@ -262,7 +262,7 @@ def write_unpacked(words: list[str]) -> bytes:
     return b""
 
 
-def _read_covariances(path: Path) -> tuple[bool, int]:
+def _read_size(path: Path) -> tuple[bool, int]:
     """Returns whether the points of a LAS or LAZ file are compressed, and how many bytes of points its header claims."""
     with path.open("rb") as file:
         head = file.read(255).ljust(255, b"\0")
@@ -297,7 +297,7 @@ def _is_plausible(path: Path) -> bool:
 
 
 def _are_plausible_items(block: bytes, records: int, point_bytes: int) -> bool:
-    """Returns whether a LAZ file's records list items of a packed point whose sizes add up to its own; else lazrs panics."""
+    """Returns whether the item sizes that a LAZ file states add up to the bytes of a point; if not, lazrs would crash."""
     at = 0
     for _ in range(records):
         user, number, length = struct.unpack_from("<2x16sHH", block.ljust(at + _RECORD_BYTES, b"\0"), at)

@@ -123,7 +123,7 @@ def _list_losses(recording: Recording, target: Target, unmarked: int) -> list[st
     if recording.ground_truth is not None and not target.truth:
         notes.append(f"ground truth {_LEFT}")
     if recording.ground_truth is not None and recording.truth_on_vehicle and target.truth and not target.is_bag:
-        notes.append(f"ground truth is of the vehicle, which {target.name} cannot say: it will be read as that of the radar")
+        notes.append(f"ground truth holds poses of the vehicle; readers of {target.name} will take them for the radar's")
     carried = (("the gyroscope", recording.gyroscope), ("GNSS", recording.fixes), ("the radar's mount", recording.mount))
     for name, sensor in carried:
         if sensor is not None and not target.sensors:

@@ -36,8 +36,8 @@ class StampedCovariances:
     Args:
         stamps_us: (N,) [us], increasing.
         covariances: (N, 3, 3) of x [m], y [m] and yaw [rad].
-        of_first_pose: whether they are in the frame of the first pose, as those of a run, rather than in the frame in which
-            the trajectory's poses are given, as in ROS.
+        of_first_pose: True if the covariances are in the frame of the first pose, as a run writes them; False if they are
+            in the frame in which the trajectory's poses are given, as in ROS.
     """
 
     stamps_us: NDArray[np.int64]
@@ -56,8 +56,8 @@ def write_covariances(path: Path, given: StampedCovariances) -> None:
 def write_wide(path: Path, trajectory: Trajectory, given: StampedCovariances) -> None:
     """Writes `t x y z qx qy qz qw` and the 36 terms of the pose's covariance per line, for poses whose covariance is known.
 
-    The covariance is that of ROS's PoseWithCovariance: row by row, of x, y, z and the rotations about these axes, in the
-    frame of the trajectory. What a planar pose does not know (z, roll and pitch) is zero.
+    The covariance is written as in ROS's PoseWithCovariance: row by row, of x, y, z and the rotations about these axes, in
+    the frame of the trajectory. Terms of z, roll and pitch are zero, since the poses are planar.
     """
     lines = []
     for track, covariance in list_known(trajectory, given):
@@ -146,7 +146,7 @@ def _read_wide(path: Path, lines: Sequence[str]) -> StampedCovariances:
 
 
 def _flatten(terms: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the covariance (3, 3) of x, y and yaw among 36, 21 or 12 terms."""
+    """Returns the covariance (3, 3) of x, y and yaw from the 36, 21 or 12 terms after a pose."""
     if len(terms) == 36:
         return terms.reshape(6, 6)[_PLANAR]
     whole = np.zeros((6, 6))

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from mqslam.core.wording import is_or_are
 from mqslam.errors import DataError, untrusted
 
-_MOST_PIXELS, _LONGEST_SIDE = 16_000_000, 65_535  # largest polar scan: larger images are damaged, or made to fill the memory
-_MOST_EXPANSION = 1032  # deflate packs at most this many pixels into a byte: a file with more is cut short
+_MOST_PIXELS, _LONGEST_SIDE = 16_000_000, 65_535  # a larger image is damaged, or an attempt to fill the memory
+_MOST_EXPANSION = 1032  # deflate packs at most this many pixels into a byte: a file that states more was cut off
 CONVERT_IMAGES = "convert the images to 8-bit grey (mono8)"
 _Read = TypeVar("_Read")
 _DAMAGE = (OSError, SyntaxError, ValueError, EOFError, zlib.error, struct.error)
@@ -110,7 +110,7 @@ def read_first(names: Sequence[int], read: Callable[[int], _Read], place: str) -
     Args:
         names: names of the images, in the order in which they are tried.
         read: reads the image of a name, or raises a DataError.
-        place: where the first name lies in the recording, as the fault words it: "first" or "last".
+        place: "first" or "last": the end of the recording at which the names begin, for the fault.
 
     Returns:
         The image, the number of images before it that could not be read, and a list with a fault for the user if there
@@ -138,7 +138,7 @@ def read_first(names: Sequence[int], read: Callable[[int], _Read], place: str) -
 
 
 def write_png(path: Path, image: NDArray[np.uint8]) -> None:
-    """Writes an 8-bit grey PNG, with the least compression, which is many times as fast and makes hardly larger files."""
+    """Writes an 8-bit grey PNG at the lowest compression level, which is many times faster for hardly larger files."""
     from PIL import Image
 
     Image.fromarray(image).save(path, compress_level=1)

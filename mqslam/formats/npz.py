@@ -50,7 +50,7 @@ def read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
     """Reads an array of an archive.
 
     Raises:
-        ValueError: the array is missing, damaged, made of Python objects, or claims more bytes than are stored of it.
+        ValueError: the array is missing, damaged, made of Python objects, or claims more bytes than the archive holds.
     """
     try:
         member = archive.getinfo(f"{name}.npy")

@@ -22,7 +22,7 @@ _HEADER_BYTES: Final = 1 << 16  # size limit: comments are looked for in this ma
 
 @dataclass(frozen=True, slots=True)
 class MapClock:
-    """How the times of a run's point map relate to the stamps of its trajectory.
+    """The relation between the times of a run's point map and the stamps of its trajectory.
 
     Args:
         start_us: stamp from which times are counted [us]: the recording's start, or 0 if the times are stamps themselves.

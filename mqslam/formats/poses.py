@@ -24,7 +24,7 @@ def yaw_of_quaternion(qx: float, qy: float, qz: float, qw: float) -> float:
 
 
 def read_yaw(path: Path, place: str, quaternion: Sequence[float]) -> float:
-    """Returns the yaw [rad] of a file's quaternion x, y, z, w of any norm; `place` says in errors where it stands.
+    """Returns the yaw [rad] of a quaternion x, y, z, w of any norm; `place` is its position in the file, for errors.
 
     Raises:
         DataError: the quaternion is zero.
@@ -36,12 +36,12 @@ def read_yaw(path: Path, place: str, quaternion: Sequence[float]) -> float:
 
 
 def round_yaw(yaw: float) -> float:
-    """Rounds a yaw [rad] to nine decimals in (-pi, pi), so that it survives being written as a rotation of 12 digits."""
+    """Rounds a yaw [rad] to nine decimals in (-pi, pi), so that writing it as a rotation with 12 digits loses nothing."""
     return float(np.clip(round(float(se2.wrap(yaw)), 9), -3.141592653, 3.141592653))
 
 
 def mark_places(numbers: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
-    """Marks the rows (N,) of numbers (N, D) [m or rad] that can be positions or poses: larger numbers would overflow."""
+    """Marks the rows (N,) of numbers (N, D) [m or rad] that are finite and small enough to be positions or poses."""
     return np.asarray((np.abs(numbers) <= _FARTHEST).all(axis=-1))  # NaN compares as false
 
 

@@ -1,6 +1,6 @@
 """Writes the results of a run as a ROS bag: /tf, /path and /pose of the radar or vehicle, and the map as /map and /points.
 
-/pose holds each pose with its covariance, where the run knows it.
+/pose holds the poses whose covariances the run has computed.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def is_run(path: Path) -> bool:
 def write_results(out: Path, run: Path, kind: str) -> None:
     """Writes the results of a run as a bag, completely or not at all.
 
-    Map, points and path are latched messages at the first stamp. The transforms lead from the map's frame to the radar's or
-    the vehicle's, and have the stamps of their scans.
+    Map, points and path are latched messages at the first stamp. The transforms lead from the map's frame to the frame of
+    the radar or the vehicle, and have the stamps of their scans.
 
     Args:
         out: the file or folder.
@@ -78,7 +78,7 @@ def write_results(out: Path, run: Path, kind: str) -> None:
 
 
 def _find_moved(summary: Path) -> str:
-    """Returns the name of the frame whose poses a run has written, the radar's or the vehicle's, as its summary says."""
+    """Returns the name of the frame whose poses a run has written, the radar's or the vehicle's, from its summary."""
     try:
         stated = json.loads(untrusted.read_document(summary))
         of_vehicle = stated.get("frame") == VEHICLE  # runs of earlier versions state no frame and have the radar's poses

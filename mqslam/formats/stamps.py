@@ -99,7 +99,7 @@ def convert_stamps(values: NDArray[Any], unit: str = "") -> tuple[NDArray[np.int
 
 
 def mark_increasing(values: Sequence[float], *, strictly: bool = True) -> NDArray[np.bool_]:
-    """Returns which values (N,) form the longest increasing subsequence, so that a stray value is left out.
+    """Marks the values (N,) of the longest increasing subsequence, so that stray values are left out.
 
     Args:
         values: N values.

@@ -36,7 +36,7 @@ RATES: Final = {f"{unit}/s": scale for unit, scale in RADIANS.items()} | {
 """Units of lengths, angles, speeds and turn rates in lower case, with their factors to m, deg, rad, m/s and rad/s."""
 _BRACKETED: Final = re.compile(r"[\s_]*(?:\s\w+)*\s*[\[({](.*)[\])}]\s*")
 _LONGEST_LINE = 10_000  # characters; a file whose first line is longer is no table
-_LISTED = 20  # most columns that an error lists
+_LISTED = 20  # an error lists at most this many columns
 _REPAIR = "repair or remove its line"
 _GIVE_STAMPS = "give stamps in s, us or ns"
 Parse = Callable[[str], float]
@@ -88,7 +88,7 @@ class Header:
             The column's number, and the factor that converts it to the first of the units; None if no column has the name.
 
         Raises:
-            DataError: the column states a unit that is none of these.
+            DataError: the column states another unit.
         """
         if name in self.names:
             return self.names.index(name), 1.0
@@ -136,7 +136,7 @@ def split_header(line: str) -> tuple[str, ...]:
 
 
 def find_stamps(names: Sequence[str]) -> list[tuple[int, str]]:
-    """Returns number and unit of the column of stamps, or of the two that state each stamp in seconds and nanoseconds."""
+    """Returns number and unit of the column of stamps, or of the two columns with their seconds and nanoseconds."""
     units = [(column, unit) for column, name in enumerate(names) if (unit := time_unit(name)) is not None]
     seconds, nanoseconds = ([pair for pair in units if pair[1] == unit] for unit in ("s", "ns"))
     return [seconds[0], nanoseconds[0]] if seconds and nanoseconds else units[:1]
@@ -210,7 +210,7 @@ def read_converted(
         wanted: the columns besides the stamps.
         remedy: what to give in place of the file, for errors.
         unit: unit of stamps whose column states none; "" guesses it from their size.
-        what: the word for a row, for errors.
+        what: the word for a row in errors, such as `pose`.
 
     Raises:
         DataError: a column is missing or states a unit that cannot be converted, or a cell is no finite number or stamp.
@@ -245,7 +245,7 @@ class SensorTable:
 
     Args:
         stamps_us: (N,) int64 [us], in the order of the file.
-        columns: (N, C); NaN where a row holds no number.
+        columns: (N, C) readings, one row per stamp; NaN where the file holds no number.
         unread: number of further rows that were left out because their stamps are not valid.
     """
 

@@ -18,10 +18,10 @@ def open_lines(
 
     Args:
         path: the file.
-        remedy: what to give in place of a file that is no text, for the error.
+        remedy: advice for the error if the file is no text: what to give instead.
         encoding: encoding of a file without a byte order mark.
         errors: how bytes that are not in the encoding are decoded; None refuses them.
-        missing: what to do if the file does not exist, for the error; "" suggests a file with a similar name.
+        missing: advice for the error if the file does not exist; "" suggests a file with a similar name.
 
     Raises:
         DataError: the file does not exist, cannot be read, or is no text.

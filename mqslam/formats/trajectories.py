@@ -51,7 +51,7 @@ _AT_ONCE_US = 10_000  # messages recorded within so short a time were written af
 def read_trajectory(path: Path, times: Path | None = None, topic: str | None = None, frame: str | None = None) -> Trajectory:
     """Reads a trajectory. Its format is recognised by its content, the unit of its stamps by their name or size.
 
-    - TUM: `t[s] x y z qx qy qz qw` per line, which may go on with the pose's covariance.
+    - TUM: `t[s] x y z qx qy qz qw` per line; the covariance of the pose may follow.
     - KITTI: the 12 numbers of a 3x4 pose matrix per line, stamps in `times`. If y varies less than z and the motion runs
       along the poses' own z, they are poses of a camera (x right, y down, z forward): its z and -x become x and y. All
       other poses lie in the x-y plane.
@@ -70,7 +70,7 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
         frame: a frame whose pose the transforms of a bag give; None takes base_link, or the only frame that moves.
 
     Raises:
-        DataError: the file is none of these, holds a value that is not a number, or its stamps do not increase.
+        DataError: the file has none of these formats, holds a value that is not a number, or its stamps do not increase.
     """
     return read_with_notes(path, times, topic, frame)[0]
 
@@ -114,7 +114,9 @@ def read_odometry(path: Path) -> Trajectory:
 
 
 def write_twists(path: Path, stamps_us: Iterable[int], twists: se2.Array) -> None:
-    """Writes odometry as `t,v,omega` [us, m/s, rad/s], with `vy` if the body slides; a row's twist holds until the next row.
+    """Writes odometry as `t,v,omega` [us, m/s, rad/s]; a row's twist holds until the next row.
+
+    A column `vy` [m/s] follows if the body moves sideways.
 
     Args:
         path: the file.
@@ -143,7 +145,7 @@ def write_boreas_odometry(path: Path, trajectory: Trajectory, stamps_us: NDArray
     The radar's frame is x forward, y right, z down. Source: github.com/utiasASRL/pyboreas, `pyboreas/utils/odometry.py`.
 
     Args:
-        path: the file, which the leaderboard wants to be named after the sequence.
+        path: the file, which the leaderboard expects to be named after the sequence.
         trajectory: the radar's trajectory.
         stamps_us: (N,) stamps of the sequence's images [us], each halfway through a turn of the radar.
 
@@ -247,7 +249,7 @@ def _read_file(path: Path, times: Path | None) -> Trajectory:
 
 
 def _refuse_times(path: Path, times: Path | None) -> None:
-    """Raises a DataError if a file of times is given for a trajectory that carries its own stamps."""
+    """Raises a DataError if a file of times is given for a trajectory that has stamps itself."""
     if times is not None:
         raise DataError(times, f"is not needed: {path.name} is no KITTI file and carries its own stamps", "leave it out")
 
@@ -314,7 +316,7 @@ def _read_first_words(times: Path) -> NDArray[np.int64]:
 
 
 def _project(path: Path, stamps: NDArray[np.int64], numbers: NDArray[np.float64]) -> Trajectory:
-    """Makes a planar trajectory of stamps (N,) [us] and N pose matrices of 12 numbers, of a camera or in the x-y plane."""
+    """Makes a planar trajectory of stamps (N,) [us] and pose matrices (N, 12), of a camera or of a body in the x-y plane."""
     matrices = numbers.reshape(-1, 3, 4)
     if not np.isfinite(matrices).all():
         row = int(np.argmin(np.isfinite(matrices).all(axis=(1, 2)))) + 1
@@ -328,7 +330,7 @@ def _project(path: Path, stamps: NDArray[np.int64], numbers: NDArray[np.float64]
 
 
 def _is_camera(turns: NDArray[np.float64], places: NDArray[np.float64]) -> bool:
-    """Returns whether poses are a camera's: its y, the height, varies less than its z, and it moves along its own z axis.
+    """Returns whether poses are a camera's: y, its height, varies less than z, and it moves along its own z axis.
 
     Args:
         turns: (N, 3, 3) rotations of the poses.
@@ -386,5 +388,5 @@ def _refuse_counts(stamps: Path) -> None:
     """Raises a DataError if stamps only count scans from 0, as KISS-ICP writes them when it reads scans without times."""
     times_us = _read_first_words(stamps)
     if np.array_equal(times_us, 1_000_000 * np.arange(len(times_us))):
-        problem = "numbers its poses 0, 1, 2... instead of stamping them, since their SLAM knew no times"
+        problem = "numbers its poses 0, 1, 2... instead of stamping them, because the SLAM system had no times"
         raise DataError(stamps, problem, "give the file of their times, one per line")

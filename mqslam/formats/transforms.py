@@ -21,7 +21,7 @@ _BODIES = ("base_link", "base_footprint")
 _TYPES = (TF_TYPE, "tf/msg/tfMessage")
 _STATIC, _MOVING = "tf_static", "tf"
 _LISTED = 12
-_SAME = 1e-6  # in m and in parts of a quaternion: rounding changes a transform that is published again by less
+_SAME = 1e-6  # [m, or components of a quaternion] transforms that differ by less, as by rounding, count as the same
 _Numbers = tuple[float, ...]  # x, y, z [m] and the quaternion x, y, z, w
 
 
@@ -101,7 +101,11 @@ class Mounts:
         return False
 
     def place(self, sensor: str, body: str = "") -> NDArray[np.float64] | None:
-        """Returns the transform (4, 4) of points from a sensor's to a body's frame; "" takes a vehicle's usual frames.
+        """Finds the transform (4, 4) of points from a sensor's frame to a body's frame.
+
+        Args:
+            sensor: frame of the sensor.
+            body: frame of the body; "" takes a vehicle's usual frames.
 
         Returns:
             The transform, or None if no transforms connect the frames.
@@ -111,7 +115,7 @@ class Mounts:
         return matrix if frame in bodies else None
 
     def find(self, sensor: str, body: str = "") -> se2.Array | None:
-        """Returns the pose (3,) x, y [m], yaw [rad] of a sensor on the vehicle, or None as `place` does."""
+        """Returns the pose (3,) x, y [m], yaw [rad] of a sensor on a body, with arguments and None as in `place`."""
         matrix = self.place(sensor, body)
         if matrix is None:
             return None
@@ -214,13 +218,13 @@ class Transforms:
         return bodies[0]
 
     def trace(self, frame: str) -> Trajectory:
-        """Returns the poses of a frame in the root of its tree, at the stamps of the most frequent transform on the way.
+        """Returns the poses of a frame in the root of its tree.
 
-        The other transforms are interpolated at these stamps, as tf2 does. There are poses only at stamps within the time
-        span of each transform.
+        The poses have the stamps of the most frequent transform between the frame and the root. The other transforms are
+        interpolated at these stamps, as tf2 does. There are poses only at stamps within the time span of each transform.
 
         Raises:
-            ValueError: a frame on the way has two parents, the frames form a ring, or fewer than two poses result.
+            ValueError: a frame between them has two parents, the frames form a ring, or fewer than two poses result.
         """
         from scipy.spatial.transform import Rotation
 

@@ -14,7 +14,8 @@ from mqslam.formats.stamps import guess_unit, parse_stamps
 from mqslam.formats.text import read_lines
 
 WIDE = (8 + 36, 8 + 21, 8 + 12)
-"""Numbers in a line that holds a pose and its covariance: the whole one, its upper triangle, or those of its two blocks."""
+"""Counts of numbers in a line with a pose and its covariance: the whole matrix, its upper triangle, or the upper triangles
+of its blocks of rotation and position."""
 _REMEDY = "give a TUM trajectory"
 
 

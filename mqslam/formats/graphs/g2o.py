@@ -17,7 +17,7 @@ from mqslam.formats.text import read_lines, read_text
 if TYPE_CHECKING:
     import gtsam
 
-_TAGS: Final = ("VERTEX", "EDGE", "FIX")  # beginnings of the lines of any g2o file, also of kinds that are not read here
+_TAGS: Final = ("VERTEX", "EDGE", "FIX")  # beginnings of the lines of any g2o file, even one that is not supported here
 _TRAJECTORY_WIDTHS: Final = (8, 12)  # numbers in a line of TUM (a stamp, a place and a quaternion) and of KITTI (a matrix)
 _LARGEST: Final = 1e18  # limit on the numbers of a pose or an information matrix: products of larger ones overflow
 _LARGEST_NUMBER: Final = 2**56 - 1  # largest vertex number, by definition: GTSAM keeps letters in the bits above
@@ -25,11 +25,11 @@ _TURNED: Final = [3, 4, 5, 0, 1, 2]  # order of a pose's variables: GTSAM has th
 
 
 class _Kind(NamedTuple):
-    """How one kind of poses, planar or spatial, is written.
+    """The form in which one kind of poses, planar or spatial, is written.
 
     Args:
         vertex, edge: the first words of the lines of a vertex and of an edge.
-        size: how many numbers a pose has.
+        size: number of values that a pose has.
         width: number of rows of an information matrix, whose upper triangle follows the pose of an edge.
     """
 
@@ -40,7 +40,7 @@ class _Kind(NamedTuple):
 
     @property
     def upper(self) -> int:
-        """How many numbers the upper triangle of an information matrix has."""
+        """Number of values in the upper triangle of an information matrix."""
         return self.width * (self.width + 1) // 2
 
 
@@ -107,7 +107,7 @@ def format_poses_and_edges(factors: gtsam.NonlinearFactorGraph, values: gtsam.Va
 
 
 def list_edges(factors: gtsam.NonlinearFactorGraph) -> list[gtsam.BetweenFactorPose2 | gtsam.BetweenFactorPose3]:
-    """Returns the factors of a graph that g2o can state: between-factors of two poses."""
+    """Returns the factors of a graph that a g2o file can hold: between-factors of two poses."""
     import gtsam
 
     edges = (gtsam.BetweenFactorPose2, gtsam.BetweenFactorPose3)
@@ -182,7 +182,7 @@ def read_edges(path: Path) -> tuple[list[tuple[int, int]], int]:
 
 
 def _guess_content(words: Sequence[str]) -> str:
-    """Guesses, for the error, what a file that is no graph holds, by the words of its first line; returns "" if unsure."""
+    """Guesses the content of a file that is no graph from the words of its first line; returns "" if that is unclear."""
     try:
         for word in words:
             float(word)
@@ -273,7 +273,7 @@ def _read_pose(pose: gtsam.Pose2 | gtsam.Pose3) -> tuple[_Kind, list[float]]:
 
     if isinstance(pose, gtsam.Pose2):
         return _PLANAR, [pose.x(), pose.y(), pose.theta()]
-    turn: Any = pose.rotation().toQuaternion()  # a class that GTSAM's types do not know
+    turn: Any = pose.rotation().toQuaternion()  # its class is missing from GTSAM's type stubs
     return _SPATIAL, [pose.x(), pose.y(), pose.z(), turn.x(), turn.y(), turn.z(), turn.w()]
 
 

@@ -58,7 +58,7 @@ def read_gtsam(graph: Path, values: Path) -> StoredGraph:
 def write_again(words: list[str]) -> bytes:
     """Reads from stdin an archive of the GTSAM class that the first word names, and returns it as GTSAM writes it again.
 
-    Some damaged archives make GTSAM end the process. Therefore `call_apart` calls this function in another process, and
+    Some damaged archives make GTSAM end its process. Therefore `call_apart` calls this function in a separate process, and
     the main process reads only the archive that this function returns.
     """
     import gtsam
@@ -69,7 +69,7 @@ def write_again(words: list[str]) -> bytes:
 
 
 def _read_again(path: Path, kind: str) -> str:
-    """Returns an archive that another process has read and written again, as `write_again` does."""
+    """Returns the content of an archive after a separate process has read it and written it again."""
     if not path.exists():
         raise DataError(path, "does not exist", "check the path")
     if not recognises(path):

@@ -1,4 +1,4 @@
-"""Reads CARMEN logs (`.log`, `.log.gz` and `.clf`): the scans of a planar lidar, with a pose beside each.
+"""Reads CARMEN logs (`.log`, `.log.gz` and `.clf`): the scans of a planar lidar, each with poses of lidar and robot.
 
 A FLASER line states no angles. Its n readings sweep 180 degrees, from -90 degrees on. If n is even, they end one step
 before +90 (180: -90 to +89 by 1, 360: -90 to +89.5 by 0.5); if n is odd, they end at +90 (181 by 1, 361 by 0.5). On the
@@ -34,12 +34,12 @@ from mqslam.formats.stamps import mark_increasing, parse_stamps
 # of readings have it.
 _CLIP_M, _CLIP_SHARE, _CLIP_COUNT = 3.0, 1e-3, 10
 _SAME = np.array([0.01, 0.01, 0.01])  # poses [m, m, rad] that differ by less are equal: a log is written to centimetres
-# Poses [m, m, rad] beside the scans that stay this near to the odometry are the odometry's own: no SLAM has corrected them.
+# Poses [m, m, rad] of scans that differ from the odometry by less than this are the odometry itself, not a SLAM result.
 _SAME_TRACK = np.array([0.05, 0.05, 0.02])
 _ENDINGS = (".log", ".log.gz", ".clf", ".clf.gz")
 _ERROR_CODES_M = 81.82  # SICK lidars write what they could not measure as 81.83 m to 81.91 m
 _CLIP_TOLERANCE_M = 1e-6  # ranges are written with fewer decimals than this
-_LEAST_MAXIMUM_M = 1.0  # a smaller maximum among the parameters is no lidar's
+_LEAST_MAXIMUM_M = 1.0  # no lidar has a smaller maximum range
 _HALF_TURNS = {180, 181, 360, 361}  # numbers of readings in a scan of SICK's lidars, which see 180 degrees
 _FIELDS_OF_VIEW = ("laser_front_laser_fov", "laser_laser1_fov")  # parameters [degrees]
 _LEAST_FOV_DEG, _FULL_DEG = 10.0, 360.0  # bounds of a field of view; a smaller number may be in radians
@@ -58,9 +58,10 @@ def recognises(path: Path) -> bool:
 def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarRecording:
     """Reads a CARMEN log.
 
-    All beams of a scan have the scan's time, since the format states no others. The trajectory consists of the sensor's
-    poses beside the scans. The odometry comes from the ODOM lines. In a log without them it consists of the robot's poses
-    beside the scans, unless these are rigidly connected to the sensor's poses. Odometry is carried from robot to sensor.
+    All beams of a scan have the scan's time, since the format states no times of beams. The trajectory consists of the
+    sensor's poses in the scan lines. The odometry comes from the ODOM lines. In a log without ODOM lines it consists of the
+    robot's poses in the scan lines, unless these are rigidly connected to the sensor's poses. Odometry of the robot is
+    converted to poses of the sensor.
 
     Args:
         path: the log.
@@ -87,7 +88,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
     if np.any(mount != 0.0):
         notes.append(f"the lidar's pose on the robot is {mount[0]:.3g} m, {mount[1]:.3g} m, {mount[2]:.3g} rad")
     if odometry is not None and _is_same_motion(trajectory, odometry):
-        notes.append("the poses beside the scans are the odometry's: no SLAM corrected them")
+        notes.append("the poses in the scan lines are the odometry: no SLAM system has corrected them")
     return LidarRecording.of(path, "carmen", stamp_scans(stamps, returns), trajectory, odometry, tuple(notes))
 
 
@@ -118,7 +119,7 @@ def _spread_readings(
 ) -> tuple[list[ScanLine], list[str]]:
     """Spreads the readings of FLASER scans over the field of view that the user or the log's parameters state.
 
-    Returns the scans and notes on it. Where no field of view is stated, the scans keep their angles.
+    Returns the scans, and notes on their field of view. Where no field of view is stated, the scans keep their angles.
     """
     fov_deg, whose = settings.lidar_fov_deg, "reading.lidar_fov_deg"
     for name in _FIELDS_OF_VIEW if fov_deg is None else ():
@@ -152,7 +153,13 @@ def _parse_stamps(path: Path, words: list[str]) -> NDArray[np.int64]:
 def _drop_clipped(
     scans: Sequence[ScanLine], times: NDArray[np.float64], parameters: dict[str, float]
 ) -> tuple[list[Returns], list[str]]:
-    """Returns each scan's readings that are returns, with its time out of `times` (N,) [s], and a note on a ceiling."""
+    """Returns the readings of each scan that are returns, and a note if the log clips long ranges.
+
+    Args:
+        scans: the N scans.
+        times: (N,) time of each scan [s].
+        parameters: parameters of the log.
+    """
     below = np.concatenate([scan.ranges[scan.ranges < min(scan.maximum_m, _ERROR_CODES_M)] for scan in scans])
     ceiling = _find_ceiling(below, sum(len(scan.ranges) for scan in scans), parameters)
     returns = []
@@ -166,9 +173,9 @@ def _drop_clipped(
 def _find_ceiling(ranges: NDArray[np.float64], readings: int, parameters: dict[str, float]) -> float:
     """Finds the range [m], below the sensor's own maximum, at which a log clips its readings; inf where it clips none.
 
-    That is the longest range, if it occurs too often to be a real object. Else it is the maximum that the parameters
-    state, in metres or centimetres, unless some range is longer: robot_front_laser_max may limit the robot's obstacle
-    avoidance instead.
+    The longest range is the limit if it occurs too often to be a real object. Else the limit is the maximum that the
+    parameters state, in metres or centimetres. This maximum is ignored if some range is longer, since
+    robot_front_laser_max may limit the robot's obstacle avoidance instead.
     """
     longest = float(ranges.max(initial=0.0))
     clipped = int(np.count_nonzero(ranges >= longest - _CLIP_TOLERANCE_M))
@@ -194,7 +201,7 @@ def _find_mount(sensor: se2.Array, robot: se2.Array, parameters: dict[str, float
 
 
 def _chain_odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]) -> tuple[Trajectory | None, list[str]]:
-    """Returns the robot's odometry, or None where it has fewer than two poses, and notes on what was done to it.
+    """Returns the robot's odometry, or None where it has fewer than two poses, and notes on how it was made.
 
     In a log that a SLAM run wrote, the odometry starts again from the corrected pose after every scan. The wheels measured
     only the steps in between: these are chained, and the jumps to the corrected poses are left out.

@@ -25,8 +25,8 @@ from mqslam.formats.transforms import Mounts
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
-# The times that a driver states for a lidar's beams are used if a sweep takes less than this many usual steps from scan to
-# scan. Longer sweeps are a driver's mistake.
+# The times that a driver states for a lidar's beams are used if the beams of a scan span less than this many usual steps
+# from one scan to the next. Longer spans are a mistake of the driver.
 _LIDAR_LONGEST_SWEEP = 1.05
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
@@ -35,7 +35,15 @@ _COMMANDS = ("goal", "initialpose", "initial_pose")
 
 @dataclass(slots=True)
 class _ScanIndex:
-    """What one pass over a bag finds: scans with times since their own stamps, poses, the lidar's frame, and mounts."""
+    """The content of a bag that one pass reads.
+
+    Args:
+        stamps_us: stamp of each scan [us].
+        scans: the scans, whose times count from their stamps [s].
+        poses: the poses on the topics of odometry and of a SLAM system.
+        sensor_frame: frame of the lidar.
+        mounts: the static transforms.
+    """
 
     stamps_us: list[int] = field(default_factory=list)
     scans: list[Returns] = field(default_factory=list)
@@ -48,7 +56,7 @@ _OF_RADAR = ("polar", "navtech", "radar_data")  # parts of the names that driver
 
 
 def holds_scans(reader: AnyReader) -> bool:
-    """Returns whether an open bag has laser scans and nothing that a radar sent."""
+    """Returns whether an open bag has laser scans and no topic of a radar."""
     kinds = {connection.msgtype for connection in reader.connections}
     topics = [connection.topic.lower() for connection in reader.connections]
     return SCAN_TYPE in kinds and not any(word in topic for topic in topics for word in _OF_RADAR)
@@ -57,9 +65,9 @@ def holds_scans(reader: AnyReader) -> bool:
 def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarRecording:
     """Reads the scans of a bag, with its odometry and the poses that some SLAM system published.
 
-    Ranges outside (range_min, range_max), NaN and infinite ones are no returns. Beam k is measured k time increments after
-    the header's stamp. Poses are carried to the lidar where /tf_static, or a transform on /tf that never changes, states
-    the lidar's mount.
+    Ranges that are infinite, NaN or outside (range_min, range_max) are no returns. Beam k is measured k time increments
+    after the header's stamp. If /tf_static, or a transform on /tf that never changes, states the lidar's mount, poses of
+    the robot are converted to poses of the lidar.
 
     Args:
         path: the bag.
@@ -172,10 +180,10 @@ def _parse_scan(message: Any) -> Returns:
 
 
 def _find_times(stamps: NDArray[np.int64], scans: Sequence[Returns]) -> tuple[list[NDArray[np.float64]], list[str]]:
-    """Finds the beams' times [s] since the first of the scans' stamps (N,) [us], with a note if beams have the scans' times.
+    """Returns the times of each scan's beams [s] since the first of the stamps (N,) [us], with a note if they are replaced.
 
-    If sweeps would last longer than the step from one scan to the next, the driver's time increment is wrong. All beams of
-    a scan then have the scan's time.
+    If a scan would last longer than the step from one scan to the next, the driver's time increment is wrong. All beams of
+    a scan then get the scan's time.
     """
     starts = ((stamps - stamps[0]) * 1e-6).tolist()
     times = np.concatenate([scan.times for scan in scans])

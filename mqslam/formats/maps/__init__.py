@@ -1,1 +1,1 @@
-"""Files of maps: occupancy grids, keyframes, and maps with their place on the Earth."""
+"""Files of maps: occupancy grids, keyframes, and georeferenced maps."""

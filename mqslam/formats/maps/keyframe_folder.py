@@ -1,4 +1,4 @@
-"""Writes and reads the keyframes of a map as a folder, which is used without the recordings; points are read when needed.
+"""Writes and reads the keyframes of a map as a folder, so that the map can be used without the recordings.
 
     index.json       format, version, sizes, recordings, and the settings that places are described with
     keyframes.npy    (K,) one record per keyframe
@@ -6,7 +6,8 @@
     places.npy       (P,) number of the keyframe at each place
     descriptors.npy  (P, R, S) descriptor of each place, by rings and sectors
 
-The .npy files are in NumPy's own format, so that any program that reads this format can read a map.
+The .npy files are in NumPy's own format, so that any program that reads this format can read a map. Points are read only
+when they are needed.
 """
 
 from __future__ import annotations
@@ -97,7 +98,7 @@ def write_keyframes(folder: Path, made: KeyframeMap) -> None:
 
 
 def _describe_recording(recording: MappedRecording) -> dict[str, Any]:
-    """Returns a recording as JSON data; only a lidar's has a unit."""
+    """Returns a recording as JSON data; only a recording of a lidar has a unit."""
     return {name: value for name, value in asdict(recording).items() if value is not None}
 
 
@@ -162,7 +163,7 @@ def read_keyframes(path: Path) -> KeyframeMap:
 
 
 def _check_numbers(path: Path, numbers: NDArray[Any]) -> None:
-    """Checks that the numbers (N,) of a memory-mapped file are finite and not too large; its memory is released again."""
+    """Checks that the numbers (N,) of a memory-mapped file are finite and not too large, and releases its memory."""
     for begin in range(0, len(numbers), _AT_A_TIME):
         if not mark_places(numbers[begin : begin + _AT_A_TIME, None].astype(np.float32)).all():
             raise DataError(path, "holds numbers that are not finite, or far too large", _REMEDY)

@@ -23,7 +23,7 @@ _FREE = 254
 _UNKNOWN = 205
 """Pixels of occupied, free and unknown cells. map_server reads a pixel p as the occupancy (255 - p) / 255: 205 gives
 0.19608, just above the threshold of free cells."""
-_ROWS = 500  # rows of the image that are in memory at a time: a matter of memory only
+_ROWS = 500  # rows of the image that are in memory at a time; the result does not depend on this number
 _OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196  # map_server's usual thresholds
 _MESSAGE_OCCUPIED, _MESSAGE_FREE, _MESSAGE_UNKNOWN = 100, 0, -1  # as nav_msgs/OccupancyGrid defines them
 
@@ -46,8 +46,8 @@ class Nav2Map:
 def write_nav2_map(folder: Path, grid: OccupancyGrid, place: Georeference | None = None) -> None:
     """Writes `map.pgm` and `map.yaml` into a folder, in the format of nav2's and ROS 1's map_server.
 
-    A radar's map has no free cells: that a radar got no return from a place does not show that the place is empty. Planners
-    need `allow_unknown: true` on such a map. A lidar's map has free cells.
+    A radar's map has no free cells, because a place without returns need not be empty. Planners need `allow_unknown: true`
+    on such a map. A lidar's map has free cells.
 
     Args:
         folder: an existing folder.

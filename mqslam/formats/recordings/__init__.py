@@ -12,7 +12,7 @@ from mqslam.errors import ConfigError, DataError, OfLidarError, Remedy, suggest,
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.formats.bags import explain_packed
 from mqslam.formats.lidars import carmen
-from mqslam.formats.recordings.derived import turn_as_told
+from mqslam.formats.recordings.derived import apply_clockwise
 from mqslam.formats.recordings.layout import (
     USUAL_TOPICS,
     Layout,
@@ -61,7 +61,7 @@ def open_recording(
             another, or the layout's default.
         stamp: whether the stamp of a polar scan is its start or its end, where azimuths carry no stamps; None takes the
             layout's default.
-        topics: topics of a bag to read, where types and names do not show which ones are meant.
+        topics: topics of a bag to read, where the types and names of topics do not show which ones to choose.
         encoder_size: encoder ticks per revolution, where azimuths carry encoder values; None takes the number that the
             recording states, else that of Navtech's radars.
 
@@ -89,7 +89,7 @@ def open_recording(
         opened = layout.open_recording(path, Sensing(range_resolution, clockwise, stamp, topics, encoder_size, range_offset))
         if range_offset is not None:
             opened = replace(opened, range_offset=range_offset)
-        return turn_as_told(opened, clockwise)
+        return apply_clockwise(opened, clockwise)
 
 
 def list_targets() -> list[Target]:

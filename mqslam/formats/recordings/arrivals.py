@@ -1,18 +1,17 @@
-"""Estimates from stamps of arrival, late by varying delays, when the revolutions (turns) of a radar ended or began.
+"""Estimates when the revolutions (turns) of a radar ended or began, from stamps of arrival, which have varying delays.
 
-Where a recording has one stamp per polar scan, it is the stamp of a message or a file, which a computer sets when it finds
-the time: each stamp is late by a different delay, and some are so late that they lie after the stamps of the next polar
-scans. The order of polar scans is therefore that of their numbers or messages, never that of their stamps. The radar turns
-steadily, since its antenna has inertia: the duration of a turn changes little from one turn to the next. So the stamps a_k
-of the recording are modelled as
+Where a recording has one stamp per polar scan, it is the stamp of a message or a file, which a busy computer sets late: each
+stamp has a different delay, and some are later than the stamps of the next polar scans. Polar scans are therefore ordered by
+their numbers or messages, never by their stamps. The radar turns steadily, since its antenna has inertia: the duration of a
+turn changes little from one turn to the next. So the stamps a_k of the recording are modelled as
 
     a_k = s_k + jitter,        s_k - 2 s_k+1 + s_k+2 = change of the duration of a turn
 
 with white jitter of variance r and white changes of variance q. Both variances are estimated from the stamps themselves
 (restricted maximum likelihood), and the most probable s_k replace the a_k: this is the smoother of Whittaker and Henderson,
 equal to that of Rauch, Tung and Striebel for this model. Its covariance gives the uncertainty of the s_k. Stamps that are
-out of order or far too late are ignored, and polar scans that are missing by their numbers have no stamps. Turns on the two
-sides of a gap do not constrain one another, nor do turns before and after the radar is told to turn at another rate.
+out of order or far too late are ignored. Polar scans whose numbers are missing have no stamps. Turns on the two sides of a
+gap do not constrain one another, nor do turns before and after a change of the radar's rate.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from mqslam.core.wording import count_of
 from mqslam.formats.recordings.turns import ALIKE_TURNS, LONGEST_STEP, TURNS_AROUND, USUAL_TURN_S, find_usual_turns
 from mqslam.formats.stamps import mark_increasing
 
-_LEAST_JITTER_S = 1e-4  # less jitter [s] is left alone: at 30 m/s a vehicle drives 3 mm meanwhile
+_LEAST_JITTER_S = 1e-4  # smaller jitter [s] is not corrected: at 30 m/s a vehicle drives 3 mm in this time
 # Smallest and largest of the ratios that are tried: variance of the jitter over variance of the changes of a turn's
 # duration. Each ratio is ten times the one before. The largest averages stamps over about a hundred turns.
 _ROUGHEST_RATIO, _SMOOTHEST_RATIO = 1e-4, 1e8
@@ -119,7 +118,7 @@ def _estimate_once(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> t
 
 
 def _describe_damaged(numbers: NDArray[np.int64], damaged: NDArray[np.bool_]) -> str:
-    """Words a fault for the user: the stamps of those polar scans, numbered (N,), that a mask (N,) marks are damaged."""
+    """Returns the fault for the user that the polar scans that a mask (N,) marks, with numbers (N,), have damaged stamps."""
     count = int(np.count_nonzero(damaged))
     others = f" and of {count_of(count - 1, 'other')}" if count > 1 else ""
     return (
@@ -135,7 +134,7 @@ def _find_takes(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDAr
 
 
 def _mark_in_time(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Marks increasing stamps (N,) [us] that leave enough time for the revolutions up to every later one of these stamps."""
+    """Marks stamps (N,) [us] that increase and leave enough time for the revolutions up to every later marked stamp."""
     from scipy.ndimage import minimum_filter1d
 
     rows = np.flatnonzero(mark_increasing(stamps_us.tolist()))
@@ -150,10 +149,10 @@ def _mark_in_time(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> ND
 def _fill_turns(
     stamps_us: NDArray[np.int64], places: NDArray[np.int64], known: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], float]:
-    """Estimates the stamps (M,) [us] of all turns, evenly between known ones; returns a turn's usual duration [us] as well.
+    """Spreads the stamps (M,) [us] of unknown turns evenly between the known ones; also returns the usual duration [us].
 
-    Where a gap lies between two known turns, an unknown turn lies after the gap if its stamp of arrival does, else before.
-    A turn is a revolution of the radar.
+    A turn is a revolution of the radar. Where a gap lies between two known turns, an unknown turn is placed after the gap if
+    its stamp of arrival lies there, else before the gap.
     """
     stamps, counts = stamps_us[known], places[known]
     apart, steps, takes = np.diff(counts), np.diff(stamps), _find_takes(stamps, counts)
@@ -172,7 +171,7 @@ def _fill_turns(
 
 
 def _smooth_once(stamps_us: NDArray[np.int64], known: NDArray[np.float64]) -> tuple[NDArray[np.int64], float]:
-    """Subtracts from stamps the delays that they show; returns the standard deviation of the new stamps [s] as well.
+    """Estimates the delays of stamps and subtracts them; also returns the standard deviation of the new stamps [s].
 
     Args:
         stamps_us: (N,) increasing stamps of turns [us].
@@ -195,7 +194,7 @@ def _smooth_once(stamps_us: NDArray[np.int64], known: NDArray[np.float64]) -> tu
 
 
 def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Marks the polar scans (N - 2,) that the next two follow without a break and at the same rate of rotation.
+    """Marks the polar scans (N - 2,) that are followed by two more without a break and at the same rate of rotation.
 
     A break is a step after which the stamps stay behind their schedule, or ahead of it: a gap, or a clock that jumps. A
     single late polar scan is no break, since the next ones are on time again.
@@ -232,7 +231,7 @@ def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64]) -> NDAr
 
 
 def _mark_members(tied: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Marks the polar scans (N,) that are tied to others, from the mask (N - 2,) of the first of three tied ones."""
+    """Marks the polar scans (N,) that are tied to others; the mask `tied` (N - 2,) marks the first of every three tied."""
     padded = np.pad(tied, 2)
     return padded[2:] | padded[1:-1] | padded[:-2]
 
@@ -264,11 +263,11 @@ def _estimate_delays(
 
 
 def _choose_fit(bends: NDArray[np.float64], tied: NDArray[np.bool_], known: NDArray[np.float64], turn: float) -> _Fit:
-    """Chooses the likeliest ratio of variances and stray stamps, which may lie anywhere in a turn; it takes `turn` [us].
+    """Chooses the likeliest ratio of the two variances, and ignores stray stamps.
 
-    The first ratio that is tried holds turns steadiest; each later ratio lets them change more. So stamps that are late
-    together, while a computer is busy, are recognised against the steady turns around them before the turns can bend to
-    follow them.
+    A stray stamp may lie anywhere in a turn of the radar, which takes `turn` [us]. The first ratio that is tried lets the
+    duration of turns change least, and each later ratio lets it change more. So several stamps that are late together,
+    because a computer was busy, are recognised as late before the estimated turns can follow them.
     """
     members = _mark_members(tied) & (known == 1.0)
     cost_stray = 2.0 * np.log(turn) - np.log(2.0 * np.pi) - 1.0

@@ -1,4 +1,4 @@
-"""Reads and writes a revolution's azimuths as Oxford rows (time, angle, validity, power), or spreads azimuths evenly."""
+"""Reads and writes the azimuths of a revolution as Oxford rows (time, angle, validity, power), or spreads them evenly."""
 
 from __future__ import annotations
 
@@ -15,20 +15,21 @@ from mqslam.formats.recordings.layout import Stamp
 from mqslam.formats.recordings.turns import measure_turn
 from mqslam.formats.stamps import mark_increasing
 
-# The span of the azimuths is the duration of the turn if it differs by less than this share from the duration that their
-# rate gives. Otherwise the rate decides, since the azimuths do not cover exactly one turn.
+# The time span of the azimuths is taken as the duration of the turn if it differs by less than this share from the duration
+# that the rate of the azimuths gives. Otherwise the azimuths do not cover exactly one turn, and the rate decides.
 _SAME_TURN = 0.02
 METADATA_BYTES = 11
 FLAG_BYTE = 10
 TURN_TICKS = 5600
-"""Number of bytes before the power in an Oxford row, index of the flag byte among them, and encoder ticks per revolution."""
+"""Number of bytes before the power in an Oxford row, index of the flag byte in the row, and encoder ticks per revolution."""
 FIRST_NS = 1e17
 """Larger than any stamp since 1970 in us, and smaller than the stamps of any radar's recording in ns."""
 STATE_ENCODER = "state the encoder's ticks per turn by sensor.encoder_size if it has others"
 _NEAR_STEPS = 5  # steps between polar scans at either end of a recording whose median is the duration of a turn there
-_OVERLAP = 1.05  # no turn lasts this many times the time until the next one begins: a radar keeps its rate better
+_OVERLAP = 1.05  # turns overlap if they seem to last this many times the step to the next turn: a radar's rate is steadier
+# numbers of ticks per revolution with which encoders are made
 _MADE = (500, 512, 1000, 1024, 1250, 1800, 2000, 2048, 2500, 3000, 3600, 4000, 4096, 5000, 7200, 8000, 8192, 10000, 16000)
-_SAME_SIZE = 0.02  # relative error of the ticks per turn that the steps between polar scans show
+_SAME_SIZE = 0.02  # relative error of the ticks per turn, as estimated from the steps between polar scans
 _LONGEST_TURN_US = 30e6  # a stamp further than this from the median stamp of its turn is damaged
 
 
@@ -81,10 +82,10 @@ class Azimuths:
 def repair_azimuths(
     stamps_us: NDArray[np.int64], ticks: NDArray[np.uint16], measured: NDArray[np.bool_], turn: int = TURN_TICKS
 ) -> Azimuths:
-    """Makes azimuths of raw times and encoder ticks.
+    """Makes azimuths from raw times and encoder ticks.
 
-    A time that breaks the order of the others, and a tick above `turn` or against the sense of rotation, are replaced by
-    interpolation over the row number, and their rows are marked invalid.
+    A time that breaks the order of the other times, and a tick above `turn` or against the sense of rotation, are replaced
+    by interpolation over the row number, and their rows are marked invalid.
 
     Args:
         stamps_us: (A,) raw times [us].
@@ -133,7 +134,7 @@ def spread_azimuths(count: int, stamp_us: int, duration_us: int, *, clockwise: b
 
 
 def note_spread(whose: str, stamp: Stamp, clockwise: bool) -> str:
-    """Words the note on how azimuths without stamps and angles are placed, by the stamps of `whose`: "file" or "header"."""
+    """Returns the note that azimuths are spread evenly; `whose` says where the stamps come from: "file" or "header"."""
     return (
         "azimuths carry no stamps of their own and are spread evenly over the turn; "
         f"{whose} stamps are taken as the {stamp} of the turn (sensor.stamp), "
@@ -144,10 +145,10 @@ def note_spread(whose: str, stamp: Stamp, clockwise: bool) -> str:
 def check_encoder(
     path: Path, stamps_us: NDArray[np.int64], ends: Sequence[float | None], turn: int = TURN_TICKS
 ) -> list[str]:
-    """Checks the ticks per revolution: if an encoder has fewer than assumed, revolutions seem to last into the next ones.
+    """Checks the assumed number of encoder ticks per revolution; if the encoder has fewer, revolutions seem to overlap.
 
-    They also seem to overlap if the radar slowly sweeps only a part of the circle. The number of ticks that the revolutions
-    show tells the two cases apart, since encoders are made with only a few numbers of ticks.
+    Revolutions also seem to overlap if the radar slowly sweeps only a part of the circle. The number of ticks that they show
+    distinguishes the two cases, since encoders are made with only a few numbers of ticks.
 
     Args:
         path: path of the recording, for errors.
@@ -171,7 +172,7 @@ def check_encoder(
     ticks = turn / float(np.mean(too_long))
     problem = f"its encoder values sweep {ticks:.0f} of {turn} ticks while the radar turns once"
     if not any(abs(ticks - size) < _SAME_SIZE * size for size in _MADE):
-        return [f"{problem}: it sweeps a part of the turn only, or sensor.encoder_size is to be set to the ticks of a turn"]
+        return [f"{problem}: it sweeps only a part of a turn, or sensor.encoder_size must be set to the ticks of a turn"]
     raise DataError(path, problem, f"set sensor.encoder_size to the ticks of a turn, about {ticks:.0f}")
 
 
@@ -227,7 +228,7 @@ def make_rows(recording: Recording, k: int, polar_scan: PolarScan, per_us: int =
 
     Args:
         recording: the recording.
-        k: number of the polar scan, for an error to name.
+        k: number of the polar scan, for errors.
         polar_scan: polar scan k.
         per_us: units of the written time per microsecond: 1 to write us, 1000 to write ns.
 
@@ -248,7 +249,7 @@ def make_rows_of_chirps(recording: Recording, k: int, polar_scan: PolarScan) -> 
 
     Args:
         recording: the recording.
-        k: number of the polar scan, for an error to name.
+        k: number of the polar scan, for errors.
         polar_scan: polar scan k.
 
     Raises:
@@ -278,7 +279,7 @@ def encode_azimuths(recording: Recording, k: int, polar_scan: PolarScan, turn: i
 
 
 def _mark_ordered(values: NDArray[np.float64], candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Marks, of the entries that a mask `candidates` (A,) marks, the longest subsequence of values that do not decrease."""
+    """Marks the longest subsequence of values that do not decrease among the entries that `candidates` (A,) marks."""
     mask = candidates.copy()
     if np.any(np.diff(values[candidates]) < 0):
         mask[candidates] = mark_increasing(values[candidates].tolist(), strictly=False)

@@ -5,9 +5,9 @@ its pose are stamped in the middle of the revolution (row floor(A / 2) - 1). Bin
 radar_offset. Poses lie in `applanix/radar_poses.csv`, calibrations in `calib/`: `T_a_b` takes points of frame b to frame a.
 The Applanix frame is x right, y forward, z up; the radar's is x forward, y right, z down.
 
-Readings of other sensors lie in `applanix/` and `imu/`. In Boreas, applanix/imu.csv holds the post-processed solution, from
-which the ground truth comes, too; for Boreas-RT, the authors advise against that file for the same reason. So it is
-read only where a user names it. The wheel encoder of Boreas-RT and a gyroscope together are the odometry (`boreas_wheel`).
+Readings of other sensors lie in `applanix/` and `imu/`. In Boreas, applanix/imu.csv holds the post-processed solution that
+the ground truth also comes from; for Boreas-RT, the authors advise against that file for the same reason. So the file is
+read only where a user names it. The odometry comes from a gyroscope and the wheel encoder of Boreas-RT (`boreas_wheel`).
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
 
 
 def _add_wheel(recording: RowImageRecording, file: Path, calibration: Path) -> RowImageRecording:
-    """Adds odometry of a wheel encoder and the gyroscope to a recording, or a note on what it lacks for that."""
+    """Adds odometry from a wheel encoder and the gyroscope to a recording, or a note on what is missing for it."""
     gyroscope, place = recording.gyroscope, calibration / "T_applanix_wheel.txt"
     if gyroscope is None or (recording.mount is not None and not place.exists()):
         missing = "a gyroscope besides applanix/imu.csv" if gyroscope is None else str(place)
@@ -176,8 +176,8 @@ def _read_poses(file: Path) -> Trajectory:
 
     Columns: stamp, easting, northing, altitude [m], three velocities, roll, pitch, heading [rad], three rates; and
     C_enu_radar = R1(roll) R2(pitch) R3(heading), where the rotations R1, R2 and R3 turn the axes, not the vectors. Roll is
-    near pi, so the heading goes counter-clockwise from east as yaw does; to be exact, the yaw is the direction of the
-    radar's x axis.
+    near pi, so the heading goes counter-clockwise from east as yaw does. The yaw is computed exactly, as the direction of
+    the radar's x axis.
     """
     stamps, table = read_stamped(file, [1, 2, 7, 8, 9])
     easting, northing, roll, pitch, heading = table.T
@@ -207,7 +207,7 @@ def _write_poses(folder: Path, truth: Trajectory, middles: NDArray[np.int64]) ->
     """
     stamps = middles[(middles >= truth.stamps_us[0]) & (middles <= truth.stamps_us[-1])]
     if len(stamps) < 2:
-        return ["ground truth covers fewer than two polar scans and is left behind"]
+        return ["ground truth covers fewer than two polar scans and is not written"]
     poses = truth.at(stamps)
     seconds = (stamps - stamps[0]) * 1e-6
     rates = np.gradient(np.column_stack([poses[:, :2], np.unwrap(poses[:, 2])]), seconds, axis=0)
@@ -216,7 +216,7 @@ def _write_poses(folder: Path, truth: Trajectory, middles: NDArray[np.int64]) ->
         heading = float(se2.wrap(yaw))
         lines.append(f"{stamp},{x:.9f},{y:.9f},0,{east:.6f},{north:.6f},0,{np.pi},0,{heading:.12f},{-turn:.9f},0,0")
     write_text(folder / "applanix" / "radar_poses.csv", "\n".join(lines) + "\n")
-    return ["ground truth is carried to the middles of the turns, as Boreas has it"]
+    return ["ground truth is interpolated at the middles of the turns, as in Boreas"]
 
 
 TARGETS = (

@@ -1,12 +1,12 @@
-"""Reads the wheel encoder of Boreas-RT (`applanix/dmi.csv`), and makes odometry of it and of a gyroscope.
+"""Reads the wheel encoder of Boreas-RT (`applanix/dmi.csv`), and makes odometry from it and a gyroscope.
 
 Source: github.com/utiasASRL/pyboreas, DATA_RT_REFERENCE.md, pyboreas/data/auxsensors.py and pyboreas/data/calib.py. The
 columns are GPSTime [s] and pulse_count. The devkit compares GPSTime with the stamps of the other sensors, so it counts from
 1970 as they do. The encoder sits on the rear left wheel, has 1024 pulses per turn of the wheel, and begins again at zero
 after 2^24 pulses.
 
-One wheel shows how far it rolls, but not how the vehicle turns: the gyroscope shows that. A rear wheel does not move
-sideways, so that both together are the motion of this wheel.
+The wheel shows how far it rolls, and the gyroscope how the vehicle turns. A rear wheel does not move sideways, so both
+together give the motion of this wheel.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ USUAL_RADIUS_M = 0.34
 """Radius of the wheel that the devkit takes where no calibration states it [m]."""
 _RADII_M = (0.1, 1.0)  # no car's wheels are smaller or larger
 _PULSES = 1024  # per turn of the wheel
-_COUNTS = 2**24  # the count begins again at zero after so many pulses
-_FASTEST = 100.0  # no car is faster [m/s]: such a count is damaged
+_COUNTS = 2**24  # the count begins again at zero after this many pulses
+_FASTEST = 100.0  # [m/s] no car is faster: a count that implies a higher speed is damaged
 _SLACK_M = 1.0  # far more than the length of a pulse: keeps stamps that lie close together from showing a high speed
-_LONGEST_STEP_S = 0.5  # over a longer gap, the yaw rate may change in ways that its ends do not show
+_LONGEST_STEP_S = 0.5  # in a longer gap, the yaw rate may change in ways that the readings around it do not show
 _REMEDY = "give a file of Boreas-RT whose header names GPSTime and pulse_count"
 
 
@@ -49,7 +49,7 @@ def read_wheel(path: Path, radius_m: float, wheel: Mount, gyroscope: Gyroscope, 
         path: the file of the wheel encoder.
         radius_m: radius of the wheel [m].
         wheel: where the wheel sits on the vehicle.
-        gyroscope: the gyroscope whose yaw rate is taken, with its axes those of the vehicle.
+        gyroscope: the gyroscope whose yaw rate is used, with the axes of the vehicle.
         radar: the recording, for the time that it spans.
 
     Raises:

@@ -19,7 +19,7 @@ from mqslam.formats.recordings.layout import Sensing
 from mqslam.formats.recordings.lost_columns import Restorer
 from mqslam.formats.recordings.turns import find_usual_turns, place_turns
 
-_MOST_STEPS = 0.75  # a polar image cannot hold azimuths that lie further than this from even steps [steps]
+_MOST_STEPS = 0.75  # [steps] a polar image cannot hold azimuths that lie further than this from even steps
 _NOTED_DEG = 0.05  # smaller deviations of azimuths from even steps are not worth a note
 _REMEDY = "convert it to a layout that keeps times and angles: oxford, boreas, mulran_oxford, a bag or .npz"
 
@@ -188,7 +188,7 @@ def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> l
 
 
 def _find_misfit(k: int, polar_scan: PolarScan, shape: tuple[int, int], off: float) -> str:
-    """Words why polar images cannot hold polar scan k; "" where they can.
+    """Describes why polar images cannot hold polar scan k; returns "" if they can.
 
     Args:
         k: number of the polar scan.
@@ -203,12 +203,12 @@ def _find_misfit(k: int, polar_scan: PolarScan, shape: tuple[int, int], off: flo
         return f"has more azimuths ({shape[0]}) than range bins ({shape[1]})"
     if off * shape[0] > _MOST_STEPS * 2.0 * np.pi:
         where = f"azimuths of polar scan {k} lie {np.rad2deg(off):.2f} deg off the even steps from straight ahead"
-        return f"{where} that polar images stand for"
+        return f"{where} that polar images assume"
     return ""
 
 
 def _measure_deviation(polar_scan: PolarScan, clockwise: bool, late: int) -> float:
-    """Measures how far azimuths lie off even steps [rad], of which the first lies `late` steps after straight ahead."""
+    """Measures how far azimuths lie from even steps [rad] that begin `late` steps after straight ahead."""
     even = spread_azimuths(len(polar_scan.azimuths), 0, 0, clockwise=clockwise).angles
     even = even + late * (even[1] - even[0])
     return float(np.abs(se2.wrap(polar_scan.azimuths - even)).max())

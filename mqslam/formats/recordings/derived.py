@@ -44,7 +44,7 @@ class DerivedRecording(Recording):
 
 
 def copy_fields(recording: Recording) -> dict[str, Any]:
-    """Returns a recording's values of the fields that every kind of recording has, by the names of the fields."""
+    """Returns the values of the fields that every kind of recording has, by the names of the fields."""
     return {entry.name: getattr(recording, entry.name) for entry in fields(Recording)}
 
 
@@ -57,7 +57,7 @@ def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Re
         end_s: end of the span [s] since the recording's start; None takes the recording's end.
 
     Raises:
-        ConfigError: the span ends before it begins, or no polar scan begins in it, or only one of a lidar does.
+        ConfigError: the span ends before it begins, or no polar scan, or only one scan of a lidar, begins in it.
     """
     if start_s is None and end_s is None:
         return recording
@@ -89,8 +89,8 @@ def mirror(recording: Recording, note: str) -> Recording:
     return DerivedRecording(inner=recording, is_mirrored=True, **same)
 
 
-def turn_as_told(recording: Recording, clockwise: bool | None) -> Recording:
-    """Returns a recording whose radar spins the way that the user states, mirrored if its azimuths run the other way.
+def apply_clockwise(recording: Recording, clockwise: bool | None) -> Recording:
+    """Returns a recording whose radar spins in the sense that the user states; it is mirrored if its azimuths disagree.
 
     Args:
         recording: the recording.
@@ -99,7 +99,7 @@ def turn_as_told(recording: Recording, clockwise: bool | None) -> Recording:
     if clockwise is None or _is_clockwise(recording) is clockwise:
         return recording
     way = "clockwise" if clockwise else "counter-clockwise"
-    note = f"the radar turns {way} (sensor.clockwise), the other way than its azimuths say: what it sees is mirrored"
+    note = f"the radar turns {way} (sensor.clockwise), against the order of its azimuths: the scans are mirrored"
     return mirror(recording, note)
 
 

@@ -77,8 +77,8 @@ class Sensing:
         return usual_m, [note_resolution(usual_m, f", as {whose} has it")]
 
     def note_unused(self) -> list[str]:
-        """Returns a list with a note that a choice of stamp has no effect, for recordings whose azimuths carry stamps."""
-        return [] if self.stamp is None else ["azimuths carry stamps of their own: sensor.stamp has no effect"]
+        """Returns a list with a note if the user states `stamp`, which has no effect where azimuths carry stamps."""
+        return [] if self.stamp is None else ["azimuths carry their own stamps: sensor.stamp has no effect"]
 
 
 class Layout(Protocol):
@@ -103,7 +103,7 @@ class Layout(Protocol):
 
 
 def note_resolution(metres: float, why: str = "") -> str:
-    """Words the note that a length of range bins [m] is assumed, with the reason for the number."""
+    """Returns the note that a length of range bins [m] is assumed; `why` is the reason for the number."""
     return f"range resolution {metres:.4g} m is assumed{why}: {Remedy.OVERRIDE_RANGE_RESOLUTION}"
 
 
@@ -113,9 +113,9 @@ class Target:
 
     Args:
         name: name of the layout, as a user states it.
-        write: writes a recording to a path, whole or not at all, one polar scan in memory at a time. It returns notes for
-            the user on what was lost. It raises a DataError where a polar scan cannot be read or the layout cannot hold the
-            recording, and an OutputError where it cannot be written.
+        write: writes a recording to a path, completely or not at all, with one polar scan in memory at a time. It returns
+            notes for the user on what was lost. It raises a DataError if a polar scan cannot be read or the layout cannot
+            hold the recording, and an OutputError if the result cannot be written.
         suffix: suffix of the file, "" for a folder.
         odometry: whether the layout holds odometry.
         truth: whether the layout holds ground truth.

@@ -30,7 +30,7 @@ _STALE = 0.53  # a column that changed by less than this share of the usual chan
 _ALIKE = 0.75  # copies also change by less than this share of their own spread; where there is only noise, the change is 1.4
 _MOST_LOST = 3  # a turn seldom loses more azimuths
 _MOST_PLACED = 40  # beyond this number, losses are spread evenly: a search for their places could take minutes and gigabytes
-_KEPT = 8  # images that are kept in memory; six are needed to restore one
+_KEPT = 8  # images that are kept in memory; restoring an image takes six
 
 
 class Restorer:
@@ -88,7 +88,7 @@ class Restorer:
 
         Args:
             k: number of the image.
-            of_neighbour: returns the same array for the image before or after, as far as it is known.
+            of_neighbour: returns the same array, possibly a first estimate, for the image before or after.
         """
         beside = (k - 1, k + 1)
         if not 0 < self._lost(k) <= _MOST_PLACED or not all(self._is_there(other) for other in beside):
@@ -101,7 +101,7 @@ class Restorer:
 
 
 def count_lost(before: Image, image: Image) -> int:
-    """Counts the columns at the end of an image that still show the revolution before, that of the image `before`."""
+    """Counts the columns at the end of an image that still show the revolution of the image before."""
     old, new = _choose_rows(before), _choose_rows(image)
 
     def measure_change(shift: int) -> NDArray[np.float32]:
@@ -155,7 +155,7 @@ def place_losses(
 
 
 def _list_sources(azimuths: int, places: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Returns which column (A,) shows each azimuth, -1 where it was lost; `places` are the columns after a lost one."""
+    """Returns which column (A,) shows each azimuth, -1 if it was lost; `places` are the columns after lost azimuths."""
     columns = np.arange(azimuths - len(places))
     source = np.full(azimuths, -1, dtype=np.int64)
     source[columns + np.searchsorted(places, columns, side="right")] = columns

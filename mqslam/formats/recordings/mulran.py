@@ -48,7 +48,7 @@ def recognises(path: Path) -> bool:
 def open_recording(path: Path, sensing: Sensing) -> Recording:
     """Indexes a recording of MulRan: reads the names of the images, two images at most, the poses and the sensors.
 
-    Of a recording in both forms the Oxford rows are read, since their azimuths carry stamps.
+    If a recording has both forms, the Oxford rows are read, since their azimuths carry stamps.
     """
     folder = next(_list_folders(path), None)
     if folder is None:
@@ -84,7 +84,7 @@ def _list_folders(path: Path) -> Iterator[Path]:
 
 
 def _read_poses(file: Path) -> Trajectory:
-    """Reads the radar's poses from those of the vehicle: stamp [ns] and a 3 x 4 matrix by rows (REP 103) per line."""
+    """Reads poses of the vehicle, per line a stamp [ns] and a 3 x 4 matrix by rows (REP 103), as poses of the radar."""
     stamps, table = read_stamped(file, [1, 4, 5, 8])
     cosine, x, sine, y = table.T
     vehicle = np.column_stack([x, y, np.arctan2(sine, cosine)])

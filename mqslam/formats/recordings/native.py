@@ -57,6 +57,7 @@ class _Archive:
 
 @contextmanager
 def _open_archive(path: Path) -> Iterator[_Archive]:
+    """Opens and yields an archive of the native layout."""
     with npz.open_npz(path, "give a file written by mqslam") as file:
         yield _Archive(path, file)
 
@@ -211,7 +212,7 @@ def write(path: Path, recording: Recording) -> list[str]:
 
 
 def _list_members(recording: Recording) -> Iterator[tuple[str, Any]]:
-    """Yields the name and the content of every member that a recording is written as."""
+    """Yields the name and the content of every member of the archive of a recording."""
     yield "stamps_us", recording.stamps_us
     yield "turns_us", recording.turns_us
     yield "range_resolution", np.float64(recording.range_resolution)

@@ -145,13 +145,13 @@ def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]
 
 
 def _read_gyroscope(root: Path) -> Reading[Gyroscope] | None:
-    """Reads the gyroscope of a converted recording or, in the dataset, that of the INS; returns None if there is no file."""
+    """Reads the gyroscope: the file of a converted recording, or the dataset's INS; returns None if neither exists."""
     files = (root / "imu.csv", root / "gps" / "ins.csv")
     return next((read_gyroscope_table(file) for file in files if file.exists()), None)
 
 
 def _read_fixes(root: Path) -> Reading[Fixes] | None:
-    """Reads the GNSS fixes of a converted recording or, in the dataset, those of the GNSS receiver or else of the INS.
+    """Reads the GNSS fixes: the file of a converted recording, or the dataset's GNSS receiver, or else its INS.
 
     Returns None if there is no such file.
     """
@@ -236,7 +236,7 @@ def write_stamps(folder: Path, stamps_us: Iterable[int]) -> None:
 
 
 def write_ground_truth(folder: Path, recording: Recording) -> None:
-    """Writes the ground truth of a recording into its folder, where it has any."""
+    """Writes the ground truth of a recording into its folder, if the recording has ground truth."""
     if recording.ground_truth is not None and len(recording.ground_truth) > 1:
         (folder / "gt").mkdir()
         write_tum(folder / "gt" / "poses_tum.txt", recording.ground_truth)
@@ -244,7 +244,7 @@ def write_ground_truth(folder: Path, recording: Recording) -> None:
 
 
 def write_polar_scan(folder: Path, recording: Recording, k: int, polar_scan: PolarScan) -> int:
-    """Writes the image of polar scan k; returns the stamp of its first azimuth [us], after which the image is named."""
+    """Writes the image of polar scan k, and returns its name: the stamp of the first azimuth [us]."""
     stamp = int(azimuth_stamps(recording, polar_scan)[0])
     write_png(folder / "radar" / f"{stamp}.png", make_rows_of_chirps(recording, k, polar_scan))
     return stamp

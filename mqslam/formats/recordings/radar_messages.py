@@ -1,4 +1,4 @@
-"""Reads and writes radar messages of ROS: polar images, compressed or not, with or without times and angles of azimuths.
+"""Reads and writes ROS messages of radars: polar images, compressed or not, with or without times and angles of azimuths.
 
 Messages are read in every layout, and written as Oxford rows or as the b-scans of Navtech's driver. Some drivers, old and
 new, publish one azimuth per message (`RadarFftDataMessage` and its later names), whose fields are numbers or the bytes of
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 _GREY = ("mono8", "8UC1")
 _DEEP = ("mono16", "16UC1", "16SC1", "32FC1")
 _COMPRESSIONS = ("PNG", "JPEG")
-_FIRST_TRIED = 10  # at least one of this many first messages of a topic must be a polar scan
+_FIRST_TRIED = 10  # a topic is accepted if a polar scan is among this many messages at its beginning
 _ENCODER_TURNS = (5600, 16000)  # ticks per turn of the encoders that Navtech's radars have
 _FEWEST_PIXELS = 100  # a polar image has at least this many pixels on its short side
 _LONG_SIDE = 3  # on an unknown topic, a polar image is at least this many times as long as wide
@@ -71,7 +71,7 @@ _RANKS = {name: rank for rank, name in enumerate(_USUAL)} | {
 
 Messages that carry the times and angles of their azimuths come before the driver's images, which carry none.
 """
-_FIRST_S = 1_000_000_000  # a clock that shows less has never been set: it counts from the start of the radar
+_FIRST_S = 1_000_000_000  # [s] a clock that shows less was never set, and counts from the start of the radar
 _NANOSECONDS = 1_000_000_000
 _SPLITS = 2**32  # parts per second in which `ntp_split_seconds` counts if it does not count nanoseconds
 _CONFIGURATIONS: Final = ("/RadarConfigurationMessage", "/RadarConfigurationMsg")
@@ -113,9 +113,9 @@ class RadarTopic:
 
     @property
     def usual_stamp(self) -> Stamp:
-        """Which instant of the radar's turn, its start or its end, a message's stamp usually is, where it has only one.
+        """Whether the only stamp of a message is usually the start or the end of the radar's turn.
 
-        It is the end with MulRan's player and Navtech's driver, which send a polar scan when its turn is complete.
+        It is the end for MulRan's player and Navtech's driver, which send a polar scan when its turn is complete.
         """
         name = self.name.lower().removesuffix("/compressed")
         is_late = name.endswith(_DRIVER) or (name.endswith(_MULRAN_PLAYER) and self.layout is AzimuthLayout.COLUMNS)
@@ -163,7 +163,7 @@ class RadarTopic:
         return repair_azimuths(stamps_us, ticks, np.ones(len(ticks), dtype=np.bool_), turn)
 
     def find_turn(self, message: Any) -> int:
-        """Chooses the encoder ticks per turn where nobody states them: the smallest usual number that fits a message."""
+        """Returns the smallest usual number of encoder ticks per turn that fits a message, for bags that do not state it."""
         if self.layout is not AzimuthLayout.B_SCAN:
             return TURN_TICKS
         largest = np.asarray(message.encoder_values, dtype=np.uint16).max(initial=0)
@@ -200,7 +200,7 @@ def choose_topic(
             raise DataError(path, f"has several topics that could be radar ({', '.join(alike[:12])})", Remedy.NAME_TOPIC)
         notes = [f"radar from {chosen.topic}"]
         if others := sorted({c.topic for _, c in ranked if not _is_twin(c.topic, chosen.topic)}):
-            notes.append(f"{', '.join(others[:12])} could be the radar, too: {Remedy.NAME_TOPIC} if it is")
+            notes.append(f"{', '.join(others[:12])} could be the radar, too: {Remedy.NAME_TOPIC} if so")
     else:
         chosen = _choose_by_shape(path, reader, images)
         notes = [f"radar from {chosen.topic}, the only topic with images shaped like a radar's"]
@@ -266,7 +266,7 @@ def _is_twin(topic: str, other: str) -> bool:
 
 
 def _find_other_depth(message: Any) -> str:
-    """Returns what is wrong with a grey image that does not have 8 bits; "" for any other image, such as one in colour."""
+    """Describes the fault of a grey image that does not have 8 bits; returns "" for other images, such as colour images."""
     try:
         _read_pixels(message)
     except NotGreyError as error:
@@ -315,8 +315,8 @@ def read_turns(
 ) -> Iterator[tuple[Connection, int, Any]]:
     """Yields a bag's messages; messages of single azimuths on the radar's topic are gathered into one b-scan per turn.
 
-    A turn of the radar of which the bag holds at most half, such as the first or last one, is left out, unless there is no
-    other.
+    If the bag holds at most half of a turn of the radar, such as the first or last one, the turn is left out, unless the bag
+    has no other.
 
     Args:
         reader: reader of the open bag.
@@ -437,10 +437,10 @@ def _make_turn(azimuths: list[_Azimuth]) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class StatedRanges:
-    """What a configuration message of a bag states of the radar's ranges.
+    """The length of range bins, and their calibration, that a configuration message of a bag states.
 
     Args:
-        topic: the topic that states them.
+        topic: topic of the message.
         bin_length: length of a range bin [m], calibrated where the message states a calibration.
         near_end: range of the near end of bin 0 [m]; None where the message states no calibration.
     """
@@ -451,7 +451,7 @@ class StatedRanges:
 
 
 def read_ranges(reader: AnyReader) -> StatedRanges | None:
-    """Reads what the first message of an open bag that states the length of a range bin states of the radar's ranges."""
+    """Reads the first configuration message of an open bag that states the length of a range bin; None if none does."""
     for topic, message in _read_configurations(reader):
         for number in _list_numbers(getattr(message, "bin_size", 0)):
             for per_m in _PER_M:
@@ -462,7 +462,7 @@ def read_ranges(reader: AnyReader) -> StatedRanges | None:
 
 
 def _read_calibration(message: Any) -> tuple[float, float | None]:
-    """Returns the factor on ranges and the range of the near end of bin 0 [m] that a message states; else 1 and None."""
+    """Returns the factor on ranges and the range of the near end of bin 0 [m] from a message; 1 and None if not stated."""
     stated = (_list_numbers(getattr(message, name, 0)) for name in ("range_gain", "range_offset"))
     for gain, near_end in zip(*stated, strict=False):  # the bytes of both have the same order
         if _GAIN[0] <= gain <= _GAIN[1] and is_range_offset(near_end):
@@ -529,7 +529,7 @@ def make_b_scan(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -
 
 
 def _choose_encoder(polar_scan: PolarScan) -> int:
-    """Chooses the ticks per turn: the larger number if only its ticks fit and some tick exceeds the smaller number."""
+    """Chooses the encoder's ticks per turn: the larger number if only it fits the azimuths and some tick needs it."""
     usual, fine = _ENCODER_TURNS
     turns = -polar_scan.azimuths / (2.0 * np.pi)
     on_usual, on_fine = (np.allclose(turns * t, np.round(turns * t), rtol=0.0, atol=1e-6) for t in (usual, fine))

@@ -144,7 +144,7 @@ def _read_message(file: Path) -> list[float]:
 
 
 def _make_gyroscope(root: Path, messages: SensorTable | None) -> Reading[Gyroscope] | None:
-    """Makes a gyroscope from the messages of a recording; returns None where there are no messages."""
+    """Makes a gyroscope from the sensor messages of a recording; returns None if there are none."""
     if messages is None:
         return None
     note = f"the axes of {_NAME} are taken as x forward, y right, z down"
@@ -153,7 +153,7 @@ def _make_gyroscope(root: Path, messages: SensorTable | None) -> Reading[Gyrosco
 
 
 def _make_fixes(root: Path, messages: SensorTable | None) -> Reading[Fixes] | None:
-    """Makes fixes from the messages of a recording; returns None where there are no messages."""
+    """Makes GNSS fixes from the sensor messages of a recording; returns None if there are none."""
     if messages is None:
         return None
     return make_fixes(root / _NAME, messages.with_columns(messages.columns[:, :3]), source=_NAME, own_clock=True)

@@ -97,6 +97,7 @@ class RosbagRecording(Recording):
         return int(self.logged_ns[stop]) if stop < len(self) else None
 
     def _polar_scan(self, k: int, message: Any) -> PolarScan:
+        """Makes polar scan k from its message."""
         power = self.radar.read_power(message)
         if self.radar.stamps_azimuths:
             azimuths = self.radar.read_azimuths(message)
@@ -186,15 +187,15 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
         return placed
     over = f"{sensors.mounts.topics[name_frame(index.radar_frame)]} places the radar upside down"
     if sensing.clockwise is not None:
-        return replace(placed, notes=(*placed.notes, f"{over}, which counts for nothing since sensor.clockwise is set"))
+        return replace(placed, notes=(*placed.notes, f"{over}, which is ignored because sensor.clockwise is set"))
     if radar.stamps_azimuths:
-        return mirror(placed, f"{over}: what it sees is mirrored")
+        return mirror(placed, f"{over}: the scans are mirrored")
     return replace(placed, notes=(*placed.notes, f"{over}: it turns counter-clockwise, seen from above"))
 
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """The frames of a bag, which show whether its poses are those of the radar, the vehicle or something on the vehicle.
+    """The frames of a bag, which show what its poses belong to: the radar, the vehicle or another part of the vehicle.
 
     Args:
         radar: frame of the radar's messages.
@@ -207,10 +208,10 @@ class Frames:
     placed: Mounts
 
     def place_odometry(self, odometry: Trajectory, topic: str, frame: str) -> tuple[Trajectory, str]:
-        """Returns odometry as the motion of the vehicle if the mount is known, else of the radar, and a note on this.
+        """Returns odometry of the vehicle if the mount is known, else odometry of the radar, and a note on this choice.
 
-        If the mount is known, odometry that names no frame, or a frame that no transform places, is taken as the motion of
-        the vehicle, since its wheels measure it.
+        If the mount is known, odometry that names no frame, or a frame without a transform, is taken as the motion of the
+        vehicle, since its wheels measure it.
         """
         if self.mount is None:
             return odometry, f"odometry from {topic} is taken as the motion of the radar itself"
@@ -221,7 +222,7 @@ class Frames:
         return carried, f"odometry from {topic} is the motion of {frame}"
 
     def place_truth(self, truth: Trajectory, topic: str, frame: str) -> tuple[Trajectory, str]:
-        """Returns ground truth, as poses of the radar if transforms connect its frame to the radar, and a note on this."""
+        """Returns ground truth, converted to poses of the radar if transforms connect its frame to the radar, and a note."""
         if frame and name_frame(frame) == name_frame(self.radar):
             return truth, f"ground truth from {topic} is the pose of the radar"
         on_vehicle = self._find(frame)

@@ -196,10 +196,10 @@ def open_rows(
 
 
 def _interpret_flag(pixels: NDArray[np.uint8]) -> tuple[Flag, tuple[str, ...]]:
-    """Returns the meaning of byte 10 by the first image (A, 11 + B) of a recording, and a note unless it marks validity.
+    """Finds the meaning of byte 10 from the first image (A, 11 + B) of a recording; adds a note unless it marks validity.
 
-    Where the byte marks validity, only few rows are not measured. Boreas leaves the byte unused, Boreas-RT puts the
-    direction of the chirp there, which alternates from row to row.
+    Where the byte marks validity, only few rows are not measured. Boreas leaves the byte unused. Boreas-RT writes the
+    direction of the chirp into it, which alternates from row to row.
     """
     share = float(np.mean(pixels[:, FLAG_BYTE] == 255)) if pixels.shape[1] > METADATA_BYTES else 1.0
     if share > _VALIDITY_SHARE:

@@ -12,8 +12,8 @@ from mqslam.core.statistics import pick_evenly
 from mqslam.formats.recordings.layout import Stamp
 
 USUAL_TURN_S = 0.25  # duration of a turn that is assumed where a recording shows none
-# Number of successive steps between polar scans whose median is the usual duration of a turn. Where a recording has fewer
-# steps, each is judged by itself.
+# Number of successive steps between polar scans whose median is the usual duration of a turn. A recording with fewer steps
+# has too few for a median: its turns are measured one by one.
 TURNS_AROUND = 9
 LONGEST_STEP = 1.5  # a step between polar scans longer than this many usual turns holds a gap: half a turn is missing
 ALIKE_TURNS = 1.25  # turns whose durations differ by less than this factor count as turns at the same rate
@@ -25,11 +25,11 @@ _RATE_CELL = 1.1  # steps are counted together to find turn rates if their durat
 _MOST_RATES = 8  # largest number of turn rates that a recording is assumed to have
 _WHOLE_TURN = 0.2  # a step counts as whole turns if it differs from them by at most this much [turns]
 # Costs of the assumptions that explain a step: a polar scan is missing (the unit of costs), it came late, it came early, or
-# the radar was told to turn at another rate.
+# the radar changed its rate.
 _COST_MISSING, _COST_LATE, _COST_EARLY, _COST_RATE_CHANGE = 1.0, 1.5, 2.0, 4.0
 _COMPARED_AZIMUTHS = 128  # largest number of azimuths of a polar scan that are compared to find how fast they were swept
-# Two azimuths are compared if they lie at least this share of their polar scan apart. Nearer ones would show the bursts in
-# which a driver hands azimuths over.
+# Two azimuths are compared if they lie at least this share of their polar scan apart. Azimuths that are closer would show
+# the bursts in which a driver passes azimuths on.
 _COMPARED_APART = 0.25
 Measure = Callable[[int], float | None]
 
@@ -63,9 +63,9 @@ def measure_turn(stamps_us: NDArray[np.float64], angles: NDArray[np.float64]) ->
 def find_usual_turns(stamps_us: NDArray[np.int64], measure: Measure | None = None) -> NDArray[np.float64]:
     """Finds the usual duration (N - 1,) of a turn [us] at each step from one polar scan to the next; longer steps are gaps.
 
-    The duration is found from the steps around each step, since a radar may be told to turn at another rate. Where there are
-    few steps, or where polar scans are missing regularly, the steps alone do not show which of them are gaps; there the
-    azimuths' own stamps show it.
+    The duration is found from the steps around each step, since a radar may change its rate. Where there are few steps, or
+    where polar scans are missing regularly, the steps alone do not show which of them are gaps. There the stamps of the
+    azimuths show it.
 
     Args:
         stamps_us: (N,) increasing stamps of the polar scans [us].
@@ -93,8 +93,8 @@ def place_turns(
     """Returns starts (N,) and durations (N,) [us] of a radar's turns that have one stamp each.
 
     Where stamps are starts, a turn lasts until the next stamp; where they are ends, it has lasted since the stamp before.
-    Beside a gap, and where there is no such stamp, a turn is taken to last as long as the one beside it, since the turn rate
-    drifts slowly.
+    Next to a gap, and at the end of a recording, a turn is taken to last as long as its neighbour, since the rate changes
+    slowly.
 
     Args:
         stamps_us: (N,) increasing stamps of the turns [us].
@@ -141,7 +141,7 @@ def _explain_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Finds the usual duration (M,) of a turn [us] at each of many steps (M,) [us].
 
     The steps are explained by the sequence of turn rates that needs the cheapest assumptions: that polar scans are missing,
-    that a polar scan is late or early, or that the radar is told to turn at another rate.
+    that a polar scan is late or early, or that the radar changes its rate.
     """
     rates = _collect_rates(steps)
     turns = steps[:, None] / rates
@@ -197,10 +197,10 @@ def _find_cheapest_path(costs: NDArray[np.float64], change: float) -> NDArray[np
 
 
 def _choose_examples(steps: NDArray[np.int64], count: int) -> list[int]:
-    """Chooses one or two polar scans to be measured on behalf of some steps, such as all steps at one turn rate.
+    """Chooses one or two polar scans whose measured duration represents some steps, such as all steps at one rate.
 
-    They are the first and the last polar scan of the recording, as far as the steps reach it, else one in the middle of the
-    longest run of successive steps.
+    These are the first and the last polar scan of the recording if the steps include them; otherwise it is one in the
+    middle of the longest run of successive steps.
 
     Args:
         steps: numbers of the steps, increasing.

@@ -1,4 +1,4 @@
-"""Reads gyroscopes, GNSS receivers and mounts from files of their own, from files beside images, and from bags."""
+"""Reads gyroscopes, GNSS receivers and mounts from separate files, from the files of a recording, and from bags."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reads gyroscopes and GNSS fixes from tables: our own CSV, which it also writes, and those of Boreas, Oxford and MulRan.
+"""Reads gyroscopes and GNSS fixes from mqslam's own CSV and from tables of Boreas, Oxford and MulRan; writes the former.
 
 Sources and axes:
 
@@ -41,7 +41,7 @@ _BOREAS_IMU = "give one of the IMU files of a Boreas recording"
 _BOREAS_FIXES = "give a file of a Boreas recording whose header names GPSTime, latitude and longitude"
 _OXFORD_INS = "give gps/ins.csv or gps/gps.csv as the Oxford RobotCar dataset has them"
 _STATUS, _GOOD = "ins_status", "SOLUTION_GOOD"
-_LONGEST_STEP_US = 1_000_000  # in a longer time the heading may change by 180 degrees, and differences would be ambiguous
+_LONGEST_STEP_US = 1_000_000  # in a longer time the heading may change by 180 degrees, so its difference is ambiguous
 _MULRAN_RATES, _MULRAN_PLACE = (0, 8, 9, 10), (0, 1, 2, 4, 8)  # stamp, rates; stamp, place, variances along east and north
 _MULRAN_COLUMNS = (17, 13)  # numbers of columns in the tables of the gyroscope and of the fixes
 
@@ -165,7 +165,7 @@ def _read_boreas_fixes(header: Header) -> Reading[Fixes]:
 
 
 def _read_ins_rates(header: Header) -> Reading[Gyroscope]:
-    """Computes rates from Oxford's INS: the difference quotients of its attitude, stamped halfway between two rows.
+    """Computes rates from the attitude of Oxford's INS, as difference quotients with stamps halfway between two rows.
 
     Both rows must have a good status and follow each other in the file. The rates of roll and pitch are taken as the rates
     about x and y, which holds as long as both angles are small.
@@ -198,7 +198,7 @@ def _read_ins_fixes(header: Header) -> Reading[Fixes]:
 
 
 def _read_good_rows(header: Header, names: Sequence[str]) -> tuple[SensorTable, list[str]]:
-    """Reads a column of status (1 in a good row, else NaN) and some columns, with a note on the rows that are not good."""
+    """Reads the status (1 in a good row, else NaN) and the named columns, with a note on the rows that are not good."""
     columns = header.find(("timestamp", _STATUS, *names), _OXFORD_INS)
     table = read_sensor_table(
         header, columns, "", {columns[1]: lambda text: 1.0 if text.strip().endswith(_GOOD) else np.nan}

@@ -24,7 +24,7 @@ from mqslam.formats.tables import SensorTable
 from mqslam.formats.text import open_lines
 
 _DAY_US = 86_400_000_000
-_MEASURED = ("1", "2", "3", "4", "5", "9")  # qualities of a GGA that are fixes; others: none, estimated, entered, simulated
+_MEASURED = ("1", "2", "3", "4", "5", "9")  # qualities of a measured fix; other GGA state none, or one that is not measured
 _FIRST_YEAR = 1980  # GPS time begins here: a year of two digits lies in the hundred years from then on
 _LONGEST_SENTENCE = 1000  # characters; the standard allows 82, and no receiver writes many more
 _REMEDY = "give the log as a receiver with fixes writes it: GGA with checksums"
@@ -35,8 +35,9 @@ _DAMAGE = (ValueError, IndexError, OverflowError)
 def read_nmea(path: Path, start_us: int) -> Reading[Fixes]:
     """Reads the fixes of an NMEA log, whose clock is UTC.
 
-    A GGA states the time of day only. The day is that of the RMC or ZDA before it or, if there is none, of the first one
-    after it; in a log without RMC and ZDA, it is the day on which the first fix lies nearest to the recording's start.
+    A GGA sentence states only the time of day. The day comes from the RMC or ZDA sentence before it or, if there is none,
+    from the first such sentence after it. In a log without RMC and ZDA, the first fix is taken to lie as near to the
+    recording's start as its time of day allows.
 
     Args:
         path: the log; anything before the $ of a line is left out.
@@ -76,7 +77,7 @@ def read_nmea(path: Path, start_us: int) -> Reading[Fixes]:
     made = make_fixes(path, SensorTable(np.array(stamps, dtype=np.int64), np.array(places, dtype=np.float64)))
     notes, faults = list(made.notes), list(made.faults)
     if first is None:
-        notes.append(f"{path} states no date (RMC or ZDA): it is taken to be of the day of the recording's start")
+        notes.append(f"{path} states no date (RMC or ZDA): the day of the recording's start is assumed")
     if unfixed:
         notes.append(f"{count_of(unfixed, 'position')} in {path} {is_or_are(unfixed)} no fix, and left out")
     if damaged:
@@ -86,7 +87,7 @@ def read_nmea(path: Path, start_us: int) -> Reading[Fixes]:
 
 
 def _describe_lack(positions: int, useless: Counter[str]) -> str:
-    """Returns why a log holds no fix, in words.
+    """Describes why a log holds no fix.
 
     Args:
         positions: number of GGA sentences in the log.

@@ -42,7 +42,7 @@ class Reading(Generic[_Sensor]):
 
 
 def read_beside(read: Callable[[], _Read]) -> tuple[_Read | None, list[str]]:
-    """Reads a file beside the images of a recording; if the file cannot be used, returns a fault instead of an error.
+    """Reads an additional file of a recording; if the file cannot be used, returns a fault instead of raising an error.
 
     Args:
         read: reads the file, or raises a DataError.
@@ -66,15 +66,15 @@ def add_beside(
     odometry: Callable[[], Trajectory | None] = lambda: None,
     notes: Iterable[str] = (),
 ) -> _Some:
-    """Adds to a recording the sensors and trajectories beside its polar scans; unusable ones are left out with a fault.
+    """Adds to a recording its other sensors and its trajectories; any that cannot be used is left out, with a fault.
 
     Args:
-        recording: the recording, whose notes come first; it keeps its own trajectories where none are read.
+        recording: the recording, whose notes come first; it keeps its trajectories where the functions below read none.
         gyroscope: reads the gyroscope; returns None if the recording has none, and raises a DataError if it cannot be used.
-        fixes: likewise the GNSS fixes.
-        mount: likewise the radar's mount.
-        truth: likewise the ground truth.
-        odometry: likewise the odometry.
+        fixes: reads the GNSS fixes in the same way.
+        mount: reads the radar's mount in the same way.
+        truth: reads the ground truth in the same way.
+        odometry: reads the odometry in the same way.
         notes: further notes for the user.
     """
     (true_track, untrue), (track, unused) = read_beside(truth), read_beside(odometry)
@@ -105,7 +105,7 @@ def make_gyroscope(
         table: stamps, and rates about x forward, y left and z up [rad/s].
         notes: how the file was understood.
         source: where the rows come from, for messages, if not from the whole file.
-        own_clock: whether the gyroscope's clock is known not to be that of the radar.
+        own_clock: whether the gyroscope is known to have a clock of its own.
 
     Raises:
         DataError: fewer than two rows can be used.
@@ -127,12 +127,12 @@ def make_fixes(
 
     Args:
         path: the file, for errors.
-        table: stamps, latitude and longitude [degrees] and, as far as the receiver states it, standard deviation [m], which
-            counts if it is finite and positive.
+        table: stamps, latitudes, longitudes [degrees] and, if the receiver states them, standard deviations [m], which are
+            used where they are finite and positive.
         notes: how the file was understood.
         source: where the rows come from, for messages, if not from the whole file.
         made_truth: whether the recording's ground truth was made from this receiver.
-        own_clock: whether the receiver's clock is known not to be that of the radar.
+        own_clock: whether the receiver is known to have a clock of its own.
 
     Raises:
         DataError: no row can be used.
@@ -157,13 +157,13 @@ def make_fixes(
 
 
 def _describe_unusable(table: SensorTable, kept: int, noun: str, has: str) -> str:
-    """Returns, in words, how many rows a file holds and how few of them can be used.
+    """Describes how many rows a file holds and how few of them can be used.
 
     Args:
         table: the rows.
         kept: number of rows that can be used.
         noun: what a row is, in the singular, such as `reading of a gyroscope`.
-        has: what a row must have beside a stamp.
+        has: what a row must have besides a stamp.
     """
     rows = table.unread + len(table.stamps_us)
     what, _, whose = noun.partition(" ")
@@ -178,7 +178,7 @@ def _describe_unusable(table: SensorTable, kept: int, noun: str, has: str) -> st
 def _choose_rows(
     source: str, table: SensorTable, sound: NDArray[np.bool_], unsound: str
 ) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
-    """Returns which rows (N,) of a table are kept, the sound ones whose stamps increase, and the faults of all others.
+    """Marks the rows (N,) of a table that are sound and whose stamps increase, and returns faults for all other rows.
 
     Args:
         source: where the rows come from, for the faults.

@@ -45,17 +45,19 @@ class _Rows:
     unread: int = 0
 
     def add(self, stamp_us: int, *numbers: float) -> None:
+        """Adds the stamp [us] and the three numbers of a message."""
         self.numbers.extend([float(number) for number in numbers])
         self.stamps.append(stamp_us)
 
     def to_table(self) -> SensorTable:
+        """Returns the rows as a table with three columns."""
         columns = np.array(self.numbers, dtype=np.float64).reshape(-1, 3)
         return SensorTable(np.array(self.stamps, dtype=np.int64), columns, self.unread)
 
 
 @dataclass(slots=True)
 class RosSensors:
-    """The messages of a bag's sensors; `add` takes in one message after the other.
+    """The messages of a bag's sensors, which `add` collects one by one.
 
     Args:
         imu_topic: topic of the gyroscope, or None.
@@ -94,7 +96,7 @@ class RosSensors:
         return topic in (self.imu_topic, self.fix_topic, *self.transform_topics)
 
     def add(self, reader: AnyReader, connection: Connection, logged_ns: int, raw: bytes) -> None:
-        """Takes in a message of one of the topics; a damaged message is only counted."""
+        """Adds a message of one of the topics; a damaged message is only counted."""
         try:
             topic, message = connection.topic, bags.deserialise(reader, connection, raw)
             if topic in self.transform_topics:
@@ -153,7 +155,7 @@ class RosSensors:
 
     @property
     def notes(self) -> list[str]:
-        """What a user should know about the chosen topics, the messages without a fix, and the stamps."""
+        """Notes for the user on the chosen topics, the messages without a fix, and the stamps."""
         notes = [f"gyroscope from {self.imu_topic}"] if self.imu_topic else []
         notes += [f"GNSS fixes from {self.fix_topic}"] if self.fix_topic else []
         notes += [f"{', '.join(self.others)}: other sensors of these kinds, not read"] if self.others else []
@@ -230,7 +232,7 @@ def _list_rates(bag: Bag, gyroscope: Gyroscope) -> Iterator[tuple[int, Connectio
 
 
 def _list_fixes(bag: Bag, fixes: Fixes) -> Iterator[tuple[int, Connection, Any]]:
-    """Yields GNSS fixes as messages; their heights and the variances of these are not known."""
+    """Yields GNSS fixes as messages; the heights are written as unknown."""
     connection = bag.topic(_TRUTH_FIX_TOPIC if fixes.made_truth else _FIX_TOPIC, FIX_TYPE)
     status = bag.make("sensor_msgs/msg/NavSatStatus", 0, 1)
     places = zip(fixes.latitudes.tolist(), fixes.longitudes.tolist(), fixes.sigmas_m.tolist(), strict=True)

@@ -184,7 +184,7 @@ def test_the_odometry_written_with_a_scan_stays_where_stamps_run_to_and_fro(tmp_
 def test_poses_that_are_the_odometrys_own_are_noted(tmp_path: Path) -> None:
     poses = [(0.5 * k, 0.0, 0.1 * k) for k in range(5)]
     scans = [flaser(k, p, [2.0] * 180) + odom(k + 1e-3, p) for k, p in enumerate(poses)]
-    assert any("no SLAM corrected them" in note for note in read_lidar(log(tmp_path, *scans)).notes)
+    assert any("no SLAM system has corrected them" in note for note in read_lidar(log(tmp_path, *scans)).notes)
 
 
 def test_scans_of_a_rear_lidar_are_left_out_with_a_note(tmp_path: Path) -> None:

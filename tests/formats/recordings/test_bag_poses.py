@@ -115,7 +115,7 @@ def test_a_bag_keeps_that_its_ground_truth_is_the_vehicles(mounted: Recording, t
     np.testing.assert_allclose(read.ground_truth.poses, TRACK.poses, atol=1e-9)
     out = tmp_path / "drive.npz"
     notes = write_recording(of_vehicle, out, find_target(out), lambda done, of: None)
-    assert "ground truth is of the vehicle, which native cannot say: it will be read as that of the radar" in notes
+    assert "ground truth holds poses of the vehicle; readers of native will take them for the radar's" in notes
 
 
 def test_a_run_and_an_audit_take_odometry_as_the_motion_of_the_radar(mounted: Recording, tmp_path: Path) -> None:

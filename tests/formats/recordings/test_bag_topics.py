@@ -152,7 +152,7 @@ def test_a_second_radar_is_said(tmp_path: Path) -> None:
     recording = open_recording(write(tmp_path / "drive.mcap", "/Navtech/Polar", "/radar/polar"))
     assert recording.notes[:2] == (
         "radar from /Navtech/Polar",
-        "/radar/polar could be the radar, too: name the radar's topic if it is",
+        "/radar/polar could be the radar, too: name the radar's topic if so",
     )
 
 

@@ -91,7 +91,7 @@ def test_a_radar_that_is_placed_upside_down_turns_the_other_way(tmp_path: Path, 
     assert any(note.startswith(f"{topic} places the radar upside down") for note in recording.notes)
     assert recording.mount is not None and recording.mount.source == topic
     assert turns_clockwise(path, clockwise=True)
-    assert any("counts for nothing since sensor.clockwise" in note for note in open_recording(path, clockwise=True).notes)
+    assert any("is ignored because sensor.clockwise" in note for note in open_recording(path, clockwise=True).notes)
 
 
 @pytest.mark.parametrize("topic", ["/tf_static", "/tf"])

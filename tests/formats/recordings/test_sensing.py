@@ -63,7 +63,7 @@ def test_azimuths_with_angles_and_stamps_of_their_own_are_mirrored_as_told_and_l
             np.testing.assert_array_equal(one.power, other.power)
         said = [note for note in told.notes if "sensor." in note and note not in plain.notes]
         assert sorted(note.split("sensor.")[1] for note in said) == [
-            "clockwise), the other way than its azimuths say: what it sees is mirrored",
+            "clockwise), against the order of its azimuths: the scans are mirrored",
             "stamp has no effect",
         ]
         assert open_recording(folder, clockwise=True).notes == plain.notes
