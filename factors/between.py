@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core import se2
+from mqslam.core import se2, units
 from mqslam.core.measurement import Loop
 
 # Residual of a motion [standard deviations] beyond which Huber's loss grows only linearly. With this value the loss keeps
@@ -72,15 +72,25 @@ def lifted_between(planar: gtsam.BetweenFactorPose2) -> gtsam.BetweenFactorPose3
     Both poses are taken to lie in the plane of the first pose; the noise on z, roll and pitch allows small deviations.
     """
     a, b = planar.keys()
-    motion, noise = planar.measured(), planar.noiseModel()
+    covariance = np.diag(np.square([_LIFTED_RAD] * 3 + [_LIFTED_M] * 3))
+    covariance[_PLANAR] = _find_gaussian(planar.noiseModel()).covariance()
+    noise = _replace_covariance(planar.noiseModel(), covariance)
+    return gtsam.BetweenFactorPose3(a, b, gtsam.Pose3(planar.measured()), noise)
+
+
+def _find_gaussian(noise: gtsam.noiseModel.Base) -> gtsam.noiseModel.Gaussian:
+    """Returns a noise model without its robust loss, if it has one."""
     gaussian = noise.noise() if isinstance(noise, gtsam.noiseModel.Robust) else noise
     assert isinstance(gaussian, gtsam.noiseModel.Gaussian)
-    covariance = np.diag(np.square([_LIFTED_RAD] * 3 + [_LIFTED_M] * 3))
-    covariance[_PLANAR] = gaussian.covariance()
-    spatial: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(covariance)
+    return gaussian
+
+
+def _replace_covariance(noise: gtsam.noiseModel.Base, covariance: NDArray[np.float64]) -> gtsam.noiseModel.Base:
+    """Returns a noise model with another covariance and the same robust loss, if it has one."""
+    gaussian = gtsam.noiseModel.Gaussian.Covariance(covariance)
     if isinstance(noise, gtsam.noiseModel.Robust):
-        spatial = gtsam.noiseModel.Robust.Create(noise.robust(), spatial)
-    return gtsam.BetweenFactorPose3(a, b, gtsam.Pose3(motion), spatial)
+        return gtsam.noiseModel.Robust.Create(noise.robust(), gaussian)
+    return gaussian
 
 
 def prior(key: int, pose: se2.Array) -> gtsam.PriorFactorPose2:
@@ -92,11 +102,9 @@ def prior(key: int, pose: se2.Array) -> gtsam.PriorFactorPose2:
 def _find_loop_noise(factor: gtsam.NonlinearFactor) -> gtsam.noiseModel.Gaussian | None:
     """Returns the Gaussian noise under Cauchy's loss of a loop between planar poses; None for any other factor."""
     noise = factor.noiseModel() if isinstance(factor, gtsam.BetweenFactorPose2) else None
-    if not isinstance(noise, gtsam.noiseModel.Robust) or not isinstance(noise.robust(), _LOSSES.Cauchy):
-        return None
-    gaussian = noise.noise()
-    assert isinstance(gaussian, gtsam.noiseModel.Gaussian)
-    return gaussian
+    if isinstance(noise, gtsam.noiseModel.Robust) and isinstance(noise.robust(), _LOSSES.Cauchy):
+        return _find_gaussian(noise)
+    return None
 
 
 def measure_loop_offset(factor: gtsam.NonlinearFactor, values: gtsam.Values) -> float:
@@ -137,14 +145,7 @@ def scale_between(factor: gtsam.BetweenFactorPose2, scale: float) -> gtsam.Betwe
 
 def scale_noise(noise: gtsam.noiseModel.Base, scale: float) -> gtsam.noiseModel.Base:
     """Multiplies the lengths in the noise model of a planar pose by a scale; a robust loss stays the same."""
-    gaussian = noise.noise() if isinstance(noise, gtsam.noiseModel.Robust) else noise
-    assert isinstance(gaussian, gtsam.noiseModel.Gaussian)
-    variances = np.array([scale * scale, scale * scale, 1.0])
-    covariance = se2.scale_covariance(gaussian.covariance(), variances)
-    scaled: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(covariance)
-    if isinstance(noise, gtsam.noiseModel.Robust):
-        scaled = gtsam.noiseModel.Robust.Create(noise.robust(), scaled)
-    return scaled
+    return _replace_covariance(noise, units.scale_covariance(_find_gaussian(noise).covariance(), scale))
 
 
 def scale_vector(pose: gtsam.Pose2, scale: float) -> se2.Array:

@@ -252,11 +252,11 @@ class Mount:
 
     def carry_to_radar(self, vehicle: Trajectory) -> Trajectory:
         """Converts poses of the vehicle to poses of the radar, in the same fixed frame."""
-        return Trajectory(vehicle.stamps_us, se2.compose(vehicle.poses, self.pose))
+        return vehicle.attach(self.pose)
 
     def carry_to_vehicle(self, radar: Trajectory) -> Trajectory:
         """Converts poses of the radar to poses of the vehicle, in the same fixed frame."""
-        return Trajectory(radar.stamps_us, se2.compose(radar.poses, se2.inverse(self.pose)))
+        return radar.attach(se2.inverse(self.pose))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -35,6 +35,10 @@ class Trajectory:
         """Length of the path [m]."""
         return float(se2.step_lengths(self.poses).sum())
 
+    def attach(self, pose: se2.Array) -> Trajectory:
+        """Returns the trajectory of another body that is fixed at a pose (3,) [m, m, rad] in the frame of this body."""
+        return Trajectory(self.stamps_us, se2.compose(self.poses, pose))
+
     def seconds(self, start_us: int) -> NDArray[np.float64]:
         """Converts the stamps (N,) to seconds since another stamp [us]."""
         return np.asarray((self.stamps_us - start_us) * 1e-6)

@@ -47,7 +47,7 @@ POSE_WITH_COVARIANCE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 PATH_TYPE = "nav_msgs/msg/Path"
 RESULT_TOPICS = ("/path", "/pose")
 """The topics on which the bag of a run holds its poses: without and with their covariances."""
-TRUTH_NAME = re.compile(r"truth|(?<![a-z])gt(?![a-z])")
+_TRUTH_NAME = re.compile(r"truth|(?<![a-z])gt(?![a-z])")
 _MOST_METADATA_BYTES = 800_000  # limit on metadata.yaml; a day recorded in files of one minute has about 500,000
 PoseRow = tuple[int, float, float, float]
 _OTHER_SCHEMAS = {
@@ -178,6 +178,11 @@ def require_topic(path: Path, topic: str, there: Iterable[Connection], what: str
         listed = ", ".join(sorted(by_topic)[:12]) or "none"
         raise DataError(path, f"has no {what} on {topic}", f"name one of its topics of {kind}: {listed}")
     return by_topic[topic]
+
+
+def is_truth(topic: str) -> bool:
+    """Returns whether the name of a topic says that it holds ground truth."""
+    return bool(_TRUTH_NAME.search(topic.lower()))
 
 
 def name_frame(name: str) -> str:

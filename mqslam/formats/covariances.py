@@ -193,21 +193,16 @@ def _parse_row(path: Path, number: int, line: str) -> tuple[int, NDArray[np.floa
 
 
 def _check(path: Path, place: str, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns a symmetric matrix (3, 3).
+    """Returns a symmetric matrix (3, 3) after a check that it is a covariance, up to rounding.
 
     Raises:
         DataError: it is no covariance; the error names the place in the file.
     """
     if not np.all(covariance.diagonal() > 0.0):
         raise DataError(path, f"{place} has a variance that is not positive", _REMEDY)
-    if not _is_covariance(covariance):
+    sigmas = np.sqrt(covariance.diagonal())
+    with np.errstate(over="ignore"):
+        correlations = covariance / sigmas[:, None] / sigmas
+    if not (np.abs(correlations).max() < 1.0 + _ROUNDING and np.linalg.eigvalsh(correlations)[0] > -_ROUNDING):
         raise DataError(path, f"the terms of {place} do not form a covariance", _REMEDY)
     return covariance
-
-
-def _is_covariance(matrix: NDArray[np.float64]) -> bool:
-    """Returns whether a symmetric matrix with positive diagonal is a covariance, up to rounding."""
-    sigmas = np.sqrt(matrix.diagonal())
-    with np.errstate(over="ignore"):
-        correlations = matrix / sigmas[:, None] / sigmas
-    return bool(np.abs(correlations).max() < 1.0 + _ROUNDING and np.linalg.eigvalsh(correlations)[0] > -_ROUNDING)

@@ -172,7 +172,7 @@ def parse_numbers(
     return table
 
 
-def parse_times(path: Path, words: Sequence[str], unit: str = "") -> NDArray[np.int64]:
+def parse_times(path: Path, words: Sequence[str], unit: str = "", remedy: str = _GIVE_STAMPS) -> NDArray[np.int64]:
     """Parses words (N,) as stamps (N,) [us]; `unit` is the unit of the words, and "" guesses it from their size.
 
     Raises:
@@ -181,7 +181,7 @@ def parse_times(path: Path, words: Sequence[str], unit: str = "") -> NDArray[np.
     try:
         return parse_stamps(words, unit)
     except ValueError as error:
-        raise DataError(path, str(error), _GIVE_STAMPS) from error
+        raise DataError(path, str(error), remedy) from error
 
 
 def read_stamped(path: Path, columns: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

@@ -28,7 +28,8 @@ from mqslam.core.scans import Returns
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import DataError, untrusted
-from mqslam.formats.stamps import mark_increasing, parse_stamps
+from mqslam.formats.stamps import mark_increasing
+from mqslam.formats.tables import parse_times
 
 # A log counts as clipped at its longest range if that is at least this long [m], and more than this share and this number
 # of readings have it.
@@ -47,6 +48,7 @@ _FEW = 90  # no known lidar has fewer readings: over 180 degrees they would lie 
 _MOST_METRES, _MOST_OFFSET_M = 100.0, 2.0  # larger maxima and offsets among the parameters are in centimetres
 _LONGEST_LINE = 1 << 20  # [bytes] longer lines would fill the memory
 _GZIP_MAGIC = b"\x1f\x8b"
+_REPAIR = "remove the lines, or copy the log again"
 _MOST_EXPANSION = 100  # a file may unpack to this many times its size: numbers pack to a tenth of their size
 
 
@@ -83,7 +85,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
         robot_odometry, chaining = _chain_odometry(path, log.odometry, scans)
     else:
         robot_odometry, chaining = None if rigid else robot, []
-    odometry = robot_odometry and Trajectory(robot_odometry.stamps_us, se2.compose(robot_odometry.poses, mount))
+    odometry = robot_odometry and robot_odometry.attach(mount)
     notes += [*clipped, *chaining]
     if np.any(mount != 0.0):
         notes.append(f"the lidar's pose on the robot is {mount[0]:.3g} m, {mount[1]:.3g} m, {mount[2]:.3g} rad")
@@ -99,7 +101,7 @@ def _choose_scans(
     notes = []
     if others := {name: log.messages[name] for name in log.messages if "LASER" in name and name != kind}:
         notes.append(f"scans other than {kind} are left out: " + ", ".join(f"{n} {name}" for name, n in others.items()))
-    stamps = _parse_stamps(path, [scan.stamp for scan in log.scans[kind]])
+    stamps = parse_times(path, [scan.stamp for scan in log.scans[kind]], "s", _REPAIR)
     rows = np.flatnonzero(mark_increasing(stamps.tolist())).tolist()
     if len(rows) < 2:
         there = ", ".join(f"{count} {name}" for name, count in log.messages.most_common(8)) or "none"
@@ -140,14 +142,6 @@ def _spread_readings(
         half = np.radians(fov_deg) / 2.0
         spread.append(replace(scan, angles=np.linspace(-half, half, len(scan.ranges), endpoint=fov_deg < _FULL_DEG)))
     return spread, [f"the readings of a scan sweep {fov_deg:g} degrees, as {whose} states it"]
-
-
-def _parse_stamps(path: Path, words: list[str]) -> NDArray[np.int64]:
-    """Parses words, each a stamp [s], into stamps (N,) [us]."""
-    try:
-        return parse_stamps(words, "s")
-    except ValueError as error:
-        raise DataError(path, str(error), "remove the lines, or copy the log again") from error
 
 
 def _drop_clipped(
@@ -216,7 +210,7 @@ def _chain_odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]
         notes.append(f"the odometry starts again from {anchored.sum()} corrected poses: its steps are chained instead")
     measured = np.flatnonzero(~anchored)
     stamps = np.zeros(len(lines), dtype=np.int64)
-    stamps[measured] = _parse_stamps(path, [lines[row].stamp for row in measured])
+    stamps[measured] = parse_times(path, [lines[row].stamp for row in measured], "s", _REPAIR)
     fitting = measured[_mark_consistent(stamps, lines, scans)[measured]]
     rows = fitting[mark_increasing(stamps[fitting].tolist())]
     if dropped := len(measured) - len(rows):

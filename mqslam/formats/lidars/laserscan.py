@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config import USUAL_READING, ReadingConfig
-from mqslam.core import se2
 from mqslam.core.recording import LidarRecording, stamp_scans
 from mqslam.core.scans import Returns
-from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import DataError
 from mqslam.formats import bags
@@ -108,7 +106,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
         if track is not None:
             how = "taken as that of the lidar itself" if mount is None else f"carried to the lidar by {stated}"
             notes.append(f"{what} from {name}, {how}")
-            carried[what] = track if mount is None else Trajectory(track.stamps_us, se2.compose(track.poses, mount))
+            carried[what] = track if mount is None else track.attach(mount)
     timed = stamp_scans(stamps, scans)
     return LidarRecording.of(path, "laserscan", timed, carried.get("trajectory"), carried.get("odometry"), tuple(notes))
 
@@ -131,11 +129,11 @@ def _choose_pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
     Topics of commands are left out. Ground truth is never taken as odometry, and as poses only if there are no others.
     """
     filled = sorted((c for c in reader.connections if c.msgcount > 1), key=lambda c: -c.msgcount)
-    drives = [c.topic for c in filled if c.msgtype == ODOMETRY_TYPE and not bags.TRUTH_NAME.search(c.topic.lower())]
+    drives = [c.topic for c in filled if c.msgtype == ODOMETRY_TYPE and not bags.is_truth(c.topic)]
     drives.sort(key=lambda topic: "odom" not in topic.lower())
     poses = [c.topic for c in filled if c.msgtype in (POSE_TYPE, POSE_WITH_COVARIANCE_TYPE)]
     poses = [topic for topic in poses if not any(word in topic.lower() for word in _COMMANDS)]
-    poses.sort(key=lambda topic: bool(bags.TRUTH_NAME.search(topic.lower())))
+    poses.sort(key=bags.is_truth)
     return next(iter(drives), None), next(iter(poses), None)
 
 

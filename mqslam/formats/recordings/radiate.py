@@ -19,14 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.recording import Recording
-from mqslam.core.sensors import Fixes, Gyroscope
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.images import list_numbers
 from mqslam.formats.recordings.column_images import ColumnImageRecording, ColumnImages, open_columns, write_columns
 from mqslam.formats.recordings.layout import Sensing, Target
-from mqslam.formats.sensors.reading import Reading, add_beside, make_fixes, make_gyroscope, read_beside
+from mqslam.formats.sensors.reading import add_beside, make_fixes, make_gyroscope, read_beside
 from mqslam.formats.tables import SensorTable, parse_times
 from mqslam.formats.text import read_lines
 
@@ -74,10 +73,17 @@ def open_recording(path: Path, sensing: Sensing) -> ColumnImageRecording:
     recording = open_columns(path, "radiate", images, stamps, names, (RANGE_RESOLUTION_M, "RADIATE's radar"), sensing)
     messages, unread = read_beside(lambda: _read_messages(folder.parent))
     faults, notes = [*faults, *recording.faults, *unread], (*notes, *recording.notes)
+    recording = replace(recording, notes=notes, faults=tuple(faults))
+    if messages is None:
+        return recording
+    sensors = folder.parent / _NAME
+    rates = messages.with_columns(messages.columns[:, 3:] * _DOWN)
+    places = messages.with_columns(messages.columns[:, :3])
+    axes = f"the axes of {_NAME} are taken as x forward, y right, z down"
     return add_beside(
-        replace(recording, notes=notes, faults=tuple(faults)),
-        lambda: _make_gyroscope(folder.parent, messages),
-        lambda: _make_fixes(folder.parent, messages),
+        recording,
+        lambda: make_gyroscope(sensors, rates, axes, source=_NAME, own_clock=True),
+        lambda: make_fixes(sensors, places, source=_NAME, own_clock=True),
     )
 
 
@@ -141,22 +147,6 @@ def _read_message(file: Path) -> list[float]:
     except (OSError, ValueError, IndexError, DataError):
         return [float("nan")] * 6
     return [latitude, longitude, float(np.sqrt(max(variance, 0.0))), x, y, z]
-
-
-def _make_gyroscope(root: Path, messages: SensorTable | None) -> Reading[Gyroscope] | None:
-    """Makes a gyroscope from the sensor messages of a recording; returns None if there are none."""
-    if messages is None:
-        return None
-    note = f"the axes of {_NAME} are taken as x forward, y right, z down"
-    table = messages.with_columns(messages.columns[:, 3:] * _DOWN)
-    return make_gyroscope(root / _NAME, table, note, source=_NAME, own_clock=True)
-
-
-def _make_fixes(root: Path, messages: SensorTable | None) -> Reading[Fixes] | None:
-    """Makes GNSS fixes from the sensor messages of a recording; returns None if there are none."""
-    if messages is None:
-        return None
-    return make_fixes(root / _NAME, messages.with_columns(messages.columns[:, :3]), source=_NAME, own_clock=True)
 
 
 def _find_image_folder(path: Path) -> Path:

@@ -218,8 +218,7 @@ class Frames:
         on_vehicle = self._find(frame)
         if on_vehicle is None:
             return odometry, f"odometry from {topic} is taken as the motion of the vehicle, on which {self.radar} sits"
-        carried = Trajectory(odometry.stamps_us, se2.compose(odometry.poses, se2.inverse(on_vehicle)))
-        return carried, f"odometry from {topic} is the motion of {frame}"
+        return odometry.attach(se2.inverse(on_vehicle)), f"odometry from {topic} is the motion of {frame}"
 
     def place_truth(self, truth: Trajectory, topic: str, frame: str) -> tuple[Trajectory, str]:
         """Returns ground truth, converted to poses of the radar if transforms connect its frame to the radar, and a note."""
@@ -231,8 +230,8 @@ class Frames:
         if self.mount is None:
             return truth, f"ground truth from {topic} is the pose of {frame}; where the radar sits on it is not stated"
         to_radar = se2.compose(se2.inverse(on_vehicle), self.mount.pose)
-        carried = Trajectory(truth.stamps_us, se2.compose(truth.poses, to_radar))
-        return carried, f"ground truth from {topic} is the pose of {frame}, carried to the radar by {self.mount.source}"
+        note = f"ground truth from {topic} is the pose of {frame}, carried to the radar by {self.mount.source}"
+        return truth.attach(to_radar), note
 
     def is_of_vehicle(self, frame: str) -> bool:
         """Returns whether a frame is the vehicle's own; False if the bag states where the radar sits on the vehicle."""
@@ -290,7 +289,7 @@ def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[s
     for topic in chosen:
         if topic is not None:
             bags.require_topic(path, topic, typed, "poses", "poses")
-    truths = [c.topic for c in typed if bags.TRUTH_NAME.search(c.topic.lower()) and c.topic not in chosen]
+    truths = [c.topic for c in typed if bags.is_truth(c.topic) and c.topic not in chosen]
     drives = [c.topic for c in typed if c.msgtype == ODOMETRY_TYPE and c.topic not in (*truths, *chosen)]
     drives.sort(key=lambda topic: "odom" not in topic.lower())
     return named.odometry or next(iter(drives), None), named.truth or next(iter(truths), None)

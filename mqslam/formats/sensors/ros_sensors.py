@@ -86,7 +86,7 @@ class RosSensors:
     @classmethod
     def choose(cls, reader: AnyReader) -> RosSensors:
         """Chooses for each sensor the topic with most messages; fixes of ground truth only if there are no other fixes."""
-        imus = [topic for topic in _rank_topics(reader, IMU_TYPE) if not _is_truth(topic)]
+        imus = [topic for topic in _rank_topics(reader, IMU_TYPE) if not bags.is_truth(topic)]
         receivers = _rank_topics(reader, FIX_TYPE)
         transforms = tuple(dict.fromkeys(c.topic for c in reader.connections if Mounts.reads(c)))
         return cls(next(iter(imus), None), next(iter(receivers), None), (*imus[1:], *receivers[1:]), transforms)
@@ -134,7 +134,7 @@ class RosSensors:
         if self.fix_topic is None or ((self.unfixed or self.unstated) and not self.rows[self.fix_topic].stamps):
             return None
         table = self.rows[self.fix_topic].to_table()
-        return make_fixes(path, table, source=self.fix_topic, made_truth=_is_truth(self.fix_topic))
+        return make_fixes(path, table, source=self.fix_topic, made_truth=bags.is_truth(self.fix_topic))
 
     def read_mount(self, path: Path, radar_frame: str) -> Mount | None:
         """Returns the mount of the radar as the transforms state it; None if no transform places the radar.
@@ -193,13 +193,8 @@ def _is_place(latitude: float, longitude: float) -> bool:
 def _rank_topics(reader: AnyReader, kind: str) -> list[str]:
     """Lists the topics of a type of message: those with most messages first, and ground truth last."""
     filled = [c for c in reader.connections if c.msgtype == kind and c.msgcount]
-    filled.sort(key=lambda c: (_is_truth(c.topic), -c.msgcount, c.topic))
+    filled.sort(key=lambda c: (bags.is_truth(c.topic), -c.msgcount, c.topic))
     return list(dict.fromkeys(c.topic for c in filled))
-
-
-def _is_truth(topic: str) -> bool:
-    """Returns whether the name of a topic says that it is ground truth."""
-    return bool(bags.TRUTH_NAME.search(topic.lower()))
 
 
 def list_sensor_messages(bag: Bag, recording: Recording) -> list[Iterator[tuple[int, Connection, Any]]]:
