@@ -52,7 +52,7 @@ class PolarScan:
 
 @dataclass(frozen=True)
 class Recording(ABC):
-    """A radar recording, indexed but not read: it pickles as paths and numbers, and workers read the scans they need.
+    """A radar recording whose polar scans are read only when needed, so that it can be pickled and sent to workers.
 
     Args:
         path: the recording.
@@ -208,7 +208,7 @@ class LidarRecording(Recording):
         return self._hold(self.scans[first:after].count_from_first())
 
     def _hold(self, part: Scans) -> Self:
-        """Returns the recording with a part of its scans."""
+        """Returns the recording with only these scans."""
         part = replace(part, revolution_s=float(np.median(np.diff(part.start_times))))
         return replace(self, stamps_us=part.stamps_us, turns_us=_measure_turns(part), scans=part)
 

@@ -62,7 +62,7 @@ class Scan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredScans(Sequence[Scan]):
-    """Scans whose returns lie in one table, usually in a memory-mapped file; indexing copies the part of one scan.
+    """Scans whose returns lie in one table, usually in a memory-mapped file; indexing copies the returns of one scan.
 
     Args:
         spans: (N, 2) t0 and t1 of each scan [s since the recording's start].

@@ -19,7 +19,7 @@ def wrap(angle: ArrayLike) -> Array:
 
 
 def compose(a: ArrayLike, b: ArrayLike) -> Array:
-    """Composes two poses: returns pose b, given in the frame of pose a, in the frame in which a is given."""
+    """Composes two poses: converts pose b from the frame of pose a to the frame in which pose a is given."""
     a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
     return np.stack(
@@ -95,7 +95,7 @@ def path_lengths(poses: Array) -> Array:
 
 
 def transform(pose: ArrayLike, points: ArrayLike) -> Array:
-    """Returns points (N, 2) [m], given in the pose's frame, in the frame in which the pose is given."""
+    """Converts points (N, 2) [m] from the frame of a pose to the frame in which the pose is given."""
     pose, points = np.asarray(pose, dtype=np.float64), np.asarray(points, dtype=np.float64)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     return np.asarray(points @ np.array([[c, s], [-s, c]]) + pose[:2])

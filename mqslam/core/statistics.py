@@ -62,7 +62,7 @@ def find_trimmed_scale(squares: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def compute_p_values(squares: NDArray[np.float64], freedom: float) -> NDArray[np.float64]:
-    """Returns the probabilities (N,) that single places of a good map show offsets as large as these.
+    """Returns the p-value (N,) of each place: the probability that a good map shows an offset at least as large there.
 
     Args:
         squares: (N,) squared Mahalanobis distances of the offsets, under covariances that were scaled to fit usual places.
@@ -79,7 +79,7 @@ def find_smallest(p_values: Iterable[float]) -> float | None:
 
 
 def find_usual_scale(squares: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns factors (3,), at least 1, on variances that make the covariances fit the median offset of all places.
+    """Returns the factors (3,), at least 1, by which variances must be multiplied to fit the median offset of all places.
 
     The covariance from the curvature is too small by a factor that depends on the surroundings. The median of all places
     shows this factor, and the few places where the map is torn do not affect it.
@@ -119,10 +119,10 @@ def find_median(list_blocks: Callable[[], Iterable[NDArray[np.float64]]]) -> flo
 
 
 def _find_steps(numbers: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Returns the number of the step that each of the numbers (N,) lies in."""
+    """Returns, for each of the numbers (N,), the index of the step that holds it."""
     return np.ascontiguousarray(numbers).view(np.int64) >> _FINE
 
 
 def pick_evenly(count: int, most: int) -> NDArray[np.int64]:
-    """Returns at most `most` evenly spread numbers from 0..count - 1, increasing, with the first and the last among them."""
+    """Returns at most `most` evenly spread indices from 0 to count - 1, in increasing order, with both ends among them."""
     return np.linspace(0, count - 1, min(count, most)).round().astype(np.int64) if count else np.arange(0)

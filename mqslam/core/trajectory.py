@@ -17,7 +17,7 @@ _TRACK_SLACK_US: Final = 500_000
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """Poses of the sensor over time.
+    """Poses of the sensor, or of another body, over time.
 
     Args:
         stamps_us: (N,) int64 [us], strictly increasing, in the recording's own clock.

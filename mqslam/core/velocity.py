@@ -91,10 +91,10 @@ class Velocities:
         return {outcome.reason: count for outcome, count in counts.items() if count and outcome != Outcome.MEASURED}
 
     def at(self, times: Array) -> tuple[Array, Array]:
-        """Interpolates velocities (M, 2) and covariances (M, 2, 2) at times (M,) [s] between the measured scans around them.
+        """Interpolates velocities (M, 2) and covariances (M, 2, 2) at times (M,) [s].
 
-        The velocity is assumed to change linearly between two scans. The results are NaN before the first and after the
-        last measured scan.
+        The velocity is assumed to change linearly between two measured scans. The results are NaN before the first and after
+        the last measured scan.
         """
         known = np.flatnonzero(self.measured)
         if not len(known):

@@ -65,7 +65,7 @@ _NAMES = {"gyroscope": "the gyroscope", "gnss": "GNSS"}
 
 
 def list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
-    """Returns the notes on the sensors in use, the radar's mount and its ranges, and a doubt if sensors may bend the map.
+    """Returns the notes on the sensors in use, the radar's mount and its ranges, and a warning if sensors may bend the map.
 
     Notes on a sensor that is not used are shown elsewhere, as warnings.
 

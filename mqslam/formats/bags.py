@@ -275,7 +275,7 @@ def _pose_of(pose: Any, stamp_us: int) -> PoseRow:
 
 
 def describe_left_out(count: int, which: str) -> list[str]:
-    """Returns a list with a note that `count` invalid poses or transforms, worded by `which`, are left out; empty for 0."""
+    """Returns a list with a note that `count` invalid poses or transforms, called `which`, are left out; empty for 0."""
     return [f"{which} {is_or_are(count)} left out: a quaternion of zeros, or numbers that are not finite"] if count else []
 
 

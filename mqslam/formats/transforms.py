@@ -36,7 +36,7 @@ def is_static(topic: str) -> bool:
 
 
 def _list_links(message: Any) -> Iterator[tuple[Any, str, str, _Numbers]]:
-    """Yields for each transform of a `tf2_msgs/TFMessage` its stamped message, frame, the frame's parent, and numbers."""
+    """Yields, for each transform in a `tf2_msgs/TFMessage`: its stamped message, frame, parent frame and numbers."""
     for stamped in message.transforms:
         move, turn = stamped.transform.translation, stamped.transform.rotation
         numbers = (move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w)
@@ -50,7 +50,7 @@ def _is_motion(numbers: _Numbers) -> bool:
 
 @dataclass(slots=True)
 class Mounts:
-    """The static transforms of a recording, (4, 4) from each frame to its parent.
+    """The transforms (4, 4) of a recording that never change, each from a frame to its parent.
 
     Args:
         parents: the parent of each frame, with the transform.

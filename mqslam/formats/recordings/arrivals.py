@@ -99,7 +99,7 @@ def estimate_arrivals(stamps_us: NDArray[np.int64], numbers: NDArray[np.int64] |
 
 
 def _estimate_once(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> tuple[NDArray[np.int64], float, float]:
-    """Removes the delays that stamps of arrival (N,) [us] show; places (N,) number the turns, missing ones included.
+    """Removes the delays from stamps of arrival (N,) [us]; places (N,) number the turns, missing turns included.
 
     Returns:
         the stamps (N,) [us], the usual duration of a revolution [us], and the standard deviation of the stamps [s].
@@ -118,7 +118,7 @@ def _estimate_once(stamps_us: NDArray[np.int64], places: NDArray[np.int64]) -> t
 
 
 def _describe_damaged(numbers: NDArray[np.int64], damaged: NDArray[np.bool_]) -> str:
-    """Returns the fault for the user that the polar scans that a mask (N,) marks, with numbers (N,), have damaged stamps."""
+    """Returns a fault for the user that names the polar scans, by their numbers (N,), whose stamps a mask (N,) marks."""
     count = int(np.count_nonzero(damaged))
     others = f" and of {count_of(count - 1, 'other')}" if count > 1 else ""
     return (

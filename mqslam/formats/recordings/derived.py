@@ -34,7 +34,7 @@ class DerivedRecording(Recording):
         return map(self._change, self.inner.polar_scans(self.first + start, self.first + stop))
 
     def _change(self, polar_scan: PolarScan) -> PolarScan:
-        """Returns a polar scan of the inner recording, and its down-chirps, as they are in this recording."""
+        """Converts a polar scan of the inner recording to the times and the sense of rotation of this recording."""
         return replace(
             polar_scan,
             times=polar_scan.times - self.earlier_s if self.earlier_s else polar_scan.times,

@@ -75,7 +75,7 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
 
 
 def _list_folders(path: Path) -> Iterator[Path]:
-    """Yields the folders of images that the path is or holds, those with Oxford rows first."""
+    """Yields the folders of images at or below a path; folders with Oxford rows come first."""
     for form in (_ROWS, _COLUMNS):
         inside = (path / "sensor_data" / "radar" / form, path / "radar" / form, path / form)
         for folder in (*inside, path) if path.resolve().name == form else inside:

@@ -256,7 +256,7 @@ def _interpret_layout(topic: str, message_type: str, message: Any, turn: int) ->
 
 
 def _rank_topic(topic: str) -> int | None:
-    """Ranks a topic of images by its name as `_RANKS` does; returns None for a name that does not show a radar."""
+    """Returns the rank of a topic of images by its name (`_RANKS`), or None if the name does not show a radar."""
     return next((rank for name, rank in _RANKS.items() if topic.lower().endswith(name)), None)
 
 
@@ -451,7 +451,7 @@ class StatedRanges:
 
 
 def read_ranges(reader: AnyReader) -> StatedRanges | None:
-    """Reads the first configuration message of an open bag that states the length of a range bin; None if none does."""
+    """Reads the ranges from the first configuration message of a bag that states the length of a bin; None if none does."""
     for topic, message in _read_configurations(reader):
         for number in _list_numbers(getattr(message, "bin_size", 0)):
             for per_m in _PER_M:

@@ -150,7 +150,7 @@ def _read_message(file: Path) -> list[float]:
 
 
 def _find_image_folder(path: Path) -> Path:
-    """Returns the folder of the images: the path itself if it is called Navtech_Polar, else the folder of this name."""
+    """Returns the folder Navtech_Polar of the images, which is the path itself or lies in it."""
     return path.resolve() if path.resolve().name == "Navtech_Polar" else path / "Navtech_Polar"
 
 

@@ -362,7 +362,7 @@ def _list_scans(bag: Bag, recording: Recording, message: Message) -> Iterator[_E
 
 
 def _list_poses(bag: Bag, track: Trajectory, topic: str, frames: tuple[str, str]) -> Iterator[_Entry]:
-    """Yields the poses of a moving frame in a fixed one as odometry messages, each with the mean twist until the next."""
+    """Yields the poses of a moving frame in a fixed frame as odometry messages, with the mean twists between them."""
     fixed, moved = frames
     connection = bag.topic(topic, ODOMETRY_TYPE)
     twists = track.mean_twists(track.stamps_us[:-1], track.stamps_us[1:])

@@ -167,6 +167,7 @@ class RosSensors:
         return notes + self.clock.notes
 
     def _add_rates(self, topic: str, message: Any, stamp_us: int) -> None:
+        """Adds the turn rates of an Imu message; raises ValueError if it states none."""
         if message.angular_velocity_covariance[0] == _NOT_GIVEN:
             raise ValueError("states no rates")
         rate = message.angular_velocity
@@ -174,6 +175,7 @@ class RosSensors:
         self.imu_frame = message.header.frame_id
 
     def _add_place(self, topic: str, message: Any, stamp_us: int) -> None:
+        """Adds the position of a NavSatFix message and its standard deviation, or counts the message if it has no fix."""
         is_unknown = message.status.status == _UNKNOWN
         self.unstated += is_unknown
         if message.status.status <= _NO_FIX and not (is_unknown and _is_place(message.latitude, message.longitude)):
