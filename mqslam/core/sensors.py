@@ -78,7 +78,7 @@ class Turning:
         return cls(times, angles, gaps)
 
     def between(self, begins: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns the rotations (M,) [rad] from times (M,) to later times (M,) [s]; NaN across gaps and outside the readings."""
+        """Returns the rotations (M,) [rad] from times to later times (M,) [s]; NaN across gaps and beyond the readings."""
         turned = np.interp(ends, self.times, self.angles) - np.interp(begins, self.times, self.angles)
         last = len(self.times) - 1
         first_after = np.searchsorted(self.times, begins, side="right")

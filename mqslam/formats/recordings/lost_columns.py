@@ -44,7 +44,7 @@ class Restorer:
     def __init__(self, read: Callable[[int], Image], count: int) -> None:
         keep = lru_cache(maxsize=_KEPT)
         self._image, self._number = keep(read), count
-        self._lost, self._bands = keep(self._count), keep(self._cut)
+        self._lost, self._bands = keep(self._count), keep(lambda k: _cut_bands(self._image(k)))
         self._first_source = keep(lambda k: self._find_source(k, self._spread_evenly))
 
     def restore(self, k: int) -> tuple[Image, NDArray[np.bool_]]:
@@ -73,10 +73,6 @@ class Restorer:
     def _count(self, k: int) -> int:
         """Counts the azimuths that image k lost; returns 0 where the image before is missing."""
         return count_lost(self._image(k - 1), self._image(k)) if self._is_there(k - 1) else 0
-
-    def _cut(self, k: int) -> NDArray[np.float32]:
-        """Returns the power (bands, rows, A) of image k, cut into bands of range."""
-        return _cut_bands(self._image(k))
 
     def _spread_evenly(self, k: int) -> NDArray[np.int64]:
         """Returns which column (A,) of image k shows each azimuth if losses are spread evenly over the revolution."""

@@ -54,6 +54,13 @@ class _Archive:
             raise self.refuse(f"{name} is {array.dtype} of shape {array.shape}")
         return array
 
+    def read_stamped(self, name: str, columns: str) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+        """Reads the stamps (N,) [us] of a trajectory or sensor, and its columns (N, 3); None if the archive lacks it."""
+        if f"{name}_stamps_us" not in self:
+            return None
+        stamps = self.read(f"{name}_stamps_us", np.int64, (-1,))
+        return stamps, self.read(f"{name}_{columns}", np.float64, (len(stamps), 3))
+
 
 @contextmanager
 def _open_archive(path: Path) -> Iterator[_Archive]:
@@ -159,29 +166,25 @@ def _read_polar_scan(archive: _Archive, k: int, start_s: float) -> PolarScan:
 
 def _read_trajectory(archive: _Archive, name: str) -> Trajectory | None:
     """Reads a trajectory by its name; returns None where the archive holds no such trajectory."""
-    if f"{name}_stamps_us" not in archive:
-        return None
-    stamps = archive.read(f"{name}_stamps_us", np.int64, (-1,))
-    return make_trajectory(archive.path, stamps, archive.read(f"{name}_poses", np.float64, (len(stamps), 3)))
+    track = archive.read_stamped(name, "poses")
+    return None if track is None else make_trajectory(archive.path, *track)
 
 
 def _read_gyroscope(archive: _Archive) -> Reading[Gyroscope] | None:
     """Reads the gyroscope; returns None where the archive holds no gyroscope."""
-    if "gyroscope_stamps_us" not in archive:
+    rates = archive.read_stamped("gyroscope", "rates")
+    if rates is None:
         return None
-    stamps = archive.read("gyroscope_stamps_us", np.int64, (-1,))
-    table = SensorTable(stamps, archive.read("gyroscope_rates", np.float64, (len(stamps), 3)))
-    return make_gyroscope(archive.path, table, source=str(archive.read("gyroscope_source", np.str_, ())))
+    return make_gyroscope(archive.path, SensorTable(*rates), source=str(archive.read("gyroscope_source", np.str_, ())))
 
 
 def _read_fixes(archive: _Archive) -> Reading[Fixes] | None:
     """Reads the GNSS fixes; returns None where the archive holds no fixes."""
-    if "fixes_stamps_us" not in archive:
+    places = archive.read_stamped("fixes", "places")
+    if places is None:
         return None
-    stamps = archive.read("fixes_stamps_us", np.int64, (-1,))
-    table = SensorTable(stamps, archive.read("fixes_places", np.float64, (len(stamps), 3)))
-    made_truth = bool(archive.read("fixes_made_truth", np.bool_, ()))
-    return make_fixes(archive.path, table, source=str(archive.read("fixes_source", np.str_, ())), made_truth=made_truth)
+    made_truth, source = archive.read("fixes_made_truth", np.bool_, ()), archive.read("fixes_source", np.str_, ())
+    return make_fixes(archive.path, SensorTable(*places), source=str(source), made_truth=bool(made_truth))
 
 
 def _read_mount(archive: _Archive) -> Mount | None:
