@@ -123,7 +123,7 @@ class LoopSearch:
         """Warnings for the user: one for each reason for which more pairs of passes were left out than there are loops."""
         left_out = {
             "several places fit": self.ambiguous,
-            "only a place fits that the trajectory rules out": self.implausible,
+            "the only place that fits is ruled out by the trajectory": self.implausible,
             "the search for loops cannot cover the uncertainty of the trajectory": self.unsure,
         }
         return [

@@ -142,13 +142,13 @@ _WEEKS_S: Final = 1024.0 * 7.0 * _DAY_S  # GPS counts weeks from zero again afte
 _GPS_EPOCH_S: Final = 315_964_800.0  # from 1970 to the beginning of GPS time
 _LEAPS_S: Final = (18.0, 17.0, 16.0, 15.0)  # seconds by which GPS time has been ahead of UTC since 2009
 _TIMES_OFF: Final = {
-    **{seconds: f"{seconds:.0f} s, as GPS time is against UTC" for seconds in _LEAPS_S},
-    37.0: "37 s, as TAI is against UTC",
-    **{3600.0 * hours: f"{hours} h, as by a time zone" for hours in range(1, 15)},
+    **{seconds: f"{seconds:.0f} s, the difference between GPS time and UTC" for seconds in _LEAPS_S},
+    37.0: "37 s, the difference between TAI and UTC",
+    **{3600.0 * hours: f"{hours} h, like a time zone" for hours in range(1, 15)},
     _DAY_S: "a day",
-    _WEEKS_S: "1024 weeks, as of a receiver whose count of weeks began anew",
-    2.0 * _WEEKS_S: "2048 weeks, as of a receiver whose count of weeks began anew",
-    _GPS_EPOCH_S: "the time from 1970 to 1980, in which GPS time begins",
+    _WEEKS_S: "1024 weeks, after which GPS receivers count from zero again",
+    2.0 * _WEEKS_S: "2048 weeks, as GPS receivers count from zero again after 1024",
+    _GPS_EPOCH_S: "the time from 1970 to 1980, when GPS time begins",
 }
 KNOWN_S: Final = tuple(side * seconds for seconds in _TIMES_OFF for side in (1.0, -1.0))
 """All known delays of stamps [s]: each clock error above with both signs, positive where stamps are late."""

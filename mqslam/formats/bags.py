@@ -84,12 +84,12 @@ def explain_packed(path: Path) -> DataError | None:
     packed = _PACKED.fullmatch(path.name.lower())
     if packed is None or not path.is_file():
         return None
-    unpack = f"unpack it, as by '{_UNPACK[packed['how']]}'"
+    unpack = f"unpack it, for example by '{_UNPACK[packed['how']]}'"
     if packed["how"].startswith("zst") and packed["what"]:
         return DataError(
             path, "is a packed file of a ROS 2 bag", f"give the bag's folder, with its metadata.yaml, or {unpack}"
         )
-    return DataError(path, "is packed", f"{unpack}, and give what was in it")
+    return DataError(path, "is packed", f"{unpack}, and give its content")
 
 
 def recognises(path: Path) -> bool:
@@ -139,7 +139,7 @@ def name_message(path: Path, topic: str, logged_ns: int) -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        remedy = CONVERT_IMAGES if isinstance(error, NotGreyError) else "cut it out of the bag, or name another bag"
+        remedy = CONVERT_IMAGES if isinstance(error, NotGreyError) else "remove it from the bag, or give another bag"
         raise DataError(path, f"the message on {topic} recorded at {logged_ns} ns {error}", remedy) from error
 
 

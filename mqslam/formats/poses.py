@@ -52,7 +52,7 @@ def make_trajectory(path: Path, stamps_us: NDArray[np.int64], poses: se2.Array) 
         DataError: there are fewer than two poses, one is not finite or too far away, or stamps do not increase.
     """
     if len(stamps_us) < 2:
-        raise DataError(path, f"holds {len(stamps_us)} poses", "a trajectory needs two at least")
+        raise DataError(path, f"holds {len(stamps_us)} poses", "a trajectory needs at least two poses")
     if np.any(np.diff(stamps_us) <= 0):
         row = int(np.argmax(np.diff(stamps_us) <= 0)) + 2
         raise DataError(path, f"stamps do not increase at pose {row}", "sort the file by time and drop duplicates")

@@ -144,8 +144,8 @@ def test_a_batch_takes_them_beside_its_file(tmp_path: Path) -> None:
     ("late_s", "said"),
     [
         (86_400, "late by a day; add -86400 s to them"),
-        (-619_315_200, "early by 1024 weeks, as of a receiver whose count of weeks began anew; add 619315200 s to them"),
-        (18, "late by 18 s, as GPS time is against UTC; add -18 s to them"),
+        (-619_315_200, "early by 1024 weeks, after which GPS receivers count from zero again; add 619315200 s to them"),
+        (18, "late by 18 s, the difference between GPS time and UTC; add -18 s to them"),
     ],
 )
 def test_a_clock_that_is_off_by_a_usual_time_is_said(recording: Recording, tmp_path: Path, late_s: int, said: str) -> None:

@@ -105,7 +105,7 @@ def _choose_scans(
     rows = np.flatnonzero(mark_increasing(stamps.tolist())).tolist()
     if len(rows) < 2:
         there = ", ".join(f"{count} {name}" for name, count in log.messages.most_common(8)) or "none"
-        problem = f"holds {len(rows)} scans with stamps that increase, not two or more (messages: {there[:200]})"
+        problem = f"holds {len(rows)} scans with increasing stamps, but two are needed (messages: {there[:200]})"
         raise DataError(path, problem, "give a CARMEN log with FLASER or ROBOTLASER1 lines")
     if dropped := len(log.scans[kind]) - len(rows):
         notes.append(f"{count_of(dropped, 'scan')} with a stamp that repeats or runs backward: left out")
@@ -161,7 +161,7 @@ def _drop_clipped(
         seen = (scan.ranges > 0.0) & (scan.ranges < min(scan.maximum_m, _ERROR_CODES_M, ceiling))
         count = int(np.count_nonzero(seen))
         returns.append(Returns(scan.ranges[seen], scan.angles[seen], np.full(count, time), scan.remissions[seen]))
-    return returns, [f"ranges of {ceiling:.4g} m and above are no returns"] if np.isfinite(ceiling) else []
+    return returns, [f"ranges of {ceiling:.4g} m and above are clipped and left out"] if np.isfinite(ceiling) else []
 
 
 def _find_ceiling(ranges: NDArray[np.float64], readings: int, parameters: dict[str, float]) -> float:
@@ -207,7 +207,7 @@ def _chain_odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]
         steps = se2.wrapped_between(poses[:-1], poses[1:])
         steps[anchored[1:]] = 0.0
         poses = se2.compose(poses[0], se2.integrate_steps(steps))
-        notes.append(f"the odometry starts again from {anchored.sum()} corrected poses: its steps are chained instead")
+        notes.append(f"the odometry is reset to a corrected pose {anchored.sum()} times: only the steps between are used")
     measured = np.flatnonzero(~anchored)
     stamps = np.zeros(len(lines), dtype=np.int64)
     stamps[measured] = parse_times(path, [lines[row].stamp for row in measured], "s", _REPAIR)
@@ -323,7 +323,7 @@ def read_log(path: Path) -> CarmenLog:
                     log.parameters[words[1]] = float(_parse_finite(words[2:3], 1)[0])
         except (ValueError, IndexError):
             remedy = "remove the line, or copy the log again"
-            raise DataError(path, f"line {number} is no whole {kind} message of numbers", remedy) from None
+            raise DataError(path, f"line {number} is not a complete {kind} message of numbers", remedy) from None
     return log
 
 

@@ -123,7 +123,7 @@ def _describe_damaged(numbers: NDArray[np.int64], damaged: NDArray[np.bool_]) ->
     others = f" and of {count_of(count - 1, 'other')}" if count > 1 else ""
     return (
         f"the stamp of number {numbers[damaged][0]}{others} among {count_of(len(numbers), 'polar scan')} lies too far from "
-        "the stamps around it, from which the time of its turn is estimated instead"
+        "the stamps around it: the time of the turn is estimated from those instead"
     )
 
 

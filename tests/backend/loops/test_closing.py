@@ -66,7 +66,7 @@ def test_passes_that_a_trajectory_too_sure_of_itself_rules_out_are_not_tied_and_
     search = closed(60.0, 0.1)
     assert search.loops == [] and search.implausible >= 5
     assert search.warnings == [
-        f"only a place fits that the trajectory rules out: {search.implausible} pairs of passes were left out"
+        f"the only place that fits is ruled out by the trajectory: {search.implausible} pairs of passes were left out"
     ]
 
 

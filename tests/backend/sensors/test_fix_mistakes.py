@@ -47,12 +47,12 @@ def joined(fixes: Fixes) -> FixUse:
 @pytest.mark.parametrize(
     ("late_s", "said"),
     [
-        (18.0, "late by 18 s, as GPS time is against UTC: add -18 s to them"),
-        (-18.0, "early by 18 s, as GPS time is against UTC: add 18 s to them"),
-        (37.0, "late by 37 s, as TAI is against UTC: add -37 s to them"),
+        (18.0, "late by 18 s, the difference between GPS time and UTC: add -18 s to them"),
+        (-18.0, "early by 18 s, the difference between GPS time and UTC: add 18 s to them"),
+        (37.0, "late by 37 s, the difference between TAI and UTC: add -37 s to them"),
         (DAY_S, "late by a day: add -86400 s to them"),
-        (-3600.0, "early by 1 h, as by a time zone: add 3600 s to them"),
-        (-1024 * WEEK_S, "early by 1024 weeks, as of a receiver whose count of weeks began anew: add 619315200 s to them"),
+        (-3600.0, "early by 1 h, like a time zone: add 3600 s to them"),
+        (-1024 * WEEK_S, "early by 1024 weeks, after which GPS receivers count from zero again: add 619315200 s to them"),
     ],
 )
 def test_a_clock_that_is_off_by_a_usual_time_is_named(late_s: float, said: str) -> None:

@@ -210,15 +210,15 @@ def test_compressed_logs_are_read_whatever_they_are_called(tmp_path: Path) -> No
         ("", r"holds 0 scans .*messages: none"),
         ("ODOM 0 0 0 0 0 0 1 host 1\n", r"holds 0 scans .*messages: 1 ODOM"),
         (two_scans(2.0).split("\n")[0] + "\n", "holds 1 scans"),
-        ("FLASER 180 1 2 3\n", "line 1 is no whole FLASER message"),
-        ("FLASER 99999999999 1 2 3\n", "line 1 is no whole FLASER message"),
-        ("FLASER -3 1 2 3 4 5 6 7 8 9 10\n", "line 1 is no whole FLASER message"),
-        ("FLASER\n", "line 1 is no whole FLASER message"),
-        ("FLASER 2 1 x 0 0 0 0 0 0 1 host 1\n", "line 1 is no whole FLASER message"),
-        ("FLASER 2 1 2 0 0 nan 0 0 0 1 host 1\n", "line 1 is no whole FLASER message"),
-        ("FLASER 2 1 2 0 0 0 0 0 0 host 1\n", "line 1 is no whole FLASER message"),
-        ("ROBOTLASER1 0 -1.5 3.1 0.1 30 0.01 0 3 1 2 3 900 0 0\n", "line 1 is no whole ROBOTLASER1 message"),
-        (two_scans(2.0) + "ODOM 0 0\n", "line 3 is no whole ODOM message"),
+        ("FLASER 180 1 2 3\n", "line 1 is not a complete FLASER message"),
+        ("FLASER 99999999999 1 2 3\n", "line 1 is not a complete FLASER message"),
+        ("FLASER -3 1 2 3 4 5 6 7 8 9 10\n", "line 1 is not a complete FLASER message"),
+        ("FLASER\n", "line 1 is not a complete FLASER message"),
+        ("FLASER 2 1 x 0 0 0 0 0 0 1 host 1\n", "line 1 is not a complete FLASER message"),
+        ("FLASER 2 1 2 0 0 nan 0 0 0 1 host 1\n", "line 1 is not a complete FLASER message"),
+        ("FLASER 2 1 2 0 0 0 0 0 0 host 1\n", "line 1 is not a complete FLASER message"),
+        ("ROBOTLASER1 0 -1.5 3.1 0.1 30 0.01 0 3 1 2 3 900 0 0\n", "line 1 is not a complete ROBOTLASER1 message"),
+        (two_scans(2.0) + "ODOM 0 0\n", "line 3 is not a complete ODOM message"),
         (two_scans(2.0).replace(" 1 host", " nan host"), "holds stamps that are not finite"),
         (two_scans(2.0).replace(" 1 host", " 1e300 host"), "holds stamps too large for any clock"),
         (two_scans(81.91, 0.0), "holds no range below the lidar's maximum"),
@@ -312,5 +312,5 @@ def test_a_robotlaser_line_without_a_resolution_has_its_field_of_view(tmp_path: 
     lines = [robotlaser(t, [*np.arange(1.0, 10.0)], [], (t, 0, 0)).replace(" 4.0 0.5 ", " 4.0 0 ") for t in (1.0, 2.0)]
     azimuths = read_lidar(log(tmp_path, *lines)).scans[0].returns.azimuths
     np.testing.assert_allclose(azimuths, np.linspace(-2.0, 2.0, 9))
-    with pytest.raises(DataError, match="line 2 is no whole ROBOTLASER1 message"):
+    with pytest.raises(DataError, match="line 2 is not a complete ROBOTLASER1 message"):
         read_lidar(log(tmp_path, *(line.replace(" 4.0 0 ", " 0 0 ") for line in lines)))
