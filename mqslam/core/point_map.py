@@ -61,8 +61,7 @@ class PointMap:
     def blocks(self) -> Iterator[PointMap]:
         """Yields the map in blocks of successive points, and releases each block from memory before the next one."""
         for begin in range(0, len(self), _BLOCK):
-            part = slice(begin, begin + _BLOCK)
-            yield PointMap(self.points[part], self.times[part], self.intensities[part], self.psi[part], self.matched[part])
+            yield self.take(slice(begin, begin + _BLOCK))
             release(self.points, self.times, self.intensities, self.psi, self.matched)
 
     def carry(self, frame: se2.Array) -> PointMap:
@@ -79,8 +78,8 @@ class PointMap:
         """Returns a map without points."""
         return cls(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=np.bool_))
 
-    def take(self, chosen: NDArray[np.int64]) -> PointMap:
-        """Returns the map of the points with these indices (M,)."""
+    def take(self, chosen: NDArray[np.int64] | slice) -> PointMap:
+        """Returns the map of the points with these indices (M,), or of a slice of the points."""
         return PointMap(
             self.points[chosen], self.times[chosen], self.intensities[chosen], self.psi[chosen], self.matched[chosen]
         )

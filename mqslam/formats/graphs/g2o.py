@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -261,10 +262,17 @@ def _make_pose(numbers: Sequence[float]) -> gtsam.Pose2 | gtsam.Pose3:
 
 def _read_value(values: gtsam.Values, key: int) -> tuple[_Kind, list[float]]:
     """Returns the kind and the numbers of the pose that the values hold for a key."""
-    try:
-        return _read_pose(values.atPose2(key))
-    except RuntimeError:  # GTSAM offers no other way to ask what kind of pose it is
-        return _read_pose(values.atPose3(key))
+    pose = find_pose(values, key)
+    assert pose is not None, key
+    return _read_pose(pose)
+
+
+def find_pose(values: gtsam.Values, key: int) -> gtsam.Pose2 | gtsam.Pose3 | None:
+    """Returns the value of a key if it is a pose, in the plane or in space, else None."""
+    for read in (values.atPose2, values.atPose3):
+        with suppress(RuntimeError):  # GTSAM offers no other way to ask for the kind of a value
+            return read(key)
+    return None
 
 
 def _read_pose(pose: gtsam.Pose2 | gtsam.Pose3) -> tuple[_Kind, list[float]]:

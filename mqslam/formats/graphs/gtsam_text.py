@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.guards.apart import ProcessFailed, call_apart
-from mqslam.formats.graphs.g2o import StoredGraph
+from mqslam.formats.graphs.g2o import StoredGraph, find_pose
 
 if TYPE_CHECKING:
     import gtsam
@@ -45,7 +45,7 @@ def read_gtsam(graph: Path, values: Path) -> StoredGraph:
     missing = [key for key in factors.keyVector() if not known.exists(key)]
     if missing:
         raise DataError(values, f"has no value for {gtsam.DefaultKeyFormatter(missing[0])}", "give values for all variables")
-    keys = tuple(key for key in sorted(factors.keyVector()) if _is_pose(known, key))
+    keys = tuple(key for key in sorted(factors.keyVector()) if find_pose(known, key) is not None)
     if not keys:
         raise DataError(graph, "holds no pose", "give a graph over gtsam.Pose2 or gtsam.Pose3")
     if not _has_finite_error(factors, known):
@@ -88,14 +88,3 @@ def _has_finite_error(factors: gtsam.NonlinearFactorGraph, known: gtsam.Values) 
         return math.isfinite(factors.error(known))
     except RuntimeError:  # a value has another type than its factor needs
         return False
-
-
-def _is_pose(values: gtsam.Values, key: int) -> bool:
-    """Returns whether the value of a key is a pose, in the plane or in space."""
-    for read in (values.atPose2, values.atPose3):
-        try:
-            read(key)
-        except RuntimeError:  # GTSAM offers no other way to ask for the kind of a value
-            continue
-        return True
-    return False

@@ -153,7 +153,7 @@ def test_odometry_that_starts_anew_from_corrected_poses_is_chained(tmp_path: Pat
     np.testing.assert_array_equal(recording.odometry.stamps_us, np.arange(31) * 1_000_000)
     np.testing.assert_allclose(recording.odometry.poses, wheels, atol=1e-6)
     np.testing.assert_allclose(recording.trajectory.poses, corrected[3::3], atol=1e-6)
-    assert any("10 corrected poses" in note for note in recording.notes)
+    assert any("reset to a corrected pose 10 times" in note for note in recording.notes)
 
 
 def test_stray_stamps_cost_their_own_lines_and_no_others(tmp_path: Path) -> None:
