@@ -88,18 +88,16 @@ def write_keyframes(folder: Path, made: KeyframeMap) -> None:
             "keyframes": len(keyframes),
             "points": len(keyframes.points),
             "places": len(places.keyframes),
-            "recordings": [_describe_recording(recording) for recording in keyframes.recordings],
+            "recordings": [  # only a recording of a lidar has a unit
+                {name: value for name, value in asdict(recording).items() if value is not None}
+                for recording in keyframes.recordings
+            ],
             "georeference": None
             if place is None
             else {"latitude": place.plane.latitude, "longitude": place.plane.longitude, "pose": place.pose.tolist()},
             "described_with": places.made_with,
         },
     )
-
-
-def _describe_recording(recording: MappedRecording) -> dict[str, Any]:
-    """Returns a recording as JSON data; only a recording of a lidar has a unit."""
-    return {name: value for name, value in asdict(recording).items() if value is not None}
 
 
 def find_keyframes(path: Path) -> Path | None:

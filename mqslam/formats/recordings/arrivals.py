@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from mqslam.core.statistics import SIGMAS_PER_DEVIATION, pick_evenly
 from mqslam.core.wording import count_of
-from mqslam.formats.recordings.turns import ALIKE_TURNS, LONGEST_STEP, TURNS_AROUND, USUAL_TURN_S, find_usual_turns
+from mqslam.formats.recordings.turns import ALIKE_TURNS, LONGEST_STEP, TURNS_AROUND, USUAL_TURN_US, find_usual_turns
 from mqslam.formats.stamps import mark_increasing
 
 _LEAST_JITTER_S = 1e-4  # smaller jitter [s] is not corrected: at 30 m/s a vehicle drives 3 mm in this time
@@ -156,7 +156,7 @@ def _fill_turns(
     """
     stamps, counts = stamps_us[known], places[known]
     apart, steps, takes = np.diff(counts), np.diff(stamps), _find_takes(stamps, counts)
-    usual = float(np.median(takes)) if len(takes) else USUAL_TURN_S * 1e6
+    usual = float(np.median(takes)) if len(takes) else float(USUAL_TURN_US)
     every = np.arange(places[-1] + 1)
     filled = np.interp(every, counts, stamps.astype(np.float64))
     filled += usual * (np.minimum(every - counts[0], 0) + np.maximum(every - counts[-1], 0))

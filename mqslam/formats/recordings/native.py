@@ -99,13 +99,17 @@ def open_recording(path: Path, sensing: Sensing) -> NativeRecording:
         resolution = float(archive.read("range_resolution", np.float64, ()))
         if not is_bin_length(resolution):
             raise archive.refuse(f"has a range resolution of {resolution} m")
+        # older files state no range offset, which means 0
+        offset = float(archive.read("range_offset", np.float64, ())) if "range_offset" in archive else 0.0
+        if not is_range_offset(offset):
+            raise archive.refuse(f"has a range offset of {offset} m")
         recording = NativeRecording(
             path=path,
             format="native",
             stamps_us=stamps,
             turns_us=turns,
             range_resolution=sensing.range_resolution or resolution,
-            range_offset=_read_range_offset(archive),
+            range_offset=offset,
             odometry=_read_trajectory(archive, "odometry"),
             ground_truth=_read_trajectory(archive, "ground_truth"),
             notes=(*archive.read("notes", np.str_, (-1,)).tolist(), *sensing.note_unused()),
@@ -113,14 +117,6 @@ def open_recording(path: Path, sensing: Sensing) -> NativeRecording:
         return add_beside(
             recording, lambda: _read_gyroscope(archive), lambda: _read_fixes(archive), lambda: _read_mount(archive)
         )
-
-
-def _read_range_offset(archive: _Archive) -> float:
-    """Reads the range offset [m]; older files state none, which means 0."""
-    offset = float(archive.read("range_offset", np.float64, ())) if "range_offset" in archive else 0.0
-    if not is_range_offset(offset):
-        raise archive.refuse(f"has a range offset of {offset} m")
-    return offset
 
 
 def _read_turns(archive: _Archive, stamps_us: NDArray[np.int64]) -> NDArray[np.int64]:

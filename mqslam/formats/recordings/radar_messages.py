@@ -191,7 +191,7 @@ def choose_topic(
     if named is not None:
         meant = bags.require_topic(path, named, (*images, *b_scans), "polar scans", "images")
         return _find_layout(path, reader, meant, encoder), [f"radar from {named}, as asked"]
-    ranked = [(rank, c) for c in images if (rank := _rank_topic(c.topic)) is not None]
+    ranked = [(rank, c) for c in images for name, rank in _RANKS.items() if c.topic.lower().endswith(name)]
     ranked += [(_B_SCAN_RANK + c.msgtype.endswith(FFT_NAMES), c) for c in b_scans]
     if ranked:
         first, chosen = min(ranked, key=lambda entry: entry[0])
@@ -253,11 +253,6 @@ def _interpret_layout(topic: str, message_type: str, message: Any, turn: int) ->
     if name.endswith((_NAVTECH, *_DRIVER)):
         return AzimuthLayout.ROWS
     return AzimuthLayout.ROWS if image.shape[1] >= image.shape[0] else AzimuthLayout.COLUMNS
-
-
-def _rank_topic(topic: str) -> int | None:
-    """Returns the rank of a topic of images by its name (`_RANKS`), or None if the name does not show a radar."""
-    return next((rank for name, rank in _RANKS.items() if topic.lower().endswith(name)), None)
 
 
 def _is_twin(topic: str, other: str) -> bool:

@@ -11,7 +11,7 @@ from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US
 from mqslam.core.statistics import pick_evenly
 from mqslam.formats.recordings.layout import Stamp
 
-USUAL_TURN_S = 0.25  # duration of a turn that is assumed where a recording shows none
+USUAL_TURN_US = 250_000  # duration of a turn [us] that is assumed where a recording shows none
 # Number of successive steps between polar scans whose median is the usual duration of a turn. A recording with fewer steps
 # has too few for a median: its turns are measured one by one.
 TURNS_AROUND = 9
@@ -103,7 +103,7 @@ def place_turns(
     """
     between = np.diff(stamps_us)
     if not len(between):
-        durations = np.full(len(stamps_us), _to_us(USUAL_TURN_S))
+        durations = np.full(len(stamps_us), USUAL_TURN_US)
     else:
         whole = np.flatnonzero(between <= LONGEST_STEP * usual_us)
         own = np.arange(len(stamps_us)) - (stamp == "end")
@@ -117,24 +117,18 @@ def place_turns(
     return (stamps_us if stamp == "start" else stamps_us - durations), durations
 
 
-def _to_us(seconds: float) -> int:
-    """Converts a duration [s] to whole microseconds."""
-    return round(seconds * 1e6)
-
-
 def _find_usual_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Finds the usual duration (M,) of a turn [us] at each of some steps (M,) [us].
 
     Where steps are few, the result is one of the shortest steps: no radar delivers a polar scan sooner than it turns, while
     polar scans may be missing.
     """
-    unknown = _to_us(USUAL_TURN_S)
     if len(steps) >= TURNS_AROUND:
         usual = _explain_steps(steps)
     else:
         turns = np.sort(steps[(steps >= FASTEST_TURN_US) & (steps <= SLOWEST_TURN_US)])
-        usual = np.full(len(steps), turns[int(_SHORT_SHARE * (len(turns) - 1))] if len(turns) else unknown)
-    return np.where((usual >= FASTEST_TURN_US) & (usual <= SLOWEST_TURN_US), usual, unknown)
+        usual = np.full(len(steps), turns[int(_SHORT_SHARE * (len(turns) - 1))] if len(turns) else USUAL_TURN_US)
+    return np.where((usual >= FASTEST_TURN_US) & (usual <= SLOWEST_TURN_US), usual, USUAL_TURN_US)
 
 
 def _explain_steps(steps: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -171,7 +165,7 @@ def _collect_rates(steps: NDArray[np.float64]) -> NDArray[np.float64]:
             rates.append(rate)
         if len(rates) == _MOST_RATES:
             break
-    return np.array(rates or [_to_us(USUAL_TURN_S)], dtype=np.float64)
+    return np.array(rates or [USUAL_TURN_US], dtype=np.float64)
 
 
 def _find_cheapest_path(costs: NDArray[np.float64], change: float) -> NDArray[np.int64]:
