@@ -35,8 +35,8 @@ _SEARCH_BLUR = 1.4
 _SEARCH_EXTENT = 110.0
 
 _NEIGHBOURS: Final = 2  # a peak is the largest of the pixels within this many rows and columns: it defines a local maximum
-_BLUR_REACH: Final = 4.0  # standard deviations beyond which a blur is cut off: numerical
-_SUMS_PER_PIXEL: Final = 90  # number of pixels added up in the time that Fourier transforms need for one, as measured
+_BLUR_REACH: Final = 4.0  # number of standard deviations at which a blur is cut off
+_SUMS_PER_PIXEL: Final = 90  # number of pixels that are added up while Fourier transforms process one pixel, as measured
 
 
 def compute_pixel_m(config: EstimatorConfig) -> float:
@@ -173,7 +173,7 @@ def draw_blurred(rows: NDArray[np.int64], begins: NDArray[np.int64], blur: NDArr
 
 @nb.njit(cache=True, inline="always")
 def _mirror(place: int, side: int) -> int:
-    """Returns the number of the pixel to which pixel `place`, which may lie beyond a line of `side` pixels, is mirrored."""
+    """Mirrors the number of a pixel at the ends of a line of `side` pixels; numbers within the line stay the same."""
     place %= 2 * side
     return min(place, 2 * side - 1 - place)
 

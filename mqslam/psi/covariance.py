@@ -33,8 +33,8 @@ _LEAST = 1e-3  # share of Gauss-Newton's curvature below which a direction count
 
 # A direction in which less than this share of Gauss-Newton's curvature remains at the widest scale counts as not observed.
 _OBSERVED_SHARE = 0.16
-_SHOWN = 1e-9  # eigenvalues of the normalised information below this share of the largest one are rounding
-_ROUNDING = 1e-12  # eigenvalues below this share of the largest one are rounding
+_SHOWN = 1e-9  # eigenvalues of the normalised information below this share of the largest one are rounding errors
+_ROUNDING = 1e-12  # eigenvalues below this share of the largest one are rounding errors
 
 
 def estimate_covariance(
@@ -46,7 +46,8 @@ def estimate_covariance(
         evaluation: the score at the minimum.
         points: (N, 2) m, positions of the returns, by which returns are grouped into objects.
         cluster_m: side of the cells [m] within which returns belong to one object.
-        known: (Q, Q) information about the state from other sources than psi, in the scale of the curvature.
+        known: (Q, Q) information about the state from sources other than psi. It must be multiplied by the number of returns
+            that count as one measurement, because the curvature counts every return.
     """
     if known is None:
         known = np.zeros_like(evaluation.curvature)
@@ -65,7 +66,7 @@ def estimate_covariance(
 
 
 def sum_by_object(scores: NDArray[np.float64], points: NDArray[np.float64], cluster_m: float) -> NDArray[np.float64]:
-    """Sums the scores (N, Q) over the cells of side `cluster_m` that their points (N, 2) m lie in: a row (C, Q) per cell."""
+    """Returns the sums (C, Q) of the scores (N, Q) of points (N, 2) [m] in each occupied square cell of side `cluster_m`."""
     if len(points) == 0:
         return np.zeros((0, scores.shape[1]))
     cells = np.floor((points - points.min(axis=0)) / cluster_m).astype(np.int64)
@@ -90,14 +91,14 @@ def curvature_by_differences(
 
 
 def find_weak_directions(wide: PsiEvaluation, size: int) -> NDArray[np.float64]:
-    """Finds the directions (K, size) that psi does not observe, scaled to unit information.
+    """Finds the directions (K, size) that psi does not observe, each with a Gauss-Newton information of 1 along it.
 
-    If even Gauss-Newton's information is singular, as it is for returns of a single bearing, all directions count as not
-    observed.
+    If Gauss-Newton's information is singular, as it is when all returns lie in a single direction, all directions count as
+    not observed.
 
     Args:
         wide: an evaluation at the widest scale, near the minimum.
-        size: number of state variables to look at, counted from the first.
+        size: number of state variables that the directions cover, counted from the first variable.
     """
     information = wide.information[:size, :size]
     units = np.sqrt(np.diag(information))
@@ -116,7 +117,7 @@ def spread_along(directions: NDArray[np.float64], spans: NDArray[np.float64]) ->
 
     Args:
         directions: (K, Q) the weak directions; if there are none, the covariance is zero.
-        spans: (Q,) standard deviation of each variable when nothing is known of it.
+        spans: (Q,) standard deviation of each variable when nothing is known about it.
     """
     spread = np.zeros((len(spans), len(spans)))
     for direction in directions:
@@ -126,7 +127,7 @@ def spread_along(directions: NDArray[np.float64], spans: NDArray[np.float64]) ->
 
 
 def invert(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Inverts a symmetric matrix (Q, Q) to one that is symmetric and positive definite.
+    """Returns the inverse of a symmetric matrix (Q, Q), made symmetric and positive definite.
 
     Args:
         matrix: symmetric matrix; an eigenvalue below the rounding error is raised to that error.
@@ -141,8 +142,8 @@ def invert(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[n
 def fuse(first: NDArray[np.float64], second: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the covariance (Q, Q) of the fusion of two independent estimates.
 
-    It is (first^-1 + second^-1)^-1, written as first (first + second)^-1 second, which stays right where one of the two
-    is singular. Eigenvalues of the result are at least as large as the rounding error.
+    It is (first^-1 + second^-1)^-1, written as first (first + second)^-1 second, which also holds where one of the two
+    matrices is singular. Eigenvalues of the result are at least as large as the rounding error.
 
     Args:
         first: (Q, Q) covariance of one estimate.

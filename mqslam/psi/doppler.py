@@ -34,11 +34,11 @@ _DOPPLER_GAIN = 0.003
 _DOPPLER_LEAST = 0.01
 
 _USUAL_S: Final = 0.045  # shift of Navtech's radars: carrier over slope of the chirp is 0.03 to 0.06 s
-_USUAL_SIGMA_S: Final = 0.0075  # its standard deviation: that range reaches two of them to either side
-_FEWEST: Final = 3  # number of stretches; fewer may well show a usual shift by chance
+_USUAL_SIGMA_S: Final = 0.0075  # standard deviation of the usual shift: 0.03 to 0.06 s are two of them to either side
+_FEWEST: Final = 3  # fewest stretches whose shifts are compared with the usual one; fewer may agree with it by chance
 _OF_MEDIAN: Final = 1.2533  # by definition: standard deviation of a median, as a multiple of the mean's
-_FINEST: Final = 0.02  # a parabola through the tried shifts is no more exact than this share of their step
-_CONTRADICTION: Final = 2.0  # a shift this many standard deviations from the usual one shows another kind of radar
+_FINEST: Final = 0.02  # least standard deviation of the vertex of a parabola, as a share of the step between tried shifts
+_CONTRADICTION: Final = 2.0  # a shift more than this many standard deviations from the usual one shows another kind of radar
 
 
 class Doppler(NamedTuple):
@@ -82,7 +82,7 @@ def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorCo
     without = psi[_STEPS]
 
     def compare(psi: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns the ratios (B,) of psi (B, S) to psi without a shift on the median stretch: a few tracks may go wrong."""
+        """Returns for each shift (B,) the median over the stretches of the ratio of psi (B, S) to psi without a shift."""
         return np.asarray(np.quantile(psi / without, 0.5, axis=-1, method="higher"))
 
     beta = _find_vertex(grid, compare(psi))
@@ -94,13 +94,13 @@ def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorCo
 
 
 def _is_usual(each: Sequence[float], beta: float) -> bool:
-    """Returns whether there are three or more shifts [s] and most have beta's sign and are usual for Navtech's radars."""
+    """Returns whether most of at least three shifts [s] have the sign of beta and a usual size for Navtech's radars."""
     usual = np.abs(np.array(each) - np.copysign(_USUAL_S, beta)) < _CONTRADICTION * _USUAL_SIGMA_S
     return len(each) >= _FEWEST and bool(np.count_nonzero(usual) > len(each) / 2)
 
 
 def _estimate_sigma(each: Sequence[float]) -> float:
-    """Returns the standard deviation [s] of the median shift, given the shift [s] that each stretch shows."""
+    """Returns the standard deviation [s] of the median of the shifts [s] that the stretches show."""
     if len(each) < 2:
         return _STEP_S  # a single stretch shows no spread
     return float(max(_OF_MEDIAN * np.std(each, ddof=1) / np.sqrt(len(each)), _FINEST * _STEP_S))

@@ -20,7 +20,7 @@ from mqslam.psi.neighbours import NearbyLists, do_serve, find_candidates, list_n
 from mqslam.psi.place import PointSet
 from mqslam.psi.score import Kernel, PsiEvaluation, References, Scale, evaluate, find_reach
 
-# Offset [standard deviations] at which a point's weight has fallen to a quarter: at the end of the annealing, at its start.
+# Offset [standard deviations] at which a point's weight has fallen to a quarter: at the end and the start of the annealing.
 C, _C_START = 1.5, 5.0
 # Width in time [s] of the fade of pairs that were seen less than one revolution of the radar apart.
 BETA_T = 0.06
@@ -44,8 +44,8 @@ _ASPECT_RAD = 0.05
 # Share of Gauss-Newton's curvature that is added to the curvature with re-selection, so that no step goes too far.
 STABILISER = 0.15
 
-# Distances by which lists of neighbours reach farther than the score [m]: lists of references, and lists of moving points.
-# They are a matter of speed only.
+# Distances by which lists of neighbours reach farther than the score [m], for fixed references and for points that all move.
+# They affect only speed.
 SKIN_M, _MOVING_SKIN_M = 0.2, 0.3
 _LARGEST_PART = 0.9  # largest ratio of a step to the step before it [1], which keeps the extrapolation finite
 _FLATTEST = 1e-9  # least curvature that a step is divided by [1/tolerance^2], which keeps the step finite
@@ -187,7 +187,7 @@ def minimise(
 
 
 class Rendered:
-    """Renders and scores points at one state after another, and keeps the lists of neighbours while they stay complete.
+    """Points that are rendered and scored at one state after another; lists of their neighbours are kept while complete.
 
     Args:
         render: as for `minimise`.
@@ -203,7 +203,7 @@ class Rendered:
         self._jacobians = np.empty((0, 2, 0))
 
     def measure_move(self, move: NDArray[np.float64]) -> float:
-        """Returns the root mean square distance [m] by which a step (Q,) moves the last points rendered; inf without any."""
+        """Returns the root mean square distance [m] by which a step (Q,) moves the points rendered last; inf without any."""
         return _measure_move(self._jacobians, move) if len(self._jacobians) else np.inf
 
     def evaluate(self, state: NDArray[np.float64], scale: Scale) -> PsiEvaluation:
@@ -266,7 +266,7 @@ def choose_move(
     correlation: float,
     tolerances: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], float]:
-    """Returns Newton's step (Q,) and its length in standard deviations, as they follow from the curvature.
+    """Returns Newton's step (Q,) and its length in standard deviations, which the curvature states.
 
     The step goes downhill along every eigenvector, whatever the sign of the curvature. The variables are in units of their
     tolerances, so that metres and radians have comparable eigenvalues.

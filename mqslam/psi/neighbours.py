@@ -13,10 +13,10 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-_ROOM = 8  # number of neighbours per query that memory is reserved for at first: a matter of speed only
-_DENSE = 2**17  # largest number of cells for which `CellGrid.firsts` is filled: a matter of speed only
-_LAST = 2**22  # largest column and row, which also hold all points farther out: a matter of memory only
-_WASTE = 2.0  # a list that reaches over this many times as far as a new one is renewed: a matter of speed only
+_ROOM = 8  # number of neighbours per query for which memory is reserved at first; affects only speed
+_DENSE = 2**17  # largest number of cells for which `CellGrid.firsts` is filled; affects only speed
+_LAST = 2**22  # largest number of a column or row, whose cells also hold all points farther out; affects only memory
+_WASTE = 2.0  # lists are renewed if they reach more than this many times as far as new lists would; affects only speed
 
 
 class CellGrid(NamedTuple):
@@ -98,12 +98,14 @@ def find_cell(distance: float, cell: float) -> int:
 
 @nb.njit(cache=True, nogil=True)
 def _order_by(keys: NDArray[np.int64], order: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Sorts the numbers of items, given in an order (N,), by the keys (N,) of the items, which are 0 or more.
+    """Sorts items by their keys; items of equal keys keep their order.
 
-    Items of equal keys keep their order.
+    Args:
+        keys: (N,) key of each item, 0 or more.
+        order: (N,) numbers of the items in their present order.
 
     Returns:
-        The new order (N,), and for each of K keys the position in it at which the items of the key begin (K + 1,).
+        The numbers (N,) of the items in their new order, and for each of K keys the position (K + 1,) of its first item.
     """
     begins = np.zeros(keys.max() + 2 if len(keys) else 1, np.int64)
     for key in keys:
@@ -137,7 +139,7 @@ def _list_firsts(rows: NDArray[np.int64], begins: NDArray[np.int64]) -> NDArray[
 
 @nb.njit(cache=True, inline="always")
 def find_first(rows: NDArray[np.int64], begin: int, end: int, row: int) -> int:
-    """Returns the first index from `begin` to `end` whose row is at least `row`, or `end`; the rows there never decrease."""
+    """Returns the first k, begin <= k < end, with rows[k] >= row, or `end` if there is none; the rows must be sorted."""
     while begin < end:
         middle = (begin + end) // 2
         if rows[middle] < row:
@@ -199,7 +201,7 @@ def find_longest(offsets: NDArray[np.int64]) -> int:
 
 @register_jitable
 def do_serve(lists: NearbyLists, queries: NDArray[np.float64], reach: float, skin: float, moves: float = 1.0) -> bool:
-    """Returns whether lists still hold all neighbours of queries (N, 2) m within a reach, and not far too many others.
+    """Returns whether lists still hold all neighbours of moved queries (N, 2) [m], and not too many points beyond the reach.
 
     Args:
         lists: lists that were made for the same number of queries.
@@ -224,7 +226,7 @@ def measure_largest_move(a: NDArray[np.float64], b: NDArray[np.float64]) -> floa
 
 @nb.njit(cache=True, nogil=True)
 def mark_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> NDArray[np.bool_]:
-    """Returns for each query (N, 2) m whether a point of a grid is nearer to it than a radius [m]."""
+    """Returns for each query (N, 2) [m] whether any point of a grid is nearer to the query than a radius [m]."""
     points, begins, corner, cell = grid.points, grid.begins, grid.corner, grid.cell
     marked = np.zeros(len(queries), np.bool_)
     for i in range(len(queries)):

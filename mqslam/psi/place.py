@@ -1,4 +1,4 @@
-"""Renders returns as points: their positions in the world under a motion, with derivatives by the motion and covariances."""
+"""Renders returns as points: positions in the world under a motion, with covariances and with derivatives by the motion."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class PointSet:
 
 
 def rotate_covariances(covariances: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
-    """Carries covariances (N, 3) xx, xy, yy from a frame that is rotated by yaw [rad] to the frame that is not rotated."""
+    """Converts covariances (N, 3) xx, xy, yy from a frame that is rotated by yaw [rad] to the unrotated frame."""
     c, s = np.cos(yaw), np.sin(yaw)
     xx, xy, yy = covariances.T
     return np.column_stack(
@@ -138,7 +138,7 @@ def place_arrays(
     Args:
         ranges: (N,) m.
         azimuths: (N,) rad, in the frame of the sensor.
-        times: (N,) s since the start pose; the returns of one azimuth follow each other.
+        times: (N,) s since the start pose; returns of the same azimuth are adjacent.
         start: (3,) start pose of the sensor, world frame.
         theta: (P,) motion parameters.
         model: components and powers of the motion model.

@@ -32,9 +32,9 @@ from mqslam.psi.score import evaluate
 
 STRETCH_SCANS: Final = 12
 """Number of successive scans of a stretch."""
-_STRETCHES: Final = 24  # most stretches, spread over the recording
-_KNOT_SCANS: Final = 4  # scans from one knot of the correction to the next
-_LEAST_PATH_M: Final = 10.0  # a stretch with a shorter path passes too little
+_STRETCHES: Final = 24  # largest number of stretches, which are spread over the recording
+_KNOT_SCANS: Final = 4  # number of scans from one knot of the correction to the next
+_LEAST_PATH_M: Final = 10.0  # least path of a stretch [m]; on a shorter path the radar passes too few objects
 FEWEST_STRETCHES: Final = 5
 """Fewest stretches whose spread gives a covariance."""
 _USUAL: Final = np.array([0.3, 0.03])  # weak prior that keeps a step finite: larger offsets [m] and shifts [s] are unknown
@@ -42,7 +42,7 @@ _TOLERANCES: Final = (2e-3, 2e-3, 1e-4), (2e-3, 5e-4)  # steps that end the sear
 _DIFFERENCE_STEP: Final = 4.0  # step of the differences that give the curvature, in units of the tolerances
 _FIRST_STEP: Final = 2  # step of the annealing that the search begins with: its width covers the errors of Navtech's radars
 _ROBUST: Final = 2.0  # stretches farther from the mean than this, in units of the usual distance, count for less
-_SURE: Final = 3.0  # standard deviations by which the range offset has to differ from the one in use to be worth a setting
+_SURE: Final = 3.0  # number of standard deviations beyond which a range offset contradicts the offset in use
 _MEDIAN: Final = 1.386  # by definition: median of a chi-square with two degrees of freedom
 _DEPTH_M: Final = (
     0.1  # spread of the offset over kinds of objects: -0.13 to 0.01 m in four simulated worlds without an offset
@@ -57,7 +57,7 @@ class RangeErrors(NamedTuple):
         offset: true range of an object at rest minus its range among the returns [m], which a stated offset has corrected.
         beta: range shift per closing speed [s].
         covariance: (2, 2) of the two, from their spread over the stretches and over kinds of objects.
-        lengthening: relative change of the lengths of the trajectory per metre of the offset [1/m].
+        lengthening: relative change of all lengths of the trajectory per metre of range offset [1/m].
         stretches: number of stretches that show the errors.
     """
 
@@ -74,37 +74,38 @@ class RangeErrors(NamedTuple):
 
     @property
     def contradicts(self) -> bool:
-        """Whether the true range offset surely differs from the one in use."""
+        """Whether the true range offset differs from the offset in use by more than its uncertainty explains."""
         return bool(abs(self.offset) > _SURE * self.sigmas[0])
 
     def describe(self, used: float) -> list[str]:
         """Describes the errors in sentences for the user; the second one says what to do about the range offset.
 
         Args:
-            used: range offset that the ranges of the returns have been corrected by [m].
+            used: range offset in use [m], which has been added to the ranges of the returns.
         """
         sigma, sigma_beta = self.sigmas.tolist()
         offset = f"a range offset of {used + self.offset:.2f} ± {sigma:.2f} m where {used:.2f} m is used"
         shown = f"psi shows {offset}, and a Doppler shift of {self.beta:.3f} ± {sigma_beta:.3f} s"
         if not self.contradicts:
-            return [shown, f"{sigma:.2g} m of range offset, its uncertainty, change lengths by {self._lengthen(sigma):.2%}"]
+            share = self._lengthen(sigma)
+            return [shown, f"the uncertainty of the range offset, {sigma:.2g} m, changes lengths by {share:.2%}"]
         longer = f"the range offset in use makes lengths wrong by about {self._lengthen(self.offset):.1%}"
-        return [shown, f"{longer}: state the one that the radar's maker or calibration gives (sensor.range_offset_m)"]
+        return [shown, f"{longer}: set sensor.range_offset_m to the offset that the radar's maker or calibration states"]
 
     def _lengthen(self, offset: float) -> float:
-        """Returns by which share a range offset [m] changes lengths, without its sign."""
+        """Returns the share by which a range offset [m] changes all lengths, without its sign."""
         return abs(self.lengthening * offset)
 
 
 @dataclass(frozen=True, slots=True)
 class _Shown:
-    """The errors as one stretch shows them.
+    """The errors of the ranges that one stretch shows.
 
     Args:
-        errors: (2,) range offset [m] and Doppler shift [s] at the stretch's minimum.
-        information: (2, 2) curvature of psi by the two errors, once the correction of the trajectory has followed.
+        errors: (2,) range offset [m] and Doppler shift [s] at the minimum of psi on the stretch.
+        information: (2, 2) curvature of psi by the two errors, after the correction of the trajectory was eliminated.
         spread: (2, 2) sum over objects of the outer products of their scores.
-        lengthening: relative change of the path per metre of the offset [1/m].
+        lengthening: relative change of the path's length per metre of range offset [1/m].
     """
 
     errors: NDArray[np.float64]
@@ -164,7 +165,7 @@ def choose_stretches(scans: Scans, poses: se2.Array) -> list[int]:
 
 
 def _measure_stretch(shared: tuple[EstimatorConfig, Beam], case: tuple[Scans, se2.Array]) -> _Shown | None:
-    """Measures the errors on one stretch; None if its psi has no minimum there."""
+    """Measures the errors on one stretch; returns None if psi of this stretch has no minimum."""
     (estimator, beam), (scans, poses) = shared, case
     times = scans.start_times
     returns = Returns.concatenate([scan.returns for scan in scans])
@@ -194,15 +195,15 @@ def _measure_stretch(shared: tuple[EstimatorConfig, Beam], case: tuple[Scans, se
         return None
     scores = scores[:, -2:] - scores[:, :-2] @ follows
     gradient = minimum.evaluation.gradient
-    pull = gradient[-2:] - follows.T @ gradient[:-2]  # the prior keeps the minimum off psi's own by this gradient
+    pull = gradient[-2:] - follows.T @ gradient[:-2]  # psi's own gradient is not zero where psi plus the prior is lowest
     errors = minimum.state[-2:] - np.linalg.solve(left, pull)
-    way, correction = poses[-1, :2] - poses[0, :2], -follows[-3:-1, 0]  # of the last knot per metre of the offset
+    way, correction = poses[-1, :2] - poses[0, :2], -follows[-3:-1, 0]  # the last knot's correction per metre of offset
     lengthening = float(way @ correction / (way @ way)) if way.any() else 0.0
     return _Shown(errors + np.array([0.0, beam.doppler_beta]), left, scores.T @ scores, lengthening)
 
 
 class Stretch:
-    """Returns of a few scans, and the points that they make under a state.
+    """Returns of a few scans that can be rendered as points under a state.
 
     The state holds a correction (x, y [m], yaw [rad]) of the trajectory at each knot but the first, which is fixed, and
     then the range offset [m] and the change of the Doppler shift [s].
@@ -260,7 +261,7 @@ class Stretch:
 
 
 def _combine(shown: Sequence[_Shown]) -> RangeErrors:
-    """Combines the stretches by their information; those that are far from the mean count for less."""
+    """Returns the mean of all stretches' errors, weighted by information; stretches far from the mean count for less."""
     errors, information = np.array([one.errors for one in shown]), np.array([one.information for one in shown])
     inverse = np.linalg.inv(information)
     covariances = inverse @ np.array([one.spread for one in shown]) @ inverse

@@ -35,10 +35,10 @@ Fields: TypeAlias = tuple[
     NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
 ]  # the fields of a `PsiEvaluation`
 
-LANES: Final = 8  # number of exponentials that are computed at once: a matter of speed only
-_BEYOND: Final = 1.0 + 1e-9  # numerical: keeps rounding from losing a neighbour at the limit
-_BLOCK: Final = 1024  # number of neighbours summed at a time, so that they stay in the cache: a matter of speed only
-_CELL_M: Final = 1.0  # side of the cells in which references are looked up [m]: a matter of speed only
+LANES: Final = 8  # number of exponentials that are computed at once; affects only speed
+_BEYOND: Final = 1.0 + 1e-9  # factor on the reach, so that no neighbour at its limit is lost by rounding
+_BLOCK: Final = 1024  # number of neighbours summed at a time, so that they stay in the cache; affects only speed
+_CELL_M: Final = 1.0  # side of the cells in which references are searched [m]; affects only speed
 
 _LOG2_E: Final = 1.4426950408889634
 _LOG_2: Final = 0.693147180369123816490, 1.90821492927058770002e-10  # log 2 in two parts: k log 2 is exact to rounding
@@ -68,7 +68,7 @@ class Kernel(NamedTuple):
     Args:
         revolution_s: duration of a revolution of the radar [s]. A neighbour measured less than a revolution before or after
             the query weighs less.
-        beta_t: width [s] of this fade, which is a Gaussian of the time that is missing to a whole revolution.
+        beta_t: width [s] of this fade, a Gaussian of the time by which query and neighbour are less than a revolution apart.
         xi: least kappa of a selected neighbour.
         blur: standard deviation [m] by which one object's returns scatter between views; its square adds to each Sigma_i.
         aspect: difference of viewing directions [rad] at which the likeness of two views has fallen to 1/e.
@@ -109,7 +109,7 @@ class Neighbours(NamedTuple):
         jacobians: (M, 2, Q) jacobians of the references; empty (0, 2, Q) where the references do not move.
         offsets: (N + 1,) position in `indices` at which the list of each query begins; the last entry is the end of all
             lists.
-        indices: (K,) indices of the references near the queries, and of some beyond the reach.
+        indices: (K,) indices of the references near the queries; some of these references may lie beyond the reach.
     """
 
     known: NDArray[np.float64]
@@ -153,11 +153,11 @@ class PsiEvaluation:
 
 
 def make_references(points: PointSet, cell_m: float = _CELL_M, corner: NDArray[np.float64] | None = None) -> References:
-    """Makes references of points: sorts the points into cells and arranges their data for the score.
+    """Makes points the references of a score: sorts them into cells and arranges their data.
 
     Args:
         points: the points.
-        cell_m: side of the cells that they are sorted into [m], on which only speed depends.
+        cell_m: side of the cells [m]; affects only speed.
         corner: (2,) m, lower left corner of the first cell; None computes it. With the corner of a larger set of points,
             a part of that set is sorted, and so scored, in the same order as the whole set.
     """
@@ -337,7 +337,7 @@ def add_up_neighbours(
         scale: widths of selection and weights.
         kernel: parameters of the score besides its widths.
         sums: (N, 10) output: the sums that `weigh_offsets` reads.
-        pulls: (N, 2, Q) zeros, then output: the pulls that `weigh_offsets` reads, if the references move.
+        pulls: (N, 2, Q) output, zero at first: the pulls that `weigh_offsets` reads, if the references move.
     """
     known, jacobians, offsets, indices = near
     turn, beta_t = kernel.revolution_s, kernel.beta_t

@@ -39,7 +39,7 @@ _DIFFERENCE_STEP = 4.0
 _UNKNOWN_SPEED, _UNKNOWN_YAW_RATE = 20.0, 1.0
 # Step that ends the search, by twist component [m/s, m/s, rad/s]: a numerical tolerance, far below psi's own noise.
 _TOLERANCES = {0: 5e-3, 1: 5e-3, 2: 1e-4}
-_LINE = 3  # a search over twists first scores every third line of its grid; every fourth missed the best at times
+_LINE = 3  # a search first scores every third row and column of its grid; with every fourth it missed the best at times
 
 # The best motion counts as ambiguous where another motion's psi is below this factor times the psi of the best motion.
 RIVAL = 1.25
@@ -110,10 +110,10 @@ class Window:
         return np.array(rows)
 
     def search(self, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64]) -> se2.Array:
-        """Finds the twist (3,) of a grid that has the lowest psi at the widest scale, and scores only a part of the grid.
+        """Finds the twist (3,) with the lowest psi at the widest scale on a grid of which only a part is scored.
 
-        At that scale psi varies so slowly that every third line of the grid shows where psi is lowest. Between these lines,
-        twists are scored only around the few crossings with the lowest psi.
+        At that scale psi varies so slowly that every third row and column of the grid show where psi is lowest. All other
+        twists are scored only around the few of these twists that have the lowest psi.
 
         Args:
             speeds: (V,) m/s to try.

@@ -167,7 +167,7 @@ def _score(
     for i in range(n):
         x, y, t = points[i, 0], points[i, 1], times[i]
         count = 0
-        for k in range(offsets[i], offsets[i + 1]):  # no branches: a processor predicts badly which are chosen
+        for k in range(offsets[i], offsets[i + 1]):  # without branches, which are hard to predict
             j = indices[k]
             dx, dy = x - points[j, 0], y - points[j, 1]
             d = np.sqrt(dx * dx + dy * dy)

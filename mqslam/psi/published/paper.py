@@ -111,8 +111,8 @@ class Table1Row:
         case: true v [m/s], omega [rad/s].
         method: `PAPER` or one of `METHODS`.
         obtained: (S, 2) v [m/s], omega [rad/s] for each seed; the paper has one.
-        worst: (S,) bool, whether the method's score ranks the right map last of three, those of no motion, of half the
-            motion and of the right one; None if it has no score of its own.
+        worst: (S,) bool, whether the method's score ranks the map of the true motion last of three maps; the other two are
+            those of no motion and of half the motion. None if the method is not a published score.
     """
 
     case: tuple[float, float]
@@ -179,7 +179,7 @@ def compute_table1(
 
 
 def simulate_window(case: tuple[float, float], seed: int, scans: int) -> Window:
-    """Simulates a case's drive in a seed's yard, and makes one window of the returns that the default detector finds."""
+    """Simulates the drive of a case in the yard of a seed; returns one window with the returns of the default detector."""
     drive, estimator = ConstantDrive(*case), EstimatorConfig()
     recording = simulate_recording(make_yard_scene(seed), drive, duration_s=scans * REVOLUTION_S, sensor=SENSOR, seed=seed)
     returns = Returns.concatenate(detect_stretch(recording, DetectorConfig(), 0, scans).returns)
@@ -192,7 +192,7 @@ def estimate_motion(window: Window) -> WindowMotion:
 
 
 def _run_trial(search: ExhaustiveSearch, trial: tuple[tuple[float, float], int, int]) -> NDArray[np.float64]:
-    """Returns what each method obtains in a trial (case, seed, number of scans).
+    """Returns the motion that each method obtains in a trial (case, seed, number of scans).
 
     Returns:
         (methods, 3): v [m/s], omega [rad/s], and 1 if the method's score is highest at the right motion, else 0.
@@ -293,7 +293,7 @@ def render_figure2(seed: int = 1, variant: PsiConfig = VARIANTS[CHARGED]) -> lis
 
 
 def compute_figure2() -> dict[str, list[float]]:
-    """Computes the scores of Figure 2's bad, better and good map: the paper's, and every variant's in our yard."""
+    """Returns the scores of Figure 2's bad, better and good map: as printed in the paper, and by each variant in our yard."""
     shown = {name: [m.psi for m in render_figure2(variant=variant)] for name, variant in VARIANTS.items()}
     return {PAPER: list(PAPER_SCORES), **shown}
 
