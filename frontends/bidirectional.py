@@ -26,8 +26,8 @@ from mqslam.frontends.calibration import Twice, learn_scale
 # Share of the variance of a motion that its measurements by psi, forward and backward in time, have in common, so that
 # their difference does not show it. The true share is unknown; 0 to 0.5 was found in simulated cities.
 SHARED = 0.2
-# The same for a lidar. Surfaces look the same from everywhere, and a map averages the errors of many scans. So the errors of
-# the scan itself, which both measurements have in common, are most of it: 0.79 to 0.92 in simulated rooms.
+# The same share for a lidar. Surfaces look the same from everywhere, and a map averages the errors of many scans. So most of
+# the variance comes from the scan itself, which both measurements have in common: 0.79 to 0.92 in simulated rooms.
 SHARED_BY_LIDAR = 0.9
 _TRUST = (Status.LOST, Status.DEGENERATE, Status.AMBIGUOUS, Status.CONVERGED)  # from the least to the most trusted
 _CHANCE = float(chi2.ppf(0.999, 3))  # squared difference over covariance beyond which two measurements contradict each other
@@ -53,7 +53,7 @@ class ReversedScans(Sequence[Scan]):
     If the recording's next scan follows a scan at once, the reversed scan begins at the instant at which that next scan
     starts. Both directions then measure motions between the same instants.
 
-    A scan that was taken in an instant, such as a lidar's without a time per beam, keeps this instant as its start.
+    A scan that was taken in an instant, such as a lidar scan without a time per beam, keeps this instant as its start.
 
     Args:
         scans: the scans.
@@ -109,7 +109,7 @@ class ReversedScans(Sequence[Scan]):
 
 
 def are_instants(scans: Sequence[Scan]) -> bool:
-    """Returns whether all returns of a scan have the scan's time, as a lidar's without a time per beam have."""
+    """Returns whether all returns have the start time of their scan, as in lidar scans without a time per beam."""
     seen = (scan for scan in scans if len(scan.returns) > 1)  # a single return does not show how long a scan lasts
     first = next(seen, None)
     return first is not None and all(bool(np.all(scan.returns.times == scan.t0)) for scan in chain([first], seen))
@@ -187,12 +187,12 @@ def _find_regaining(motions: Sequence[tuple[Measurement, Measurement | None]], s
     return list(zip(there, back, strict=True))
 
 
-def _spread(held: Sequence[bool], agree: Sequence[bool]) -> list[bool]:
-    """Marks the motions after a held motion, in the given order, up to the next motion on which both directions agree."""
+def _spread(off_map: Sequence[bool], agree: Sequence[bool]) -> list[bool]:
+    """Marks the motions after one that is off the map, in the given order, up to the next on which both directions agree."""
     spread, after = [], False
-    for is_held, both_agree in zip(held, agree, strict=True):
-        spread.append(after and not is_held and not both_agree)
-        after = is_held or spread[-1]
+    for is_off, both_agree in zip(off_map, agree, strict=True):
+        spread.append(after and not is_off and not both_agree)
+        after = is_off or spread[-1]
     return spread
 
 
@@ -222,11 +222,12 @@ def _join_motions(
 
 
 def _average_alike(forward: Measurement, backward: Measurement) -> Measurement:
-    """Joins two measurements that follow odometry where psi does not show the motion; one that fits nowhere is left out.
+    """Joins two measurements that follow odometry where psi does not show the motion; a lost one of the two is left out.
 
-    Along a corridor each measurement is sure across it and unsure along it. The two directions of the corridor differ by a
-    small angle, by chance: intersected, they would seem to cross at some place along the corridor. The variance of a mean is
-    at most the mean of the variances, whatever the errors have in common.
+    In a corridor, each measurement is accurate across the corridor and inaccurate along it. By chance, the two measurements
+    disagree by a small angle about the direction of the corridor: covariance intersection would put the result where the
+    two directions cross, which is anywhere along the corridor. The result is therefore the mean of the two. The variance of
+    a mean is at most the mean of the variances, whatever the errors have in common.
     """
     if (forward.status is Status.LOST) != (backward.status is Status.LOST):
         one = backward if forward.status is Status.LOST else forward

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from mqslam.core import se2
 from mqslam.core.statistics import cut_gross
 
-# Shorter motions are left out [m]: while the vehicle stands, both measurements see the same things again.
+# Shorter motions are left out [m]: while the vehicle stands still, both measurements have the same errors.
 _MOVED_M = 0.1
 
-# Number of measured motions that weigh as much as the covariances that the front end states itself. These covariances were
-# off by a factor of three and more, so that they are worth a few motions only.
+# Number of measured motions that weigh as much as the covariances that the front end itself states. These covariances were
+# wrong by a factor of three and more, so they count as much as only a few motions.
 _TRUSTED = 5.0
 # Squared differences are cut down to this many times their median: a wrong match tells nothing about right ones.
 _GROSS = 100.0

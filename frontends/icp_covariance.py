@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from mqslam.core import se2
 from mqslam.psi.neighbours import mark_near, sort_into_cells
 
-# Number of map points that show how the surface around the nearest one runs.
+# Number of nearest map points that show the direction of the surface at a point.
 _SURFACE_POINTS = 10
 # Least variance of a surface's points across the surface, as a share of their variance along it.
 _FLATTEST = 0.01
@@ -67,7 +67,7 @@ class Surface:
         H is the Gauss-Newton Hessian of the residuals over x, y, yaw under Geman-McClure weights, s^2 their weighted mean
         square. When a wall is moved along itself, its points find neighbours as near as before. Residuals along a surface
         are therefore weighted by the ratio of the variance across the surface to the variance along it, which is 0 for a
-        flat wall; otherwise ICP would claim to know the position along a corridor.
+        flat wall; otherwise the covariance would be small along a corridor.
 
         Args:
             scan: (N, 2) m, sensor frame at the pose.

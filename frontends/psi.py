@@ -36,7 +36,7 @@ from mqslam.psi.tracking.state import SIGMA_AX, SIGMA_VY, State
 from mqslam.psi.tracking.track import PATIENCE, Track
 from mqslam.psi.tracking.tracker import Tracked, Tracker
 
-# Number of scans around a scan that show by how much its motion departs from the motion model.
+# Number of neighbouring scans that show by how much the motion of a scan departs from the motion model.
 _UNSTEADY_SCANS = 40
 # With fewer such scans, the process noise stands in for part of what the motion model leaves out.
 _UNSTEADY_LEAST = 8
@@ -73,7 +73,7 @@ class PsiFrontEnd:
         if is_guided:
             joined = rejoin(joined)
         if are_instants(scans):
-            left_out = np.zeros((len(joined), 3))  # nothing moves while a scan is taken
+            left_out = np.zeros((len(joined), 3))  # nothing moves within a scan that was taken in an instant
         else:
             left_out = _estimate_unsteadiness(joined, settings, self._context.revolution_s)
         for motion, variances in zip(joined, left_out, strict=True):
@@ -193,7 +193,7 @@ def _relate(a: Tracked, b: Tracked) -> DirectedMotion:
 
     unseen = add_up(a.unseen, b.unseen + (0.0 if b.arrival is None else b.arrival))
     if a.earlier is not None or b.earlier is not None:
-        # two measurements with independent errors differ by twice the variance of one
+        # the difference of two measurements with independent errors has twice the variance of one measurement
         earlier = se2.between(a.pose if a.earlier is None else a.earlier, b.pose if b.earlier is None else b.earlier)
         unseen = unseen + np.diag(0.5 * se2.subtract(earlier, pose) ** 2)
     status = Status.LOST if b.begins_map else b.status
@@ -213,11 +213,11 @@ def _relate(a: Tracked, b: Tracked) -> DirectedMotion:
 
 
 def rejoin(motions: Sequence[Measurement]) -> list[Measurement]:
-    """Returns the motions of a track that follows odometry, in which a few scans that fit nowhere do not part the map.
+    """Marks the motions to and from a few scans that match nowhere as motions on one map, in a track that follows odometry.
 
-    The scans before and after them were matched to the same map, since such a track begins a new one only after many lost
-    scans. The motions to and from these scans keep their covariances. Scans of which psi did not observe every direction do
-    part the map: they joined it where odometry had put them, so that the scans after them inherit the error of odometry.
+    The scans before and after them were matched to the same map, since such a track begins a new map only after many lost
+    scans. The motions to and from these scans keep their covariances. Scans of which psi did not observe every direction
+    are different: they joined the map where odometry had put them, so that the scans after them inherit odometry's error.
 
     Args:
         motions: motions between successive scans.
@@ -234,10 +234,10 @@ def rejoin(motions: Sequence[Measurement]) -> list[Measurement]:
 def _estimate_unsteadiness(
     motions: Sequence[Measurement], settings: TrackerConfig, revolution_s: float
 ) -> NDArray[np.float64]:
-    """Estimates for each motion the variance (N, 3) of x [m^2], y [m^2], yaw [rad^2] that the motion model leaves out.
+    """Estimates for each motion the variance (N, 3) of x [m^2], y [m^2], yaw [rad^2] that the motion model does not explain.
 
-    The variance is zero for a lost motion, whose covariance is larger anyway. Where too few of the N successive motions show
-    the variance, the process noise is used in its place: an acceleration that changes as much as it can within a scan.
+    The variance is zero for a lost motion, whose covariance is large anyway. Where too few of the N successive motions show
+    the variance, the process noise is used instead: an acceleration that changes by its usual amount within a scan.
     """
     left_out = np.zeros((len(motions), 3))
     followed = [k for k, motion in enumerate(motions) if motion.status is not Status.LOST]

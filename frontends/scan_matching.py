@@ -14,6 +14,7 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
+from mqslam.core.wording import count_of
 from mqslam.errors import EstimationError
 from mqslam.frontends.bidirectional import are_instants
 from mqslam.frontends.calibration import Twice, learn_scale
@@ -42,7 +43,7 @@ _GAP_TURNS = 0.5
 
 
 class Matching(NamedTuple):
-    """The settings of a front end that matches scans, with its own usual values where the user sets none.
+    """The settings of a front end that matches scans.
 
     Args:
         strongest: share of each scan's returns that is used, the strongest first.
@@ -56,9 +57,9 @@ class Matching(NamedTuple):
 
     @classmethod
     def of(cls, context: Context, strongest: float, voxel_size_m: float) -> Matching:
-        """Returns the settings that a context holds, with a front end's usual share and voxels where there are none.
+        """Returns the settings of a context; the arguments are the front end's defaults where the user has set no value.
 
-        All returns of a lidar are used by default, because their intensities tell the material from which they come.
+        All returns of a lidar are used by default, because their intensities depend on the material.
         """
         chosen = context.config.scan_matching
         usual = 1.0 if context.is_lidar else strongest
@@ -135,8 +136,8 @@ class ScanTrack:
         time: when the track begins [s].
         twist: (3,) twist with which the track begins [m/s, m/s, rad/s].
         doppler_beta: range shift per closing speed [s]; the shift is removed from the ranges.
-        instants: whether each scan was taken in the instant at which it starts, as a lidar's without a time per beam. The
-            motion that leads to a scan is then the one since the last scan, and there is nothing to deskew.
+        instants: whether each scan was taken in the instant at which it starts, like a lidar scan without a time per beam.
+            The motion that leads to a scan is then the motion since the last scan, and there is nothing to deskew.
     """
 
     def __init__(
@@ -200,7 +201,7 @@ NewTrack = Callable[[float, se2.Array], ScanTrack]  # makes a track that begins 
 
 
 def keep_strongest(scan: Scan, share: float) -> Scan:
-    """Returns a scan with a share (0, 1] of its returns, the strongest; of returns as strong as the last one, all stay."""
+    """Returns a scan with the strongest share (0, 1] of its returns; all returns as strong as the weakest of them stay."""
     count = int(np.ceil(share * len(scan.returns)))
     if count == len(scan.returns):
         return scan
@@ -214,13 +215,13 @@ def match_scans(
 ) -> Iterator[Measurement]:
     """Yields the motion from the start of each scan to the start of the next.
 
-    A matcher predicts by its last motion, so that it needs a motion to begin with. It finds this motion itself: it runs
-    over the first scans forwards and then backwards in time, and arrives at the start with the speed at the start.
+    A matcher predicts by its last motion, so that it needs a first motion. It finds this motion itself: it runs over the
+    first scans forwards and then backwards in time, and so ends at the start of the recording with the speed there.
 
-    The residuals of a scan have common errors, and a scan that lies wrong in the map still matches the scans that were
-    placed wrong before it. Neither shows how far a match is off. When all scans are matched, another matcher therefore
-    follows them backwards. Its motions are not part of the result. Their differences from the forward motions show how large
-    the errors of both are, and where one of the two tracks is lost: motions there have the status `LOST`.
+    The residuals of a scan do not show how far a match is off, because they have common errors, and because a misplaced
+    scan still matches the misplaced scans before it. When all scans are matched, another matcher therefore follows them
+    backwards. Its motions are not part of the result. Their differences from the forward motions show how large the errors
+    of both are, and where one of the two tracks is lost: the motions there get the status `LOST`.
 
     Args:
         scans: the scans in order.
@@ -288,7 +289,7 @@ def _follow(
 ) -> Iterator[tuple[Measurement, NDArray[np.float64]]]:
     """Yields the motions between scans along a new track, and for each motion the times (3,) [s] without a match.
 
-    Between scans of an instant all time is without returns, which two matches bridge.
+    Scans that were taken in an instant have no returns in the time between them; two matches bridge this time.
     """
     before, begin, coasted_s = scans[0], np.zeros(3), 0.0
     step = replace(start, time=track.follow(before).time, pose=track.last.pose)
@@ -326,7 +327,7 @@ def _follow_backwards(scans: Sequence[Scan], track: ScanTrack) -> list[se2.Array
 
 
 def _find_start(scans: Sequence[Scan], new_track: NewTrack, context: Context) -> tuple[ScanTrack, Step]:
-    """Returns a new track with the twist over the first scan, and the match of that scan to the scans after it.
+    """Returns a new track that begins with the twist over the first scan, and the match of this scan to the next scans.
 
     If there is odometry, its twist is the first guess. Otherwise several speeds are tried, because a matcher that starts at
     rest catches up with a speed of three metres per scan, but not with more. The best fit wins, or the slowest speed of
@@ -337,7 +338,7 @@ def _find_start(scans: Sequence[Scan], new_track: NewTrack, context: Context) ->
     """
     head = scans[:_START_SCANS]
     if len(head) < 2:
-        raise EstimationError(f"a recording of {len(head)} scans shows no motion; at least two are needed")
+        raise EstimationError(f"the recording has {count_of(len(head), 'scan')}; a motion needs at least two")
     returns = sum(len(scan.returns) for scan in head)
     if returns < _START_RETURNS:
         raise EstimationError(f"there are only {returns} returns in the first {len(head)} scans; lower detector.threshold")
@@ -371,7 +372,7 @@ def to_matrix(pose: se2.Array) -> NDArray[np.float64]:
 
 
 def from_matrix(matrix: NDArray[np.float64]) -> se2.Array:
-    """Returns the planar pose (3,) of a (4, 4) matrix; z, roll and pitch are dropped."""
+    """Returns the planar pose (3,) of a (4, 4) pose matrix; z, roll and pitch are dropped."""
     return np.array([matrix[0, 3], matrix[1, 3], np.arctan2(matrix[1, 0], matrix[0, 0])])
 
 

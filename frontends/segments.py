@@ -18,7 +18,7 @@ from mqslam.core.scans import Scan
 from mqslam.frontends.bidirectional import DirectedMotion, follows_at_once
 from mqslam.psi.tracking.plausibility import is_usable
 
-# Number of the last scans of a warm-up over which the motions pass from one segment's track to the next one's.
+# Number of the last scans of a warm-up over which the motions of one segment's track are blended into those of the next.
 _SHARED_SCANS = 16
 
 
@@ -84,7 +84,7 @@ def _choose_borders(count: int, first: int, able: Sequence[int], size: int) -> l
 
 
 def extend(track: list[DirectedMotion | None], begin: int, more: Sequence[DirectedMotion | None]) -> None:
-    """Extends the motions of a track by those of the next track, and passes gradually between them where they overlap.
+    """Extends the motions of a track by the motions of the next track, and blends the two gradually where they overlap.
 
     Args:
         track: motions from the recording's first scan on; None where there is no measurement.

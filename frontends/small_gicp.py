@@ -20,9 +20,9 @@ STRONGEST, VOXEL_M = 0.5, 1.0
 _REACH_M = 1.0
 # Most iterations of one registration.
 _ITERATIONS = 30
-# Number of points, around a point and with it, that show how its surface runs.
+# Number of nearest points, the point itself included, that show the direction of the surface at a point.
 _NEIGHBOURS = 10
-# Heights at which each return stands, in units of the side of its voxels.
+# Heights of the points that each return becomes, in units of the side of the voxels.
 _HEIGHTS = (-0.5, 0.0, 0.5)
 
 
@@ -41,9 +41,10 @@ class SmallGicpFrontEnd(KeyframeFrontEnd):
 class _SmallGicpRegistration:
     """small_gicp's generalized ICP of planar clouds.
 
-    It takes the flattest direction around a point for the normal of a surface. In points of one plane that is always the
-    vertical, so that nothing in the plane would count as a surface. Each return therefore stands at three heights, like a
-    piece of a wall. The heights are symmetric about the plane, so that scans do not leave it.
+    The library takes the direction in which the points around a point spread least for the normal of the surface. For
+    points of one plane this is always the vertical, so that nothing in the plane would count as a surface. Each return
+    therefore becomes three points at different heights, like a piece of a wall. The heights are symmetric about the plane,
+    so that scans do not leave it.
     """
 
     reach_m = _REACH_M

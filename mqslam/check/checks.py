@@ -38,17 +38,17 @@ from mqslam.psi.place import Beam
 from mqslam.psi.ranging import FEWEST_STRETCHES, RangeErrors, measure_on_stretches
 from mqslam.psi.tracking.tracker import Tracker
 
-# Share of a revolution of the radar by which the durations of nine tenths of all revolutions may differ.
+# Largest difference between the durations of 90 % of all revolutions of the radar, as a share of a revolution.
 _UNSTEADY = 0.1
 # Azimuth times that span less than this share of a revolution do not say when each azimuth was measured.
 _SPAN_SHARE = 0.8
-# Share of a revolution by which a polar scan may run on into the next one.
+# Share of a revolution by which a polar scan may last into the next one.
 _LATE_SHARE = 0.05
-# A step between azimuths of more than this many usual steps is a hole. A revolution may be incomplete by as much.
+# A step between azimuths of more than this many usual steps is a hole. A revolution may lack as much of a whole turn.
 _HOLE_STEPS = 3.0
 # Largest share of azimuths marked as not measured.
 _UNMEASURED_SHARE = 0.05
-# A polar scan that begins within this share of a revolution after another one is taken to be doubled.
+# A polar scan that begins within this share of a revolution after another polar scan counts as a duplicate of it.
 _DOUBLED = 0.5
 # Least number of revolutions that shows whether the duration of a revolution is steady.
 _FEWEST_TURNS = 3
@@ -56,8 +56,7 @@ _FEWEST_TURNS = 3
 # Share of the variance of the radar's yaw rate that odometry must explain for a shift of stamps to be judged.
 _EXPLAINED = 0.9
 
-# psi's preference for one order of the azimuths counts if it would come about by chance with a smaller probability than
-# this.
+# psi's preference for one order of the azimuths counts only if its probability by chance is smaller than this.
 _ORDER_CHANCE = 5e-3
 # psi's preference counts only if the logarithm of the ratio of psi in the two orders is at least this. Simulated drives that
 # are too slow to tell the order show up to 0.010.
@@ -83,7 +82,7 @@ _WRONG_SCALE = 0.05
 _SPREAD = 12  # stretches of the recording that are read for the errors of the ranges
 
 _LEAST_SLOPE = 1e-9  # numerical [rad/s^2]: keeps the error of a shift finite where the yaw rate does not change
-_LEAST_RATIO = 0.1  # at a lower ratio of the speeds they have little in common, and no length of the range bins would fit
+_LEAST_RATIO = 0.1  # at a lower ratio, the two speeds have little in common, and no length of the range bins explains it
 
 
 class CheckVerdict(StrEnum):
@@ -138,7 +137,7 @@ class Check:
         untold = sum(finding.verdict is CheckVerdict.UNTOLD for finding in self.findings)
         if 2 * untold <= len(self.findings):
             return None
-        missed = f"{untold} of {len(self.findings)} checks cannot be told, so that most mistakes would go unnoticed here"
+        missed = f"{untold} of {len(self.findings)} checks cannot be decided, so that most mistakes would go unnoticed here"
         return f"{missed}; give odometry or a longer drive with turns to decide more of them"
 
 
@@ -222,7 +221,7 @@ def check_ranges(recording: Recording, stretches: Sequence[Stretch], settings: C
 
 
 def check_stamps(recording: Recording, stretches: Sequence[Stretch]) -> CheckFinding:
-    """Checks whether polar scans follow one another: none doubled, backward, missing or of another duration.
+    """Checks whether polar scans follow each other: none is duplicated, missing, out of order or of another duration.
 
     Args:
         recording: the recording.
@@ -239,9 +238,9 @@ def check_stamps(recording: Recording, stretches: Sequence[Stretch]) -> CheckFin
     turns = [turn for stretch in stretches for turn in stretch.turns]
     counted = {
         f"followed by a gap, {missing:.2f} s in all": len(gaps),
-        "begun too soon after the one before": close,
-        "equal to the one before, byte by byte": sum(turn.repeated for turn in turns),
-        "running on into the next": sum(turn.late_s > _LATE_SHARE * turn.turn_s for turn in turns),
+        "that begin too soon after the previous one": close,
+        "equal to the previous one, byte by byte": sum(turn.repeated for turn in turns),
+        "that last into the next one": sum(turn.late_s > _LATE_SHARE * turn.turn_s for turn in turns),
         "with azimuth times that span less than the turn": sum(turn.span_s < _SPAN_SHARE * turn.turn_s for turn in turns),
     }
     faults = [f"polar scans {text}: {count}" for text, count in counted.items() if count]
@@ -255,7 +254,7 @@ def check_stamps(recording: Recording, stretches: Sequence[Stretch]) -> CheckFin
     numbers = {"gaps": len(gaps), "missing_s": missing, "turn_s": turn_s, "unsteady": unsteady}
     if faults:
         return CheckFinding("stamps", CheckVerdict.SUSPICIOUS, "; ".join(faults), numbers)
-    steady = f"nine tenths of them within {unsteady:.1%}" if shown else "too few to tell how steady turns are"
+    steady = f"90 % of which differ by at most {unsteady:.1%}" if shown else "too few to show how steady turns are"
     return CheckFinding(
         "stamps", CheckVerdict.OK, f"{count_of(len(recording), 'turn')} of {turn_s:.4f} s, {steady}, no gaps", numbers
     )
@@ -326,7 +325,7 @@ def _check_mirror(recording: Recording, steps: Steps, odometry: Trajectory) -> O
     turning = float(np.sqrt(np.mean(steps.of(odometry)[:, 2] ** 2)))
     ratio = opposite / max(same, _YAW_RATE_FLOOR**2)
     if turning < _LEAST_TURN or 1.0 / _MIRRORED < ratio < _MIRRORED:
-        text = f"odometry turns by {turning:.3f} rad/s, which is too little or too unlike the radar's turning to tell"
+        text = f"odometry turns at {turning:.3f} rad/s, which is too slow, or too different from the radar's rate, to tell"
         return CheckVerdict.UNTOLD, text, numbers
     both = f"yaw rates differ from odometry's by {same**0.5:.3f} rad/s, mirrored by {opposite**0.5:.3f} rad/s"
     if ratio > 1.0:
@@ -350,7 +349,8 @@ def _check_stamp(recording: Recording, steps: Steps, odometry: Trajectory) -> Ou
     numbers = {"shift_s": shift, "shift_error_s": error, "explained": explained}
     unsure = 3.0 * error > _SHIFT_ERROR * recording.revolution_s or best in (0, len(shifts) - 1)
     if explained < _EXPLAINED or unsure:
-        return CheckVerdict.UNTOLD, "odometry's yaw rate changes too little, or differs from the radar's", numbers
+        text = "odometry's yaw rate changes too little, or differs too much from the radar's, to show a shift"
+        return CheckVerdict.UNTOLD, text, numbers
     fits = f"odometry's yaw rate fits best {abs(shift):.2f} s {'later' if shift > 0.0 else 'earlier'}"
     if abs(shift) < _SHIFT_OK * recording.revolution_s:
         allowed = f"within {_SHIFT_OK:g} of a turn of {recording.revolution_s:.2f} s"

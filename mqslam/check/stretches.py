@@ -1,4 +1,4 @@
-"""Reads, detects and tracks a few short stretches of a recording: the checks look at these, and at stamps."""
+"""Reads a few short stretches of a recording, detects their returns and tracks them; the checks use the results."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from mqslam.psi.tracking.cold_start import START_SCANS
 from mqslam.psi.tracking.local_map import Tuning
 from mqslam.psi.tracking.tracker import Tracked, Tracker
 
-# Number of stretches of a recording that a check reads, and of polar scans in each: enough to follow the motion through a
-# bend or two, and read in a few seconds.
+# Number of stretches of a recording that a check reads, and number of polar scans in each stretch: enough to track a motion
+# through a bend or two, and few enough to be read in a few seconds.
 STRETCHES = 3
 STRETCH_SCANS = 12
-# Least number of motions between scans for a comparison with odometry, or of the two orders of azimuths.
+# Least number of motions between scans for a comparison with odometry, or for a comparison of the two orders of azimuths.
 FEWEST_STEPS = 5
 # Travel [m] between keyframes while the order of azimuths is checked. A wrong order shows against scans from other places,
 # so keyframes lie far apart.
@@ -84,14 +84,14 @@ def read_stretches(
     progress: Callable[[int, int], object],
     count: int | None = None,
 ) -> list[Stretch]:
-    """Reads the most telling stretches: where odometry's yaw rate changes most, or else spread over the recording.
+    """Reads stretches where odometry's yaw rate changes most, or, without odometry, stretches spread over the recording.
 
     Args:
         recording: the recording.
         odometry: odometry on the same clock, or None.
         detector: settings of the detector.
         progress: called with (number of polar scans read, number of polar scans to read).
-        count: most stretches to read; None reads `STRETCHES`.
+        count: largest number of stretches to read; None reads `STRETCHES`.
     """
     spans = choose_spans(recording, odometry, count)
     total = sum(end - begin for begin, end in spans)
@@ -191,7 +191,7 @@ class FollowedStretches:
         steps: motions that psi found.
         psi: (R,) psi per point of each scan.
         psi_backward: (R,) psi per point of each scan with the azimuths of all scans in the opposite order.
-        shortage: the reason that a check gives if it finds too few values to decide.
+        shortage: text of a check that has too few values to decide: the reason why there are so few.
     """
 
     steps: Steps
@@ -257,12 +257,12 @@ def _explain_shortage(stretches: Sequence[Stretch], needed: int) -> str:
     """Explains why stretches do not suffice for a check that needs a number of polar scans in one of them."""
     longest = max((len(stretch.scans) for stretch in stretches), default=0)
     if longest < needed:
-        return f"it takes {needed} polar scans without a gap to tell, and there are no more than {longest}"
+        return f"the check needs {needed} polar scans without a gap between them; the longest such stretch has {longest}"
     return "too few polar scans could be followed"
 
 
 def _reverse(scan: Scan) -> Scan:
-    """Makes the scan of the same returns as if they had been measured in the opposite order."""
+    """Returns a scan with the same returns, stamped as if they had been measured in the opposite order."""
     r = scan.returns
     times = scan.t0 + scan.t1 - r.times
     order = np.argsort(times, kind="stable")

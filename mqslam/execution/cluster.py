@@ -36,7 +36,7 @@ _LOOK_S = 15.0  # time between two checks for workers; a cluster without workers
 _LOSSES = 3  # how many times in a row the shared data is sent again after all of its copies are lost
 _TASKS = 8  # number of tasks per worker into which items are grouped if there are many
 _SMALL = 10_000  # bytes; smaller data travels with each task and cannot be lost with a worker
-_LOGGERS = ("distributed", "distributed.client", "tornado")
+_LOGGERS = ("distributed", "distributed.client", "tornado")  # names of Dask's own loggers
 
 
 @contextmanager
@@ -260,7 +260,7 @@ class DaskEngine:
         return bool(self._client.status != "running")
 
     def _describe_loss(self, error: Exception | None) -> ClusterError:
-        """Makes the error for a lost cluster: None and a timeout mean that no workers are left, others a lost connection."""
+        """Returns the error for a lost cluster: if `error` is None or a timeout, no workers are left, else no connection."""
         unmanned = error is None or isinstance(error, TimeoutError)
         what = "has no workers left" if unmanned and not self._lost else "the connection to the scheduler is lost"
         return ClusterError(f"{self._address}: {what}")
@@ -286,7 +286,7 @@ def _call_each(function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> 
 
 
 def _attempt(function: Callable[[S, T], R], shared: S, item: T) -> tuple[R | None, Exception | None]:
-    """Returns (result, None) or (None, error) of the call, so that any error that a future raises is one of the cluster."""
+    """Returns (result, None) or (None, error) of the call, so that every error that a future raises is the cluster's own."""
     try:
         return function(shared, item), None
     except Exception as error:

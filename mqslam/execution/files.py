@@ -19,7 +19,7 @@ from mqslam.errors import OutputError, Remedy, show_lines
 
 @contextlib.contextmanager
 def blame_output(path: Path, done: str, remedy: Remedy) -> Iterator[None]:
-    """Turns an OSError of the block into an error that an output cannot be "made" or "written", as `done` words it.
+    """Turns an OSError of the block into an error that says that the output cannot be `done`, such as "made" or "written".
 
     Raises:
         OutputError: the block raised an OSError.
@@ -67,7 +67,7 @@ def flush(path: Path) -> None:
 
 
 def _read_umask() -> int:
-    """Returns the user's umask; the system tells it only when another one is set, so this sets one and then restores it."""
+    """Returns the user's umask; it is only returned when a new one is set, so this function sets one and then restores it."""
     mask = os.umask(0o077)
     os.umask(mask)
     return mask

@@ -37,7 +37,7 @@ _OF_CHECKPOINT = """
     checkpoint/refinement.npz checkpoint/along.npz checkpoint/.run.json.* checkpoint/.*.npz.*
 """
 _NAMES = (*_RESULTS.split(), *_RECORDINGS.split(), *_OF_CHECKPOINT.split())
-_UNFINISHED, _REPLACED = "unfinished", "replaced"  # suffixes of folders beside a result, and the words for them in its lock
+_UNFINISHED, _REPLACED = "unfinished", "replaced"  # suffixes of folders beside a result; its lock notes them by these words
 
 
 class _Claim(NamedTuple):
@@ -174,10 +174,10 @@ def _check_place(out: Path, recording: Path | None) -> None:
 
 
 def _check_free(out: Path, *, force: bool, resume: bool) -> None:
-    """Checks that a result folder holds nothing that must stay.
+    """Checks that a result folder holds nothing that must not be replaced.
 
     Raises:
-        OutputError: the folder holds content that must stay, or is a file.
+        OutputError: the folder holds content that must not be replaced, or is a file.
     """
     unfinished = (out / CHECKPOINT).is_dir()
     is_in_use = out.is_dir() and any(out.iterdir()) and not force and not (resume and unfinished)

@@ -80,7 +80,7 @@ def raise_interrupts() -> Iterator[None]:
 
 @contextmanager
 def shield_from_interrupts() -> Iterator[None]:
-    """Hides SIGINT from processes that the block starts: the terminal signals all, but the main process ends them."""
+    """Hides SIGINT from processes that the block starts: terminals send it to every process, but the main one ends them."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

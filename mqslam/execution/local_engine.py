@@ -119,7 +119,7 @@ class LocalEngine:
         items: Sequence[T],
         done: Callable[[int, R | None], None] = ignore_result,
     ) -> list[R | None]:
-        """Calls the function as `Engine.map_apart` does, each time in a process of its own."""
+        """Calls the function as `Engine.map_apart` does, each time in a new process."""
         if self._apart == 1:
             return _collect((_call_apart(function, shared, item) for item in items), done)
         with ThreadPoolExecutor(self._apart) as threads:  # each thread waits for a process
@@ -130,7 +130,7 @@ class LocalEngine:
                 raise
 
 
-HERE: Final = LocalEngine(1)  # calls functions for one item after the other, in this thread
+HERE: Final = LocalEngine(1)  # calls functions for one item after another, in this thread
 
 
 def _collect(results: Iterable[R], done: Callable[[int, R], None]) -> list[R]:
@@ -143,7 +143,7 @@ def _collect(results: Iterable[R], done: Callable[[int, R], None]) -> list[R]:
 
 
 def _call_apart(function: Callable[[S, T], R], shared: S, item: T) -> R | None:
-    """Returns function(shared, item) from a process of its own, or None if that process dies."""
+    """Returns function(shared, item) from a new process, or None if that process dies."""
     try:
         with ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=end_with_parent) as pool:
             with shield_from_interrupts():

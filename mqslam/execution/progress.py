@@ -8,4 +8,4 @@ Progress = Callable[[str, int, int], object]  # stage, done, total
 
 
 def ignore_progress(stage: str, done: int, total: int) -> None:
-    """Ignores the progress; the default where nobody follows it."""
+    """Ignores the progress; the default of stages whose progress nobody follows."""

@@ -80,7 +80,7 @@ class Pattern(NamedTuple):
 
 
 class SimulatedRadar(NamedTuple):
-    """The parameters of `SensorModel` that shape the echoes, with linear powers in place of levels."""
+    """The parameters of `SensorModel` that shape the echoes, with linear power instead of levels in counts."""
 
     bins: int
     resolution: float
@@ -239,7 +239,7 @@ def _cast_pole(
 def _cast_mover(
     mover: Array, time: float, pose: Array, velocity: Pair, axis: Pair, wall_echo: float, pattern: Pattern, hits: Hits
 ) -> None:
-    """Adds the sides of a vehicle, a row of `Scene.movers`, at a time [s], seen from a pose along the unit vector `axis`."""
+    """Adds the sides of a vehicle, a row of `Scene.movers`, at a time [s]; the beam points along the unit vector `axis`."""
     c, s = np.cos(mover[2]), np.sin(mover[2])
     along = (mover[4] + mover[5] * time) % mover[3]
     dx, dy = mover[0] + along * c - pose[0], mover[1] + along * s - pose[1]

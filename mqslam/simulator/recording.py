@@ -31,13 +31,13 @@ START_US = 1_600_000_000_000_000
 
 
 class World(Protocol):
-    """A drive through a scene as the radar measures it."""
+    """What the radar measures on a drive through a scene, and when."""
 
     def stamps(self, k: int) -> NDArray[np.float64]:
-        """Returns the times (A,) [s] with which a clock that is right stamps the azimuths of revolution k of the radar."""
+        """Returns the times (A,) [s] with which a correct clock stamps the azimuths of revolution k of the radar."""
 
     def end(self) -> float:
-        """Returns the time [s] with which a clock that is right stamps the end of the last revolution."""
+        """Returns the time [s] with which a correct clock stamps the end of the last revolution."""
 
     def render(self, k: int) -> NDArray[np.uint8]:
         """Renders the readings (A, B) of revolution k; they do not depend on which other revolutions are rendered."""

@@ -149,7 +149,7 @@ def make_street_scene(seed: int, *, movers: int = 10) -> Scene:
 
 
 def make_corridor_scene(*, length: float = 4000.0) -> Scene:
-    """Makes two featureless walls of a length [m] along x, 14 m apart: a radar cannot see motion along them."""
+    """Makes two featureless walls of a length [m] along x, 14 m apart; a radar cannot measure motion along such walls."""
     return Scene(np.array([[-length / 2.0, y, length / 2.0, y, 1.0, WALL_OPACITY] for y in (-7.0, 7.0)]))
 
 

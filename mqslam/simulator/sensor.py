@@ -123,7 +123,7 @@ class SensorModel:
         return self.range_resolution * (1.0 + self.bin_error)
 
     def describe(self) -> dict[str, float]:
-        """Returns the parameters by name; a fault that a recording does not state is left out where there is none."""
+        """Returns the parameters by name, without those faults of the sensor that are zero."""
         return {name: value for name, value in asdict(self).items() if value or name not in _LARGEST_FAULTS}
 
 

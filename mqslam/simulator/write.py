@@ -59,7 +59,7 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
         seed: seed of the scene and of all noise.
         movers: number of vehicles in the scene's lanes; None takes the scene's usual number.
         world: makes the world as the radar sees it; in the default world, every surface is visible from all sides.
-        imu: grade of the gyroscope: `mems` (a consumer part), `good` (a tactical one) or `none`.
+        imu: grade of the gyroscope: `mems` (a consumer part), `good` (a tactical part) or `none` (no gyroscope).
         imu_rate_hz: readings of the gyroscope per second.
         imu_late_s: by how much every stamp of the gyroscope is later than the instant that it stands for [s].
         jobs: number of polar scans that are rendered at the same time.
@@ -172,7 +172,7 @@ def _write_table(file: Path, stamps_us: NDArray[np.int64], columns: list[tuple[s
 def _write_polar_scans(
     folder: Path, recording: SimulatedRecording, jobs: int, progress: Callable[[int, int], object] | None
 ) -> None:
-    """Writes every polar scan, `jobs` at a time; the kernel and the PNG encoder let other threads run."""
+    """Writes every polar scan, `jobs` at a time, in threads: the renderer and the PNG encoder release Python's lock."""
     with ThreadPoolExecutor(jobs) as pool:
         try:
             written = pool.map(lambda k: oxford.write_polar_scan(folder, recording, k, recording[k]), range(len(recording)))

@@ -69,9 +69,9 @@ def test_gaps_are_counted(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("begins", "turn_us", "problem"),
     [
-        ([*range(0, 2_000_000, TURN_US), 1_850_000], TURN_US, "begun too soon after the one before: 1"),
+        ([*range(0, 2_000_000, TURN_US), 1_850_000], TURN_US, "that begin too soon after the previous one: 1"),
         ([0, 250_000, 500_000, 790_000, 1_000_000, 1_290_000, 1_500_000], 200_000, "a turn varies by 3"),
-        (list(range(0, 2_000_000, TURN_US)), 2 * TURN_US, "running on into the next: 7"),
+        (list(range(0, 2_000_000, TURN_US)), 2 * TURN_US, "that last into the next one: 7"),
         (list(range(0, 2_000_000, TURN_US)), TURN_US // 10, "with azimuth times that span less than the turn: 8"),
     ],
 )
@@ -87,7 +87,7 @@ def test_a_polar_scan_that_comes_twice_is_noticed(oxford: Path) -> None:
     stamps = START_US + 3 * TURN_US + rows * TURN_US // 40
     write_png(oxford, with_metadata(oxford_rows(2)[:, 11:], stamps, 140 * rows, np.ones(40, bool)))
     stamps, _ = findings(open_recording(oxford))
-    assert stamps.verdict is CheckVerdict.SUSPICIOUS and "equal to the one before, byte by byte: 1" in stamps.text
+    assert stamps.verdict is CheckVerdict.SUSPICIOUS and "equal to the previous one, byte by byte: 1" in stamps.text
 
 
 def test_faults_that_the_reader_found_are_passed_on(oxford: Path) -> None:
@@ -162,7 +162,8 @@ def test_one_and_two_polar_scans_say_what_they_cannot_tell(tmp_path: Path, skip:
         order = check_order(follow(recording, stretches, CONFIG, BEAM))
         longest = 1 if skip else min(polar_scans, 2)
         assert order.verdict is CheckVerdict.UNTOLD
-        assert order.text == f"it takes 7 polar scans without a gap to tell, and there are no more than {longest}"
+        needs = "the check needs 7 polar scans without a gap between them; the longest such stretch has"
+        assert order.text == f"{needs} {longest}"
 
 
 def test_polar_scans_that_are_swept_alike_in_both_orders_cannot_tell_the_order() -> None:

@@ -182,7 +182,7 @@ def test_a_person_reads_a_line_per_check_and_nothing_is_written(oxford: Path, tm
     shown = mqslam("check", oxford, "--quiet")
     lines = shown.out.splitlines()
     assert [line[:24].strip() for line in lines[:-1]] == NAMES and shown.err == ""
-    assert lines[-1].startswith("4 of 6 checks cannot be told, so that most mistakes would go unnoticed here;")
+    assert lines[-1].startswith("4 of 6 checks cannot be decided, so that most mistakes would go unnoticed here;")
     assert all(line[24:].startswith(("ok", "suspicious", "cannot be told")) for line in lines[:-1])
     assert "note: range resolution 0.0438 m is assumed" in mqslam("check", oxford).err
     assert read_contents(tmp_path) == before

@@ -100,7 +100,7 @@ def test_what_a_user_has_beside_the_output_stays(tmp_path: Path, name: str) -> N
     file.parent.mkdir(exist_ok=True)
     file.write_text("mine")
     if name == ".out.lock":
-        with pytest.raises(OutputError, match=r"\.out\.lock: is in the way"):
+        with pytest.raises(OutputError, match=r"\.out\.lock: is not a lock of mqslam"):
             write(tmp_path / "out", "summary.json")
     else:
         write(tmp_path / "out", "summary.json")

@@ -1,4 +1,4 @@
-"""Calls functions that read hostile files, each in a process of its own that may crash and has bounded memory and time."""
+"""Calls functions that read untrusted files in separate processes, which may crash and have bounded memory and time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class ProcessFailed(Exception):
 
 
 def call_apart(function: Callable[[list[str]], bytes], words: list[str], content: bytes = b"", *, most_bytes: int) -> bytes:
-    """Calls a function of a module in a process of its own, and returns its result.
+    """Calls a function of a module in a new process, and returns its result.
 
     That process imports nothing from the user's current folder, since the folder may hold anything.
 

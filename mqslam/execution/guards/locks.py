@@ -1,4 +1,4 @@
-"""Locks of outputs: a file beside an output names the process that writes it, so that no other process writes it, too."""
+"""Locks of outputs: a file beside an output names the process that is writing the output, and keeps other processes away."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _take(path: Path, out: Path, opened: contextlib.ExitStack) -> Lock:
             found = os.read(handle, _LONGEST)
             owner = os.fsdecode(found.split(b"\n")[0])
             if owner and not owner.startswith(_TITLE):
-                raise OutputError(f"{path}: is in the way, since it is no lock of mqslam", Remedy.CHOOSE_OUTPUT)
+                raise OutputError(f"{path}: is not a lock of mqslam, but has the name of one", Remedy.CHOOSE_OUTPUT)
             if not locked:
                 by = owner.removeprefix("mqslam, ") or "another process"
                 raise OutputError(f"{out}: is being written by {by}", Remedy.WAIT_OR_CHOOSE_OUTPUT)

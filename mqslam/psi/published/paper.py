@@ -293,7 +293,7 @@ def render_figure2(seed: int = 1, variant: PsiConfig = VARIANTS[CHARGED]) -> lis
 
 
 def compute_figure2() -> dict[str, list[float]]:
-    """Returns the scores of Figure 2's bad, better and good map: as printed in the paper, and by each variant in our yard."""
+    """Returns the scores of Figure 2's bad, better and good map: those the paper prints, and each variant's in our yard."""
     shown = {name: [m.psi for m in render_figure2(variant=variant)] for name, variant in VARIANTS.items()}
     return {PAPER: list(PAPER_SCORES), **shown}
 

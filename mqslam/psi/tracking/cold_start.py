@@ -35,7 +35,7 @@ _START_SPEEDS = 13.0
 # Step between the yaw rates tried, and largest rotation of the sensor that the motion model integrates exactly, both per
 # scan [rad].
 _START_YAW_STEP, _MOST_TURN = 0.025, 1.0
-# Standard deviations of twist and accelerations around rest, in directions that psi does not observe at a start.
+# Standard deviations of twist and accelerations, with a mean of zero, in directions that psi does not observe at a start.
 _AT_REST = np.array([5.0, 0.5, 0.1, SIGMA_AX, START_ALPHA])
 
 

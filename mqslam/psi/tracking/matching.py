@@ -48,14 +48,14 @@ _SETTLED = 0.05
 # deviations, in streets full of traffic every shift raises it by 2.2 or more.
 _DISTINCT_SIGMAS = 2.0
 
-# Largest angle by which a scan is rotated to find a better match beside a doubtful match [rad]. A vehicle that begins to
+# Largest angle by which a scan is rotated to find a better match near a doubtful match [rad]. A vehicle that begins to
 # rotate at 0.5 rad/s rotates by about this much more within a scan than within the scan before.
 _BESIDE_TURN = 0.08
 # Number of angles that are tried to either side of a doubtful match.
 _BESIDE_TURNS = 4
 # Half width of the search for a scan around its prediction, in the prediction's standard deviations.
 _SEARCH_SIGMAS = 2.0
-# Least and largest half width of the search for a scan in position [m] and in yaw [rad], however sure the prediction is.
+# Least and largest half width of the search for a scan in position [m] and in yaw [rad], whatever the prediction states.
 _SEARCH_M, _SEARCH_RAD = (3.0, 30.0), (0.05, 0.8)
 
 
@@ -140,7 +140,7 @@ class Matcher:
         )
 
     def search(self, scan: Scan, predicted: Belief, into: LocalMap, known: Minimum) -> tuple[Minimum, bool]:
-        """Finds the best match in the whole region that a prediction allows.
+        """Finds the best match in the whole region that the covariance of a prediction allows.
 
         Args:
             scan: the scan.
@@ -230,8 +230,8 @@ class Matcher:
     def _choose_by_shared(self, scan: Scan, minima: Sequence[Minimum], into: LocalMap) -> Minimum:
         """Returns the first of several matches, or a later one whose psi is lower by more than chance.
 
-        Two matches are compared by the points that have references in reach at both: a sensor that turns sees new things,
-        which the map does not hold, and which say nothing against the match.
+        Two matches are compared by the points that have references in reach at both matches. A sensor that rotates sees new
+        objects, which the map does not hold, and which are no evidence against a match.
         """
         best = minima[0]
         near = self._mark_near(scan, best, into)

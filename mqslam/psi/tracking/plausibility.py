@@ -12,8 +12,8 @@ from mqslam.psi.minimiser import Minimum, annealed_scale, final_scale
 from mqslam.psi.place import PointSet
 from mqslam.psi.tracking.local_map import Tuning
 
-# Fewest returns of a scan that is matched, and fewest matched returns of a match: their coordinates are four for each of the
-# eight numbers of the state, which could fit fewer by chance. How much they say of the motion, its covariance states.
+# Fewest returns of a scan that is matched, and fewest matched returns of a match: they have four coordinates for each of the
+# eight numbers of the state, which could fit fewer returns by chance. The covariance states how well they show the motion.
 FEWEST_RETURNS = 16
 # Least sector that the directions of a scan's returns span [rad]. A single direction shows one pattern of ranges and no
 # motion across that direction.
@@ -24,7 +24,7 @@ _LOST_SHARE = 0.5
 _LEAST_SHARE = 0.15
 # Weight of the old value when a scan updates the usual matched share and the usual psi.
 _USUAL_MEMORY = 0.95
-# Number of scans of a new track that are measured again together, once they make a map.
+# Number of scans of a new track that are measured a second time, as soon as there are this many.
 YOUNG_SCANS = 16
 # Number of past scans whose prediction errors are kept.
 _PREDICTION_SCANS = 40
@@ -68,7 +68,7 @@ class PredictionErrors:
     end at that motion; a narrow search from a good prediction does not.
 
     Args:
-        tuning: says how much wider than the errors of predictions a match begins.
+        tuning: states how much wider than the errors of predictions the search for a match begins.
         matching: settings of the score where a scan is matched to the running map.
     """
 

@@ -44,7 +44,7 @@ _SIGMA_VX, SIGMA_VY = 0.6, 0.15
 # Change of forward acceleration [m/s^2].
 SIGMA_AX = 4.0
 # Change of yaw acceleration for the first scans of a track, and standard deviation of yaw acceleration when nothing is
-# known of it [rad/s^2].
+# known about it [rad/s^2].
 START_ALPHA = 0.6
 # Process noise of the start pose's position [m], and of its yaw [rad].
 _SIGMA_POSITION_M, _SIGMA_YAW = 0.01, 0.0003
@@ -55,12 +55,14 @@ _PERSISTENCE = 0.9
 _GUIDE_M, _GUIDE_RAD, _GUIDE_SHARE = 0.2, 0.01, 0.2
 
 CONTRADICTED: Final = np.diag([1.0, 1.0, 0.1])
-"""Covariance [m^2, m^2, rad^2] of odometry's motion to a scan that does not fit there, as where wheels slip."""
+"""Covariance [m^2, m^2, rad^2] of the motion by odometry to a scan that does not match the map where odometry puts it.
+
+Slipping wheels are a cause."""
 
 UNSHOWN: Final = np.sqrt(np.diag(CONTRADICTED))
 """Standard deviations [m, m, rad] of a scan's pose along directions in which psi only followed odometry.
 
-Odometry states there itself, by factors of its own, how well the motion is known: they are much surer."""
+Separate factors of odometry state how well the motion along these directions is known; they are much more certain."""
 
 _DEPENDENT = 1e-6  # singular values of unit vectors below this are rounding
 _HALF = 0.5**0.5  # root of one half: each of the two poses that a motion lies between gets half the motion's variance
@@ -185,9 +187,9 @@ class Blindness:
         return cls(_bound_speeds(settings), np.zeros(2), np.zeros(2))
 
     def forget(self, known: NDArray[np.bool_], settings: TrackerConfig) -> Blindness:
-        """Returns the uncertainty after other sensors gave the speed, the yaw rate, or both: `known` (2,).
+        """Returns the uncertainty after other sensors gave the speed or the yaw rate; `known` (2,) says which of the two.
 
-        There the uncertainty begins anew, with the whole range of speeds, because psi did not measure them.
+        The uncertainty of what they gave begins anew, with the whole range of speeds, because psi did not measure it.
         """
         speeds = np.where(known, _bound_speeds(settings), self.speeds)
         return Blindness(speeds, np.where(known, 0.0, self.travelled), np.where(known, 0.0, self.step))
@@ -282,7 +284,7 @@ def predict(belief: Belief, dt: float, settings: TrackerConfig) -> Belief:
 
 
 def guide(belief: Belief, twist: se2.Array, dt: float) -> Belief:
-    """Predicts the state by odometry, which may be off by a share of the way and of the turn.
+    """Predicts the state by odometry, whose error grows with the distance and with the angle of the motion.
 
     Args:
         belief: belief about the state at the start.
@@ -302,7 +304,7 @@ def guide(belief: Belief, twist: se2.Array, dt: float) -> Belief:
 def coast(belief: Belief, dt: float, turn_s: float, settings: TrackerConfig) -> Belief:
     """Predicts the state a long time later: the twist is kept, and its possible changes add up with each revolution.
 
-    Nobody brakes for long, so the acceleration is forgotten: at the end it is as unknown as at the start of a recording.
+    No vehicle brakes for long, so the acceleration is forgotten: at the end it is as unknown as at the start of a recording.
 
     Args:
         belief: belief about the state at the start.
@@ -418,12 +420,12 @@ def list_motion_noise(settings: TrackerConfig) -> NDArray[np.float64]:
 
 
 def _bound_speeds(settings: TrackerConfig) -> NDArray[np.float64]:
-    """Returns the standard deviations (2,) of speed [m/s] and yaw rate [rad/s] when nothing is known of them."""
+    """Returns the standard deviations (2,) of speed [m/s] and yaw rate [rad/s] when nothing is known about them."""
     ranges = np.array([settings.speed_max - SPEED_MIN, 2.0 * OMEGA_MAX])
     return np.asarray(ranges / np.sqrt(12.0))  # all speeds of the range are equally likely
 
 
 def _rotation(yaw: float) -> NDArray[np.float64]:
-    """Returns the matrix (3, 3) that carries a twist from a frame rotated by yaw [rad] to the frame that is not rotated."""
+    """Returns the matrix (3, 3) that converts a twist from a frame that is rotated by yaw [rad] to the unrotated frame."""
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -13,6 +13,7 @@ import numpy as np
 
 from mqslam.core import se2
 from mqslam.core.scans import Scan
+from mqslam.core.wording import count_of
 from mqslam.errors import EstimationError, FewReturnsError
 from mqslam.psi.tracking.cold_start import START_SCANS
 from mqslam.psi.tracking.plausibility import FEWEST_RETURNS, YOUNG_SCANS, is_usable
@@ -162,7 +163,7 @@ def _find_start(scans: Sequence[Scan]) -> int:
         FewReturnsError: there are no such scans.
     """
     if len(scans) < 2:
-        raise EstimationError(f"a recording of {len(scans)} scans shows no motion; at least two are needed")
+        raise EstimationError(f"the recording has {count_of(len(scans), 'scan')}; a motion needs at least two")
     for k in range(len(scans) - 1):
         if len(_take_head(scans, k)) > 1:
             return k

@@ -73,7 +73,7 @@ class Tracked:
         state: its start pose and motion.
         covariance: (3, 3) covariance of the start pose relative to the map, as psi's curvature shows it; zero without a
             match.
-        unseen: (3, 3) covariance to add to `covariance`, for directions that psi does not observe or for want of a match.
+        unseen: (3, 3) covariance to add to `covariance` for directions that psi does not observe or where there is no match.
         evaluation: psi at the minimum.
         status: how far the state can be trusted.
         begins_map: whether a new map begins with this scan.
@@ -157,7 +157,7 @@ class Tracker:
         """
         if not all(is_usable(scan) for scan in scans):
             counts = ", ".join(str(len(scan.returns)) for scan in scans)
-            raise FewReturnsError(f"the first scans hold {counts} returns, and {FEWEST_RETURNS} in each are needed")
+            raise FewReturnsError(f"the first scans hold {counts} returns; each needs at least {FEWEST_RETURNS}")
         first = self._follow_odometry(odometry) or find_first_motion(scans, self._matcher, begin, odometry)
         changed = np.diag(list_motion_noise(self._matcher.young) ** 2)  # the motion may change while these scans last
         if first.observed:
@@ -212,7 +212,7 @@ class Tracker:
             return self._miss(scan, begin, minimum)
         weak, blind = matcher.find_weak_directions(scan, State(minimum.state), self._map), Blindness.none()
         if len(weak):
-            # psi did not measure a motion that odometry gave: odometry itself says how well it is known
+            # psi did not measure the components of the motion that odometry gave: odometry itself states their uncertainty
             known = np.isfinite([np.nan, np.nan] if twist is None else twist[[0, 2]])
             blind = last.blind.forget(known, self._settings).after(scan.t0 - last.t0, self._settings)
             start = self._move_by(twist, last.predict_steadily(scan, self._settings) or predicted.mean, scan)
@@ -337,7 +337,7 @@ class Tracker:
         return None
 
     def _begin_map(self, scan: Scan, belief: Belief, status: Status) -> Tracked:
-        """Begins a new map with a scan, whose pose defines where the map lies."""
+        """Begins a new map with a scan, whose pose defines the frame of the map."""
         known = belief.in_its_own_frame()
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, known, blind=self._last.blind)
         self._prediction_errors.forget()

@@ -150,11 +150,11 @@ def _drive_along(line: CubicSpline, times: Array, reached: Array, duration_s: fl
 
 
 OUTWARD = 300.0
-"""Length [m] of a round's way out, after which the round turns back."""
+"""Length [m] of the way out of a round, after which the round leads back."""
 LONGEST = 1300.0
 """Length [m] of the longest round; a round that would be longer turns back earlier."""
 AGAIN = 2.0
-"""Factor by which a street that was driven before counts as longer, so that rounds prefer new streets."""
+"""Factor on the length of a street that was driven before, so that rounds prefer new streets."""
 LONGEST_BACK = 1100.0
 """Largest length [m] of a round that is driven backwards, including the way on which the vehicle turns round."""
 
@@ -250,7 +250,7 @@ def _turn_round(net: _Net, here: int, tour: list[int]) -> list[int]:
 
 
 class _Net:
-    """All courses with their lengths [m].
+    """The network of all courses with their lengths [m], in which shortest ways are found.
 
     A course can be followed by any course that begins at its end, except by its own way back.
     """

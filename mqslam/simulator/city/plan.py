@@ -141,7 +141,7 @@ def _place_crossings(rng: np.random.Generator, carriageway: int) -> Array:
 
 
 def _lay_streets(rng: np.random.Generator, crossings: Array, sights: _Sights) -> dict[tuple[int, int], Street]:
-    """Lays a street between all neighbouring crossings; some become footways, so that blocks differ in size.
+    """Lays a street between all neighbouring crossings; some streets become footways, so that blocks differ in size.
 
     Every crossing that vehicles reach keeps two streets that lead on, so that no drive ends in a blind alley.
     """
