@@ -92,14 +92,14 @@ class ReversedScans(Sequence[Scan]):
             backward: the N - 1 motions between the N scans, the last one first.
         """
         if self._instant:  # both directions measure motions between the same instants
-            return [_turn(match) for match in reversed(backward)]
+            return [_invert(match) for match in reversed(backward)]
         at_once = [follows_at_once(a, b) for a, b in pairwise(self._scans)]
         turned: list[DirectedMotion | None] = []
         for k in range(len(backward)):
             if k == 0 or not (at_once[k - 1] and at_once[k]):
                 turned.append(None)
                 continue
-            turned.append(_turn(backward[len(backward) - k]))
+            turned.append(_invert(backward[len(backward) - k]))
         return turned
 
     def _turn_instant(self, scan: Scan) -> Scan:
@@ -120,7 +120,7 @@ def follows_at_once(scan: Scan, after: Scan) -> bool:
     return abs(after.t0 - scan.t1) <= _PAUSE * (scan.t1 - scan.t0)
 
 
-def _turn(match: DirectedMotion) -> DirectedMotion:
+def _invert(match: DirectedMotion) -> DirectedMotion:
     """Returns the inverse of a motion."""
     motion, unseen = match
     covariance, unseen = (se2.covariance_of_inverse(motion.pose, c) for c in (motion.covariance, unseen))

@@ -235,7 +235,7 @@ def follow(recording: Recording, stretches: Sequence[Stretch], settings: Config,
             backward.append(_psi_per_point(two))
     stamps = recording.start_us + np.round(np.array(edges).reshape(-1, 2) * 1e6).astype(np.int64)
     steps = Steps(stamps[:, 0], stamps[:, 1], np.array(twists).reshape(-1, 3))
-    shortage = _explain_shortage(stretches, START_SCANS - 1 + FEWEST_STEPS)
+    shortage = _explain_shortage(stretches)
     return FollowedStretches(steps, np.array(forward), np.array(backward), shortage)
 
 
@@ -253,9 +253,9 @@ def track_scans(scans: Scans, tracker: Tracker) -> list[Tracked]:
     return [first, *(tracker.follow(scan) for scan in scans[1:])]
 
 
-def _explain_shortage(stretches: Sequence[Stretch], needed: int) -> str:
-    """Explains why stretches do not suffice for a check that needs a number of polar scans in one of them."""
-    longest = max((len(stretch.scans) for stretch in stretches), default=0)
+def _explain_shortage(stretches: Sequence[Stretch]) -> str:
+    """Explains why stretches do not suffice for a check, which needs `FEWEST_STEPS` motions in one of them."""
+    longest, needed = max((len(stretch.scans) for stretch in stretches), default=0), START_SCANS - 1 + FEWEST_STEPS
     if longest < needed:
         return f"the check needs {needed} polar scans without a gap between them; the longest such stretch has {longest}"
     return "too few polar scans could be followed"

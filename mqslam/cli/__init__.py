@@ -27,8 +27,8 @@ from mqslam.cli.score import score
 from mqslam.cli.show import show as show_result
 from mqslam.cli.simulate import simulate
 from mqslam.cli.view import view
-from mqslam.errors import MqslamError, show
-from mqslam.execution.interrupts import Interrupted, raise_interrupts
+from mqslam.errors import Interrupted, MqslamError, show
+from mqslam.execution.interrupts import raise_interrupts
 
 app = typer.Typer(
     name="mqslam",

@@ -67,7 +67,7 @@ def flush(path: Path) -> None:
 
 
 def _read_umask() -> int:
-    """Returns the user's umask; it is only returned when a new one is set, so this function sets one and then restores it."""
+    """Returns the user's umask, which can be read only by setting another one; the first one is set again at once."""
     mask = os.umask(0o077)
     os.umask(mask)
     return mask

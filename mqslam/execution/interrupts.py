@@ -15,7 +15,6 @@ from mqslam.errors import Interrupted, find_interrupt
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
-__all__ = ["Interrupted", "raise_interrupts", "shield_from_interrupts"]
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _AGAIN_S = 0.05  # time between two checks whether an interrupt was lost

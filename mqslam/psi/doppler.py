@@ -90,7 +90,7 @@ def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorCo
     is_crisper = compare(measure_all([beta]))[0] <= 1.0 - _DOPPLER_GAIN
     if abs(beta) < _DOPPLER_LEAST or not (is_crisper or _is_usual(each, beta)):
         return Doppler(0.0)
-    return _hold(beta, _estimate_sigma(each))
+    return _combine_with_usual(beta, _estimate_sigma(each))
 
 
 def _is_usual(each: Sequence[float], beta: float) -> bool:
@@ -106,7 +106,7 @@ def _estimate_sigma(each: Sequence[float]) -> float:
     return float(max(_OF_MEDIAN * np.std(each, ddof=1) / np.sqrt(len(each)), _FINEST * _STEP_S))
 
 
-def _hold(beta: float, sigma: float) -> Doppler:
+def _combine_with_usual(beta: float, sigma: float) -> Doppler:
     """Combines a measured shift [s] with the usual shift of such radars, unless the two contradict each other."""
     usual = float(np.copysign(_USUAL_S, beta))
     if abs(beta - usual) > _CONTRADICTION * np.hypot(sigma, _USUAL_SIGMA_S):

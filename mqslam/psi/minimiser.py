@@ -178,7 +178,7 @@ def minimise(
                 earlier, before = before, (state, move)
                 if earlier is not None:
                     move = _extrapolate(move, move - earlier[1], state - earlier[0], tolerances)
-        state = state + shorten_step(move, rendered.measure_move(move), scale.s)
+        state = state + shorten_step(move, _measure_move(rendered.jacobians, move), scale.s)
         if settled:
             return Minimum(state, here, True)  # so short a step hardly changes the score
         if converged:
@@ -200,16 +200,12 @@ class Rendered:
     ) -> None:
         self._render, self._references, self._kernel = render, references, kernel
         self._lists: NearbyLists | None = None
-        self._jacobians = np.empty((0, 2, 0))
-
-    def measure_move(self, move: NDArray[np.float64]) -> float:
-        """Returns the root mean square distance [m] by which a step (Q,) moves the points rendered last; inf without any."""
-        return _measure_move(self._jacobians, move) if len(self._jacobians) else np.inf
+        self.jacobians = np.empty((0, 2, 0))
 
     def evaluate(self, state: NDArray[np.float64], scale: Scale) -> PsiEvaluation:
         """Renders the points at a state (Q,) and returns their score at the given widths."""
         queries, reach = self._render(state), find_reach(scale, self._kernel)
-        self._jacobians = queries.jacobians
+        self.jacobians = queries.jacobians
         self._lists = renew_lists(self._lists, queries.points, self._references, reach)
         return evaluate(queries, self._references, scale, self._kernel, self._lists)
 
@@ -246,7 +242,7 @@ def shorten_step(move: NDArray[np.float64], moved_m: float, reach_m: float) -> N
 
 @nb.njit(cache=True, nogil=True)
 def _measure_move(jacobians: NDArray[np.float64], move: NDArray[np.float64]) -> float:
-    """Returns the root mean square distance [m] by which a step (Q,) moves points with jacobians (N, 2, Q)."""
+    """Returns the RMS distance [m] by which a step (Q,) moves points with jacobians (N, 2, Q); inf if N = 0."""
     total = 0.0
     for i in range(len(jacobians)):
         dx, dy = 0.0, 0.0
@@ -254,7 +250,7 @@ def _measure_move(jacobians: NDArray[np.float64], move: NDArray[np.float64]) -> 
             dx += jacobians[i, 0, p] * move[p]
             dy += jacobians[i, 1, p] * move[p]
         total += dx * dx + dy * dy
-    return float(np.sqrt(total / len(jacobians)))
+    return float(np.sqrt(total / len(jacobians))) if len(jacobians) else np.inf
 
 
 @nb.njit(cache=True, nogil=True)

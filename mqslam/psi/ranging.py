@@ -86,19 +86,15 @@ class RangeErrors(NamedTuple):
         sigma, sigma_beta = self.sigmas.tolist()
         offset = f"a range offset of {used + self.offset:.2f} ± {sigma:.2f} m where {used:.2f} m is used"
         shown = f"psi shows {offset}, and a Doppler shift of {self.beta:.3f} ± {sigma_beta:.3f} s"
+        share = abs(self.lengthening * (self.offset if self.contradicts else sigma))  # of all lengths
         if not self.contradicts:
-            share = self._lengthen(sigma)
             return [shown, f"the uncertainty of the range offset, {sigma:.2g} m, changes lengths by {share:.2%}"]
-        longer = f"the range offset in use makes lengths wrong by about {self._lengthen(self.offset):.1%}"
-        return [shown, f"{longer}: set sensor.range_offset_m to the offset that the radar's maker or calibration states"]
-
-    def _lengthen(self, offset: float) -> float:
-        """Returns the share by which a range offset [m] changes all lengths, without its sign."""
-        return abs(self.lengthening * offset)
+        wrong = f"the range offset in use makes lengths wrong by about {share:.1%}"
+        return [shown, f"{wrong}: set sensor.range_offset_m to the offset that the radar's maker or calibration states"]
 
 
 @dataclass(frozen=True, slots=True)
-class _Shown:
+class _StretchErrors:
     """The errors of the ranges that one stretch shows.
 
     Args:
@@ -164,7 +160,7 @@ def choose_stretches(scans: Scans, poses: se2.Array) -> list[int]:
     return [chosen[k] for k in np.unique(np.linspace(0, len(chosen) - 1, _STRETCHES).round().astype(int))] if chosen else []
 
 
-def _measure_stretch(shared: tuple[EstimatorConfig, Beam], case: tuple[Scans, se2.Array]) -> _Shown | None:
+def _measure_stretch(shared: tuple[EstimatorConfig, Beam], case: tuple[Scans, se2.Array]) -> _StretchErrors | None:
     """Measures the errors on one stretch; returns None if psi of this stretch has no minimum."""
     (estimator, beam), (scans, poses) = shared, case
     times = scans.start_times
@@ -183,7 +179,7 @@ def _measure_stretch(shared: tuple[EstimatorConfig, Beam], case: tuple[Scans, se
     def add_scores(state: NDArray[np.float64]) -> NDArray[np.float64]:
         return evaluate(stretch.render(state), None, final_scale(estimator), kernel).gradient
 
-    curvature = symmetric(curvature_by_differences(add_scores, minimum.state, _DIFFERENCE_STEP * tolerances))
+    curvature = curvature_by_differences(add_scores, minimum.state, _DIFFERENCE_STEP * tolerances)
     matched, points = minimum.evaluation.matched, stretch.render(minimum.state).points
     scores = sum_by_object(minimum.evaluation.scores[matched], points[matched], estimator.cluster_m)
     motion, cross = curvature[:-2, :-2], curvature[:-2, -2:]
@@ -199,7 +195,7 @@ def _measure_stretch(shared: tuple[EstimatorConfig, Beam], case: tuple[Scans, se
     errors = minimum.state[-2:] - np.linalg.solve(left, pull)
     way, correction = poses[-1, :2] - poses[0, :2], -follows[-3:-1, 0]  # the last knot's correction per metre of offset
     lengthening = float(way @ correction / (way @ way)) if way.any() else 0.0
-    return _Shown(errors + np.array([0.0, beam.doppler_beta]), left, scores.T @ scores, lengthening)
+    return _StretchErrors(errors + np.array([0.0, beam.doppler_beta]), left, scores.T @ scores, lengthening)
 
 
 class Stretch:
@@ -260,7 +256,7 @@ class Stretch:
         return PointSet(points, jacobians, covariances, self._returns.times)
 
 
-def _combine(shown: Sequence[_Shown]) -> RangeErrors:
+def _combine(shown: Sequence[_StretchErrors]) -> RangeErrors:
     """Returns the mean of all stretches' errors, weighted by information; stretches far from the mean count for less."""
     errors, information = np.array([one.errors for one in shown]), np.array([one.information for one in shown])
     inverse = np.linalg.inv(information)

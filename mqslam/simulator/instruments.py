@@ -67,7 +67,7 @@ def simulate_wheel_odometry(
     bias = model.bias * rng.standard_normal() + walk
     hard = np.clip(np.abs(omega) / model.hard_turn - 1.0, 0.0, 1.0)
     omega = omega * (1.0 + model.slip * hard) + bias + model.rate_noise * rng.standard_normal(rows)
-    return WheelOdometry(_to_stamps(times[:-1], start_us), v, omega)
+    return WheelOdometry(to_stamps(times[:-1], start_us), v, omega)
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def simulate_gyroscope(drive: Drive, duration_s: float, start_us: int, model: Gy
     walk = np.cumsum(model.bias_walk / np.sqrt(model.rate_hz) * rng.standard_normal((count, 3)), axis=0)
     bias = model.bias * rng.standard_normal(3) + walk
     white = model.noise * np.sqrt(model.rate_hz) * rng.standard_normal((count, 3))
-    return Gyroscope(_to_stamps(times + model.late_s, start_us), true * scale + bias + white, "simulated")
+    return Gyroscope(to_stamps(times + model.late_s, start_us), true * scale + bias + white, "simulated")
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def simulate_fixes(
     for roof in roofs:
         seen &= ~np.all((roof[:2] <= true) & (true <= roof[2:]), axis=1)
     latitudes, longitudes = _find_degrees(places[seen])
-    stamps_us = _to_stamps(times[seen], start_us)
+    stamps_us = to_stamps(times[seen], start_us)
     return Fixes(stamps_us, latitudes, longitudes, np.full(len(stamps_us), model.noise_m), "simulated")
 
 
@@ -164,6 +164,6 @@ def _find_degrees(places: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
     return latitude + np.rad2deg(places[:, 1] / north), longitude + np.rad2deg(places[:, 0] / east)
 
 
-def _to_stamps(times: NDArray[np.float64], start_us: int) -> NDArray[np.int64]:
+def to_stamps(times: NDArray[np.float64], start_us: int) -> NDArray[np.int64]:
     """Returns the stamps (N,) [us] of times (N,) [s] after `start_us`."""
     return start_us + np.round(times * 1e6).astype(np.int64)

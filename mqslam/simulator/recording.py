@@ -22,6 +22,7 @@ from mqslam.simulator.instruments import (
     simulate_fixes,
     simulate_gyroscope,
     simulate_wheel_odometry,
+    to_stamps,
 )
 from mqslam.simulator.scene import Scene
 from mqslam.simulator.sensor import SensorModel, render_polar_scan
@@ -71,23 +72,13 @@ class ClearWorld:
 
     def render(self, k: int) -> NDArray[np.uint8]:
         """Renders the readings (A, B) of revolution k, each azimuth from the pose at its stamp in whole microseconds."""
-        times = np.asarray((to_stamps(self.stamps(k)) - START_US) * 1e-6, dtype=np.float64)
+        times = np.asarray((to_stamps(self.stamps(k), START_US) - START_US) * 1e-6, dtype=np.float64)
         poses, twists = self.drive.poses(times), self.drive.twists(times)
         return render_polar_scan(self.scene, poses, twists, times, self.sensor, (self.seed, k))
 
     def describe(self) -> dict[str, Any]:
         """Returns no parameters, since scene, radar and seed define this world."""
         return {}
-
-
-def _to_us(seconds: float) -> int:
-    """Returns a duration in whole microseconds."""
-    return round(seconds * 1e6)
-
-
-def to_stamps(times: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Returns the stamps (N,) [us] of times (N,) [s] of a drive."""
-    return START_US + np.round(times * 1e6).astype(np.int64)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +93,7 @@ class SimulatedRecording(Recording):
 
     def azimuth_stamps(self, k: int) -> NDArray[np.int64]:
         """Returns the stamps (A,) [us] of the azimuths of polar scan k, in whole microseconds as files have them."""
-        return to_stamps(self.world.stamps(k)) + _to_us(self.sensor.late_s)
+        return to_stamps(self.world.stamps(k), START_US + self.sensor.late_us)
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Renders the polar scans start <= k < stop, one after the other."""
@@ -145,14 +136,14 @@ def simulate_recording(  # noqa: PLR0913 - these are the options of a simulation
     if turns < 1:
         raise ConfigError(f"simulator: {duration_s} s hold no whole revolution at {sensor.turn_rate_hz} Hz; drive longer")
     seen = world(scene, drive, sensor, turns, seed)
-    stamps_us = to_stamps(np.array([*(seen.stamps(k)[0] for k in range(turns)), seen.end()]))
+    stamps_us = to_stamps(np.array([*(seen.stamps(k)[0] for k in range(turns)), seen.end()]), START_US)
     times = np.asarray((stamps_us - START_US) * 1e-6, dtype=np.float64)
     end = float(times[-1])
     wheels = simulate_wheel_odometry(drive, end, START_US, odometry or OdometryModel(), seed)
     return SimulatedRecording(
         path=Path("simulated"),
         format="simulated",
-        stamps_us=stamps_us[:-1] + _to_us(sensor.late_s),
+        stamps_us=stamps_us[:-1] + sensor.late_us,
         turns_us=np.diff(stamps_us),
         range_resolution=sensor.range_resolution,
         odometry=wheels.dead_reckon(),

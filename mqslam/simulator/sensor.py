@@ -118,6 +118,11 @@ class SensorModel:
         return np.asarray(self.angles + np.deg2rad(self.azimuth_offset_deg))
 
     @property
+    def late_us(self) -> int:
+        """The delay `late_s` of all stamps in whole microseconds."""
+        return round(self.late_s * 1e6)
+
+    @property
     def bin_length(self) -> float:
         """True length of a range bin [m]."""
         return self.range_resolution * (1.0 + self.bin_error)

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from mqslam.errors import tolerate
-from mqslam.execution.interrupts import Interrupted, raise_interrupts
+from mqslam.errors import Interrupted, tolerate
+from mqslam.execution.interrupts import raise_interrupts
 
 
 class Deleted:

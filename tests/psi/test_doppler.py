@@ -9,7 +9,7 @@ from support.hard_recordings import drive, joined, without_returns
 from mqslam.config import Config, SensorConfig
 from mqslam.execution.local_engine import HERE
 from mqslam.psi import doppler
-from mqslam.psi.doppler import Doppler, _estimate_sigma, _hold, _is_usual, choose_doppler
+from mqslam.psi.doppler import Doppler, _combine_with_usual, _estimate_sigma, _is_usual, choose_doppler
 
 
 def test_a_shift_that_the_settings_name_is_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -30,17 +30,17 @@ def test_a_radar_without_a_shift_shows_none(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_a_shift_that_was_measured_badly_is_held_by_what_is_known_of_such_radars() -> None:
-    held, mirrored = _hold(0.030, 0.03), _hold(-0.030, 0.03)
+    held, mirrored = _combine_with_usual(0.030, 0.03), _combine_with_usual(-0.030, 0.03)
     assert 0.042 < held.beta < 0.045 and held.sigma < 0.0075
     assert mirrored == Doppler(-held.beta, held.sigma)
 
 
 def test_a_shift_that_was_measured_well_stays_as_it_is() -> None:
-    assert _hold(0.050, 0.0002).beta == pytest.approx(0.050, abs=1e-4)
+    assert _combine_with_usual(0.050, 0.0002).beta == pytest.approx(0.050, abs=1e-4)
 
 
 def test_a_shift_that_contradicts_such_radars_is_believed() -> None:
-    assert _hold(0.012, 0.001) == Doppler(0.012, 0.001)
+    assert _combine_with_usual(0.012, 0.001) == Doppler(0.012, 0.001)
 
 
 def test_the_sigma_is_that_of_a_median_of_stretches() -> None:

@@ -48,8 +48,6 @@ SENSOR = SensorModel(turn_rate_hz=2.0, azimuths=720, range_resolution=0.25, max_
 REVOLUTION_S = 1.0 / SENSOR.turn_rate_hz
 SPEEDS = np.arange(-0.5, 1.6, 0.4)  # speeds that the estimator's search tries [m/s]
 YAW_RATES = np.linspace(-0.6, 0.6, 25)  # yaw rates that the estimator's search tries [rad/s]
-_ESTIMATOR = EstimatorConfig()
-_BEAM = beam_of(_ESTIMATOR, 0.0)
 
 SCANS = 4
 """Number of scans in a window of the figures."""
