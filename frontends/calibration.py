@@ -22,15 +22,15 @@ _MOVED_M = 0.1
 # Number of measured motions that weigh as much as the covariances that the front end itself states. These covariances were
 # wrong by a factor of three and more, so they count as much as only a few motions.
 _TRUSTED = 5.0
-# Squared differences are cut down to this many times their median: a wrong match tells nothing about right ones.
+# Squared differences are cut down to this many times their median: a wrong match does not show the errors of right matches.
 _GROSS = 100.0
 
 
 class Twice(NamedTuple):
-    """A motion that was measured twice, each time against another map.
+    """A motion that was measured twice, against two different maps.
 
     Args:
-        pose: (3,) the motion as it was first measured.
+        pose: (3,) the first measurement of the motion.
         apart: (3,) the second measurement minus the first.
         variances: (3,) variances of this difference, as the front end states them; NaN along axes that one of the
             measurements does not observe.
@@ -47,8 +47,8 @@ def learn_scale(motions: Iterable[Twice]) -> NDArray[np.float64]:
     Args:
         motions: motions that were measured twice; if no motion is usable, the factors are 1.
     """
-    telling = (m.apart**2 / m.variances for m in motions if np.hypot(m.pose[0], m.pose[1]) >= _MOVED_M)
-    squares = np.asarray(np.fromiter(telling, np.dtype((np.float64, 3))), dtype=np.float64)
+    ratios = (m.apart**2 / m.variances for m in motions if np.hypot(m.pose[0], m.pose[1]) >= _MOVED_M)
+    squares = np.asarray(np.fromiter(ratios, np.dtype((np.float64, 3))), dtype=np.float64)
     if not len(squares):
         return np.ones(3)
     squares = cut_gross(squares, _GROSS)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
 from functools import partial
 from typing import Any, Protocol
 
@@ -11,11 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.core.frontend import Context
-from mqslam.core.measurement import Measurement
-from mqslam.core.scans import Scan
 from mqslam.frontends.icp_covariance import Surface
-from mqslam.frontends.scan_matching import FEWEST_MATCHED, Matching, PlacedScan, match_scans
+from mqslam.frontends.scan_matching import FEWEST_MATCHED, Matching, PlacedScan, lift
 
 # Number of scans that the map holds.
 _KEYFRAMES = 20
@@ -44,30 +40,13 @@ class Registration(Protocol):
         ...
 
 
-class KeyframeFrontEnd:
-    """Matches each scan to a map of the last keyframes by a library's registration, and starts as KISS-ICP's front end does.
+class KeyframeMatcher:
+    """A `ScanMatcher` that registers each scan twice, at first with a wide reach, on a map of the last keyframes.
 
     Args:
-        context: what the front end may use besides the scans.
         registration: the library's registration.
         settings: how scans are matched.
     """
-
-    def __init__(self, context: Context, registration: Registration, settings: Matching) -> None:
-        self._context, self._registration, self._settings = context, registration, settings
-
-    def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
-        """Measures the motion from the start of each scan to the start of the next.
-
-        Raises:
-            EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
-        """
-        settings = self._settings
-        return match_scans(scans, lambda: KeyframeMatcher(self._registration, settings), self._context, settings.strongest)
-
-
-class KeyframeMatcher:
-    """A `ScanMatcher` that registers each scan twice, at first with a wide reach, on a map of the last keyframes."""
 
     reference = 1.0
 
@@ -128,7 +107,4 @@ def deskew(points: NDArray[np.float64], fractions: NDArray[np.float64], motion: 
     Each point is in the sensor's frame at its own time, a fraction (N,) of the scan from 0 at its beginning to 1 at its end.
     """
     poses = se2.exp(np.broadcast_to(se2.log(motion), (len(points), 3)), fractions - 1.0)
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    x = poses[:, 0] + c * points[:, 0] - s * points[:, 1]
-    y = poses[:, 1] + s * points[:, 0] + c * points[:, 1]
-    return np.stack([x, y], axis=1)
+    return np.ascontiguousarray(se2.compose(poses, lift(points))[:, :2])

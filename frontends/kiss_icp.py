@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,11 +13,17 @@ from pydantic import ValidationError
 
 from mqslam.core import se2
 from mqslam.core.frontend import Context
-from mqslam.core.measurement import Measurement
-from mqslam.core.scans import Scan
 from mqslam.errors import ConfigError, untrusted
 from mqslam.frontends.icp_covariance import Surface
-from mqslam.frontends.scan_matching import FEWEST_MATCHED, Matching, PlacedScan, from_matrix, lift, match_scans, to_matrix
+from mqslam.frontends.scan_matching import (
+    FEWEST_MATCHED,
+    Matching,
+    MatchingFrontEnd,
+    PlacedScan,
+    from_matrix,
+    lift,
+    to_matrix,
+)
 
 _FAR_M = 1e6  # beyond every range that KISS-ICP keeps
 # Share of a scan's returns, and side of the map's voxels [m], with which the front end drifts least on its tuning drives.
@@ -26,7 +31,7 @@ STRONGEST, VOXEL_M = 0.7, 1.0
 _REACH = 3.0  # KISS-ICP looks for correspondences within this many of its adaptive thresholds: its definition
 
 
-class KissIcpFrontEnd:
+class KissIcpFrontEnd(MatchingFrontEnd):
     """Matches each scan with KISS-ICP, as a planar point cloud with a time per point.
 
     KISS-ICP begins at rest and predicts by its last motion, so that it loses the first scans of a recording that begins
@@ -42,17 +47,9 @@ class KissIcpFrontEnd:
     """
 
     def __init__(self, context: Context) -> None:
-        self._context = context
-        self._settings = Matching.of(context, STRONGEST, VOXEL_M)
-        self._config = make_config(self._settings, context.config.kiss_icp.config_file)
-
-    def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
-        """Measures the motion from the start of each scan to the start of the next.
-
-        Raises:
-            EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
-        """
-        return match_scans(scans, lambda: _KissIcpMatcher(self._config), self._context, self._settings.strongest)
+        settings = Matching.of(context, STRONGEST, VOXEL_M)
+        config = make_config(settings, context.config.kiss_icp.config_file)
+        super().__init__(context, settings, lambda: _KissIcpMatcher(config))
 
 
 class _KissIcpMatcher:
@@ -131,7 +128,7 @@ def _load_config(path: Path) -> Any:
     try:
         tree = yaml.safe_load(untrusted.read_document(path, untrusted.YAML_BYTES))
         config = _make_repeatable(load_config(path))
-        KissICP(config)  # refuses what the loader lets pass, such as null for a number
+        KissICP(config)  # refuses values that the loader accepts, such as null for a number
     except (OSError, UnicodeDecodeError, yaml.YAMLError, TypeError) as error:
         raise ConfigError(f"{path}: is not a YAML file of KISS-ICP's settings ({str(error).splitlines()[0]})") from error
     except ValidationError as error:

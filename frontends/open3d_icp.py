@@ -12,8 +12,8 @@ from mqslam.core.frontend import Context
 from mqslam.errors import ConfigError
 from mqslam.execution.extras import describe_missing
 from mqslam.frontends.icp_covariance import Surface
-from mqslam.frontends.keyframe_matching import KeyframeFrontEnd
-from mqslam.frontends.scan_matching import Matching, from_matrix, lift, to_matrix
+from mqslam.frontends.keyframe_matching import KeyframeMatcher
+from mqslam.frontends.scan_matching import Matching, MatchingFrontEnd, from_matrix, lift, to_matrix
 
 # Share of a scan's returns, and side of the map's voxels [m], with which the front end drifts least on its tuning drives.
 STRONGEST, VOXEL_M = 0.5, 1.0
@@ -25,7 +25,7 @@ _ITERATIONS = 30
 _LOSS = 1.0
 
 
-class Open3dIcpFrontEnd(KeyframeFrontEnd):
+class Open3dIcpFrontEnd(MatchingFrontEnd):
     """Matches each scan to a map of the last keyframes with Open3D, and starts as KISS-ICP's front end does.
 
     Raises:
@@ -33,12 +33,10 @@ class Open3dIcpFrontEnd(KeyframeFrontEnd):
     """
 
     def __init__(self, context: Context) -> None:
-        settings, is_generalized = (
-            Matching.of(context, STRONGEST, VOXEL_M),
-            context.config.open3d_icp.method == "generalized",
-        )
+        settings = Matching.of(context, STRONGEST, VOXEL_M)
+        is_generalized = context.config.open3d_icp.method == "generalized"
         registration = _Open3dRegistration(_import_open3d(), settings.voxel_size_m, is_generalized=is_generalized)
-        super().__init__(context, registration, settings)
+        super().__init__(context, settings, lambda: KeyframeMatcher(registration, settings))
 
 
 class _Open3dRegistration:

@@ -38,10 +38,10 @@ from mqslam.psi.tracking.tracker import Tracked, Tracker
 
 # Number of neighbouring scans that show by how much the motion of a scan departs from the motion model.
 _UNSTEADY_SCANS = 40
-# With fewer such scans, the process noise stands in for part of what the motion model leaves out.
+# With fewer such scans, part of the variance that the motion model does not explain is taken from the process noise.
 _UNSTEADY_LEAST = 8
 
-_GAIN = 10.0  # variance of a third difference of poses over that of a first difference, for independent errors: 20 / 2
+_GAIN = 10.0  # variance of third differences of poses over the variance of first differences, for independent errors: 20 / 2
 
 Motions = list[DirectedMotion | None]
 
@@ -126,7 +126,7 @@ def track(scans: Sequence[Scan], context: Context) -> Iterator[DirectedMotion]:
     """Yields the motions between successive scans, each scan matched to the scans that came before it in their order.
 
     Args:
-        scans: scans of a recording, or `ReversedScans` of it, which the tracker takes for a drive in reverse.
+        scans: scans of a recording, or its `ReversedScans`, in which the tracker sees a vehicle that drives in reverse.
         context: what the front end may know besides the scans, in the order of the recording.
 
     Raises:
@@ -182,10 +182,9 @@ def _bridge(begin: Tracked, then: list[Tracked]) -> list[DirectedMotion]:
 def _relate(a: Tracked, b: Tracked) -> DirectedMotion:
     """Returns the motion between two tracked scans; their errors relative to the map are taken as independent."""
     pose = se2.wrapped_between(a.pose, b.pose)
-    c, s = np.cos(a.state.yaw), np.sin(a.state.yaw)
-    by_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    by_start = -by_end.copy()
-    by_start[0, 2], by_start[1, 2] = pose[1], -pose[0]
+    by_end = se2.adjoint([0.0, 0.0, -a.state.yaw])
+    by_start = -by_end
+    by_start[:2, 2] = pose[1], -pose[0]
 
     def add_up(at_start: NDArray[np.float64], at_end: NDArray[np.float64]) -> NDArray[np.float64]:
         sum_of_both: NDArray[np.float64] = by_start @ at_start @ by_start.T + by_end @ at_end @ by_end.T

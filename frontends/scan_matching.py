@@ -1,4 +1,4 @@
-"""The common part of front ends that match each scan to a map of their own: how they start, and how they bridge gaps."""
+"""The common part of all front ends that match scans to a map of earlier scans: how they start, and how they bridge gaps."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ _START_RETURNS = 20
 _START_STEP_M = 2.0
 # A start at a slower speed is as good if it matches this share of the points that the best start matches.
 _START_AS_GOOD = 0.95
-# A track is lost where its motions differ by more than this speed [m/s] or yaw rate [rad/s] from those of a track backward
-# in time, on average over this time [s].
+# A track is lost where its motions and the motions of a track backward in time differ by more than this speed [m/s] or yaw
+# rate [rad/s], on average over this time [s].
 _LOST_SPEED, _LOST_RATE, _LOST_S = 1.0, 0.05, 2.0
 # Missing time between two scans, in durations of a scan, beyond which it is a gap.
 _GAP_TURNS = 0.5
@@ -197,6 +197,27 @@ class ScanTrack:
         return self.last
 
 
+class MatchingFrontEnd:
+    """A front end that matches each scan to a map of the scans before it.
+
+    Args:
+        context: what the front end may use besides the scans.
+        settings: how scans are matched.
+        new_matcher: makes a matcher that has seen no scan.
+    """
+
+    def __init__(self, context: Context, settings: Matching, new_matcher: Callable[[], ScanMatcher]) -> None:
+        self._context, self._settings, self._new_matcher = context, settings, new_matcher
+
+    def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
+        """Measures the motion from the start of each scan to the start of the next.
+
+        Raises:
+            EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
+        """
+        return match_scans(scans, self._new_matcher, self._context, self._settings.strongest)
+
+
 NewTrack = Callable[[float, se2.Array], ScanTrack]  # makes a track that begins at a time [s] with a twist (3,)
 
 
@@ -330,8 +351,8 @@ def _find_start(scans: Sequence[Scan], new_track: NewTrack, context: Context) ->
     """Returns a new track that begins with the twist over the first scan, and the match of this scan to the next scans.
 
     If there is odometry, its twist is the first guess. Otherwise several speeds are tried, because a matcher that starts at
-    rest catches up with a speed of three metres per scan, but not with more. The best fit wins, or the slowest speed of
-    those that fit about as well.
+    rest finds a speed of three metres per scan, but no higher speed. Of all speeds that fit about as well as the best one,
+    the slowest is taken.
 
     Raises:
         EstimationError: there are fewer than two scans, or hardly any returns in the first ones.

@@ -4,7 +4,7 @@ A track goes scan by scan, which keeps a single processor busy; segments are tra
 warms up on scans of the segment before it, so that its own scans meet a map that has grown. Over the last scans of the
 warm-up the motions pass gradually from one track to the next: a passage at one scan would add that scan's error in both
 maps, whereas a passage over many scans adds only the mean of their errors. The borders of the segments of one direction
-lie midway between those of the other direction, so that the two directions never begin anew at the same place.
+lie midway between the borders of the other direction, so that the two directions never begin anew at the same place.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def extend(track: list[DirectedMotion | None], begin: int, more: Sequence[Direct
     """Extends the motions of a track by the motions of the next track, and blends the two gradually where they overlap.
 
     Args:
-        track: motions from the recording's first scan on; None where there is no measurement.
+        track: motions since the recording's first scan; None where there is no measurement.
         begin: number of the first motion of the next track; the first track may have measured this motion, too.
         more: motions of the next track.
     """

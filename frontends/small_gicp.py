@@ -11,8 +11,8 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.errors import ConfigError
 from mqslam.execution.extras import describe_missing
-from mqslam.frontends.keyframe_matching import KeyframeFrontEnd
-from mqslam.frontends.scan_matching import Matching, from_matrix, lift, to_matrix
+from mqslam.frontends.keyframe_matching import KeyframeMatcher
+from mqslam.frontends.scan_matching import Matching, MatchingFrontEnd, from_matrix, lift, to_matrix
 
 # Share of a scan's returns, and side of the map's voxels [m], with which the front end drifts least on its tuning drives.
 STRONGEST, VOXEL_M = 0.5, 1.0
@@ -26,7 +26,7 @@ _NEIGHBOURS = 10
 _HEIGHTS = (-0.5, 0.0, 0.5)
 
 
-class SmallGicpFrontEnd(KeyframeFrontEnd):
+class SmallGicpFrontEnd(MatchingFrontEnd):
     """Matches each scan to a map of the last keyframes with small_gicp, and starts as KISS-ICP's front end does.
 
     Raises:
@@ -34,8 +34,8 @@ class SmallGicpFrontEnd(KeyframeFrontEnd):
     """
 
     def __init__(self, context: Context) -> None:
-        settings = Matching.of(context, STRONGEST, VOXEL_M)
-        super().__init__(context, _SmallGicpRegistration(_import_small_gicp()), settings)
+        settings, registration = Matching.of(context, STRONGEST, VOXEL_M), _SmallGicpRegistration(_import_small_gicp())
+        super().__init__(context, settings, lambda: KeyframeMatcher(registration, settings))
 
 
 class _SmallGicpRegistration:

@@ -59,7 +59,7 @@ _EXPLAINED = 0.9
 # psi's preference for one order of the azimuths counts only if its probability by chance is smaller than this.
 _ORDER_CHANCE = 5e-3
 # psi's preference counts only if the logarithm of the ratio of psi in the two orders is at least this. Simulated drives that
-# are too slow to tell the order show up to 0.010.
+# are too slow to show the order have up to 0.010.
 _ORDER_GAIN = 0.02
 # Yaw rate [rad/s], root mean square, below which left and right cannot be told apart.
 _LEAST_TURN = 0.03
@@ -86,7 +86,7 @@ _LEAST_RATIO = 0.1  # at a lower ratio, the two speeds have little in common, an
 
 
 class CheckVerdict(StrEnum):
-    """Whether the recording and the assumption agree."""
+    """The result of a check: whether the recording agrees with the assumption under which it was read."""
 
     OK = "ok"
     SUSPICIOUS = "suspicious"
@@ -115,7 +115,7 @@ class Check:
     """The outcome of all checks of a recording.
 
     Args:
-        findings: one per check.
+        findings: the outcome of each check.
         notes: what a user should know about how the recording was understood.
         read: number of polar scans that were read.
         scans: number of polar scans in the recording.
@@ -195,7 +195,7 @@ def _measure_ranges(stretches: Sequence[Stretch], settings: Config, beam: Beam) 
 
 
 def check_ranges(recording: Recording, stretches: Sequence[Stretch], settings: Config, beam: Beam) -> list[CheckFinding]:
-    """Checks whether psi shows another range offset than the one in use; returns nothing if too few stretches show it.
+    """Checks whether psi shows another range offset than the offset in use; returns [] if too few stretches show one.
 
     Args:
         recording: the recording.
@@ -308,7 +308,7 @@ def check_order(followed: FollowedStretches) -> CheckFinding:
         return CheckFinding(
             name,
             CheckVerdict.UNTOLD,
-            f"{both}, which is about the same; a faster drive or one with turns would tell",
+            f"{both}, which is about the same; a faster drive or a drive with turns would show the order",
             numbers,
         )
     if middle > 0.0:
@@ -325,7 +325,7 @@ def _check_mirror(recording: Recording, steps: Steps, odometry: Trajectory) -> O
     turning = float(np.sqrt(np.mean(steps.of(odometry)[:, 2] ** 2)))
     ratio = opposite / max(same, _YAW_RATE_FLOOR**2)
     if turning < _LEAST_TURN or 1.0 / _MIRRORED < ratio < _MIRRORED:
-        text = f"odometry turns at {turning:.3f} rad/s, which is too slow, or too different from the radar's rate, to tell"
+        text = f"odometry turns at {turning:.3f} rad/s: too slowly, or too unlike the radar, to compare directions"
         return CheckVerdict.UNTOLD, text, numbers
     both = f"yaw rates differ from odometry's by {same**0.5:.3f} rad/s, mirrored by {opposite**0.5:.3f} rad/s"
     if ratio > 1.0:

@@ -34,7 +34,7 @@ R = TypeVar("R")
 _ANSWER_S = 10.0  # how long a scheduler and its first worker may take to answer
 _LOOK_S = 15.0  # time between two checks for workers; a cluster without workers at two checks in a row is lost
 _LOSSES = 3  # how many times in a row the shared data is sent again after all of its copies are lost
-_TASKS = 8  # number of tasks per worker into which items are grouped if there are many
+_TASKS = 8  # number of tasks per worker into which many items are grouped
 _SMALL = 10_000  # bytes; smaller data travels with each task and cannot be lost with a worker
 _LOGGERS = ("distributed", "distributed.client", "tornado")  # names of Dask's own loggers
 

@@ -19,7 +19,7 @@ _LIBRARIES: Final = {  # names of libraries for messages, by the names that `des
     "view": "Rerun",
     "cluster": "Dask",
 }
-# Names of the extras in pyproject.toml that differ from those above.
+# Names of the extras in pyproject.toml, where they differ from the names above.
 _EXTRAS: Final = {"small_gicp": "small-gicp", "pcd": "clouds", "las": "clouds"}
 
 

@@ -143,7 +143,7 @@ def _give_back(out: Path, lock: Lock) -> None:
 
 
 def _list_left(out: Path, lock: Lock, word: str) -> list[Path]:
-    """Lists the folders beside `out` that killed commands have left behind and noted in its lock after the given word."""
+    """Lists the folders beside `out` that killed commands have left behind, and that its lock notes after the given word."""
     names = [note.partition(" ")[2] for note in lock.notes if note.startswith(f"{word} .{out.name}.{word}")]
     left = [out.with_name(name) for name in names if "/" not in name]
     return [folder for folder in left if folder.is_dir() and not folder.is_symlink()]
@@ -226,7 +226,7 @@ def list_entries(folder: Path) -> list[PurePosixPath]:
 
 
 def list_written(folder: Path, entries: Iterable[PurePosixPath]) -> list[PurePosixPath]:
-    """Returns the entries of a folder whose names are among those that mqslam writes."""
+    """Returns the entries of a folder that have names of files that mqslam writes."""
     names = (*_NAMES, *_ROWS.split()) if (folder / "compare.json").is_file() else _NAMES
     return [entry for entry in entries if any(_matches(entry, name) for name in names)]
 

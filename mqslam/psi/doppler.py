@@ -2,9 +2,9 @@
 
 A frequency-modulated radar measures a wrong range to a target that it approaches: the error is beta times the closing
 speed. A target that passes from ahead to behind is therefore displaced by twice this error, and a map rendered with the
-wrong beta is blurred. The radar's beta is the one that makes short stretches of the recording crispest. A wrong length of
+wrong beta is blurred. The measured beta is the value that makes short stretches of the recording crispest. A wrong length of
 the range bins and a range offset bend a map in much the same way, and short stretches give inexact values. The measured
-beta is therefore combined with the usual one of such radars.
+beta is therefore combined with the usual beta of such radars.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _STRETCHES, _STRETCH_SCANS = 4, 12
 _STEP_S, _STEPS = 0.05, 2
 # Share by which a Doppler shift must lower psi to be believed.
 _DOPPLER_GAIN = 0.003
-# A smaller Doppler shift counts as zero [s]: it moves returns by a tenth of their own error.
+# A smaller Doppler shift counts as zero [s]: it moves returns by only a tenth of their range error.
 _DOPPLER_LEAST = 0.01
 
 _USUAL_S: Final = 0.045  # shift of Navtech's radars: carrier over slope of the chirp is 0.03 to 0.06 s
@@ -57,8 +57,8 @@ class Doppler(NamedTuple):
 def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorConfig, engine: Engine) -> Doppler:
     """Measures the Doppler shift that makes the recording's map crispest.
 
-    The result is zero if no shift makes the map crisper, unless most stretches each show a shift that is usual for such
-    radars.
+    The result is zero if no shift makes the map clearly crisper, unless most stretches show a shift that is usual for radars
+    of this kind.
 
     Args:
         scans: scans of the recording.

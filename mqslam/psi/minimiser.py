@@ -87,7 +87,7 @@ class Search(NamedTuple):
         first: step of the annealing that the search begins with; a good start needs no wide widths.
         settled: a step shorter than this [standard deviations] ends the search; with zero, only the tolerances end it.
         foresees: whether each step at the final widths is extended to where the following steps would lead. Where psi is
-            flat, such a search needs a prior that holds the state; without a prior the state wanders farther.
+            flat, such a search needs a prior on the state, which would otherwise drift away.
         share: factor on the first widths of the annealing.
         correlation: number of returns that count as one independent measurement; psi is divided by this number before the
             prior is added.

@@ -6,10 +6,10 @@ that a motion cannot undo. Short stretches of the recording are rendered under t
 and a correction of the trajectory, linear between a few knots, are the state, and psi is minimised over it. The Schur
 complement of the curvature removes the correction; what is left is the information of the stretch about the two errors.
 
-A wrong length of the range bins scales map and motion alike: psi shows nothing of it. A constant angle between the first
-azimuth and straight ahead turns the whole map: only other sensors show it. Objects with depth, such as hedges, are seen
-behind their surface, and walls seen at a slant before it. This adds to the offset that psi shows, and no drive tells the
-two apart, so the offset has a standard deviation of a tenth of a metre besides that of the data.
+psi cannot show a wrong length of the range bins, which scales map and motion alike. Nor can it show a constant angle between
+the first azimuth and straight ahead, which only rotates the whole map. Objects with depth, such as hedges, are seen behind
+their surface, and walls at a slant in front of it. This changes the offset that psi shows, and no drive can separate the two
+effects. The standard deviation of the offset therefore includes a tenth of a metre for them.
 """
 
 from __future__ import annotations
@@ -44,9 +44,7 @@ _FIRST_STEP: Final = 2  # step of the annealing that the search begins with: its
 _ROBUST: Final = 2.0  # stretches farther from the mean than this, in units of the usual distance, count for less
 _SURE: Final = 3.0  # number of standard deviations beyond which a range offset contradicts the offset in use
 _MEDIAN: Final = 1.386  # by definition: median of a chi-square with two degrees of freedom
-_DEPTH_M: Final = (
-    0.1  # spread of the offset over kinds of objects: -0.13 to 0.01 m in four simulated worlds without an offset
-)
+_DEPTH_M: Final = 0.1  # spread of the offset over kinds of objects: -0.13 to 0.01 m in four simulated worlds with offset 0
 _SHIFT_S: Final = 0.002  # spread of the Doppler shift in the same worlds
 
 
@@ -56,7 +54,7 @@ class RangeErrors(NamedTuple):
     Args:
         offset: true range of an object at rest minus its range among the returns [m], which a stated offset has corrected.
         beta: range shift per closing speed [s].
-        covariance: (2, 2) of the two, from their spread over the stretches and over kinds of objects.
+        covariance: (2, 2) covariance of offset and shift, from their spread over the stretches and over kinds of objects.
         lengthening: relative change of all lengths of the trajectory per metre of range offset [1/m].
         stretches: number of stretches that show the errors.
     """

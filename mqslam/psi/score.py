@@ -63,7 +63,7 @@ class Scale(NamedTuple):
 
 
 class Kernel(NamedTuple):
-    """The parameters of the score besides its widths.
+    """The parameters of the score that stay the same during the annealing; `Scale` holds the widths, which change.
 
     Args:
         revolution_s: duration of a revolution of the radar [s]. A neighbour measured less than a revolution before or after

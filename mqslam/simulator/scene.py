@@ -30,7 +30,7 @@ def _no_rows(columns: int) -> Array:
 
 @dataclass(frozen=True)
 class Scene:
-    """The reflecting things of a world. A reflectivity of 1 is that of a house wall, and for poles that of a lamp post.
+    """The reflecting things of a world. House walls have a reflectivity of 1, and so have lamp posts among the poles.
 
     Args:
         walls: (W, 6) x0 [m], y0 [m], x1 [m], y1 [m], reflectivity, opacity 0..1; parked vehicles are four walls each.
@@ -267,7 +267,7 @@ def _furnish(rng: np.random.Generator, start: Array, heading: float, length: flo
 
 
 def _traffic(rng: np.random.Generator, number: int) -> Array:
-    """Returns vehicles (number, 9) on those lanes of a street scene that a drive round the middle block does not use."""
+    """Returns vehicles (number, 9) on the lanes of a street scene that a drive round the middle block does not use."""
     inner, outer = [], []
     for quarter in range(4):
         heading = quarter * np.pi / 2.0

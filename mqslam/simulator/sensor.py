@@ -180,7 +180,7 @@ def render_polar_scan(
 
 
 def _keep_near(scene: Scene, poses: se2.Array, max_range: float) -> Things:
-    """Returns the things of a scene without those walls, poles and plants that are out of range from all poses (A, 3)."""
+    """Returns the things of a scene without the walls, poles and plants that are out of range from all poses (A, 3)."""
     middle = poses[len(poses) // 2, :2]
     reach = max_range + np.hypot(*(poses[:, :2] - middle).T).max() + 2.0  # the margin covers the size of any thing
     starts, along = scene.walls[:, :2], scene.walls[:, 2:4] - scene.walls[:, :2]

@@ -1,6 +1,6 @@
 """Bounds on the memory that a ROS bag can make rosbags use, since rosbags itself takes as much as a bag asks for.
 
-Bounded functions replace those with which rosbags unpacks data, opens databases, and parses profiles and message
+Bounded functions replace the functions with which rosbags unpacks data, opens databases, and parses profiles and message
 definitions.
 """
 

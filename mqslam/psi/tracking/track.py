@@ -98,7 +98,7 @@ class Track:
         return self._begin_again(k) if len(self._lost) == self._patience else k + 1
 
     def _begin_again(self, k: int) -> int:
-        """Gives the map up if the last lost scans show a motion of their own; returns the number of the next scan."""
+        """Begins a new map if the last lost scans alone show a motion; returns the number of the next scan to track."""
         first = self._lost[-START_SCANS]
         before, self._lost = self._lost, []
         if self._resume(first):

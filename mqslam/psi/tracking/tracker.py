@@ -148,7 +148,7 @@ class Tracker:
         """Finds the motion of the first scans by psi and begins the map with the first of these scans.
 
         Args:
-            scans: the first scans: `START_SCANS` if there are as many, and two at least.
+            scans: the first `START_SCANS` scans, or fewer if the recording has fewer, but at least two.
             begin: (3,) twist near the truth, or None for an exhaustive search.
             odometry: (3,) twist from odometry: a second start for the minimiser where psi does not observe every direction.
 
@@ -237,7 +237,7 @@ class Tracker:
             bridged = self._last.predict(scan, self._settings)
             after = self._find_motion_after(scans, bridged)
         if after is not None:
-            # the motion before a pause or a jump of the clock tells nothing of the motion after it
+            # the motion before a pause or a jump of the clock does not predict the motion after it
             join = correct_motion if dt <= LONGEST_COAST_S else replace_motion
             bridged = join(bridged, after.motion, after.covariance)
         if twist is not None:
@@ -261,8 +261,8 @@ class Tracker:
 
         The first scans were matched to a map of a few scans whose own motion was hardly known. The later half of the
         scans keeps its poses; the earlier half is matched to the later half backward in time, the latest scan first. If a
-        scan does not match there, it and all earlier scans keep their first motions, and move along with the scan after
-        them.
+        scan does not match there, the motions between this scan, all earlier scans and the next scan stay as they were first
+        measured.
 
         Args:
             scans: scans of the track so far.

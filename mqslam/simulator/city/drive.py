@@ -25,7 +25,9 @@ CORNER = 8.0
 BEND = 8.0
 """Distance before a bend within a street at which the path begins to turn [m]."""
 ROUNDING = 0.47
-"""Length of a corner's Bezier handles as a share of the distance between its ends; those of an arc are slightly shorter."""
+"""Length of the handles of a corner's Bezier curve, as a share of the distance between the corner's ends.
+
+The handles of an arc would be slightly shorter."""
 PATH_SMOOTHING, TIME_SMOOTHING = 2.5, 0.5
 """Standard deviations of the smoothing of the path [m] and of the progress along it [s]."""
 WANDER, WANDER_LENGTH = 0.12, 25.0

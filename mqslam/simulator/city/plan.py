@@ -89,7 +89,7 @@ class CityPlan:
         return reach
 
     def driven_streets(self) -> tuple[Street, ...]:
-        """Returns the streets that a drive can use: those for vehicles, without those at the edge of the net."""
+        """Returns the streets that a drive can use: all streets for vehicles that are not at the edge of the net."""
         return tuple(s for s in self.streets if s.kind != "footway" and _is_inside(s.ends))
 
 
@@ -280,7 +280,7 @@ def distance_to_pieces(points: Array, starts: Array, ends: Array) -> Array:
 
 
 def draw_inside(rng: np.random.Generator, polygon: Array, number: int) -> Array:
-    """Draws `number` points in the box around a polygon, and returns those (M, 2) that lie in the polygon."""
+    """Draws `number` points in the box around a polygon, and returns the points (M, 2) that lie in the polygon."""
     low, high = polygon.min(axis=0), polygon.max(axis=0)
     points = rng.uniform(low, high, (number, 2))
     return np.asarray(points[contains(polygon, points)])
