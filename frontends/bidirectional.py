@@ -93,14 +93,9 @@ class ReversedScans(Sequence[Scan]):
         """
         if self._instant:  # both directions measure motions between the same instants
             return [_invert(match) for match in reversed(backward)]
-        at_once = [follows_at_once(a, b) for a, b in pairwise(self._scans)]
-        turned: list[DirectedMotion | None] = []
-        for k in range(len(backward)):
-            if k == 0 or not (at_once[k - 1] and at_once[k]):
-                turned.append(None)
-                continue
-            turned.append(_invert(backward[len(backward) - k]))
-        return turned
+        at_once = pairwise(follows_at_once(a, b) for a, b in pairwise(self._scans))
+        after_first = zip(backward[:0:-1], at_once, strict=True)
+        return [None, *(_invert(match) if all(both) else None for match, both in after_first)][: len(backward)]
 
     def _turn_instant(self, scan: Scan) -> Scan:
         """Returns a scan of one instant, at which the reversed scan begins, too."""

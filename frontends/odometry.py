@@ -38,14 +38,12 @@ class OdometryFrontEnd:
             EstimationError: the odometry does not cover the scans.
         """
         for before, scan in pairwise(scans):
-            yield self._measure_motion(before.t0, scan)
-
-    def _measure_motion(self, t0: float, scan: Scan) -> Measurement:
-        stamps = self._start_us + np.round(np.array([t0, scan.t0]) * 1e6).astype(np.int64)
-        if not self._odometry.covers(int(stamps[0]), int(stamps[1])):
-            raise EstimationError(f"the odometry does not cover {t0:.2f} s to {scan.t0:.2f} s of the recording")
-        first, last = self._odometry.at(stamps)
-        pose = se2.wrapped_between(first, last)
-        along = SIGMA_REST_M + self._settings.sigma_travel * float(np.hypot(pose[0], pose[1]))
-        yaw = self._settings.sigma_yaw_rate * (scan.t0 - t0)
-        return Measurement(t0, scan.t0, pose, np.diag([along**2, along**2, yaw**2]), points=len(scan.returns))
+            t0 = before.t0
+            stamps = self._start_us + np.round(np.array([t0, scan.t0]) * 1e6).astype(np.int64)
+            if not self._odometry.covers(int(stamps[0]), int(stamps[1])):
+                raise EstimationError(f"the odometry does not cover {t0:.2f} s to {scan.t0:.2f} s of the recording")
+            first, last = self._odometry.at(stamps)
+            pose = se2.wrapped_between(first, last)
+            along = SIGMA_REST_M + self._settings.sigma_travel * float(np.hypot(pose[0], pose[1]))
+            yaw = self._settings.sigma_yaw_rate * (scan.t0 - t0)
+            yield Measurement(t0, scan.t0, pose, np.diag([along**2, along**2, yaw**2]), points=len(scan.returns))

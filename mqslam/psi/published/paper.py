@@ -23,8 +23,8 @@ from mqslam.core import se2
 from mqslam.core.motion import CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
 from mqslam.detection.stage import detect_stretch
-from mqslam.errors import OutputError, Remedy
-from mqslam.execution.files import write_aside
+from mqslam.errors import Remedy
+from mqslam.execution.files import blame_output, write_aside
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.progress import Progress, ignore_progress
 from mqslam.psi.minimiser import kernel_of
@@ -323,10 +323,8 @@ def write_figures(out: Path, seed: int = 1) -> Iterator[tuple[Path, str]]:
     Raises:
         OutputError: the folder cannot be written to.
     """
-    try:
+    with blame_output(out, "made", Remedy.CHOOSE_OUTPUT):
         out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
     maps = render_figure2(seed)
     label = f"v {_MOTION_2[0]:g} m/s, omega {_MOTION_2[1]:g} rad/s"
     yield _write_figure(out / "figure2.png", [maps], [label]), _format_scores(maps)

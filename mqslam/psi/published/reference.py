@@ -31,9 +31,8 @@ def score_reference(
     shares, gradient = np.zeros(n), np.zeros(size)
     matched = np.zeros(n, dtype=bool)
     pairs = 0
-    tree = cKDTree(points) if n else None
+    tree = cKDTree(points)
     for i in range(n):
-        assert tree is not None
         j = np.array([k for k in tree.query_ball_point(points[i], config.s) if k != i], dtype=np.int64)
         offset = points[i] - points[j]
         s = np.sqrt((offset**2).sum(axis=1))
@@ -109,7 +108,8 @@ def evaluate_reference(
         centroid = kappa @ offset
         e = -centroid
         scatter = np.einsum("k,ka,kb->ab", kappa, offset - centroid, offset - centroid)  # S_kappa
-        sigma = _make_matrix(queries.covariances[i] + kappa @ references.covariances[near]) + blur * np.eye(2)
+        xx, xy, yy = queries.covariances[i] + kappa @ references.covariances[near]
+        sigma = np.array([[xx + blur, xy], [xy, yy + blur]])
         jacobian = queries.jacobians[i]
         if moving_references:
             jacobian = jacobian - np.einsum("k,kap->ap", kappa, references.jacobians[near])
@@ -122,9 +122,3 @@ def evaluate_reference(
         followed = np.eye(2) - 2.0 * scatter / scale.beta_s**2  # how the offset changes as the point moves
         curvature += lorentz**2 * jacobian.T @ inverse @ followed @ jacobian
     return PsiEvaluation(shares, matched, scores, information, 0.5 * (curvature + curvature.T))
-
-
-def _make_matrix(terms: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the symmetric (2, 2) matrix with the terms xx, xy, yy."""
-    xx, xy, yy = terms
-    return np.array([[xx, xy], [xy, yy]])
