@@ -48,7 +48,7 @@ class DirectedMotion(NamedTuple):
 
 
 class ReversedScans(Sequence[Scan]):
-    """The scans of a recording that is played backward, the last one first; each scan is made when it is asked for.
+    """The scans of a recording that is played backward, the last scan first; each scan is made when it is read.
 
     If the recording's next scan follows a scan at once, the reversed scan begins at the instant at which that next scan
     starts. Both directions then measure motions between the same instants.
@@ -98,7 +98,7 @@ class ReversedScans(Sequence[Scan]):
         return [None, *(_invert(match) if all(both) else None for match, both in after_first)][: len(backward)]
 
     def _turn_instant(self, scan: Scan) -> Scan:
-        """Returns a scan of one instant, at which the reversed scan begins, too."""
+        """Reverses a scan that was taken in one instant; the reversed scan begins at this instant, too."""
         begin, r = self.end - scan.t0, scan.returns
         return Scan(begin, begin + scan.t1 - scan.t0, replace(r, times=np.full(len(r), begin)))
 
@@ -151,7 +151,7 @@ def join(
 
 
 def _compare(forward: DirectedMotion, backward: DirectedMotion, shared: float) -> Twice:
-    """Returns the difference of two measurements of one motion, with variances on the axes that both observe."""
+    """Returns the difference of two measurements of one motion; its variances are NaN on axes that one does not observe."""
     f, b = forward.motion, backward.motion
     variances = (1.0 - shared) * np.diag(f.covariance + b.covariance)
     seen = [
@@ -168,7 +168,7 @@ def _scale(match: DirectedMotion, scale: NDArray[np.float64]) -> Measurement:
 
 
 def _find_regaining(motions: Sequence[tuple[Measurement, Measurement | None]], shared: float) -> list[tuple[bool, bool]]:
-    """Finds the motions over which one direction of time is still on its way back from a wrong position to the right one.
+    """Finds the motions in which one direction of time returns from a wrong position to the right position.
 
     A scan whose pose psi does not observe is put where it was predicted, and joins the map there. The scans after it, in
     the order of the track, are matched to a map that is partly wrong, and come back to their right positions only step

@@ -36,7 +36,14 @@ class Registration(Protocol):
         ...
 
     def register(self, source: Any, target: Any, reach_m: float, begin: se2.Array) -> se2.Array:
-        """Returns the pose (3,) of a cloud in another one, found from a start pose with correspondences within a reach."""
+        """Returns the pose (3,) of the cloud `source` in the frame of the cloud `target`.
+
+        Args:
+            source: the cloud whose pose is found.
+            target: the cloud in whose frame the pose is.
+            reach_m: longest distance between corresponding points [m].
+            begin: (3,) pose at which the registration begins.
+        """
         ...
 
 

@@ -32,7 +32,7 @@ _REACH = 3.0  # KISS-ICP looks for correspondences within this many of its adapt
 
 
 class KissIcpFrontEnd(MatchingFrontEnd):
-    """Matches each scan with KISS-ICP, as a planar point cloud with a time per point.
+    """A front end that matches each scan, as a planar point cloud with a time per point, with KISS-ICP.
 
     KISS-ICP begins at rest and predicts by its last motion, so that it loses the first scans of a recording that begins
     on the move. Here it finds its first motion itself, from the first scans (`scan_matching.match_scans`): it runs over

@@ -18,7 +18,7 @@ SIGMA_REST_M = 0.01
 
 
 class OdometryFrontEnd:
-    """Takes the motions from the odometry of the context.
+    """A front end that takes the motions from the odometry of the context.
 
     Raises:
         EstimationError: there is no odometry.

@@ -26,7 +26,7 @@ _LOSS = 1.0
 
 
 class Open3dIcpFrontEnd(MatchingFrontEnd):
-    """Matches each scan to a map of the last keyframes with Open3D, and starts as KISS-ICP's front end does.
+    """A front end that matches each scan to a map of the last keyframes with Open3D.
 
     Raises:
         ConfigError: Open3D cannot be imported.
@@ -55,7 +55,7 @@ class _Open3dRegistration:
         self._is_generalized = is_generalized
 
     def register(self, source: Any, target: Any, reach_m: float, begin: se2.Array) -> se2.Array:
-        """Returns the pose (3,) of a cloud in another one; see `Registration`."""
+        """Returns the pose (3,) of the cloud `source` in the frame of the cloud `target`; see `Registration`."""
         registration = self._open3d.pipelines.registration
         criteria = registration.ICPConvergenceCriteria(max_iteration=_ITERATIONS)
         if self._is_generalized:

@@ -87,7 +87,7 @@ class PlacedScan:
 
 
 class ScanMatcher(Protocol):
-    """Matches scans to a map that it builds from them."""
+    """A matcher of scans to a map, which it builds from these scans."""
 
     reference: float
     """The time within a scan for which a match states the pose: 0 is the scan's beginning, 1 its end."""
@@ -129,7 +129,7 @@ class Step:
 
 
 class ScanTrack:
-    """Follows scans through a matcher, forwards or backwards in time.
+    """A track of scans that a matcher matches one after the other, forwards or backwards in time.
 
     Args:
         matcher: a matcher that has seen no scan yet.

@@ -27,7 +27,7 @@ _HEIGHTS = (-0.5, 0.0, 0.5)
 
 
 class SmallGicpFrontEnd(MatchingFrontEnd):
-    """Matches each scan to a map of the last keyframes with small_gicp, and starts as KISS-ICP's front end does.
+    """A front end that matches each scan to a map of the last keyframes with small_gicp.
 
     Raises:
         ConfigError: small_gicp cannot be imported.
@@ -53,7 +53,7 @@ class _SmallGicpRegistration:
         self._small_gicp = small_gicp
 
     def register(self, source: Any, target: Any, reach_m: float, begin: se2.Array) -> se2.Array:
-        """Returns the pose (3,) of a cloud in another one; see `Registration`."""
+        """Returns the pose (3,) of the cloud `source` in the frame of the cloud `target`; see `Registration`."""
         (cloud, _), (map_cloud, tree) = source, target
         result = self._small_gicp.align(
             map_cloud, cloud, tree, to_matrix(begin), max_correspondence_distance=reach_m, max_iterations=_ITERATIONS

@@ -178,7 +178,7 @@ def check_recording(
 
 
 def read_spread(recording: Recording, settings: Config, progress: Callable[[int, int], object]) -> list[Stretch]:
-    """Reads the stretches that show errors of the ranges; none if the recording has too few without gaps."""
+    """Reads stretches on which errors of the ranges are measured; returns [] if the recording has too few without gaps."""
     if len(choose_spans(recording, None, _SPREAD)) < FEWEST_STRETCHES:
         return []
     return read_stretches(recording, None, settings.detector, progress, _SPREAD)

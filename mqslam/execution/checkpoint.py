@@ -129,7 +129,7 @@ class Checkpoint:
         return any(self._folder.glob("*.npz"))
 
     def find(self, kept: Kept[R]) -> R | None:
-        """Returns the result of a kind; None if the checkpoint does not hold it, or its file is damaged."""
+        """Returns the kept result of a kind; None if the checkpoint does not hold it, or if its file is damaged."""
         try:
             with (
                 untrusted.check_file(self._folder / kept.file).open("rb") as file,

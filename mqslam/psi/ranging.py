@@ -111,7 +111,7 @@ class _StretchErrors:
 def measure_range_errors(
     scans: Scans, poses: se2.Array, estimator: EstimatorConfig, beam: Beam, engine: Engine
 ) -> RangeErrors | None:
-    """Measures range offset and Doppler shift of a recording from stretches under its trajectory.
+    """Measures range offset and Doppler shift on stretches of a recording, which are rendered under its trajectory.
 
     Args:
         scans: scans of the recording.
@@ -145,7 +145,7 @@ def measure_on_stretches(
 
 
 def choose_stretches(scans: Scans, poses: se2.Array) -> list[int]:
-    """Returns the first scans of stretches without gaps, of enough path, that do not overlap, spread over the recording."""
+    """Returns the number of the first scan of each stretch; stretches do not overlap, and have no gaps and enough path."""
     travelled = se2.path_lengths(poses)
     gapless = np.r_[0, np.cumsum(np.diff(scans.start_times) > 1.5 * scans.revolution_s)]
     begins = np.arange(max(len(scans) - STRETCH_SCANS + 1, 0))

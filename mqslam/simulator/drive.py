@@ -55,7 +55,7 @@ class ConstantDrive(Drive):
 
 @dataclass(frozen=True)
 class SampledDrive(Drive):
-    """A drive along the cubic spline through sampled poses with sampled velocities; its end pieces go on past the samples.
+    """A drive along the cubic spline through sampled poses with sampled velocities, which also applies beyond the samples.
 
     Args:
         times: (N,) [s], increasing.

@@ -61,7 +61,7 @@ _SEARCH_M, _SEARCH_RAD = (3.0, 30.0), (0.05, 0.8)
 
 @dataclass(frozen=True, slots=True)
 class Matcher:
-    """Matches the scans of a track to a map.
+    """A matcher of the scans of a track to a map, with its settings.
 
     Args:
         settings: settings of the tracker.

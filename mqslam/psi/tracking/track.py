@@ -27,7 +27,7 @@ _YOUNG_LEAST = 6
 
 
 class Track:
-    """Tracks the scans of a recording in their order, and holds scans back as long as they may be measured again.
+    """The track of a recording: its scans are tracked in their order, and held back while they may be measured again.
 
     Args:
         scans: all scans of the recording.

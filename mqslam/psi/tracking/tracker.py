@@ -105,7 +105,7 @@ class Tracked:
 
 
 class Tracker:
-    """Follows a recording scan by scan.
+    """A tracker that matches one scan after the other to a map of the last keyframes.
 
     Args:
         settings: settings of the tracker.
