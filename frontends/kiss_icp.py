@@ -139,7 +139,7 @@ def _load_config(path: Path) -> Any:
         known: dict[str, Any] = getattr(KISSConfig.model_fields[section].annotation, "model_fields", {})
         unknown = [key for key in values if key not in known] if known else []
         if unknown:
-            raise ConfigError(f"{path}: unknown setting {section}.{unknown[0]}; known are {', '.join(known)}")
+            raise ConfigError(f"{path}: unknown setting {section}.{unknown[0]}; choose one of {', '.join(known)}")
     for name, value in (("mapping.voxel_size", config.mapping.voxel_size), ("data.max_range", config.data.max_range)):
         if not value > 0.0:
             raise ConfigError(f"{path}: {name}: must be greater than 0")

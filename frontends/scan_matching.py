@@ -185,14 +185,12 @@ class ScanTrack:
         moved = se2.wrapped_between(self.last.pose, match.pose)
         self.twist = se2.log(moved) / elapsed
         self._motion = moved if follows else None
-        covariance = np.zeros((3, 3))
-        if with_covariance and self._instants:
-            covariance = match.compute_covariance()
-        elif with_covariance:
-            # a scan that is deskewed by the predicted motion fits at half its duration; its end is off by half the error of
-            # that motion
+        covariance = match.compute_covariance() if with_covariance else np.zeros((3, 3))
+        if with_covariance and not self._instants:
+            # a scan that is deskewed by the predicted motion fits best at half its duration: at its end, the pose is off by
+            # half the error of that motion
             off = 0.5 * se2.wrapped_between(predicted, match.pose)
-            covariance = match.compute_covariance() + np.diag(off**2)
+            covariance = covariance + np.diag(off**2)
         self.last = Step(time, match.pose, covariance, match.matched, 0.0)
         return self.last
 

@@ -88,7 +88,7 @@ def _check_versions(client: Client, address: str) -> None:
         raise ClusterError(f"{address}: a machine lacks mqslam ({error}); install it there") from error
     for where, version in versions.items():
         if version != __version__:
-            raise ClusterError(f"{where}: has mqslam {version}; install {__version__} as on this machine")
+            raise ClusterError(f"{where}: has mqslam {version}; install {__version__} there, as on this machine")
 
 
 def _version() -> str:  # machines with another version of mqslam look this function up by its name

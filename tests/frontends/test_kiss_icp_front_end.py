@@ -42,7 +42,7 @@ FAULTS = {
     "not YAML": ("mapping: [", "is not a YAML file"),
     "not settings": ("- 1\n- 2\n", "is not a YAML file"),
     "unknown section": ("maping: {voxel_size: 1.0}", "maping"),
-    "unknown setting": ("mapping: {voxel: 1.0}", r"mapping\.voxel.*known are voxel_size"),
+    "unknown setting": ("mapping: {voxel: 1.0}", r"mapping\.voxel.*choose one of voxel_size"),
     "wrong type": ("data: {max_range: far}", r"data\.max_range"),
     "null for a number": ("registration: {max_num_iterations: null}", "is not a YAML file"),
     "no voxel": ("mapping: {voxel_size: 0.0}", r"mapping\.voxel_size: must be greater than 0"),
