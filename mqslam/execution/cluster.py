@@ -260,7 +260,7 @@ class DaskEngine:
         return bool(self._client.status != "running")
 
     def _describe_loss(self, error: Exception | None) -> ClusterError:
-        """Returns the error for a lost cluster: if `error` is None or a timeout, no workers are left, else no connection."""
+        """Returns the error for a lost cluster; an `error` of None or a timeout means that no workers are left."""
         unmanned = error is None or isinstance(error, TimeoutError)
         what = "has no workers left" if unmanned and not self._lost else "the connection to the scheduler is lost"
         return ClusterError(f"{self._address}: {what}")

@@ -209,7 +209,7 @@ def _list_tolerances(model: MotionModel) -> NDArray[np.float64]:
 
 
 def _find_basins(scores: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """Finds row and column of each cell of a grid of scores (V, W) no higher than its neighbours, the lowest cell first."""
+    """Finds the row and the column of each local minimum of a grid of scores (V, W), the lowest minimum first."""
     lowest = minimum_filter(scores, size=3, mode="nearest") == scores
     cells = np.argwhere(lowest)
     order = np.argsort(scores[lowest], kind="stable")

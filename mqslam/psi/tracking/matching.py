@@ -223,7 +223,7 @@ class Matcher:
         return Belief(State(minimum.state), invert(safe + prior_information, 1.0 / TOLERANCES))
 
     def _is_distinct(self, rise: NDArray[np.float64], points: NDArray[np.float64]) -> bool:
-        """Returns whether the points' shares of psi rise (N,) in sum by more than chance, given the rise of each object."""
+        """Returns whether psi rises by more than chance, given the rise (N,) of each point's share of psi."""
         by_object = sum_by_object(rise[:, None], points, self.matching.cluster_m)
         return bool(by_object.sum() > _DISTINCT_SIGMAS * np.sqrt(np.sum(by_object**2)))
 
@@ -244,7 +244,7 @@ class Matcher:
         return best
 
     def _mark_near(self, scan: Scan, minimum: Minimum, into: LocalMap) -> NDArray[np.bool_]:
-        """Marks the points (N,) of a scan that have a reference in reach of the widest scale at a match."""
+        """Returns for each point (N,) of a scan at a match whether a reference is within the reach of the widest scale."""
         points = self.place(scan, State(minimum.state)).points
         return np.asarray(mark_near(into.references.grid, points, self.matching.s_start))
 

@@ -62,7 +62,7 @@ class Usual:
 
 
 class PredictionErrors:
-    """The errors of the last scans' predictions, which decide how wide the match of the next scan begins.
+    """The errors of the last scans' predictions, which decide at which width the match of the next scan begins.
 
     Among vehicles that keep pace with the sensor, a second motion explains many returns. A search that begins wide may
     end at that motion; a narrow search from a good prediction does not.

@@ -203,13 +203,13 @@ class Blindness:
 
     @property
     def pose(self) -> NDArray[np.float64]:
-        """(3,) standard deviations of a scan's start pose [m, m, rad]: half the variance of a step, which has two poses."""
+        """(3,) standard deviations of a scan's start pose [m, m, rad]: each of a step's two poses has half its variance."""
         return np.asarray(self.step[[0, 0, 1]] * _HALF)
 
 
 @dataclass(frozen=True, slots=True)
 class LastMatch:
-    """The last scan that was matched, from which the next ones are predicted.
+    """The last scan that was matched, from which the next scans are predicted.
 
     Args:
         t0: start of the scan [s].
@@ -377,7 +377,7 @@ def limit_step(turn_s: float) -> float:
 
 
 def hold_directions(prior: Prior, weak: NDArray[np.float64]) -> Prior:
-    """Returns a prior, made stiff along directions (K, 3) that psi does not observe: for pose, twist and acceleration."""
+    """Returns a prior that keeps pose, twist and acceleration at the mean along directions (K, 3) not observed by psi."""
     along = _follow_directions(weak, prior.mean[YAW]) / TOLERANCES
     return Prior(prior.mean, prior.information + along.T @ along)
 

@@ -66,7 +66,7 @@ _NOTHING = PsiEvaluation(
 
 @dataclass(frozen=True, slots=True)
 class Tracked:
-    """One tracked scan.
+    """The result of tracking one scan.
 
     Args:
         t0: start of the scan [s].
@@ -314,7 +314,7 @@ class Tracker:
         return State.at_constant_twist(se2.compose(self._last.pose, se2.exp(mean, dt)), mean)
 
     def _look_around(self, scan: Scan, minimum: Minimum) -> Minimum:
-        """Returns a match of a scan around the last match, or `minimum` if there is none: odometry may have jumped."""
+        """Returns a match that is found near the last match, since odometry may have jumped; `minimum` if there is none."""
         still = guide(self._last.belief, np.zeros(3), scan.t0 - self._last.t0)
         here = self._matcher.minimise(scan, still.mean, still.prior, self._map)
         found, _ = self._matcher.search(scan, still, self._map, here)
