@@ -210,12 +210,18 @@ def do_serve(lists: NearbyLists, queries: NDArray[np.float64], reach: float, ski
         skin: distance by which new lists would reach farther than needed [m].
         moves: 2 if the listed points move like the queries, 1 if the listed points are fixed.
     """
-    largest = 0.0  # square of the largest distance by which a query has moved
-    for i in range(len(queries)):
-        dx, dy = queries[i, 0] - lists.queries[i, 0], queries[i, 1] - lists.queries[i, 1]
+    need = reach + moves * measure_largest_move(queries, lists.queries)
+    return need <= lists.radius and lists.radius <= _WASTE * (reach + skin)
+
+
+@nb.njit(cache=True, nogil=True)
+def measure_largest_move(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Returns the largest distance [m] between points of the same index in two arrays (N, 2) m."""
+    largest = 0.0  # a compiled loop, because `do_serve` is also called from Python
+    for i in range(len(a)):
+        dx, dy = a[i, 0] - b[i, 0], a[i, 1] - b[i, 1]
         largest = max(largest, dx * dx + dy * dy)
-    need = reach + moves * np.sqrt(largest)
-    return bool(need <= lists.radius and lists.radius <= _WASTE * (reach + skin))
+    return float(np.sqrt(largest))
 
 
 @nb.njit(cache=True, nogil=True)
