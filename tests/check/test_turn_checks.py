@@ -158,7 +158,7 @@ def test_one_and_two_polar_scans_say_what_they_cannot_tell(tmp_path: Path, skip:
         stretches = stretches_of(recording)
         stamps, azimuths = findings(recording)
         assert azimuths.verdict is CheckVerdict.OK
-        assert "too few to tell how steady turns are" in stamps.text or recording.gaps()
+        assert "too few to show how steady turns are" in stamps.text or recording.gaps()
         order = check_order(follow(recording, stretches, CONFIG, BEAM))
         longest = 1 if skip else min(polar_scans, 2)
         assert order.verdict is CheckVerdict.UNTOLD
@@ -188,4 +188,4 @@ def test_few_short_stretches_are_too_few_to_tell(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr("mqslam.check.checks._FEWEST_TURNS", 30)
     stretches = stretches_of(recording)
     assert [len(stretch.scans) for stretch in stretches] == [5, 5]
-    assert "too few to tell how steady turns are" in check_stamps(recording, stretches).text
+    assert "too few to show how steady turns are" in check_stamps(recording, stretches).text
