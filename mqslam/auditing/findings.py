@@ -120,7 +120,8 @@ def judge_steps(
     bumps = [step for step in steps if _is_bump(step, settings, limits)]
     if bumps:
         worst = max(bumps, key=lambda step: step.registration.size_m)
-        reason = f"a few scans around {worst.t:.1f} s lie {worst.registration.size_m:.2f} m off those before and after them"
+        size_m = worst.registration.size_m
+        reason = f"a few scans around {worst.t:.1f} s are {size_m:.2f} m off the scans before and after them"
         return Finding(VerdictStatus.WARN, reason, p_value=p_value, cause=Cause.JUMP, explanation=reason)
     shown = [step for step in steps if step.judged and step.registration.doubt_m <= settings.jump_m]
     if len(shown) < STEP_FEWEST:
@@ -132,7 +133,7 @@ def judge_steps(
 
 
 def _list_places(said: str, times: Sequence[float]) -> str:
-    """Returns other times [s] at which a map is wrong, as a text that begins with `said`; empty if there are no times."""
+    """Returns times [s] in words, after the words `said`, to append to a sentence; an empty text if there are no times."""
     named = [f"{t:.1f} s" for t in times[:_NAMED]]
     if len(times) > _NAMED:
         named.append(count_of(len(times) - _NAMED, "more place"))
@@ -205,7 +206,7 @@ def judge_pooled(
     A wrong scale of the trajectory and a wrong scale of the ranges look alike: the map only shows that the two disagree.
 
     Args:
-        pooled: corrections that all spans ask for together; None where too few spans show them.
+        pooled: errors of the whole trajectory by all spans together; None where there are too few spans.
         limits: settings of the verdict.
         extrinsics: (3,) x, y [m], yaw [rad] of the sensor in the frame whose poses the given trajectory holds; None where
             the user cannot choose them.
@@ -213,21 +214,21 @@ def judge_pooled(
     """
     if pooled is None:
         reason = (
-            "scale, mount and stamps: too few pairs of places some path apart show the same things, so that any scale which "
-            "odometry does not contradict could hide"
+            "scale, mount and stamps: too few spans could be measured, so that a wrong scale could hide unless odometry "
+            "contradicts it"
         )
         return Finding(VerdictStatus.PASS, reason, judged=False)
     biases = find_biases(pooled, limits)
-    wishes = [_WISHES[axis](float(pooled.bias[axis]), float(pooled.sigma[axis])) for axis in biases]
+    described = [_DESCRIBE_BIAS[axis](float(pooled.bias[axis]), float(pooled.sigma[axis])) for axis in biases]
     lever = find_lever(pooled, limits)
     delay = find_delay(pooled, limits)
     of_lever = np.empty(0) if pooled.lever is None else pooled.lever.p_value
     p_value = find_smallest(correct_for_places(np.concatenate([pooled.p_value, [pooled.delay.p_value], of_lever])))
-    reasons = [f"all along the drive {' and '.join(wishes)}"] if wishes else []
+    reasons = [f"all along the drive {' and '.join(described)}"] if described else []
     if lever is not None:
-        reasons.append(_wish_arm(lever))
+        reasons.append(_describe_lever(lever))
     if delay is not None:
-        reasons.append(_wish_stamps(delay))
+        reasons.append(_describe_delay(delay))
     if not reasons:
         reason = "scale (against the sensor's own ranges), direction of travel and yaw rate fit what the sensor sees"
         return Finding(VerdictStatus.PASS, reason, p_value=p_value)
@@ -281,24 +282,24 @@ def find_bias(pooled: Pooled, limits: VerdictConfig) -> NDArray[np.float64]:
     return np.where(np.isin(np.arange(3), find_biases(pooled, limits)), pooled.bias, 0.0)
 
 
-def _wish_length(bias: float, sigma: float) -> str:
+def _describe_scale(bias: float, sigma: float) -> str:
     longer = "short" if bias > 0.0 else "long"
     share = f"{abs(bias):.3%} (± {sigma:.3%})"
     return f"the trajectory is {share} too {longer} for the sensor's ranges: the scale of one of the two is wrong"
 
 
-def _wish_side(bias: float, sigma: float) -> str:
+def _describe_direction(bias: float, sigma: float) -> str:
     turn = f"{np.degrees(abs(bias)):.2f} degrees (± {np.degrees(sigma):.2f})"
     farther = f"the sensor moves {turn} farther to the {left_or_right(bias)} than the trajectory says"
     return f"{farther}: wheels slip sideways, or its mount is turned by as much"
 
 
-def _wish_turn(bias: float, sigma: float) -> str:
+def _describe_turn(bias: float, sigma: float) -> str:
     turn = f"{100.0 * np.degrees(abs(bias)):.2f} degrees (± {100.0 * np.degrees(sigma):.2f})"
     return f"the yaw drifts by {turn} to the {left_or_right(-bias)} per 100 m"
 
 
-def _wish_arm(lever: Lever) -> str:
+def _describe_lever(lever: Lever) -> str:
     ahead, left = lever.arm
     parts = [(abs(ahead), "ahead" if ahead > 0.0 else "behind"), (abs(left), f"to the {left_or_right(left)}")]
     places = " and ".join(f"{size:.2f} m {side}" for size, side in parts if size > 0.1 * np.hypot(ahead, left))
@@ -306,12 +307,12 @@ def _wish_arm(lever: Lever) -> str:
     return f"in turns the sensor moves as if it sat {places} {sigma} of where the trajectory has it"
 
 
-def _wish_stamps(delay: Delay) -> str:
+def _describe_delay(delay: Delay) -> str:
     late = "late" if delay.seconds > 0.0 else "early"
     return f"the stamps of the trajectory are {abs(delay.seconds):.3f} s (± {delay.sigma:.3f}) {late}"
 
 
-_WISHES: Final = (_wish_length, _wish_side, _wish_turn)  # describe the biases forward, to the side and in yaw
+_DESCRIBE_BIAS: Final = (_describe_scale, _describe_direction, _describe_turn)  # of the axes forward, left and yaw
 _SIDE, _YAW = 1, 2  # indices of the biases to the side and in yaw
 
 
@@ -326,7 +327,7 @@ def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: Verdi
     tolerated_m, _ = tolerate_span(settings)
     judged = [span for span in spans if np.isfinite(span.p_value)]
     if not judged:
-        why = "too few pairs of places some path apart show the same things"
+        why = "too few spans could be measured"
         most_m, _ = tolerate_window(settings)
         reason = f"stretches of path: {why}, so that up to {most_m:g} m in each window of {WINDOW} scans could hide"
         return Finding(VerdictStatus.PASS, reason, judged=False)
@@ -401,7 +402,7 @@ def _describe_sum(one: SumAudit, tolerated_rad: float) -> str:
         turn = f"{np.degrees(abs(one.offset[2])):.1f} deg (± {np.degrees(np.sqrt(one.covariance[2, 2])):.1f})"
         side = left_or_right(-one.offset[2])
         return f"turns by {turn} too far to the {side} {where}, whose end is off by {one.distance_m:.2f} m"
-    return f"leads {one.distance_m:.2f} m astray {where}"
+    return f"is off by {one.distance_m:.2f} m {where}"
 
 
 def judge_locally(windows: Sequence[WindowAudit]) -> Finding:
@@ -438,7 +439,7 @@ def judge_revisits(
         worst = max(off, key=lambda one: one.revisit.distance_m)
         reason += f", by up to {worst.revisit.distance_m:.2f} m"
         if any(r.stated_covariance is not None for r in off):
-            reason += ", beyond what the trajectory claims to know"
+            reason += ", more than the covariances of the trajectory explain"
         explanation = f"the trajectory drifts: two passes of a place lie {worst.revisit.distance_m:.2f} m apart"
         torn = Share(len(off), len(sure))
         status = torn.judge(_REVISITS_WARN, _REVISITS_FAIL)
@@ -447,7 +448,7 @@ def judge_revisits(
             status = VerdictStatus.WARN
         if status is VerdictStatus.NOT_JUDGED:
             reason += f", too few to judge drift by: the share of torn revisits may be {torn.describe_range()}"
-    beside = _find_beside(sure, settings, limits)
+    beside = _find_agreeing_row(sure, settings, limits)
     if beside:
         apart_m = float(np.median([one.revisit.distance_m for one in beside]))
         row = f"{count_of(len(beside), 'revisit')} in a row agree on {apart_m:.2f} m between their passes"
@@ -460,15 +461,16 @@ def judge_revisits(
             reason += f"; {some} {is_or_are(some)} off by more than chance explains, each by less than is tolerated"
     if excused:
         farthest = max(r.revisit.distance_m for r in excused)
-        reason += f", and the passes of {len(excused)} lie up to {farthest:.2f} m apart, as the trajectory says they may"
+        said = f"the passes of {len(excused)} lie up to {farthest:.2f} m apart"
+        reason += f", and {said}, which the covariances of the trajectory explain"
         if status is VerdictStatus.PASS and Share(len(excused), len(sure)).is_above(_REVISITS_WARN):
             status = VerdictStatus.WARN
-            explanation = f"the trajectory drifts, as it says itself: passes lie up to {farthest:.2f} m apart"
+            explanation = f"the trajectory drifts, as its own covariances allow: passes lie up to {farthest:.2f} m apart"
     cause = Cause.PASSES if explanation else None
     return Finding(status, reason, p_value=p_value, cause=cause, explanation=explanation)
 
 
-def _find_beside(sure: Sequence[RevisitAudit], settings: AuditConfig, limits: VerdictConfig) -> list[RevisitAudit]:
+def _find_agreeing_row(sure: Sequence[RevisitAudit], settings: AuditConfig, limits: VerdictConfig) -> list[RevisitAudit]:
     """Returns the longest row of revisits that are all off by a similar offset, larger than chance explains; may be empty.
 
     The offset may change slowly along a row, so only revisits that directly follow each other need to agree.

@@ -36,7 +36,7 @@ _TURNS: Final = 0.1  # a window in which the trajectory turns by less than this 
 _TRIED: Final = 20  # other readings are tried in this many windows: those with the largest rotations
 _LEAST_TORN: Final = 4  # with fewer torn windows than this no other reading is tried
 _WHOLE: Final = 0.5  # share of the tried windows that the right reading makes whole and crisper
-_NOT_MIRRORED: Final = "the map has no tears such as a mirrored trajectory, or one without headings, makes"
+_NOT_MIRRORED: Final = "the map has no tears of the kind that a mirrored trajectory or missing headings would cause"
 _LEAST_TURN: Final = 0.02  # if all headings lie within this [rad] although the path turns, they are missing
 _PATH_TURNS: Final = 0.5  # a path turns if its directions differ by more than this [rad]
 

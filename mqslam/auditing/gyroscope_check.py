@@ -46,7 +46,7 @@ class GyroscopeCheck:
     Args:
         source: where the gyroscope's readings come from.
         statement: whether the gyroscope and the trajectory agree, in words.
-        agrees: whether the gyroscope and the trajectory agree; None where that cannot be told.
+        agrees: whether the gyroscope and the trajectory agree; None where that is not known.
         rotation: calibration that converts the gyroscope's readings to the trajectory's turns, or None.
         differ_rad: robust standard deviation of the difference that remains over a scan [rad]; None where it is unknown.
     """
@@ -80,8 +80,8 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory) 
     start = find_start(gyroscope, scans.start_us, turns, LONGEST_DELAY_S)
     if start is None or not start.is_convincing():
         turned = float(np.sum(np.abs(yaws)))
-        what = f"the trajectory, which turns by {np.degrees(turned):.0f} deg in all, has no turn that both show alike"
-        return GyroscopeCheck(source, f"whether the gyroscope ({source}) agrees cannot be told: {what}", None)
+        what = f"it shows no turn of the trajectory, which turns by {np.degrees(turned):.0f} deg in all"
+        return GyroscopeCheck(source, f"the gyroscope ({source}) cannot be compared with the trajectory: {what}", None)
     found = calibrate(gyroscope, start, turns)
     spread = SIGMAS_PER_DEVIATION * float(np.nanmedian(np.abs(found.residuals))) if found.residuals.size else np.nan
     turns = turns._replace(variances=np.full(len(yaws), spread**2 + _LEAST_VARIANCE))

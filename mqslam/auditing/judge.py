@@ -78,12 +78,12 @@ class Audit:
         jumps: those of its steps at which the map jumps.
         spans: its spans in the order of time; none for a cloud without a trajectory.
         sums: its spans added up over longer stretches, in the order of time.
-        pooled: corrections that all spans ask for together; None if too few spans show them or there is no trajectory.
+        pooled: errors of the whole trajectory by all spans together; None for too few spans or without a trajectory.
         revisits: places that the trajectory comes back to; none for a cloud without a trajectory.
         tests: the findings of each test, by its name.
         verdict: the verdict that all findings give together.
         capture: the largest errors of a trajectory that its windows can measure.
-        own: the tests of the user's own among the tests.
+        own: the tests that the user added.
     """
 
     windows: list[WindowAudit]
@@ -110,7 +110,7 @@ class Audit:
 
 
 class Known(NamedTuple):
-    """What is known of a trajectory besides its poses.
+    """Other information about a trajectory than its poses.
 
     Args:
         stated: covariances that the trajectory itself states, looked up by the numbers of sweeps; None where it states no
@@ -118,7 +118,7 @@ class Known(NamedTuple):
         place: returns the points under other poses, so that other readings of the trajectory can be tried; if None, no other
             reading is tried.
         sensors: findings of other sensors about the trajectory.
-        own: tests of the user's own that judge the map, too.
+        own: further tests of the map, which the user added.
     """
 
     stated: RelativeCovariances | None = None
@@ -128,7 +128,7 @@ class Known(NamedTuple):
 
 
 UNKNOWN: Final = Known()
-"""Nothing is known of a trajectory besides its poses."""
+"""No other information about a trajectory than its poses."""
 
 
 def _divide(psi: float, best: float) -> float | None:
@@ -156,7 +156,7 @@ def audit(
         engine: where windows and revisits are judged; the result does not depend on it.
         progress: called as parts of the map are done.
         sampled: how many windows at most are judged, evenly spread; None judges all windows.
-        known: what is known of the trajectory besides its poses.
+        known: other information about the trajectory than its poses.
     """
     settings = apply_tolerance(settings, limits)
     windows = audit_windows(sweeps, settings, estimator, engine, progress, sampled)
@@ -236,7 +236,7 @@ def audit_trajectory(
 def _expect(
     spans: Sequence[Registration], twists: NDArray[np.float64], pooled: Pooled | None, limits: VerdictConfig
 ) -> NDArray[np.float64]:
-    """Returns the parts (N, 3) of the spans' offsets that the pooled corrections explain; another test reports these."""
+    """Returns the parts (N, 3) of the spans' offsets that errors of the whole trajectory explain."""
     if pooled is None:
         return np.zeros((len(spans), 3))
     return predict_offsets(spans, twists, find_bias(pooled, limits), find_lever(pooled, limits), find_delay(pooled, limits))

@@ -47,14 +47,16 @@ def check_odometry(odometry: Trajectory, scans: Scans, trajectory: Trajectory, s
     findings = []
     fault = find_odometry_fault(given, scans.start_us, moves, stated)
     if fault is not None:
-        way = "the other way" if fault.is_opposite else "otherwise, as if it were of another drive or another clock"
-        reason = f"the recording's odometry turns {way} than the trajectory {fault.where}"
+        way = "the other way than" if fault.is_opposite else "differently from"
+        reason = f"the recording's odometry turns {way} the trajectory {fault.where}"
+        if not fault.is_opposite:
+            reason += ", as if it belonged to another drive or had another clock"
         cause = Cause.MIRROR if fault.is_opposite else Cause.SENSOR
         findings.append(Finding(VerdictStatus.WARN, reason, cause=cause, explanation=reason))
     ratio = measure_speed_ratio(own, given)
     if ratio is not None and is_wrong_scale(ratio):
         fast = f"the trajectory is {ratio:.3g} times as fast as the recording's odometry"
-        reason = f"{fast}: odometry's scale{name_unit(ratio)}, or the trajectory's is wrong"
+        reason = f"{fast}: the scale of odometry{name_unit(ratio)}, or the scale of the trajectory is wrong"
         findings.append(Finding(VerdictStatus.WARN, reason, cause=Cause.SCALE, explanation=reason))
     return findings or [Finding(VerdictStatus.PASS, "the recording's odometry does not contradict the trajectory")]
 

@@ -17,7 +17,7 @@ def load_test(path: Path) -> MapTest:
     """Loads the `MapTest` with a function `judge` that a Python file defines.
 
     Raises:
-        ConfigError: the file cannot be imported, or it does not define one such test, or the test has a name that is taken.
+        ConfigError: the file cannot be imported, does not define exactly one such test, or names it like a test of mqslam.
     """
     if not path.is_file():
         raise ConfigError(f"test {path}: there is no such file; check the path")
@@ -27,26 +27,26 @@ def load_test(path: Path) -> MapTest:
     if len(tests) != 1:
         raise ConfigError(f"test {path}: defines {len(tests)} objects MapTest with a function judge; define one")
     if tests[0].name in {test.name for test in TESTS}:
-        raise ConfigError(f"test {path}: the name {tests[0].name} is that of a test of mqslam; choose another name")
+        raise ConfigError(f"test {path}: mqslam has a test of the name {tests[0].name}; choose another name")
     return tests[0]
 
 
 def judge_by(test: MapTest, sweeps: Sweeps, settings: AuditConfig) -> list[Finding]:
-    """Returns the findings of a user's own test of a map.
+    """Judges a map by a test that a user has added; returns the findings.
 
     Raises:
-        ConfigError: the test stops with an error of its own, or gives something else than findings.
+        ConfigError: the test stops with an error, or returns something other than findings.
     """
     assert test.judge is not None, test
     with blame(f"test {test.name}", STOPPED, ConfigError, "mend its file"):
         findings = list(test.judge(sweeps, settings))
     if not all(isinstance(one, Finding) for one in findings):
-        raise ConfigError(f"test {test.name}: gave something else than objects Finding; mend its file")
+        raise ConfigError(f"test {test.name}: returned something other than objects Finding; mend its file")
     return [_explain(one) for one in findings]
 
 
 def _explain(finding: Finding) -> Finding:
-    """Returns a finding that explains itself if the test calls the map bad and names no cause."""
+    """Returns the finding; if it calls the map bad but names no cause, its reason becomes its explanation."""
     if finding.status is not VerdictStatus.FAIL or finding.cause is not None:
         return finding
     return replace(finding, cause=Cause.OWN, explanation=finding.reason)

@@ -17,7 +17,7 @@ from mqslam.psi.score import make_references
 # Largest error of a trajectory's speed [m/s] that is searched for between two successive scans: more than any vehicle
 # drives, so that a trajectory that wrongly stands still is found, too.
 SPEED_ERROR_MPS = 50.0
-# Two successive scans of which one has fewer points than this say nothing about the speed.
+# The speed is not checked between two successive scans if either of them has fewer points than this.
 _SPEED_FEWEST = 40
 
 
@@ -38,9 +38,9 @@ class Registration:
         psi, psi_best: score per point without and with the offset corrected.
         observed: whether the two stretches constrain every direction.
         unrivalled: whether `observed` holds, the two stretches match well enough, and they fit nowhere else as well.
-        doubt_m: how far the two stretches may be off each other because poses are interpolated [m].
+        doubt_m: largest error of the offset that interpolation between given poses can cause [m].
         rivals: (R, 3) other offsets at which the stretches fit about as well; empty where rivals were not asked for.
-        repeats: (L, 3) repeated measurements of the offset with other scans; `offset` is their median. Empty without any.
+        repeats: (L, 3) repeated measurements of the offset with other scans; `offset` is their median. May be empty.
     """
 
     earlier: int
@@ -90,12 +90,12 @@ def measure_span(sweeps: Sweeps, begin: int) -> float:
 
 
 def compute_far_reach(span_s: float, settings: AuditConfig) -> tuple[float, float]:
-    """Returns the reach [m], [rad] of a wide search: as far as any plausible error of the speed leads in a time `span_s`."""
+    """Returns the reach [m], [rad] of a wide search, which covers all plausible errors of the speed over `span_s` [s]."""
     return min(SPEED_ERROR_MPS * span_s, settings.gate_m), settings.search_rad
 
 
 def fits_far_better(registration: Registration) -> bool:
-    """Returns whether two stretches fit where a wide search puts them, and clearly worse where the trajectory has them."""
+    """Returns whether two stretches fit clearly better where a wide search puts them than where the trajectory has them."""
     return registration.unrivalled and registration.psi_best * RIVAL <= registration.psi
 
 

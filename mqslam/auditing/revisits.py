@@ -30,7 +30,7 @@ from mqslam.core.wording import count_of
 from mqslam.execution.progress import Progress
 from mqslam.psi.correlate import compute_same_m
 
-_LEAST: Final = 3  # by definition: two offsets that agree may be a coincidence, three are a row
+_LEAST: Final = 3  # by definition: fewest offsets of a row, since two may agree by coincidence
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,10 +158,10 @@ def _chance_of_agreement(
     return min(limit * float(np.sqrt(np.linalg.det(covariance[:2, :2]))) / searched_m**2, 1.0)
 
 
-# A revisit is sure only if the next best pose scores worse by this many standard deviations of the difference of the two
-# scores, too. Otherwise one of several places that look alike could be the best by chance.
+# A revisit is sure only if the score of the next best pose is worse by this many standard deviations of the difference
+# between the two scores. Otherwise one of several places that look alike could be the best by chance.
 _RIVAL_SIGMAS = 3.0
-# At least this many pairs of neighbouring revisits are needed to show how far off a revisit usually is.
+# The usual error of a revisit is estimated only from at least this many pairs of neighbouring revisits.
 _REVISIT_FEWEST = 10
 
 
@@ -228,12 +228,12 @@ class RevisitAudit:
 
 @dataclass(frozen=True, slots=True)
 class Honesty:
-    """How the covariances that a trajectory states agree with its revisits.
+    """The comparison of the covariances that a trajectory states with the offsets of its revisits.
 
     Args:
         revisits: number of sure revisits.
         nees: mean squared offset in units of its covariance, per degree of freedom; 1 where the covariances are right.
-        least: lower end of the range within which `nees` lies by chance (95 %) where they are right.
+        least: lower end of the range that holds `nees` with a probability of 95 % where the covariances are right.
         most: upper end of this range.
         statement: the finding as a sentence.
     """
@@ -248,9 +248,9 @@ class Honesty:
 def judge_honesty(revisits: Sequence[RevisitAudit]) -> Honesty | None:
     """Judges by revisits whether the covariances that a trajectory states are honest; None where it states none.
 
-    The offset of a revisit shows an error of the trajectory, up to the covariance of the registration. Poses whose
-    covariances are listed one by one have no stated correlation, so that those of poses near each other in a graph with
-    loops seem larger than they are relative to each other: that covariances are too large is only said, and no fault.
+    The offset of a revisit shows an error of the trajectory, up to the covariance of the registration. Where covariances
+    are listed pose by pose, the correlations between poses are missing. The covariance of one pose relative to a nearby
+    pose then comes out too large. Covariances that are too large are therefore reported, but are no fault.
     """
     sure = [r.revisit.inflation for r in revisits if r.revisit.sure and r.stated_covariance is not None]
     if not sure:
@@ -258,7 +258,7 @@ def judge_honesty(revisits: Sequence[RevisitAudit]) -> Honesty | None:
     degrees = 3 * len(sure)
     nees = float(np.sum(sure)) / degrees
     least, most = (float(bound) / degrees for bound in chi2.ppf([0.025, 0.975], degrees))
-    chance = f"and by chance {least:.2g} to {most:.2g} where they are right"
+    chance = f"where {least:.2g} to {most:.2g} would be chance"
     by = f"by {count_of(len(sure), 'revisit')}: NEES/3 is {nees:.2g}, {chance}"
     if nees > most:
         what = f"are too small: errors are {np.sqrt(nees):.1f} times as large as they state"
@@ -301,7 +301,7 @@ def audit_revisits(
 
 
 def doubt_interpolated(revisits: Sequence[RevisitAudit], interpolated: NDArray[np.bool_]) -> list[RevisitAudit]:
-    """Returns the revisits, but marks those with a pass in a gap as not sure: their poses are interpolated.
+    """Returns the revisits; a revisit with a pass in a gap of the trajectory is marked as not sure: its poses are guesses.
 
     Args:
         revisits: revisits of a map.
@@ -326,8 +326,8 @@ def judge_registrations(
     """Judges pairs of passes that are registered already, as `audit_revisits` does.
 
     The covariance from psi's curvature is too small by a factor that depends on the world, as with steps. Here the usual
-    difference between neighbouring revisits shows this factor: a drift of the whole trajectory, which revisits are there to
-    find, moves neighbours alike and cancels out.
+    difference between neighbouring revisits shows this factor. A drift of the whole trajectory, which revisits must find,
+    moves neighbours alike, so it cancels out in their differences.
     """
     if not registrations:
         return []
@@ -377,7 +377,7 @@ def judge_registrations(
 
 
 def _measure_offsets(registrations: Sequence[Registration], sweeps: Sweeps, settings: AuditConfig) -> tuple[Offsets, float]:
-    """Returns the offsets, their covariances scaled to how neighbours differ, and the degrees of freedom of this scale.
+    """Returns offsets with covariances scaled to explain how neighbours differ, and the scale's degrees of freedom.
 
     No covariance is made smaller. Without enough neighbours the covariances stay as they are, with no degree of freedom.
     """
@@ -429,7 +429,7 @@ def _register_pair(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], pair: tu
 
 
 def is_torn(revisit: Revisit, settings: AuditConfig) -> bool:
-    """Returns whether a revisit is torn by the fixed limits of its inflation and of its offset."""
+    """Returns whether a revisit is torn by the fixed limits on its inflation and on its offset."""
     beyond = revisit.inflation > TORN_INFLATION
     far = revisit.distance_m > settings.torn_m or abs(revisit.offset[2]) > settings.torn_rad
     return bool(revisit.sure and beyond and far)

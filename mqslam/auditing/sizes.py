@@ -10,7 +10,7 @@ from scipy.stats import chi2
 WINDOW = 6
 # Number of scans on either side of a step, and around either end of a span, that are registered on each other.
 STEP_SCANS: Final = 3
-# At least this many steps are needed to show how far off a step without a jump usually is.
+# The usual offset of a step without a jump is estimated only from at least this many steps.
 STEP_FEWEST = 20
 # Probability of the chi-square quantile above which the inflation of a window or a revisit shows that it is torn.
 PROBABILITY: Final = 0.999

@@ -26,7 +26,7 @@ from mqslam.formats.covariances import holds_covariances, read_covariances
 from mqslam.psi.place import Beam
 
 _TRAJECTORY, _COVARIANCES = "trajectory.tum", "covariances.csv"  # a run writes both into one folder
-_SLACK_SWEEPS: Final = 2.0  # covariances hardly change over so few sweeps; farther off, they are another trajectory's
+_SLACK_SWEEPS: Final = 2.0  # a covariance farther in time from a sweep, in sweeps, belongs to another trajectory
 _REMEDY: Final = "give the covariances that were written together with the trajectory"
 
 
@@ -134,7 +134,7 @@ def is_cloud(path: Path) -> bool:
 
 
 def make_lidar_source(lidar: LidarRecording) -> Source:
-    """Returns a lidar recording as a source."""
+    """Returns a lidar recording as a source for an audit, with the trajectories that it carries."""
     tracks = {"recording": lidar.trajectory, "odometry": lidar.odometry}
     return Source(
         path=lidar.path,

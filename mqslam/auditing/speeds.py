@@ -242,7 +242,7 @@ def contradicts(check: SpeedCheck | None, capture: CaptureRange) -> bool:
 def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange) -> list[Finding]:
     """Returns the finding that the speeds of a map give; an empty list if no speed is sure.
 
-    The limits on the share of wrong speeds are those on the share of torn windows.
+    The share of wrong speeds has the same limits as the share of torn windows.
 
     Args:
         checks: the speed checks of all windows.

@@ -31,16 +31,16 @@ from mqslam.core.statistics import correct_for_places, find_usual_scale
 from mqslam.execution.progress import Progress
 from mqslam.psi.score import make_references
 
-# A step is judged every this many scans.
+# Number of scans from one judged step to the next.
 _EVERY = 2
-# This share of the steps, those that match worst, is also searched for farther away.
+# Share of the steps, those that match worst, whose registration is repeated with a wider search.
 _DOUBTFUL = 0.1
 _Shared = tuple[Sweeps, AuditConfig, EstimatorConfig]  # the same for every step
 
 
 @dataclass(frozen=True, slots=True)
 class StepAudit:
-    """The judgement of one step.
+    """The judgement of one step, which is a place between two successive scans.
 
     Args:
         registration: registration of the scans after the step on those before it; its later sweep is the first scan after
@@ -192,9 +192,9 @@ def _pick_doubtful(near: Mapping[int, Registration | None]) -> list[int]:
 def _pick_beside(
     registrations: Mapping[int, Registration], settings: AuditConfig, chance: float
 ) -> list[tuple[int, tuple[float, float]]]:
-    """Returns the places beside steps that are off by more than chance explains, and how far to search there.
+    """Returns the places next to steps that are off by more than chance explains, and how far to search there.
 
-    A step whose scans on one side lie on both sides of a jump is off, too. The jump itself may lie between two steps.
+    A step is also off if the jump lies among the scans on one of its sides. The jump itself may lie between two steps.
 
     Args:
         registrations: the registration at each place.
@@ -202,7 +202,7 @@ def _pick_beside(
         chance: p-value below which a step is off by more than chance explains.
 
     Returns:
-        places in order, each with how far off its two sides may be [m], [rad].
+        the places in order, each with the reach of the search in position [m] and in yaw [rad].
     """
     places = sorted(registrations)
     reaches: dict[int, tuple[float, float]] = {}
@@ -218,20 +218,20 @@ def _pick_beside(
 
 
 def _register_near(shared: _Shared, place: int) -> Registration | None:
-    """Registers the two sides of a step, near where the trajectory has them."""
+    """Registers the two sides of a step by a search near the pose that the trajectory gives."""
     settings = shared[1]
     return _register_step(shared, place, (settings.search_m, settings.search_rad))
 
 
 def _register_far(shared: _Shared, place: int) -> Registration | None:
-    """Registers the two sides of a step as far away as any plausible speed leads; None unless they fit far better there."""
+    """Registers the two sides of a step by a search over all plausible speeds; None unless they fit far better there."""
     sweeps, settings, _ = shared
     registration = _register_step(shared, place, compute_far_reach(measure_span(sweeps, place - 1), settings))
     return registration if registration is not None and fits_far_better(registration) else None
 
 
 def _register_beside(shared: _Shared, item: tuple[int, tuple[float, float]]) -> Registration | None:
-    """Registers the two sides of a step at a place beside another step that is off, within the given reach."""
+    """Registers the two sides of a step, given as its place and the reach of the search [m], [rad]."""
     place, reach = item
     return _register_step(shared, place, reach)
 

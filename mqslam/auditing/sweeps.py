@@ -36,10 +36,10 @@ class Sweeps:
         times: (S,) start of each sweep [s] since the recording's start.
         poses: (S, 3) pose of the sensor at the start of each sweep.
         travelled: (S,) length of the path up to each sweep [m].
-        doubt_m: (S,) how far off the points of each sweep may be because poses are interpolated between given ones [m].
+        doubt_m: (S,) how far interpolation between given poses may have moved the points of each sweep [m].
         revolution_s: usual duration of a sweep [s].
-        track: the trajectory as it was given; None for a cloud without a trajectory, whose poses and path are only those of
-            the middles of its sweeps' points.
+        track: the trajectory as it was given. None for a cloud without a trajectory; its poses are then the mean points of
+            its sweeps.
         is_finished: whether the points were placed already, as in a finished cloud.
     """
 
@@ -64,7 +64,7 @@ class Sweeps:
         return slice(int(self.begins[begin]), int(self.begins[end]))
 
     def doubt(self, stretches: Iterable[Sequence[int]]) -> float:
-        """Returns how far stretches of sweeps may be off each other because poses are interpolated [m]."""
+        """Returns how far interpolation between given poses may have moved stretches of sweeps against each other [m]."""
         return float(sum(self.doubt_m[list(stretch)].max() for stretch in stretches))
 
     def local(self, chosen: Sequence[int], frame: se2.Array) -> PointSet:

@@ -26,12 +26,12 @@ class MapTest:
         name: key of the test in audit.json and summary.json.
         compares: what is compared with what.
         blind: what the test cannot see.
-        tolerance: returns up to how many metres and radians the test tolerates; None where it has no such tolerance.
-        rate: the tolerance in words where it is not one of metres and radians, else an addition to it.
+        tolerance: returns the largest errors [m], [rad] that the test tolerates; None where it has no such tolerance.
+        rate: the tolerance in words, if it is not given in metres and radians; otherwise words to add to it.
         quantities: number of p-values by which the test may call a good map bad; all of them share the rate of false alarms.
-        of_run: whether the test judges only runs, of which more is known.
-        judge: judges the points of a map under its trajectory, with the settings of the audit; None for the tests of this
-            table, which share what they measure. A test of a user's own has it.
+        of_run: whether the test needs the results of a run, so that an audit cannot make it.
+        judge: judges the points of a map under its trajectory, with the settings of the audit. Only tests that a user adds
+            have this function; it is None for the tests of this table, which share their measurements.
     """
 
     name: str
@@ -52,7 +52,7 @@ class MapTest:
         return f"{metres:.2g} m{turn}{self.rate}"
 
 
-_SPAN: Final = 1.5  # tolerance of a span over that of a step: its ends are farther apart
+_SPAN: Final = 1.5  # a span's tolerance divided by a step's tolerance: the ends of a span are farther apart
 _ROW: Final = 0.4  # tolerance of the mean offset of revisits that agree, as a share of the tolerance of a single revisit
 
 SCALE_WARN: Final = 0.002
@@ -66,27 +66,27 @@ DELAY_WARN_S: Final = 0.01
 
 
 def tolerate_window(settings: AuditConfig) -> tuple[float, None]:
-    """Returns by how many metres the best correction of a window may move its points."""
+    """Returns the tolerated root mean square distance [m] by which the best correction moves the points of a window."""
     return settings.bend_m, None
 
 
 def tolerate_step(settings: AuditConfig) -> tuple[float, None]:
-    """Returns by how many metres the points on either side of a step may be off each other."""
+    """Returns the tolerated offset [m] between the points before and after a step."""
     return settings.jump_m, None
 
 
 def tolerate_span(settings: AuditConfig) -> tuple[float, None]:
-    """Returns by how many metres the points at one end of a span may be off those at the other end."""
+    """Returns the tolerated offset [m] between the points at the two ends of a span."""
     return _SPAN * settings.jump_m, None
 
 
 def tolerate_sum(settings: AuditConfig) -> tuple[float, float]:
-    """Returns by how many metres and radians the end of several spans in a row may be off relative to their begin."""
+    """Returns the tolerated error [m], [rad] of the end of several successive spans relative to their begin."""
     return settings.torn_m, 0.5 * settings.torn_rad
 
 
 def tolerate_revisit(settings: AuditConfig) -> tuple[float, float]:
-    """Returns by how many metres and radians two passes of a place may be off each other."""
+    """Returns the tolerated offset [m], [rad] between two passes of a place."""
     return settings.torn_m, settings.torn_rad
 
 
@@ -209,5 +209,5 @@ def share_of_false_alarms(limits: VerdictConfig) -> float:
 
 
 def sort_tests(found: Mapping[str, list[_Found]]) -> dict[str, list[_Found]]:
-    """Returns the findings of each test in the order of the table, a user's own last, without tests that have none."""
+    """Returns the findings of each test in the order of the table, tests that a user added last; leaves out empty tests."""
     return {name: found[name] for name in sorted(found, key=lambda name: _ORDER.get(name, len(_ORDER))) if found[name]}

@@ -53,7 +53,7 @@ class Track:
         times: (M,) times of the poses [s] since the recording's start, increasing.
         poses: (M, 3) poses of the sensor, world frame.
         scans: number of scans of the recording.
-        uncovered: how many of these the trajectory does not cover.
+        uncovered: number of these scans that the trajectory does not cover.
         extrinsics: (3,) x, y [m], yaw [rad] of the sensor in the frame whose poses the given trajectory holds; None where
             the user cannot choose them.
         time_offset_s: time that was added to the stamps of the given trajectory [s]; None where the user cannot choose it.
@@ -135,7 +135,7 @@ def mark_interpolated(track: Track, times: NDArray[np.float64], revolution_s: fl
 
 
 def measure_doubt(track: Track, times: NDArray[np.float64], revolution_s: float, range_m: float) -> NDArray[np.float64]:
-    """Returns how far off (S,) the points of each scan may be because poses are interpolated [m].
+    """Returns how far interpolation between given poses may have moved the points of each scan: (S,) [m].
 
     Between two poses the sensor is taken to move on a smooth curve (`se2.smooth`). How far this curve differs from a motion
     with a constant twist (`se2.interpolate`) shows how much of the curve is a guess. No motion is a guess where every scan
@@ -175,7 +175,7 @@ def judge_doubt(doubt_m: NDArray[np.float64], settings: AuditConfig) -> list[Fin
     """Returns a finding on what cannot be judged if poses are too sparse for the vehicle's turns; else an empty list.
 
     Args:
-        doubt_m: (S,) how far off the points of each scan may be because poses are interpolated [m].
+        doubt_m: (S,) how far interpolation between given poses may have moved the points of each scan [m].
         settings: settings of the audit.
     """
     unsure = int(np.count_nonzero(doubt_m > settings.jump_m))
@@ -234,7 +234,7 @@ def find_jumps(track: Track, longest_s: float, settings: AuditConfig) -> list[Ju
 
 
 def _stand_out(sizes: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Returns which sizes (N,) stand out: those above the first wide gap between the largest sizes in order."""
+    """Returns which sizes (N,) stand out: those above the first wide gap in the sorted list of the largest sizes."""
     ordered = np.sort(sizes)
     largest = ordered[int(_JUMP_QUANTILE * (len(ordered) - 1)) :]
     gaps = np.flatnonzero(largest[1:] > _JUMP_FACTOR * largest[:-1])

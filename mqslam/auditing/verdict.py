@@ -1,4 +1,4 @@
-"""The verdict on a map and the evidence for it: if few windows leave the share of faults uncertain, the verdict says so."""
+"""The verdict on a map, given by the findings of all tests; a share of faults counts with its confidence bounds."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy.special import betaincinv
 
 from mqslam.core.wording import count_of, join_words
 
-# Confidence of the exact binomial bounds (Clopper and Pearson) of a share. The lower one must exceed a limit before the
+# Confidence of the exact binomial bounds (Clopper and Pearson) of a share. The lower bound must exceed a limit before the
 # share is called too large: at most one in twenty good maps is called bad by chance.
 CONFIDENCE: Final = 0.95
 # A map passes only if a map whose share of faults is at the limit of `fail` would have shown more faults with this
@@ -105,7 +105,7 @@ class Cause(IntEnum):
     PASSES = auto()
     JUMPS = auto()
     PART = auto()
-    OWN = auto()  # a test of a user's own, which explains nothing else
+    OWN = auto()  # found by a test that a user added; it explains no other finding
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,8 +135,8 @@ class Verdict(NamedTuple):
     Args:
         status: the gravest of all findings.
         diagnosis: what is most likely wrong and how to mend it; for a map that passes, how many tests found no fault.
-        reasons: the reasons of the findings, the gravest first; for a map that does not pass, only those of findings that
-            are not `pass`.
+        reasons: the reasons of the findings, the gravest first; for a map that does not pass, the
+            reasons of findings with the verdict `pass` are left out.
     """
 
     status: VerdictStatus

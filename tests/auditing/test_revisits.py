@@ -96,7 +96,7 @@ def test_a_trajectory_that_is_sure_and_off_is_torn_below_the_constant(moved: tup
     assert not any(r.torn for r in judged(sweeps, registrations))  # the constants let it pass
     sure = judged(sweeps, registrations, 0.005)
     finding = judge_revisits(sure, CONFIG.audit, CONFIG.verdict)
-    assert finding.status is VerdictStatus.FAIL and "beyond what the trajectory claims to know" in finding.reason
+    assert finding.status is VerdictStatus.FAIL and "more than the covariances of the trajectory explain" in finding.reason
     assert finding.p_value is not None and finding.p_value < share_of_false_alarms(CONFIG.verdict)
 
 
@@ -136,7 +136,7 @@ def test_a_trajectory_that_says_it_may_be_off_is_not_torn_but_worth_a_look() -> 
     unsure = judged(sweeps, registrations, 1.0)
     finding = judge_revisits(unsure, CONFIG.audit, CONFIG.verdict)
     assert not any(r.torn for r in unsure) and all(r.excused for r in unsure)
-    assert finding.status is VerdictStatus.WARN and "as the trajectory says they may" in finding.reason
+    assert finding.status is VerdictStatus.WARN and "which the covariances of the trajectory explain" in finding.reason
     assert finding.p_value is not None and finding.p_value > 0.05
 
 

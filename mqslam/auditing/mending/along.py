@@ -1,4 +1,4 @@
-"""Ties along the path: registrations of places a little apart, which correct psi's motions before any loop is searched for.
+"""Ties along the path: registrations of nearby places, which correct psi's motions before any loop is searched for.
 
 Odometry matches a scan to a map that contains its own errors, so a scan with a wrong yaw turns all later ones. The
 registrations that an audit would make show such errors: those of the two sides of every step and of the two ends of every
@@ -36,7 +36,7 @@ _DENSER: Final = 3  # factor on an audit's number of spans, which suffices to sh
 
 
 def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Beam, runner: Runner) -> list[Loop]:
-    """Measures by psi motions between places that are a few scans, or some tens of metres of path, apart.
+    """Measures, by psi, motions between places that are a few scans or some tens of metres of path apart.
 
     Args:
         scans: scans of the recording.
@@ -85,8 +85,8 @@ def weigh_ties(ties: Sequence[Loop], motions: Sequence[Measurement]) -> list[Loo
     """Returns the ties, each with the covariance of the chained motions between its ends.
 
     Ties and motions are measured from the same returns. psi's curvature does not show the errors that they have in common
-    (objects show other faces when they are seen from elsewhere), so where returns have little noise, ties would seem far
-    surer than they are.
+    (objects show other faces when they are seen from elsewhere), so where returns have little noise, their covariances
+    would be far too small.
 
     Args:
         ties: ties between scans of one path.

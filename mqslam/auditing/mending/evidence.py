@@ -141,7 +141,7 @@ def _holds_any(registration: Registration, jumps: Collection[int]) -> bool:
     return any(begin[0] < jump <= end[-1] for jump in jumps)
 
 
-def lay_successive(
+def register_successive(
     sweeps: Sweeps, settings: AuditConfig, estimator: EstimatorConfig, engine: Engine, progress: Progress
 ) -> list[Registration]:
     """Registers every scan on the one before it; returns the registrations that constrain every direction.
@@ -158,11 +158,11 @@ def lay_successive(
     def report(number: int, registration: Registration | None) -> None:
         progress("scans", number, len(places))
 
-    pairs = engine.map(_lay_scan, (sweeps, settings, estimator), places, report)
+    pairs = engine.map(_register_scan, (sweeps, settings, estimator), places, report)
     return [pair for pair in pairs if pair is not None and pair.observed]
 
 
-def _lay_scan(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], place: int) -> Registration | None:
+def _register_scan(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], place: int) -> Registration | None:
     """Registers a scan on the one before it."""
     sweeps, settings, estimator = shared
     reach = settings.search_m, settings.search_rad
@@ -200,7 +200,7 @@ def _tie_step(registration: Registration, covariance: NDArray[np.float64], sweep
 
 
 def as_loop(judged: RevisitAudit, sweeps: Sweeps) -> Loop:
-    """Returns a revisit as a loop; its covariance is that of the measurement, without the trajectory's stated covariance.
+    """Returns a revisit as a loop, with the covariance of the measurement but without the trajectory's stated covariance.
 
     Args:
         judged: the judged revisit.

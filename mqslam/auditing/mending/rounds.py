@@ -24,8 +24,8 @@ from mqslam.auditing.mending.evidence import (
     as_loop,
     estimate_variances,
     keep_plausible,
-    lay_successive,
     measure_misses,
+    register_successive,
     tie_scans,
     tie_spans,
     tie_steps,
@@ -87,7 +87,7 @@ class Mended:
         rounds: number of rounds that led to the result.
         ties: number of ties between nearby scans in the result's pose graph.
         loops: number of revisits in the result's pose graph.
-        moved_m: largest distance of a pose of the result from where it was given [m].
+        moved_m: largest distance between a pose of the result and the given pose [m].
         stretch: length of the path of the result over that of the given trajectory.
         is_worse: whether the result is judged worse than the given trajectory.
     """
@@ -238,7 +238,7 @@ class _Mender:
     def _tie_scans(self, sweeps: Sweeps) -> list[Tie]:
         """Returns the changes of yaw between successive scans as ties, each from the round in which its scans fit best."""
         settings = self._config.audit, self._config.estimator
-        for pair in lay_successive(sweeps, *settings, self._engine, self._progress):
+        for pair in register_successive(sweeps, *settings, self._engine, self._progress):
             best = self._pairs.get(pair.earlier)
             if best is None or pair.psi_best < best.psi_best:
                 self._pairs[pair.earlier] = pair

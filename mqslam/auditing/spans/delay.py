@@ -26,7 +26,7 @@ class Delay:
     Args:
         seconds: the delay, negative if the stamps are early.
         sigma: standard deviation of the delay [s].
-        p_value: probability that a delay as large as this shows where there is none.
+        p_value: probability of measuring a delay as large as this where there is none.
     """
 
     seconds: float
@@ -51,7 +51,7 @@ def estimate_delay(
     """Estimates the delay of a trajectory's stamps from the offsets of spans.
 
     The delay is fitted together with the other errors that move all spans: the biases and the lever arm. The fit is robust
-    against torn places, and the standard deviation is that of a jackknife over parts of the drive.
+    against torn places, and the standard deviation comes from a jackknife over parts of the drive.
 
     Args:
         spans: spans in the order of time, enough to show a bias.

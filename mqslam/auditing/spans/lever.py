@@ -29,9 +29,9 @@ class Lever:
     """The lever arm of the sensor.
 
     Args:
-        arm: (2,) how far ahead and to the left of where the trajectory has it the sensor sits [m].
+        arm: (2,) position of the sensor [m], ahead and to the left of where the trajectory has it.
         sigma: (2,) standard deviations of the arm [m].
-        p_value: (2,) probability that an arm as long as this shows where there is none.
+        p_value: (2,) probability of measuring an arm as long as this where there is none.
         turns: number of turns of the vehicle that show the arm.
     """
 
@@ -54,7 +54,7 @@ def estimate_lever(
     """Estimates the lever arm from the vehicle's turns; returns None if there are none.
 
     The arm is fitted together with the biases of direction, which the straight spans show. The fit is robust against torn
-    places, and the standard deviation is that of a jackknife over turns.
+    places, and the standard deviation comes from a jackknife over turns.
 
     Args:
         spans: spans in the order of time.

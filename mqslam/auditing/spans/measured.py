@@ -111,7 +111,7 @@ def find_spans(travelled: NDArray[np.float64], span_m: float, denser: float = 1.
 def _register_span(
     shared: tuple[Sweeps, NDArray[np.bool_], float, AuditConfig, EstimatorConfig], pair: tuple[int, int]
 ) -> Registration | None:
-    """Registers a span with the scans at its ends and with those before and after these; None if its ends are not usable."""
+    """Registers a span with the scans at its ends, just before them and just after them; None if the ends are unusable."""
     sweeps, known, span_m, settings, estimator = shared
     reach = settings.search_m, settings.search_rad
     registration = register(sweeps, pair, pick_ends(pair), reach, settings, estimator)
@@ -122,9 +122,9 @@ def _register_span(
         beside = pair[0] + aside, pair[1] + aside
         if not all(_is_there(end, known) for end in pick_ends(beside)):
             continue
-        look = register(sweeps, beside, pick_ends(beside), reach, settings, estimator)
-        if look is not None and look.observed:
-            offsets.append(_carry_over(look, registration, sweeps))
+        repeat = register(sweeps, beside, pick_ends(beside), reach, settings, estimator)
+        if repeat is not None and repeat.observed:
+            offsets.append(_carry_over(repeat, registration, sweeps))
     return replace(registration, offset=np.median(offsets, axis=0), repeats=np.array(offsets))
 
 
@@ -133,11 +133,11 @@ def _is_there(stretch: range, known: NDArray[np.bool_]) -> bool:
     return stretch.start >= 0 and stretch.stop <= len(known) and bool(known[stretch.start : stretch.stop].all())
 
 
-def _carry_over(look: Registration, registration: Registration, sweeps: Sweeps) -> se2.Array:
-    """Returns the offset (3,) of a span that a registration beside its ends shows, carried over along the trajectory."""
-    seen = se2.compose(look.between, look.offset)
-    begin = se2.between(sweeps.poses[registration.earlier], sweeps.poses[look.earlier])
-    end = se2.between(sweeps.poses[look.later], sweeps.poses[registration.later])
+def _carry_over(repeat: Registration, registration: Registration, sweeps: Sweeps) -> se2.Array:
+    """Returns the offset (3,) of a span by a registration of scans next to it, carried over along the trajectory."""
+    seen = se2.compose(repeat.between, repeat.offset)
+    begin = se2.between(sweeps.poses[registration.earlier], sweeps.poses[repeat.earlier])
+    end = se2.between(sweeps.poses[repeat.later], sweeps.poses[registration.later])
     return se2.wrapped_between(registration.between, se2.compose(se2.compose(begin, seen), end))
 
 

@@ -33,12 +33,12 @@ _OWN_YAW: Final = OWN_DRIFT_RAD / 10.0  # [rad] per root of a metre
 
 @dataclass(frozen=True, slots=True)
 class Pooled:
-    """The corrections that all spans of a map ask for together.
+    """The errors of a whole trajectory that all spans of its map show together.
 
     Args:
         bias: (3,) motion that the trajectory lacks forward [m/m], to the left [m/m] and in yaw to the left [rad/m].
         sigma: (3,) standard deviations of the bias.
-        p_value: (3,) probability that a bias as large as this shows where there is none.
+        p_value: (3,) probability of measuring a bias as large as this where there is none.
         spans: number of spans from which the corrections were estimated.
         delay: how late the stamps of the trajectory are.
         lever: lever arm of the sensor; None where too few turns show it.
@@ -53,7 +53,7 @@ class Pooled:
 
 
 def pool(spans: Sequence[Registration], twists: NDArray[np.float64]) -> Pooled | None:
-    """Estimates the corrections that all spans ask for together; returns None where there are too few spans.
+    """Estimates the errors of a whole trajectory from all its spans together; returns None for too few spans.
 
     Args:
         spans: spans in the order of time.
@@ -105,8 +105,8 @@ def predict_offsets(
 def _estimate(lengths: NDArray[np.float64], offsets: NDArray[np.float64], common: float = 0.0) -> tuple[float, float, float]:
     """Returns the slope of offsets over lengths, its standard deviation and its p-value.
 
-    The slope is robust against torn places. Its standard deviation combines that of a jackknife over parts of the drive with
-    that of an error which all parts have in common.
+    The slope is robust against torn places. Its variance is the variance by a jackknife over parts of the drive plus the
+    variance of an error that all parts have in common.
 
     Args:
         lengths: (N,) lengths of the spans [m].

@@ -12,14 +12,14 @@ from scipy.stats import t as student
 from mqslam.core.statistics import SIGMAS_PER_DEVIATION
 
 HUBER: Final = 1.345
-"""By definition, for 95 % efficiency: places that are off by more standard deviations than this pull no harder."""
+"""By definition: threshold of Huber's loss in standard deviations, for an efficiency of 95 % on normal errors."""
 _BLOCKS: Final = 20  # number of parts of a long drive: more parts would hardly show the spread any better
 _FITS: Final = 3  # numerical: number of fits; after the second one the spread hardly changes
 _LEAST: Final = 1e-12  # numerical: keeps quotients finite where all places agree to the last digit
 
 
 def measure_spread(misses: NDArray[np.float64]) -> float:
-    """Returns the robust standard deviation of residuals about zero, from their median size."""
+    """Returns the robust standard deviation of residuals (N,) about zero, from their median size."""
     return max(float(np.median(np.abs(misses))) * SIGMAS_PER_DEVIATION, _LEAST)
 
 
@@ -28,7 +28,7 @@ def fit_effects(design: NDArray[np.float64], offsets: NDArray[np.float64]) -> ND
 
     Args:
         design: (N, D, Q) effects of the parameters.
-        offsets: (N, D) offsets; the residuals of each of the D directions have a spread of their own.
+        offsets: (N, D) offsets; each of the D directions has its own spread of residuals.
     """
     found = np.zeros(design.shape[2])
     for _ in range(_FITS):

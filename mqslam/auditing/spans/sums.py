@@ -23,9 +23,7 @@ from mqslam.core.statistics import compute_p_values, correct_for_places
 LENGTHS_M: Final = (60.0, 120.0, 240.0)
 """Lengths of path over which spans are added up [m]: a bend of any length fills at least half of one of them."""
 _LARGEST_GAP: Final = 0.5  # most path between two successive spans that no span measures, as a share of a span
-_OVERLAP: Final = (
-    0.1  # most path that two successive spans may share, as a share of a span: scans are not spaced as spans are
-)
+_OVERLAP: Final = 0.1  # most path that two successive spans may share, as a share of a span: spans begin at scans
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,7 +32,7 @@ COMMON: Final = np.diag([OWN_DRIFT_M**2, OWN_DRIFT_M**2, OWN_DRIFT_RAD**2]) / 10
 """Covariance, per metre of path, of the drift of psi itself, which repeated measurements do not show."""
 
 FREEDOM: Final = 1.0
-"""Degrees of freedom of the covariances' scale per span: half of those of its repeats, as spans overlap by half."""
+"""Degrees of freedom of the covariances' scale per span: half of the two that its repeats give, as spans overlap by half."""
 _OF_MEDIAN: Final = {1: 1.0, 2: 0.5, 3: 0.449}  # by definition: variance of the median of this many normal values
 
 
@@ -124,7 +124,7 @@ def audit_spans(
 
 
 def estimate_covariances(spans: Sequence[Registration]) -> NDArray[np.float64]:
-    """Returns the covariances (N, 3, 3) of the offsets of N spans, scaled per axis to explain how repeats differ."""
+    """Returns the covariances (N, 3, 3) of the offsets of N spans, scaled to explain how repeated measurements differ."""
     stated = np.array([span.covariance for span in spans]) + np.diag(TOLERANCES**2)
     variances = np.einsum("kii->ki", stated)
     squares = [_contrast(span.repeats) ** 2 / variance for span, variance in zip(spans, variances, strict=True)]

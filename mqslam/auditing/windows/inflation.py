@@ -90,7 +90,7 @@ class _Window:
 
     Args:
         points: points in the frame of the sensor at the window's middle.
-        into: (N,) time from the middle to each point, in sweeps.
+        into: (N,) time from the window's middle to each point, in sweeps.
         count: number of sweeps.
         units: (3,) for each component, the twist that moves points at an end of the window by beta_s.
         settings: settings of the audit.
