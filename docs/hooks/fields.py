@@ -157,7 +157,7 @@ SUMMARY = _SHARED | {
     "sensors.gnss.walk_m": "random walk of the receiver's error [m/sqrt(s)]",
     "sensors.chirps": "null without up and down chirps, or an object",
     **_put("sensors.chirps.", _SENSOR),
-    "sensors.chirps.scale": "travel by psi per travel by the velocities that the chirps measure",
+    "sensors.chirps.scale": "distance by psi per distance by the velocities that the chirps measure",
     "sensors.chirps.sigma_scale": "standard deviation of `scale`",
     "sensors.chirps.bias_forward_mps": "bias forward [m/s]",
     "sensors.chirps.bias_left_mps": "bias to the left [m/s]",
@@ -273,7 +273,7 @@ _AUDIT = _SHARED | {
 AUDIT = _AUDIT | {
     "mended.sentence": "with --mend: the result of mending in words",
     "mended.rounds": "number of rounds of mending",
-    "mended.ties": "number of motions by psi that hold the mended trajectory",
+    "mended.ties": "number of motions by psi with which the trajectory was mended",
     "mended.loops": "number of revisits by psi that hold it",
     "mended.moved_m": "how far the farthest pose was moved [m]",
     "mended.stretch": "length of the mended path per length of the given one",

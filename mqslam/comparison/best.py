@@ -86,7 +86,7 @@ class _Tie(NamedTuple):
 
 
 def find_best(rows: Sequence[Standing]) -> Best | None:
-    """Finds the best row: by drift, then by ATE, then by the share of torn windows, then of torn revisits, then by verdict.
+    """Finds the best row by drift, ATE, share of torn windows, share of torn revisits and verdict, in this order.
 
     A criterion keeps the row with the smallest value and all rows that do not differ from it, and the next criterion decides
     among these. Two errors differ if they have different text in the table. Two shares differ if their ranges do not
@@ -123,7 +123,7 @@ def find_best(rows: Sequence[Standing]) -> Best | None:
 
 
 def _state_error(name: str, error: float | None, unit: str) -> _Figure | None:
-    """Returns an error against ground truth as a figure, rounded as in the table and without a range; None for None."""
+    """Returns an error against ground truth as a figure without a range, rounded as in the table; None if not known."""
     if error is None:
         return None
     text = f"{error:{_FIGURES}}"
@@ -140,7 +140,7 @@ def _state_share(name: str, share: Share) -> _Figure | None:
 
 
 def _state_verdict(name: str, verdict: VerdictStatus) -> _Figure | None:
-    """Returns a verdict as a figure, the larger the graver; None where the map could not be judged."""
+    """Returns a verdict as a figure, which is larger for a graver verdict; None where the map could not be judged."""
     if verdict is VerdictStatus.NOT_JUDGED:
         return None
     value = -float(GRAVEST_FIRST.index(verdict))

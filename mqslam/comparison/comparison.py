@@ -45,8 +45,8 @@ class Comparison:
         psi_across: psi per point across passes, by the rows' names; empty where no place is passed twice.
         compared: number of scans that every row covers, on which they are judged.
         places: places where the rows differ most; each row's crops begin with these.
-        stations: places spread along the path; their crops follow.
-        agreement: for every pair of rows that ran: their names, and the errors of the first as if the second were the truth.
+        stations: places spread along the path; each row's crops of them follow those of `places`.
+        agreement: for every pair of rows that ran, their names and the errors of the first if the second were the truth.
         warnings: warnings that a reader must know before the numbers.
     """
 
@@ -124,8 +124,8 @@ def measure_rows_across(
 ) -> dict[str, float]:
     """Measures, for every row, psi per point across passes of a place.
 
-    The psi of different places cannot be compared. One row therefore says where places are passed twice, and all rows are
-    measured there. This is the best row, or the first of the best rows if nothing decides between them.
+    Psi of different places cannot be compared, so all rows are measured at the same places: where the best row passes a
+    place twice. If several rows may be the best, the first of them decides.
 
     Args:
         judged: judgements of the rows, by the rows' names.
@@ -142,7 +142,7 @@ def measure_rows_across(
     poses = {name: track.at(scans.stamps_us) for name, track in tracks.items() if track is not None}
     if not poses:
         return {}
-    factor = 1.0 / (scans.unit_m or 1.0)  # passes of a place are as long as a radar's in a street
+    factor = 1.0 / (scans.unit_m or 1.0)  # so that lengths in metres hold for a lidar in a room as for a radar in a street
     poses = {name: units.scale_pose(own, factor) for name, own in poses.items()}
     estimator = units.scale_settings(settings, factor).estimator
     beam = beam_of(estimator, beam.doppler_beta)

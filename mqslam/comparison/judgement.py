@@ -35,9 +35,9 @@ _PLACES = 6
 # A difference in yaw counts as much as the distance by which it moves a point this far away [m], in the unit of the scans.
 _LEVER_M = 20.0
 
-# sizes of what the report shows; no number depends on them
-_STATIONS: Final = 60  # places along the way that can be looked at
-_MAP_POINTS: Final = 60_000  # points of a row's map that are kept to be looked at
+# amounts that the report shows; no result depends on them
+_STATIONS: Final = 60  # places along the path that the report shows
+_MAP_POINTS: Final = 60_000  # points of a row's map that the report shows
 _CROP_M: Final = 60.0  # half side of a crop [m], in the unit of the scans
 
 
@@ -141,7 +141,7 @@ def find_places(scans: Scans, tracks: Sequence[Trajectory], size: int) -> list[P
 
 
 def pick_stations(scans: Scans, size: int) -> list[Place]:
-    """Returns places evenly spread along the way, each a window of `size` scans, whether the rows differ there or not."""
+    """Returns places evenly spread over time, each a window of `size` scans, whether the rows differ there or not."""
     begins = np.arange(0, len(scans) - size + 1, size)
     chosen = begins[pick_evenly(len(begins), _STATIONS)]
     return [Place(k, k + size, scans[k].t0, scans[k + size - 1].t1, 0.0) for k in chosen.tolist()]
@@ -149,7 +149,7 @@ def pick_stations(scans: Scans, size: int) -> list[Place]:
 
 @dataclass(frozen=True)
 class Judge:
-    """A judge that treats every row of a comparison in the same way.
+    """The data and settings by which every row of a comparison is judged.
 
     Args:
         scans: scans that every row covers.
@@ -172,8 +172,8 @@ class Judge:
     def judge_all(self, rows: Sequence[Row]) -> tuple[list[Row], dict[str, JudgedRow]]:
         """Judges every row that has a trajectory.
 
-        Errors against ground truth are measured from the first of the common scans to the last, so that a short trajectory
-        is not judged on an easier part than a long one.
+        Errors against ground truth are measured from the first common scan to the last one, so that all rows are judged on
+        the same part of the drive.
 
         Returns:
             the rows, with a failure in each row that could not be judged, and the judgements of the other rows by name.

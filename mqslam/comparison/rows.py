@@ -23,7 +23,7 @@ from mqslam.execution.progress import Progress
 from mqslam.execution.runner import Runner
 from mqslam.slam import Slam
 
-_WITH_GYROSCOPE: Final = "+gyro"  # ends the name of a row whose front end uses the gyroscope
+_WITH_GYROSCOPE: Final = "+gyro"  # ending of the name of a row whose front end uses the gyroscope
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class FrontEndTask:
-    """The task that every front end of a comparison gets.
+    """The input that is the same for all front ends of a comparison.
 
     Args:
         scans: scans of the recording.

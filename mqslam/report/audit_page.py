@@ -64,7 +64,7 @@ _GROUPS: Final = {
     "revisits": "Revisits",
 }
 _PLACE_HEAD: Final = ("", "what", "time", "place", "off by", "correction", "inflation", "verdict")
-_FINE: Final = "The largest corrections of what is not torn"
+_FINE: Final = "The largest corrections of places that are not torn"
 _MOST_WINDOWS, _MOST_PAIRS = 120, 40  # most windows and other torn places that can be clicked: they limit the page's size
 
 
@@ -133,17 +133,17 @@ def _show_charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section
     charts = []
     if audit.windows:
         bend = format_length(settings.bend_m)
-        caption = f"torn are windows beyond the threshold that a correction moves by more than {bend}"
+        caption = f"a window is torn if it is above the threshold and its correction moves its points by more than {bend}"
         charts.append(Figure(draw_chart(chart_inflation(audit.windows)), "Inflation of the windows", caption))
     if audit.revisits:
         caption = f"torn beyond the tolerance, or turned by more than {np.rad2deg(settings.torn_rad):.2g}°, where sure"
         if any(revisit.stated_covariance is not None for revisit in audit.revisits):
-            caption = "torn where neither the measurement nor what the trajectory claims to know explains the offset"
+            caption = "torn where the covariances of the measurement and of the trajectory do not explain the offset"
         chart = _chart_revisits(audit.revisits, settings, sweeps.travelled, "path [m]")
         charts.append(Figure(draw_chart(chart), "Offset of the revisits", caption))
     note = (
         f"Every {WINDOW} sweeps are compared with the best map that the same returns can make. Inflation is the "
-        "correction that leads there, squared, in units of its own covariance. No ground truth takes part."
+        "correction that leads there, squared, in units of its own covariance. No ground truth is used."
     )
     return Section("Windows and revisits", [note], figures=charts) if charts else None
 
@@ -252,11 +252,11 @@ def _list_worst(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section 
     if not torn and not fine:
         return None
     notes = (
-        "Torn places come first, by how far they are off." if torn else "No place is torn.",
-        "After them come the windows of the largest inflation; all are well apart.",
+        "Torn places come first, the largest correction at the top." if torn else "No place is torn.",
+        "The windows with the largest inflation follow. All listed places are well apart.",
         "A correction moves the end of a window or span relative to its begin, the scans after a jump, or the later pass of "
         "a revisit. Its directions are as seen from the sensor.",
-        f"{' and '.join(BAD_PLACES)} beside this page hold all places that are torn or of which nothing could be decided.",
+        f"{' and '.join(BAD_PLACES)} beside this page hold all places that are torn or could not be decided.",
     )
     tables = [
         Table(_PLACE_HEAD, [(str(k), *spot.cells) for k, spot in some], True) if some else None for some in (torn, fine)
@@ -272,7 +272,7 @@ def _list_unmatched(sweeps: Sweeps, audit: Audit, summary: Mapping[str, Any]) ->
     if not rows and not blind:
         return None
     table = Table(("what", "time", "place", "why", "where to look"), rows, holds_words=True) if rows else None
-    notes = ("Nothing is said of these places: they are neither good nor bad.", *blind)
+    notes = ("Nothing is known about these places: they may be good or bad.", *blind)
     return Section("What could not be matched", notes, table=table)
 
 

@@ -79,7 +79,7 @@ def _tabulate_runs(summary: Mapping[str, Any]) -> Section:
     runs = summary["runs"]
     notes = (
         "Runs that failed come first, then the worst maps. A name leads to the report of its run.",
-        "What was not judged may be wrong in a map that passes: where range bins are assumed, all of it may be too small.",
+        "A map that passes may have faults in what was not judged: where the length of range bins is assumed, the scale.",
     )
     head = ("run", *(name for _, name, _ in _NUMBERS))
     finished = [
@@ -102,7 +102,7 @@ def _describe_run(run: Mapping[str, Any]) -> tuple[str | Cell, ...]:
     if run["failure"]:
         return name, f"failed: {run['failure']}"
     verdict = VerdictStatus(run["verdict"])
-    why = "no test speaks against the map" if verdict is VerdictStatus.PASS else run["reasons"] or ABSENT
+    why = "no test found a fault" if verdict is VerdictStatus.PASS else run["reasons"] or ABSENT
     return name, verdict, why, run["not_judged"] or ABSENT, _describe_drive(run), _describe_errors(run)
 
 

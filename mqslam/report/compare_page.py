@@ -36,7 +36,7 @@ _STYLES: Final[tuple[Any, ...]] = ("-", "--", "-.", ":", (0, (6, 1.5, 1, 1.5, 1,
 _MEDIAN_OF = 15  # number of windows in the running median
 _HALF_SIDE_M = 30.0  # half the side of the interactive map's close view of a place
 _CLOSE_M, _FAR_M = 60.0, 300.0  # shortest and longest side of the picture of the place where the rows differ most
-_SIDE = 20.0  # side of that picture, in units of how far the rows are apart
+_SIDE = 20.0  # side of that picture divided by the distance between the rows
 
 
 def write_compare_page(
@@ -127,7 +127,7 @@ def _show_trajectories(comparison: Comparison) -> Section | None:
     rows, truth = list(comparison.judged.values()), comparison.recording.ground_truth
     if not rows:
         return None
-    caption = "all starting from one pose, as far as they have one start in common"
+    caption = "all moved to one pose at the first time that all of them cover"
     if truth is not None:
         caption = "each laid on the ground truth by the best rigid motion"
     trajectories = Figure(draw_overlay(rows, truth, opaque=False), "Trajectories", caption)
@@ -143,7 +143,7 @@ def _show_trajectories(comparison: Comparison) -> Section | None:
             steps = np.column_stack([stairs[1:, 0], stairs[:-1, 1]])
             curves.append(Curve(f"{row.row.name} ({len(offsets)})", colour, steps, style, 1.6))
     if curves:
-        caption = "share of the revisits whose two passes are off each other by less, with their number in brackets"
+        caption = "share of the revisits whose two passes have a smaller offset, with the number of revisits in brackets"
         chart = Chart("revisits [%]", tuple(curves), x_title="offset less than [m]", top=102.0, log=("x",))
         charts.append(Figure(draw_chart(chart), "Offset of the revisits", caption))
     return Section("Trajectories", figures=[trajectories], stacked=charts)
@@ -330,8 +330,8 @@ def _answer_sceptic(comparison: Comparison) -> list[tuple[str, str]]:
     audits = {name: row.audit for name, row in comparison.judged.items()}
     who = (
         f"The same audit for every row: the same returns of the same {comparison.compared:,} scans, the same settings, and "
-        "nothing that says which front end a trajectory comes from. It uses no ground truth. It lays scans on each other by "
-        "psi, which the front end psi also makes small, so that it is no stranger to that row; errors against ground truth "
+        "nothing that says which front end a trajectory comes from. It uses no ground truth. It registers scans by psi, "
+        "which the front end psi minimises, too, so the audit is not independent of that row. Errors against ground truth "
         "are independent of all rows."
     )
     tolerated = apply_tolerance(comparison.settings.audit, comparison.settings.verdict)
@@ -365,7 +365,7 @@ def _list_numbers(comparison: Comparison, summary: Mapping[str, Any]) -> Section
     failed = [(row.name, row.failure) for row in comparison.rows if row.failure is not None]
     if failed:
         groups.append(("Could not run", failed))
-    note = "In a pair the first row is judged as if the second were the truth. That two rows agree makes neither right."
+    note = "In a pair the first row is judged as if the second were the truth. Two rows that agree may both be wrong."
     return Section("Numbers", [note] if comparison.agreement else [], numbers=groups)
 
 

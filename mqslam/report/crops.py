@@ -15,10 +15,10 @@ from mqslam.core import se2
 from mqslam.report.canvas import SQUARE, Curve, Drawing, Points, View, draw_world, find_common_view, mix_shades
 from mqslam.report.spots import Spot
 
-# these say which part of a place its picture shows; no other result depends on them
+# which part of a place the picture shows; no other result depends on these values
 _REACH_M = 80.0  # points farther from the sensor than this do not decide where a crop lies
 _CLOSE_M, _FAR_M = 12.0, 80.0  # shortest and longest side of a crop
-_SIDE = 40.0  # side of a crop, in units of how far the place is off
+_SIDE = 40.0  # side of a crop divided by the size of the correction
 _LEAST = 0.02  # weight of a point that the correction brings no closer to others; any gain outweighs it
 _CELLS = 4  # cells along the side of a crop, in which weights are summed to choose the crop
 

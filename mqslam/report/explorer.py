@@ -87,7 +87,7 @@ class Place:
     """A place that can be clicked, and what a click shows of it.
 
     Args:
-        t0, t1: times from which and to which the sensor was there [s].
+        t0, t1: times at which the sensor reached and left the place [s].
         title, text: title of the place, and a text about it.
         views: close views side by side with one extent; each is the name of a trajectory, groups of points (M, 2) [m], and
             the colours of the groups.
@@ -123,15 +123,15 @@ def explore(
     """Returns an interactive map; None where no layer has points.
 
     Args:
-        layers: maps; a click marks the place on all of them, dots mark the places on the first that is shown.
+        layers: maps; a click marks the place on all maps, and dots mark the places on the first map that is shown.
         charts: charts over time, one below the other.
         places: places that can be clicked, in the order of time.
         notes: lines for the reader; the first one stands below the heading, a click unfolds the others.
         lines: further lines on the map.
         groups: names of the groups of a view's points; none where they need no names.
         first: number of the place shown first.
-        is_calm: whether the verdict is pass; then no place counts against the map, and the page calls the place shown first
-            the largest correction. None where there is no verdict.
+        is_calm: whether the verdict is `pass`; the page then calls the place shown first the largest correction, since no
+            place counts against the map. None where there is no verdict.
     """
     if not any(len(layer.points) for layer in layers):
         return None
@@ -201,11 +201,11 @@ def trace_inflation(windows: Sequence[WindowAudit]) -> Points:
 
 
 def explain_torn(settings: AuditConfig) -> str:
-    """Explains in words when a window is torn, for readers who see dots beyond the threshold that are not torn."""
+    """Returns in words when a window is torn, since dots beyond the threshold need not be torn."""
     return (
         f"A window is torn where its inflation is above {TORN_INFLATION:.1f} and its correction moves its "
         f"points by more than {format_length(settings.bend_m)}. Torn places are red triangles, "
-        "the others blue dots, and those of which nothing could be decided grey squares."
+        "undecided places are grey squares, and all other places are blue dots."
     )
 
 
@@ -242,7 +242,7 @@ def _encode_curve(curve: Curve) -> dict[str, Any]:
 
 
 def _encode_places(places: Sequence[Place]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Returns the places, and all views' points as one array x, y, x, y, ..., of which a group is a begin and an end."""
+    """Returns the places, and the points of all views as one array x, y, ...; a group is given by its begin and end."""
     step = max(1.0, sum(len(group) for place in places for _, groups, _ in place.views for group in groups) / _MOST_CROPPED)
     parts: list[Points] = [np.empty((0, 2))]
     begin = 0

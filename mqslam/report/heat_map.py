@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 # the looks of the figure; no result depends on them
 _REACH = 100.0  # the colours reach from the threshold divided by this to the threshold times this
 _COLOURS: Final = ((0.0, "#123f86"), (0.5, "#6db3ea"), (0.5, "#f6bd3c"), (0.75, "#b8640a"), (1.0, "#432104"))
-_LABELS = 6  # most torn places that are labelled with how far they are off
+_LABELS = 6  # most torn places that are labelled with the size of their offset
 _LABELS_APART = 0.17  # least distance between two such labels, in widths of the picture
 _STRIP_IN = 0.62  # height of the strip above the map
 
@@ -111,7 +111,7 @@ def explain_heat_map(windows: Sequence[WindowAudit]) -> str:
     undecided = any(window.undecided is not None for window in windows)
     return (
         "every return in grey, the path in the colour of its windows' inflation: blue up to the threshold "
-        f"{TORN_INFLATION:.1f}, orange beyond it, thick where torn; red where anything else is torn, with how far it is off"
+        f"{TORN_INFLATION:.1f}, orange beyond it, thick where torn; other torn places in red, with the size of their offset"
         + ("; grey where nothing could be decided" if undecided else "")
     )
 
@@ -161,7 +161,7 @@ def _draw_colour_strip(figure: Figure, axes: Axes, colours: ScalarMappable, torn
     bar.ax.tick_params(labelsize=9, colors=INK, length=2, pad=1)
     bar.outline.set_visible(False)
     bar.ax.axvline(TORN_INFLATION, color=INK, linewidth=1.6)
-    label = f"no chance beyond {TORN_INFLATION:.1f}; thick: torn"
+    label = f"above {TORN_INFLATION:.1f}: not chance; thick: torn"
     style: dict[str, Any] = {
         "ha": "center",
         "va": "top",

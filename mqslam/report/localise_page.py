@@ -67,7 +67,7 @@ def _list_numbers(summary: Mapping[str, Any]) -> Section:
         ("across it", format_value(1e3 * sigma["across_m"], " mm")),
         ("heading", format_value(math.degrees(sigma["yaw_rad"]), "°")),
     ]
-    numbers = [("Scans", of_scans), ("Standard deviations against the map around (medians)", of_poses)]
+    numbers = [("Scans", of_scans), ("Standard deviations relative to the map around (medians)", of_poses)]
     if errors is not None:
         ate = format_value(errors["ate_rmse_m"], " m")
         numbers.append(("Errors against ground truth", [("ATE of all scans, after alignment", ate)]))
@@ -98,7 +98,7 @@ def _show_path(localised: Localised) -> Section:
             curves.append(Curve(label, colour, over(seconds, values), style, 1.0))
     is_mixed = bool(localised.on_map.any() and not localised.on_map.all())  # predicted poses err by metres, others by mm
     caption = (
-        "against the map around each pose, in its own frame; how far the map is bent over kilometres is not in it; "
+        "relative to the map around each pose, in the pose's own frame; errors of the map over kilometres are not included; "
         "dotted where the pose is a prediction"
     )
     overlap = Curve("", BLUE, over(seconds, 100.0 * localised.matched), width=1.0)
@@ -107,7 +107,7 @@ def _show_path(localised: Localised) -> Section:
         figures=[
             Figure(
                 draw_chart(Chart("standard deviation [m]", tuple(curves), log=("y",) if is_mixed else ())),
-                "How sure the poses are",
+                "Uncertainty of the poses",
                 caption,
             ),
             Figure(

@@ -69,7 +69,7 @@ def _list_numbers(summary: Mapping[str, Any]) -> Section:
         ("median residual [standard deviations]", format_value(links["residual_median"])),
     ]
     of_map = [
-        ("ψ per point across recordings, laid rigidly", f"{psi['across_before']:.3f}"),
+        ("ψ per point across recordings, each moved as a whole", f"{psi['across_before']:.3f}"),
         ("the same, merged", f"{psi['across_after']:.3f}"),
         ("points matched", format_matched(psi["matched"])),
         ("objects that changed", format_value(len(summary["changes"]))),
@@ -188,9 +188,9 @@ def _tabulate_recognition(summary: Mapping[str, Any]) -> Section:
         for m in summary["recognition"]
     ]
     note = (
-        "Submaps of one result are looked up in the other without a guess of where they are. Rows of matches must agree on "
-        "how the two lie to each other, and hardly any may agree on another way. An ambiguous submap fits several places "
-        "and counts for none."
+        "Submaps of one result are looked up in the other result without a first guess of their place. Rows of matches must "
+        "agree on the pose of one result relative to the other, and hardly any row may agree on a different pose. An "
+        "ambiguous submap fits several places and is not used."
     )
     head = ("looked up", "compared", "matches", "rows", "agree", "agree on the next best relation", "ambiguous")
     return Section("Recognition", [note], table=Table(head, rows))

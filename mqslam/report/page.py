@@ -25,7 +25,7 @@ from mqslam.report.canvas import is_svg
 from mqslam.report.words import ABSENT, format_p_value, format_value, part_of
 from mqslam.results.files import read_origin
 
-_PARTLY: Final = "No test shows evidence of a fault of this map; what could not be judged stands below."
+_PARTLY: Final = "No test shows evidence of a fault of this map; what could not be judged is listed below."
 _MEANINGS: Final = {
     "pass": "No test shows evidence of a fault of this map, and the tests would have shown a bad one.",
     "warn": "Something is wrong with this map or the run; the reasons say what, and the map shows where.",
@@ -181,10 +181,10 @@ class Page:
         return _PARTLY if self.verdict == VerdictStatus.PASS and self.unjudged else _MEANINGS.get(self.verdict, "")
 
     def add(self, name: str, make: Callable[[], Section | None]) -> None:
-        """Adds a part. If making it fails, the page says so in place of the part and among the warnings.
+        """Adds a part. If it cannot be made, the page shows a message in its place and among the warnings.
 
         Args:
-            name: name of the part, for that message.
+            name: name of the part in this message.
             make: returns the part; None where there is nothing to show.
         """
         self.parts += self._make(name, make)
@@ -239,7 +239,7 @@ def tabulate_tests(summary: Mapping[str, Any], own: Sequence[MapTest] = ()) -> S
 
     Args:
         summary: content of audit.json or of a run's summary.json.
-        own: tests of the user's own.
+        own: tests that the user added.
     """
     found = part_of(summary, "tests")
     calm: list[tuple[str, ...]] = []
@@ -256,13 +256,13 @@ def tabulate_tests(summary: Mapping[str, Any], own: Sequence[MapTest] = ()) -> S
     notes = [
         "What each test compares, what it found, and what it cannot see.",
         "The p-value is the probability that a test shows as much anywhere in a map without a fault, as far as the stated "
-        "covariances are right. A small one alone is no fault: what is off must matter, too.",
+        "covariances are right. A small p-value alone is no fault: the error must also exceed the tolerance.",
     ]
     if alarms := part_of(summary, "false_alarms"):
         least, share = format_p_value(alarms["p_value_below"]), format_value(100.0 * alarms["rate"])
         notes.append(
-            f"Tests that give p-values take as chance what has one of {least} or more, so that chance alone should make "
-            f"them call no more than {share} % of the good maps bad."
+            f"Errors with a p-value of {least} or more count as chance. Chance alone should therefore make the tests call "
+            f"no more than {share} % of the good maps bad."
         )
     passed = Section(f"{count_of(len(calm), 'test')} passed", table=Table(_TEST_HEAD, calm, holds_words=True))
     table = Table(_TEST_HEAD, others, holds_words=True) if others else None

@@ -266,7 +266,7 @@ def explore_run(run: Run, summary: Mapping[str, Any], truth: Trajectory | None) 
 
 
 def _rank_window(window: WindowAudit) -> tuple[bool, float]:
-    """Returns the rank of a window, larger if worse: torn ones rank by how far they are off, others by inflation."""
+    """Returns the rank of a window, larger if worse: torn ones rank by the size of the correction, others by inflation."""
     return window.torn, window.bend.size_m if window.torn else window.bend.inflation
 
 

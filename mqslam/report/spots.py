@@ -88,7 +88,9 @@ class Spot:
 
 
 def find_worst_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig, count: int = _WORST) -> list[Spot]:
-    """Returns the worst places, well apart within a kind: torn ones by how far they are off, then windows by inflation.
+    """Returns the worst places: torn ones by the size of their correction, then windows by inflation.
+
+    Places of one kind are well apart.
 
     Args:
         sweeps: the points that were judged.
@@ -105,7 +107,7 @@ def find_worst_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig, count:
 
 
 def rank_spot(spot: Spot) -> tuple[bool, float]:
-    """Returns the rank of a place, larger if worse: torn places rank by how far they are off, others by inflation.
+    """Returns the rank of a place, larger if worse: torn places rank by the size of the correction, others by inflation.
 
     The correction of a place that is not torn may be large only because some direction of it is not observed.
     """
@@ -185,7 +187,7 @@ def _spot_of_pair(
         kind: `jump`, `span` or `revisit`.
         pair: the earlier and the later sweep, in whose frames the stretches are given.
         stretches: numbers of the sweeps of the earlier and of the later stretch.
-        off: how far the later stretch is off [m], its correction (3,), and the correction's inflation; None for a jump.
+        off: size of the later stretch's correction [m], the correction (3,), and its inflation, which is None for a jump.
         text: where the later stretch fits, in words.
         matched: share of the later stretch's points that lie on the earlier one after the correction.
     """
@@ -197,7 +199,7 @@ def _spot_of_pair(
 
 
 def _are_apart(sweeps: Sweeps, a: Spot, b: Spot) -> bool:
-    """Returns whether two places differ in kind or are far enough from each other for a page to list both."""
+    """Returns whether a page may list both of two places: they differ in kind, or are far enough from each other."""
     if a.kind != b.kind:
         return True
     if a.kind == "window" and a.stretches[0][0] <= b.stretches[0][-1] + 1 and b.stretches[0][0] <= a.stretches[0][-1] + 1:

@@ -25,14 +25,14 @@ _LABELS: Final = {  # label and unit, by group and key or by key, where the key 
     "yaw_per_m": ("yaw", " rad/m"),
     "yaw_per_m_sigma": ("yaw, sigma", " rad/m"),
     "chirps.factors": ("velocities in the graph", ""),
-    "chirps.scale": ("travel by psi per travel by them", ""),
+    "chirps.scale": ("distance by psi per distance by chirps", ""),
     "chirps.moved_m": ("move the trajectory by (RMS)", " m"),
     "chirps.turned_rad": ("turn its end by", " rad"),
     "bias_forward_mps": ("bias forward", " m/s"),
     "bias_left_mps": ("bias to the left", " m/s"),
     "gyroscope.factors": ("turns in the graph", ""),
     "gyroscope.axis": ("axis that is the radar's vertical", ""),
-    "gyroscope.scale": ("turns of the radar per turn of its own", ""),
+    "gyroscope.scale": ("turn of the radar per turn that it measures", ""),
     "sigma_scale": ("± (one sigma)", ""),
     "gyroscope.late_s": ("its clock is late by", " s"),
     "sigma_late_s": ("± (one sigma)", " s"),
@@ -42,7 +42,7 @@ _LABELS: Final = {  # label and unit, by group and key or by key, where the key 
     "moved_m": ("moves the trajectory by (RMS)", " m"),
     "turned_rad": ("turns its end by", " rad"),
     "gnss.factors": ("fixes in the graph", ""),
-    "gnss.rejected": ("of them rejected as jumps", ""),
+    "gnss.rejected": ("fixes rejected as jumps", ""),
     "white_m": ("white noise", " m"),
     "walk_m": ("walk of the error", " m/√s"),
     "antenna_x_m": ("antenna ahead of the radar", " m"),
@@ -58,7 +58,7 @@ _LABELS: Final = {  # label and unit, by group and key or by key, where the key 
     "length_m": ("length of path", " m"),
     "factors.loop": ("loop closures", ""),
     "factors.loop_rejected": ("loop closures rejected", ""),
-    "factors.refinement": ("scans laid into earlier passes", ""),
+    "factors.refinement": ("scans registered on earlier passes", ""),
     "ate_rmse_m": ("ATE, RMSE", " m"),
     "drift_deg_per_100m": ("rotation drift", " °/100 m"),
     "rpe_v_rms": ("speed error, RMS", " m/s"),
@@ -171,7 +171,7 @@ def describe_place(position: NDArray[np.float64]) -> str:
 
 
 def describe_motion(motion: Iterable[float]) -> str:
-    """Returns a planar motion in words, as a driver would say it: ahead or back, left or right, and turned.
+    """Returns a planar motion in words: how far ahead or back, left or right, and by which angle it turns.
 
     Args:
         motion: (3,) x [m] ahead, y [m] to the left, yaw [rad] to the left.

@@ -1,4 +1,4 @@
-"""An audit as a gate of a team's builds: what got worse than in an earlier audit, as Markdown and as JUnit's XML."""
+"""Writes an audit for build servers: what is worse than in an earlier audit, as Markdown and as JUnit's XML."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def format_markdown(summary: Mapping[str, Any]) -> str:
 
 
 def _plain(text: str) -> str:
-    """Returns a text in which nothing is Markdown or HTML, since parts of it are written by others."""
+    """Escapes everything in a text that could be Markdown or HTML, since parts of the text come from users."""
     return "".join(f"\\{c}" if c in "\\`*_[]|<>#" else c for c in show(text))
 
 

@@ -29,7 +29,7 @@ from mqslam.results.audit_gate import write_gate
 from mqslam.results.files import format_csv, format_log, format_numbers, list_notes, list_verdict
 from mqslam.version import __version__
 
-# entries that audit.json has only once, since they hold for both the given and the mended trajectory
+# entries that audit.json holds only once, since they are the same for the given and for the mended trajectory
 _OF_BOTH: Final = ("mqslam_version", "dataset", "trajectory", "threshold", "bend_m", "extrinsics", "warnings", "baseline")
 _POSE, _OFFSET = ("x", "y", "yaw"), ("dx", "dy", "dyaw")  # metres, metres, radians
 _SIGMAS, _STATED = ("sigma_x", "sigma_y", "sigma_yaw"), ("claimed_sigma_x", "claimed_sigma_y", "claimed_sigma_yaw")
@@ -239,24 +239,25 @@ def describe_mended(mended: Mended, given: Mapping[str, Any]) -> str:
     """
     before = given["verdict"]["status"]
     if not mended.rounds and before == VerdictStatus.NOT_JUDGED:
-        return "The audit could not judge enough to mend anything: the trajectory is as it was given."
+        return "The audit could judge too little to mend anything, so the trajectory was left unchanged."
     if not mended.rounds:
-        return "The audit found nothing to mend: the trajectory is as it was given."
+        return "The audit found nothing to mend, so the trajectory was left unchanged."
     after = mended.result.audit.verdict.status
     if mended.is_worse:
         return (
             f"Mending failed: the mended trajectory is judged worse ({after}) than the given one ({before}). "
             "Keep the given one."
         )
-    held = f"{count_of(mended.ties, 'motion')} and {count_of(mended.loops, 'revisit')} by psi hold the mended trajectory"
+    used = f"{count_of(mended.ties, 'motion')} and {count_of(mended.loops, 'revisit')} measured by psi"
     longer = ""
     if abs(mended.stretch - 1.0) > SCALE_WARN:
         longer = f" and makes the path {mended.stretch:.3f} times as long"
-    return f"{held}, which moves poses by up to {mended.moved_m:.2f} m{longer}: the verdict was {before} and is {after}."
+    moved = f"The trajectory was mended with {used}, which moves poses by up to {mended.moved_m:.2f} m{longer}"
+    return f"{moved}: the verdict was {before} and is now {after}."
 
 
 def list_unjudged(audit: Audit) -> list[str]:
-    """Returns a line for each thing that an audit (of a given map or of a run's own map) could not judge, and why.
+    """Returns a line for each thing that could not be judged in a map, and why.
 
     Args:
         audit: judgement of the map.
@@ -271,7 +272,7 @@ def list_unjudged(audit: Audit) -> list[str]:
 
 
 def _list_uncovered(sweeps: Sweeps) -> list[str]:
-    """Returns lines on where scans lack poses, or poses lack scans, for longer than a window."""
+    """Returns a line for each stretch longer than a window in which scans have no poses, or poses have no scans."""
     track, span_s = sweeps.track, WINDOW * sweeps.revolution_s
     if track is None:
         return []
@@ -283,7 +284,7 @@ def _list_uncovered(sweeps: Sweeps) -> list[str]:
         missing.append(f"{scans}: the trajectory has poses from {begin:.1f} s to {end:.1f} s only")
     parts = [f"from {a:.1f} s to {b:.1f} s" for a, b in ((begin, first), (last, end)) if b - a > span_s]
     if parts:
-        missing.append(f"poses {' and '.join(parts)}: the data hold no points of that time")
+        missing.append(f"poses {' and '.join(parts)}: the data hold no points from that time")
     return missing
 
 
@@ -310,7 +311,7 @@ def _median(values: Sequence[float]) -> float | None:
 
 
 def summarise_audit(audit: Audit) -> dict[str, Any]:
-    """Returns results on steps, spans, sums, pooled corrections, and psi divided by the lowest psi of the same returns."""
+    """Returns the numbers of steps, spans, sums and pooled errors, and psi divided by the lowest psi of the same returns."""
     return {
         "final_psi": {
             "over_best_of_windows": audit.compute_psi_over_best(),
@@ -346,7 +347,7 @@ def summarise_tests(tests: Mapping[str, Sequence[Finding]], bounds: VerdictConfi
 
 
 def _summarise_pooled(pooled: Pooled | None) -> dict[str, Any]:
-    """Returns by name the corrections that all spans of a map ask for together; a count of 0 spans if unknown."""
+    """Returns by name the errors of the whole trajectory by all spans together; only a count of 0 spans if unknown."""
     if pooled is None:
         return {"spans": 0}
     values: dict[str, Any] = {"spans": pooled.spans}

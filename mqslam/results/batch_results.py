@@ -18,7 +18,7 @@ from mqslam.version import __version__
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A run that a batch is to do.
+    """One run in the plan of a batch.
 
     Args:
         name: name of its folder of results in the batch's folder.
@@ -49,8 +49,8 @@ class RunOutcome:
 
     Args:
         summary: content of the run's summary.json; None if the run failed.
-        failure: why there is no summary; None if there is one.
-        kept: whether the run was finished before this batch.
+        failure: why the run failed; None if it did not.
+        kept: whether the result comes from an earlier batch and was not computed again.
     """
 
     summary: dict[str, Any] | None = None

@@ -156,8 +156,8 @@ def _find_median_inflation(audit: Audit) -> float | None:
 def tabulate(summary: Mapping[str, Any]) -> tuple[list[list[str]], frozenset[tuple[int, int]]]:
     """Returns the table of a comparison as text for people.
 
-    Columns without values are left out. Psi per point is left out, too: it compares neighbours in time, so that a worse map
-    may have a smaller value.
+    Columns without values are left out. Psi per point has no column: it only compares scans that follow each other, so a
+    worse map may have a smaller value.
 
     Args:
         summary: content of compare.json.

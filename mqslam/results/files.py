@@ -53,7 +53,7 @@ def format_numbers(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def add_warnings(path: Path, summary: dict[str, Any], warnings: Sequence[str]) -> None:
-    """Adds warnings to a summary whose file exists already: they state which further files could not be written.
+    """Adds warnings about files that could not be written to a summary, and writes the summary's file again.
 
     Args:
         path: the summary's JSON file.
@@ -69,7 +69,7 @@ def add_warnings(path: Path, summary: dict[str, Any], warnings: Sequence[str]) -
 
 
 def format_log(title: str, lines: Sequence[str]) -> str:
-    """Returns the text of run.log: a title, when and by which command and versions the result was made, and notes on it.
+    """Returns the text of run.log: a title, the time, the command and the versions of a result, and notes on it.
 
     Args:
         title: first line, which names the work and its data.

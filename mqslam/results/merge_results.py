@@ -81,9 +81,9 @@ def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
 
 
 def _summarise_alignment(merged: Merged) -> dict[str, float | None]:
-    """Returns the uncertainty of the recordings' alignment, and the share of keyframes at which it is small enough.
+    """Returns the uncertainty of the recordings' alignment, and the share of keyframes at which changes are searched for.
 
-    Changes between the recordings are looked for only where the uncertainty is small enough. All values are None if no
+    Changes between the recordings are searched for only where the uncertainty is small enough. All values are None if no
     uncertainty is known.
     """
     between = merged.sigmas[merged.kept.keyframes.origins != np.arange(len(merged.sigmas))[:, None]]

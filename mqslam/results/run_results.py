@@ -114,7 +114,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
 
 
 def _summarise_ranges(errors: RangeErrors, recording: Recording) -> dict[str, Any]:
-    """Returns the errors of the ranges that psi shows as JSON data, for summary.json."""
+    """Returns the errors of the ranges as measured by psi, for summary.json."""
     sigmas = errors.sigmas
     return {
         "range_offset_m": recording.range_offset + errors.offset,
@@ -179,7 +179,7 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], recording: Record
 
 
 def add_warnings(folder: Path, summary: dict[str, Any], notes: Sequence[str], warnings: Sequence[str]) -> None:
-    """Adds warnings to summary.json and run.log, which exist already: they state which further files could not be written.
+    """Adds warnings about files that could not be written to summary.json and run.log, and writes both files again.
 
     Args:
         folder: the folder of the results.
@@ -225,7 +225,7 @@ def format_measurements(measurements: Sequence[Measurement]) -> str:
 
 
 def format_graph_table(run: Run) -> str:
-    """Returns as CSV what g2o cannot express about each edge of graph.g2o: its kind, robust loss, and stamps of its scans.
+    """Returns a CSV row per edge of graph.g2o, with what g2o cannot express: kind, robust loss, and stamps of its scans.
 
     Args:
         run: the finished run.

@@ -39,7 +39,7 @@ _NEAR_S: Final = 5.0  # stretches that are less than this apart [s] are named in
 
 
 def judge_run(run: Run) -> dict[str, list[Finding]]:
-    """Returns the findings of each test of a run's map by the test's name. The tests need nothing but the run.
+    """Returns the findings of each test of a run's map by the test's name.
 
     Only windows show how good the map is. Without windows, the map is not judged, and warnings become `not judged`, too.
     """
@@ -61,7 +61,7 @@ def judge_run(run: Run) -> dict[str, list[Finding]]:
 
 
 def _judge_nothing(finding: Finding) -> Finding:
-    """Returns the finding as it counts for a map without windows: a warning becomes `not judged`."""
+    """Returns the finding for a map without windows, in which a warning becomes `not judged`."""
     return replace(finding, status=VerdictStatus.NOT_JUDGED) if finding.status is VerdictStatus.WARN else finding
 
 
@@ -88,7 +88,7 @@ def list_warnings(run: Run, recording: Recording) -> list[str]:
         warnings.append("the refinement made psi between passes larger: the poses from before the refinement are kept")
     stops = find_stops(run, recording)
     warnings += [
-        f"stood still from {begin:.1f} s to {end:.1f} s: the map holds the first scan of that time only"
+        f"the radar stood still from {begin:.1f} s to {end:.1f} s: the map holds only the first scan of that time"
         for begin, end in stops
     ]
     return warnings
@@ -194,13 +194,13 @@ def _judge_whole_map(run: Run) -> list[Finding]:
         return [Finding(VerdictStatus.NOT_JUDGED, reason)]
     findings = []
     for status, ratio in _compare_psi(run, run.map_odometry.psi_per_point, run.map_optimised.psi_per_point):
-        takes = f"which takes more than {_WORSE:g} times"
-        meaning = f"it blurred the map, {takes}"
+        takes = f"a ratio above {_WORSE:g} would"
+        meaning = f"optimisation blurred the map, as a ratio above {_WORSE:g} shows"
         if run.refined.psi_across is not None:  # the returns of two passes are neighbours only once the passes meet
             status = VerdictStatus.PASS
-            meaning = "the returns of other passes count in it once the passes meet, so that psi across passes decides"
+            meaning = "it also counts the returns of other passes once the passes meet, so psi across passes decides instead"
         elif status is VerdictStatus.PASS:
-            meaning = f"it did not blur the map, {takes}, but drift hardly shows in this number"
+            meaning = f"optimisation did not blur the map ({takes} show that), but drift hardly shows in this number"
         findings.append(_blame_optimisation(status, f"psi per point {ratio}: {meaning}"))
     return findings
 
@@ -216,7 +216,7 @@ def _compare_psi(run: Run, before: float | None, after: float | None) -> list[tu
         return []
     ratio = after / before
     status = VerdictStatus.FAIL if ratio > _WORSE else VerdictStatus.PASS
-    return [(status, f"is {ratio:.2f} times that of the map before optimisation")]
+    return [(status, f"is {ratio:.2f} times its value before optimisation")]
 
 
 def _warn_of_gaps(gaps: list[tuple[int, float]], longest_coast_s: float) -> list[str]:
@@ -241,7 +241,7 @@ def _warn_of_gaps(gaps: list[tuple[int, float]], longest_coast_s: float) -> list
 
 
 def _judge_scale(run: Run) -> list[Finding]:
-    """Returns findings that odometry or GNSS fixes contradict the trajectory's scale; [] if they agree or are too few."""
+    """Returns a finding for odometry and for GNSS fixes if they contradict the trajectory's scale; [] if none does."""
     reasons, ratio, fixes = [], measure_ratio(run), run.sensors.fixes
     stretch = None if fixes is None else fixes.stretch
     if ratio is not None and is_wrong_scale(ratio):
@@ -265,9 +265,9 @@ def _shows_scale(fixes: FixUse | None) -> bool:
 
 
 def list_unknown_scale(run: Run, recording: Recording) -> list[str]:
-    """Returns a line on what the map's scale rests on, if neither odometry nor GNSS checks this scale, else an empty list.
+    """Returns a line that the map's scale is unchecked, if neither odometry nor GNSS shows it; otherwise an empty list.
 
-    Psi does not depend on the scale.
+    Psi cannot check the scale, since it does not depend on the scale.
     """
     if measure_ratio(run) is not None or _shows_scale(run.sensors.fixes):
         return []

@@ -67,7 +67,7 @@ def test_a_trajectory_without_a_fault_is_written_as_it_is(street: Path, quick: P
 def test_a_map_that_was_not_judged_is_not_said_to_need_no_mending() -> None:
     untouched = SimpleNamespace(rounds=0)
     assert "nothing to mend" in describe_mended(untouched, {"verdict": {"status": "pass"}})
-    assert "could not judge enough to mend" in describe_mended(untouched, {"verdict": {"status": "not judged"}})
+    assert "could judge too little to mend" in describe_mended(untouched, {"verdict": {"status": "not judged"}})
 
 
 @pytest.mark.parametrize("stretch", [1.0, 1.028, 0.99])
@@ -76,7 +76,7 @@ def test_a_trajectory_that_is_mended_in_its_scale_is_said_to_be(stretch: float) 
     mended = SimpleNamespace(rounds=1, result=audited, is_worse=False, ties=3, loops=1, moved_m=2.45, stretch=stretch)
     sentence = describe_mended(mended, {"verdict": {"status": "fail"}})
     assert sentence.startswith(
-        "3 motions and 1 revisit by psi hold the mended trajectory, which moves poses by up to 2.45 m"
+        "The trajectory was mended with 3 motions and 1 revisit measured by psi, which moves poses by up to 2.45 m"
     )
     assert (f"makes the path {stretch:.3f} times as long" in sentence) is (stretch != 1.0)
 

@@ -119,7 +119,7 @@ def test_a_comparison_of_one_row_without_truth_still_has_a_report(tmp_path: Path
     assert set(page.images) == {"Trajectories"}
     assert set(page.drawings) == {"Inflation of the windows", "Offset of the revisits"}
     assert "Could not run" not in page.text and "is best" not in page.text
-    assert "all starting from one pose" in page.text
+    assert "all moved to one pose" in page.text
 
 
 def test_many_rows_with_long_names_are_all_in_the_legend() -> None:

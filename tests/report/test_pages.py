@@ -104,7 +104,7 @@ def test_a_pass_promises_no_more_than_was_judged(tmp_path: Path, unjudged: list[
     write_run(tmp_path, {**RUN_SUMMARY, "verdict": verdict, "not_judged": unjudged})
     text = text_of(tmp_path)
     assert ("the tests would have shown a bad one" in text) is not bool(unjudged)
-    assert ("what could not be judged stands below" in text) is bool(unjudged)
+    assert ("what could not be judged is listed below" in text) is bool(unjudged)
 
 
 def test_what_could_not_be_judged_is_grey(tmp_path: Path) -> None:
@@ -154,7 +154,7 @@ def test_the_tests_of_a_map_stand_side_by_side_with_their_p_values(tmp_path: Pat
     }
     write_audit(tmp_path, {**AUDIT_SUMMARY, "tests": tests, "false_alarms": {"rate": 0.02, "p_value_below": 0.0025}})
     text = text_of(tmp_path)
-    assert "take as chance what has one of 0.0025 or more" in text and "no more than 2 % of the good maps" in text
+    assert "Errors with a p-value of 0.0025 or more count as chance" in text and "no more than 2 % of the good maps" in text
     assert "p-value" in text and "pass\n0.31\n0 of 10" in text and "warn\n< 0.0001\nthe map jumps" in text
     assert "pass\n–\nit comes back" in text
     assert text.index("the map jumps") < text.index("2 tests passed") < text.index("0 of 10")

@@ -100,7 +100,7 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others)
         (
             run(240, refined=Refined([], [], 0.5, 0.6, 0.6)),
             FAIL,
-            "psi per point across passes is 1.20 times that of the map",
+            "psi per point across passes is 1.20 times its value before",
         ),
         (run(240, after=0.6, odometry_factors=0), PASS, "no scan lost track"),  # nothing pulled the graph anywhere
         (run(240, unoptimised="no luck"), FAIL, "the pose graph could not be optimised: the trajectory is psi's motions"),
@@ -134,18 +134,18 @@ def test_the_verdict_of_a_run_needs_evidence(found, status, reason):
             None,
             PASS,
             "1.01",
-            "it did not blur the map, which takes more than 1.1 times, but drift hardly shows in this",
+            "optimisation did not blur the map (a ratio above 1.1 would show that), but drift hardly shows",
         ),
-        (0.6, None, FAIL, "1.20", "it blurred the map, which takes more than 1.1 times"),
-        (0.6, 0.45, PASS, "1.20", "the returns of other passes count in it once the passes meet"),
+        (0.6, None, FAIL, "1.20", "optimisation blurred the map, as a ratio above 1.1 shows"),
+        (0.6, 0.45, PASS, "1.20", "it also counts the returns of other passes once the passes meet"),
     ],
 )
 def test_psi_per_point_says_that_it_hardly_sees_drift_and_psi_across_passes_leads(after, across, status, ratio, meaning):
     refined = Refined([], []) if across is None else Refined([], [], 0.9, 0.6, across)
     judged, _, reasons = verdict_of(judge_run(run(240, after=after, refined=refined)))
-    said = f"psi per point is {ratio} times that of the map before optimisation: {meaning}"
+    said = f"psi per point is {ratio} times its value before optimisation: {meaning}"
     assert judged is status and any(reason.startswith(said) for reason in reasons)
-    leads = "psi per point across passes is 0.50 times that of the map before optimisation"
+    leads = "psi per point across passes is 0.50 times its value before optimisation"
     assert (reasons[0] == leads) is any("across passes is" in reason for reason in reasons) is (across is not None)
 
 

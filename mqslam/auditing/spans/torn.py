@@ -38,7 +38,7 @@ _OF_MEDIAN: Final = {1: 1.0, 2: 0.5, 3: 0.449}  # by definition: variance of the
 
 @dataclass(frozen=True, slots=True)
 class SpanAudit:
-    """The judgement of one span.
+    """The judgement of one span, which is a stretch of path whose two ends are registered on each other.
 
     Args:
         registration: registration of the scans at its end on those at its begin.
