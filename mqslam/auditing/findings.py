@@ -428,7 +428,7 @@ def judge_revisits(
         path_m: length of the path [m] if all its sums of spans are within the tolerance; None if a sum is not, or if there
             are no sums.
     """
-    sure = [r for r in revisits if r.revisit.sure]
+    sure = [r for r in revisits if r.sure]
     if not sure:
         return Finding(VerdictStatus.PASS, _explain_no_revisit(revisits, settings, path_m), judged=False)
     off, excused = [r for r in sure if r.torn], [r for r in sure if r.excused]
@@ -436,11 +436,11 @@ def judge_revisits(
     reason = f"{len(off)} of {count_of(len(sure), 'revisit')} {is_or_are(len(off))} torn"
     status, explanation = VerdictStatus.PASS, ""
     if off:
-        worst = max(off, key=lambda one: one.revisit.distance_m)
-        reason += f", by up to {worst.revisit.distance_m:.2f} m"
+        worst = max(off, key=lambda one: one.distance_m)
+        reason += f", by up to {worst.distance_m:.2f} m"
         if any(r.stated_covariance is not None for r in off):
             reason += ", more than the covariances of the trajectory explain"
-        explanation = f"the trajectory drifts: two passes of a place lie {worst.revisit.distance_m:.2f} m apart"
+        explanation = f"the trajectory drifts: two passes of a place lie {worst.distance_m:.2f} m apart"
         torn = Share(len(off), len(sure))
         status = torn.judge(_REVISITS_WARN, _REVISITS_FAIL)
         # a single torn revisit may join two places that only look alike
@@ -450,7 +450,7 @@ def judge_revisits(
             reason += f", too few to judge drift by: the share of torn revisits may be {torn.describe_range()}"
     beside = _find_agreeing_row(sure, settings, limits)
     if beside:
-        apart_m = float(np.median([one.revisit.distance_m for one in beside]))
+        apart_m = float(np.median([one.distance_m for one in beside]))
         row = f"{count_of(len(beside), 'revisit')} in a row agree on {apart_m:.2f} m between their passes"
         reason += f", and {row}"
         explanation = explanation or f"one pass lies beside the other: {row}"
@@ -460,7 +460,7 @@ def judge_revisits(
         if some:
             reason += f"; {some} {is_or_are(some)} off by more than chance explains, each by less than is tolerated"
     if excused:
-        farthest = max(r.revisit.distance_m for r in excused)
+        farthest = max(r.distance_m for r in excused)
         said = f"the passes of {len(excused)} lie up to {farthest:.2f} m apart"
         reason += f", and {said}, which the covariances of the trajectory explain"
         if status is VerdictStatus.PASS and Share(len(excused), len(sure)).is_above(_REVISITS_WARN):
@@ -487,7 +487,7 @@ def _find_agreeing_row(sure: Sequence[RevisitAudit], settings: AuditConfig, limi
 
 def _measure_mean(row: Sequence[RevisitAudit]) -> float:
     """Returns the norm [m] of the mean of the offsets of revisits, each in the world's directions."""
-    return float(np.hypot(*np.mean([one.revisit.moved for one in row], axis=0)))
+    return float(np.hypot(*np.mean([one.moved for one in row], axis=0)))
 
 
 def _explain_no_revisit(revisits: Sequence[RevisitAudit], settings: AuditConfig, path_m: float | None) -> str:

@@ -105,7 +105,7 @@ class Audit:
 
     def compute_psi_over_best_of_passes(self) -> float | None:
         """Returns the psi across passes over the lowest psi of the same returns; None without a sure revisit."""
-        sure = [one.revisit for one in self.revisits if one.revisit.sure]
+        sure = [one for one in self.revisits if one.sure]
         return _divide(sum(one.psi for one in sure), sum(one.psi_best for one in sure))
 
 

@@ -166,8 +166,8 @@ _REVISIT_FEWEST = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Revisit:
-    """Two passes of one place.
+class RevisitAudit:
+    """The judgement of one revisit: two passes of one place, the later one registered on the earlier one.
 
     Args:
         earlier, later: the two sweeps.
@@ -181,6 +181,12 @@ class Revisit:
         psi, psi_best: score per point without and with the offset corrected.
         sure: whether the maps of the two passes constrain every direction and fit nowhere else as well, or the revisit
             belongs to a row of revisits that agree.
+        torn: whether the two passes are off each other by more than the covariance explains and by more than a tolerance.
+        p_value: probability that an offset as large shows at any revisit of a good map; NaN where the revisit is not sure or
+            too few revisits show how far off they usually are.
+        stated_covariance: (3, 3) covariance that the trajectory itself states of the later pose relative to the earlier one,
+            which is part of the revisit's covariance; None where the trajectory states no covariance.
+        excused: whether the passes would be torn if the trajectory did not state so large a covariance.
     """
 
     earlier: int
@@ -193,6 +199,10 @@ class Revisit:
     psi: float
     psi_best: float
     sure: bool
+    torn: bool = False
+    p_value: float = np.nan
+    stated_covariance: NDArray[np.float64] | None = None
+    excused: bool = False
 
     @property
     def distance_m(self) -> float:
@@ -203,27 +213,6 @@ class Revisit:
     def moved(self) -> NDArray[np.float64]:
         """The offset (2,) [m] in the world's directions, which stays the same in turns if one pass lies beside the other."""
         return np.asarray(se2.transform([0.0, 0.0, self.heading], self.offset[None, :2])[0])
-
-
-@dataclass(frozen=True, slots=True)
-class RevisitAudit:
-    """The judgement of one revisit.
-
-    Args:
-        revisit: the two passes and their offset.
-        torn: whether the two passes are off each other by more than the covariance explains and by more than a tolerance.
-        p_value: probability that an offset as large shows at any revisit of a good map; NaN where the revisit is not sure or
-            too few revisits show how far off they usually are.
-        stated_covariance: (3, 3) covariance that the trajectory itself states of the later pose relative to the earlier one,
-            which is part of the revisit's covariance; None where the trajectory states no covariance.
-        excused: whether the passes would be torn if the trajectory did not state so large a covariance.
-    """
-
-    revisit: Revisit
-    torn: bool
-    p_value: float = np.nan
-    stated_covariance: NDArray[np.float64] | None = None
-    excused: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,7 +241,7 @@ def judge_honesty(revisits: Sequence[RevisitAudit]) -> Honesty | None:
     are listed pose by pose, the correlations between poses are missing. The covariance of one pose relative to a nearby
     pose then comes out too large. Covariances that are too large are therefore reported, but are no fault.
     """
-    sure = [r.revisit.inflation for r in revisits if r.revisit.sure and r.stated_covariance is not None]
+    sure = [r.inflation for r in revisits if r.sure and r.stated_covariance is not None]
     if not sure:
         return None
     degrees = 3 * len(sure)
@@ -308,8 +297,8 @@ def doubt_interpolated(revisits: Sequence[RevisitAudit], interpolated: NDArray[n
         interpolated: (S,) which sweeps lie in a gap of the trajectory.
     """
     return [
-        replace(one, revisit=replace(one.revisit, sure=False), torn=False, p_value=np.nan, excused=False)
-        if interpolated[[one.revisit.earlier, one.revisit.later]].any()
+        replace(one, sure=False, torn=False, p_value=np.nan, excused=False)
+        if interpolated[[one.earlier, one.later]].any()
         else one
         for one in revisits
     ]
@@ -352,7 +341,7 @@ def judge_registrations(
     chance = share_of_false_alarms(limits)
     audited = []
     for k, one in enumerate(registrations):
-        revisit = Revisit(
+        revisit = RevisitAudit(
             earlier=one.earlier,
             later=one.later,
             offset=one.offset,
@@ -363,16 +352,16 @@ def judge_registrations(
             psi=one.psi,
             psi_best=one.psi_best,
             sure=bool(sure[k]),
+            p_value=float(p_values[k]),
+            stated_covariance=None if known is None else known[k],
         )
-        p_value = float(p_values[k])
-        if known is None:
-            audited.append(RevisitAudit(revisit, is_torn(revisit, settings), p_value))
-            continue
-        torn = is_torn(revisit, settings)  # by fixed limits, which hold if too few revisits give p-values
-        if np.isfinite(p_value):
-            torn = p_value < chance and one.size_m > settings.jump_m  # by the stated covariance
-        alone = is_torn(replace(revisit, inflation=float(measured.inflations[k])), settings)
-        audited.append(RevisitAudit(revisit, torn, p_value, known[k], excused=alone and not torn))
+        torn = is_torn(revisit, settings)  # by fixed limits, which also hold if too few revisits give p-values
+        excused = False
+        if known is not None:
+            if np.isfinite(revisit.p_value):
+                torn = revisit.p_value < chance and one.size_m > settings.jump_m  # by the stated covariance
+            excused = not torn and is_torn(replace(revisit, inflation=float(measured.inflations[k])), settings)
+        audited.append(replace(revisit, torn=torn, excused=excused))
     return audited
 
 
@@ -397,7 +386,7 @@ def _measure_offsets(registrations: Sequence[Registration], sweeps: Sweeps, sett
 
 def share_torn_revisits(revisits: Sequence[RevisitAudit]) -> Share:
     """Returns the share of torn revisits among the sure ones."""
-    sure = [revisit for revisit in revisits if revisit.revisit.sure]
+    sure = [revisit for revisit in revisits if revisit.sure]
     return Share(sum(revisit.torn for revisit in sure), len(sure))
 
 
@@ -428,7 +417,7 @@ def _register_pair(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], pair: tu
     return register(sweeps, pair, pick_passes(sweeps, earlier, later, settings), reach, settings, estimator, _RIVAL_SIGMAS)
 
 
-def is_torn(revisit: Revisit, settings: AuditConfig) -> bool:
+def is_torn(revisit: RevisitAudit, settings: AuditConfig) -> bool:
     """Returns whether a revisit is torn by the fixed limits on its inflation and on its offset."""
     beyond = revisit.inflation > TORN_INFLATION
     far = revisit.distance_m > settings.torn_m or abs(revisit.offset[2]) > settings.torn_rad

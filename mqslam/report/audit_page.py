@@ -158,9 +158,9 @@ def _chart_revisits(revisits: Sequence[RevisitAudit], settings: AuditConfig, x: 
         x_title: title of the x axis.
     """
     kinds = (
-        ("not sure", GREY, "s", [r.revisit for r in revisits if not r.revisit.sure]),
-        ("revisits", BLUE, "o", [r.revisit for r in revisits if r.revisit.sure and not r.torn]),
-        ("revisits: torn", RED, "^", [r.revisit for r in revisits if r.revisit.sure and r.torn]),
+        ("not sure", GREY, "s", [r for r in revisits if not r.sure]),
+        ("revisits", BLUE, "o", [r for r in revisits if r.sure and not r.torn]),
+        ("revisits: torn", RED, "^", [r for r in revisits if r.sure and r.torn]),
     )
     curves = []
     for name, colour, mark, some in kinds:
@@ -202,9 +202,9 @@ def explore_audit(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explor
     times = sweeps.times[0] + (sweeps.turns - sweeps.numbers[0]) * sweeps.revolution_s
     layer = Layer("trajectory", BLUE, sweeps.times, sweeps.poses[:, :2], sweeps.points, {"time": times})
     spots = _choose_spots(sweeps, audit, settings)
-    torn = [sweeps.poses[[r.revisit.earlier, r.revisit.later], :2] for r in audit.revisits if r.torn]
+    torn = [sweeps.poses[[r.earlier, r.later], :2] for r in audit.revisits if r.torn]
     charts = [chart_inflation(audit.windows)] if audit.windows else []
-    sure = [r for r in audit.revisits if r.revisit.sure]
+    sure = [r for r in audit.revisits if r.sure]
     if sure:
         charts.append(_chart_revisits(sure, settings, sweeps.times, "time [s]"))
     return explore(

@@ -135,7 +135,7 @@ def _show_trajectories(comparison: Comparison) -> Section | None:
     charts = [Figure(draw_chart(_chart_inflation(comparison)), "Inflation of the windows", caption)]
     curves = []
     for k, row in enumerate(rows):
-        offsets = np.sort([r.revisit.distance_m for r in row.audit.revisits if r.revisit.sure])
+        offsets = np.sort([r.distance_m for r in row.audit.revisits if r.sure])
         if len(offsets):
             colour, style = _style_of(k)
             reached = over(np.maximum(offsets, LEAST_M), 100.0 * np.arange(1, len(offsets) + 1) / len(offsets))

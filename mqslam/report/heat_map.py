@@ -125,8 +125,7 @@ def _list_torn(audit: Audit, times: NDArray[np.float64]) -> list[_TornPlace]:
     for one in stretches:
         earlier, later = np.searchsorted(times, [one.t0, one.t1]).clip(max=len(times) - 1).tolist()
         places.append(_TornPlace(earlier, later, one.distance_m))
-    revisits = [judged.revisit for judged in audit.revisits if judged.torn]
-    return places + [_TornPlace(r.earlier, r.later, r.distance_m, is_stretch=False) for r in revisits]
+    return places + [_TornPlace(r.earlier, r.later, r.distance_m, is_stretch=False) for r in audit.revisits if r.torn]
 
 
 def _draw_torn(axes: Axes, path: Points, torn: Sequence[_TornPlace], view: View) -> None:

@@ -158,7 +158,7 @@ def spots_of_torn_pairs(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> 
         off = span.distance_m, span.offset, inflation
         text = _describe_fit("The end of the span", span.distance_m, span.offset)
         spots.append(_spot_of_pair(sweeps, "span", pair, pick_ends(pair), off, text, span.registration.matched))
-    for revisit in (judged.revisit for judged in audit.revisits if judged.torn):
+    for revisit in (one for one in audit.revisits if one.torn):
         pair, off = (revisit.earlier, revisit.later), (revisit.distance_m, revisit.offset, revisit.inflation)
         text = _describe_fit("The later pass", revisit.distance_m, revisit.offset)
         passes = pick_passes(sweeps, *pair, settings)
@@ -230,7 +230,7 @@ def list_unmatched(sweeps: Sweeps, audit: Audit) -> list[tuple[str, ...]]:
         ],
         ("revisit", "revisits.csv"): [
             (None if r.sure else unsure, *sweeps.times[[r.earlier, r.later]].tolist(), sweeps.poses[r.later])
-            for r in (found.revisit for found in audit.revisits)
+            for r in audit.revisits
         ],
     }
     rows: list[tuple[str, ...]] = []

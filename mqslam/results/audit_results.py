@@ -64,18 +64,18 @@ _WINDOW: Final[Columns] = {
     "grid_entropy": lambda w, _: w.measures.grid_entropy,
 }
 _REVISIT: Final[Columns] = {
-    ("t_earlier", "t_later"): lambda r, sweeps: sweeps.times[[r.revisit.earlier, r.revisit.later]],
-    _POSE: lambda r, sweeps: sweeps.poses[r.revisit.later],
-    "torn": lambda r, _: r.torn if r.revisit.sure else None,
-    "sure": lambda r, _: r.revisit.sure,
-    _OFFSET: lambda r, _: r.revisit.offset,
-    _SIGMAS: lambda r, _: _sigmas(r.revisit.covariance),
+    ("t_earlier", "t_later"): lambda r, sweeps: sweeps.times[[r.earlier, r.later]],
+    _POSE: lambda r, sweeps: sweeps.poses[r.later],
+    "torn": lambda r, _: r.torn if r.sure else None,
+    "sure": lambda r, _: r.sure,
+    _OFFSET: lambda r, _: r.offset,
+    _SIGMAS: lambda r, _: _sigmas(r.covariance),
     _STATED: lambda r, _: (None,) * 3 if r.stated_covariance is None else _sigmas(r.stated_covariance),
-    "inflation": lambda r, _: r.revisit.inflation,
+    "inflation": lambda r, _: r.inflation,
     "p_value": lambda r, _: _known(r.p_value),
-    "matched": lambda r, _: r.revisit.matched,
-    "psi_per_point": lambda r, _: r.revisit.psi,
-    "psi_per_point_best": lambda r, _: r.revisit.psi_best,
+    "matched": lambda r, _: r.matched,
+    "psi_per_point": lambda r, _: r.psi,
+    "psi_per_point_best": lambda r, _: r.psi_best,
 }
 _SPAN: Final[Columns] = {  # the offsets do not contain the corrections of the whole map
     "t_earlier": lambda s, _: s.t0,
@@ -158,13 +158,13 @@ def summarise(
         extrinsics: x, y [m], yaw [degrees] of the sensor in the frame whose trajectory was given; None if none were stated.
     """
     torn, off = share_torn(audit.windows), share_torn_revisits(audit.revisits)
-    sure = [r for r in audit.revisits if r.revisit.sure]
+    sure = [r for r in audit.revisits if r.sure]
     revisits = {
         "count": len(audit.revisits),
         "sure": off.total,
         **share_to_numbers(off),
-        "median_m": _median([r.revisit.distance_m for r in sure]),
-        "worst_m": max((r.revisit.distance_m for r in sure if r.torn), default=None),
+        "median_m": _median([r.distance_m for r in sure]),
+        "worst_m": max((r.distance_m for r in sure if r.torn), default=None),
     }
     return {
         "mqslam_version": __version__,

@@ -105,7 +105,7 @@ def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: i
     """Returns the numbers of a row; for a row that failed, only its name and failure."""
     if judged is None:
         return {"name": row.name, "failure": row.failure}
-    windows, sure = judged.audit.windows, [r for r in judged.audit.revisits if r.revisit.sure]
+    windows, sure = judged.audit.windows, [r for r in judged.audit.revisits if r.sure]
     standing = Standing.of(judged)
     torn = standing.windows
     truth, before = judged.after, judged.before
@@ -135,7 +135,7 @@ def _list_row(row: Row, judged: JudgedRow | None, across: float | None, scans: i
         "windows_torn_at_most": torn.upper_bound(CONFIDENCE),
         "revisits": standing.revisits.total,
         "revisits_torn": standing.revisits.count,
-        "revisit_m": float(np.median([r.revisit.distance_m for r in sure])) if sure else None,
+        "revisit_m": float(np.median([r.distance_m for r in sure])) if sure else None,
         "loops": row.loops if row.measurements else None,
         "loops_rejected": row.loops_rejected if row.measurements else None,
         "measure_s": row.measure_s,

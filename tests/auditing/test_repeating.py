@@ -61,11 +61,11 @@ def test_a_period_is_a_rival_and_no_tear(shift_m: float) -> None:
     revisits = judged(shift_m, repeats=True)
     assert len(revisits) >= 4
     assert not any(r.torn for r in revisits)
-    assert not any(r.revisit.sure and r.revisit.distance_m > 0.5 for r in revisits)
+    assert not any(r.sure and r.distance_m > 0.5 for r in revisits)
     assert judge_revisits(revisits, CONFIG.audit, CONFIG.verdict).status is VerdictStatus.PASS
 
 
 def test_the_same_shift_is_a_tear_where_nothing_repeats() -> None:
     assert not any(r.torn for r in judged(0.0, repeats=False))
-    assert all(r.torn for r in judged(-2.4, repeats=False) if r.revisit.sure)
+    assert all(r.torn for r in judged(-2.4, repeats=False) if r.sure)
     assert sum(r.torn for r in judged(-2.4, repeats=False)) >= 4

@@ -75,9 +75,7 @@ def test_good_maps_show_small_p_values_as_rarely_as_promised(count: int) -> None
 
 def test_inflation_of_a_good_map_is_a_chi_square_whatever_the_curvature_says() -> None:
     sweeps = passed_twice(40)
-    inflations = [
-        r.revisit.inflation for seed in range(40) for r in judged(sweeps, lay_passes(sweeps, spread=3.0, seed=seed))
-    ]
+    inflations = [r.inflation for seed in range(40) for r in judged(sweeps, lay_passes(sweeps, spread=3.0, seed=seed))]
     assert np.mean(inflations) / 3.0 == pytest.approx(1.0, abs=0.2)
 
 
@@ -114,11 +112,8 @@ def test_a_pass_that_lies_beside_the_other_is_found_on_the_way_back_too_and_pass
     sweeps = passed_twice(40)
     revisits = judged(sweeps, lay_passes(sweeps, (0.0, 0.45, 0.0)))
     for turned, status in ((True, VerdictStatus.WARN), (False, VerdictStatus.PASS)):
-        back = [replace(one.revisit, offset=-one.revisit.offset, heading=np.pi * turned) for one in revisits[1::2]]
-        mixed = [
-            replace(one, revisit=back[k // 2]) if k % 2 else replace(one, revisit=replace(one.revisit, heading=0.0))
-            for k, one in enumerate(revisits)
-        ]
+        back = [replace(one, offset=-one.offset, heading=np.pi * turned) for one in revisits[1::2]]
+        mixed = [back[k // 2] if k % 2 else replace(one, heading=0.0) for k, one in enumerate(revisits)]
         assert judge_revisits(mixed, CONFIG.audit, CONFIG.verdict).status is status
 
 
@@ -161,10 +156,10 @@ def test_unsure_revisits_that_agree_count_and_those_that_fit_every_period_do_not
     sweeps = passed_twice(17)
     registrations = lay_passes(sweeps, (5.0, 0.0, 0.0))
     together = judged(sweeps, unsure(registrations))
-    assert all(r.revisit.sure and r.torn for r in together)
+    assert all(r.sure and r.torn for r in together)
     assert judge_revisits(together, CONFIG.audit, CONFIG.verdict).status is VerdictStatus.FAIL
     repeating = judged(
         sweeps, unsure(registrations, np.array([[0.0, 0.0, 0.0]]))
     )  # where the trajectory has it fits as well
-    assert not any(r.revisit.sure or r.torn for r in repeating) and all(np.isnan(r.p_value) for r in repeating)
+    assert not any(r.sure or r.torn for r in repeating) and all(np.isnan(r.p_value) for r in repeating)
     assert judge_revisits(repeating, CONFIG.audit, CONFIG.verdict).status is VerdictStatus.PASS

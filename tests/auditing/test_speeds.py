@@ -106,7 +106,7 @@ def test_poses_eleven_seconds_apart_around_corners_are_judged_by_how_far_they_ar
     )
     known = [w.speed for w in audited.windows if w.speed is not None and w.speed.sure]
     assert any(contradicts(speed, audited.capture) for speed in known) is (factor != 1.0)
-    assert not any(revisit.revisit.sure for revisit in audited.revisits)  # where it is back is interpolated, too
+    assert not any(revisit.sure for revisit in audited.revisits)  # where it is back is interpolated, too
 
 
 def test_a_wrong_speed_beside_a_gap_of_right_poses_is_still_contradicted() -> None:

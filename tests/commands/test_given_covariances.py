@@ -10,7 +10,7 @@ import pytest
 from support.reported import swept_walls
 
 import mqslam
-from mqslam.auditing.revisits import Revisit, RevisitAudit, judge_honesty
+from mqslam.auditing.revisits import RevisitAudit, judge_honesty
 from mqslam.auditing.sources import find_relative_covariances
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.core import se2
@@ -113,8 +113,8 @@ def test_revisits_say_whether_stated_covariances_are_honest(scale: float, said: 
     revisits = []
     for offset in np.random.default_rng(3).multivariate_normal(np.zeros(3), stated, size=40):
         inflation = float(offset @ np.linalg.solve(scale * stated, offset))
-        one = Revisit(0, 9, offset, scale * stated, 0.0, inflation, 1.0, 0.1, 0.1, True)
-        revisits.append(RevisitAudit(one, torn=False, stated_covariance=scale * stated))
+        one = RevisitAudit(0, 9, offset, scale * stated, 0.0, inflation, 1.0, 0.1, 0.1, True)
+        revisits.append(replace(one, stated_covariance=scale * stated))
     honesty = judge_honesty(revisits)
     assert honesty is not None and said in honesty.statement and honesty.revisits == 40
     assert honesty.least < 1.0 < honesty.most and honesty.nees * scale == pytest.approx(1.0, abs=0.3)

@@ -63,7 +63,7 @@ def assert_sound(result: Audit) -> None:
         assert np.isfinite([scan.bend.inflation, scan.bend.size_m, scan.bend.psi, scan.bend.psi_best]).all()
         assert scan.bend.inflation >= 0.0
         np.testing.assert_array_less(0.0, np.linalg.eigvalsh(scan.bend.covariance))
-    for revisit in (r.revisit for r in result.revisits):
+    for revisit in result.revisits:
         assert np.isfinite([*revisit.offset, revisit.inflation, revisit.psi]).all()
         np.testing.assert_array_less(0.0, np.linalg.eigvalsh(revisit.covariance))
 

@@ -23,7 +23,7 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from mqslam.auditing.findings import judge_locally, judge_revisits, judge_windows
 from mqslam.auditing.judge import Audit
-from mqslam.auditing.revisits import Revisit, RevisitAudit
+from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.speeds import find_capture_range
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.tracks import Track
@@ -203,7 +203,7 @@ def judged_window(sweeps: Sweeps, begin: int, inflation: float, correction: Moti
 
 
 def judged_revisit(earlier: int, later: int, offset: Motion, torn: bool, sure: bool = True) -> RevisitAudit:
-    return RevisitAudit(Revisit(earlier, later, np.array(offset), 0.01 * np.eye(3), 0.0, 900.0, 0.7, 1.5, 1.2, sure), torn)
+    return RevisitAudit(earlier, later, np.array(offset), 0.01 * np.eye(3), 0.0, 900.0, 0.7, 1.5, 1.2, sure, torn)
 
 
 def judged_walls(sweeps: Sweeps) -> Audit:

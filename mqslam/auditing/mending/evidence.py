@@ -199,15 +199,14 @@ def _tie_step(registration: Registration, covariance: NDArray[np.float64], sweep
     return Tie(a, b, pose, lever @ se2.rotate_covariance(covariance, float(place[2])) @ lever.T)
 
 
-def as_loop(judged: RevisitAudit, sweeps: Sweeps) -> Loop:
+def as_loop(revisit: RevisitAudit, sweeps: Sweeps) -> Loop:
     """Returns a revisit as a loop, with the covariance of the measurement but without the trajectory's stated covariance.
 
     Args:
-        judged: the judged revisit.
+        revisit: the judged revisit.
         sweeps: points under the trajectory that was audited.
     """
-    revisit = judged.revisit
-    measured = revisit.covariance - (0.0 if judged.stated_covariance is None else judged.stated_covariance)
+    measured = revisit.covariance - (0.0 if revisit.stated_covariance is None else revisit.stated_covariance)
     between = se2.between(sweeps.poses[revisit.earlier], sweeps.poses[revisit.later])
     pose = se2.compose(between, revisit.offset)
     pose[2] = se2.wrap(pose[2])

@@ -65,7 +65,7 @@ class AuditedTrajectory:
     @property
     def whole(self) -> int:
         """The number of revisits that are sure and not torn."""
-        return sum(revisit.revisit.sure and not revisit.torn for revisit in self.audit.revisits)
+        return sum(revisit.sure and not revisit.torn for revisit in self.audit.revisits)
 
     @property
     def torn(self) -> int:
@@ -230,7 +230,7 @@ class _Mender:
             beside += [*turns, *(tie for place, tie in across.items() if place not in self._across)]
         plausible = self._keep_plausible([*allow_for_walk(windows, self._noise), *beside], variances)
         ties = [*self._across.values(), *plausible]
-        loops = [as_loop(r, sweeps) for r in audit.revisits if r.revisit.sure]
+        loops = [as_loop(r, sweeps) for r in audit.revisits if r.sure]
         chain = TiedChain(self._steps, variances, ties, sweeps.poses, config.audit.least_path_m)
         poses, kept = chain.solve(loops)
         return poses, len(ties), len(kept)
