@@ -27,7 +27,7 @@ from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.statistics import MEDIAN_EFFICIENCY, compute_p_values, correct_for_places, find_usual_scale
 from mqslam.core.wording import count_of
-from mqslam.execution.progress import Progress
+from mqslam.execution.progress import Progress, count_items
 from mqslam.psi.correlate import compute_same_m
 
 _LEAST: Final = 3  # by definition: fewest offsets of a row, since two may agree by coincidence
@@ -279,13 +279,9 @@ def audit_revisits(
         stated: covariances that the trajectory itself states; None where it states none.
     """
     pairs = find_revisit_pairs(sweeps, settings)
-
-    def report(number: int, registration: Registration | None) -> None:
-        progress("revisits", number, len(pairs))
-
-    registrations = [
-        one for one in engine.map(_register_pair, (sweeps, settings, estimator), pairs, report) if one is not None
-    ]
+    report = count_items(progress, "revisits", len(pairs))
+    registered = engine.map(_register_pair, (sweeps, settings, estimator), pairs, report)
+    registrations = [one for one in registered if one is not None]
     return judge_registrations(registrations, sweeps, settings, estimator, limits, stated)
 
 

@@ -33,7 +33,7 @@ from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.wording import count_of
-from mqslam.execution.progress import Progress
+from mqslam.execution.progress import Progress, count_items
 
 _Shared = tuple[Sweeps, AuditConfig, EstimatorConfig]  # the same for every compared motion
 
@@ -119,11 +119,7 @@ def check_speeds(
         one check per sweep; None where either scan holds too few points.
     """
     shared = sweeps, settings, estimator
-
-    def report(number: int, check: SpeedCheck | None) -> None:
-        progress("speeds", number, len(middles))
-
-    checks = engine.map(_check_from, shared, list(middles), report)
+    checks = engine.map(_check_from, shared, list(middles), count_items(progress, "speeds", len(middles)))
     inside = {k: begin + int(known[begin]) for k, begin in enumerate(middles) if not known[begin : begin + 2].all()}
     off = [k for k in inside if contradicts(checks[k], _find_capture(shared))]
     if sweeps.track is None or not off:
@@ -145,10 +141,7 @@ def _find_wrong(
     inner = {gap: _pick_inside(gap, sweeps.times) for gap in gaps}
     pairs = sorted({begin for begins in inner.values() for begin in begins})
     curved = replace(sweeps, poses=se2.smooth(track.times, track.poses, sweeps.times))  # points are placed by this curve
-
-    def report(number: int, twist: se2.Array | None) -> None:
-        progress("speeds in gaps", number, len(pairs))
-
+    report = count_items(progress, "speeds in gaps", len(pairs))
     motions = dict(zip(pairs, engine.map(_measure_twist, (curved, settings, estimator), pairs, report), strict=True))
     longest_s, speed_mps = WINDOW * sweeps.revolution_s, _find_capture(shared).speed_mps
     wrong = set()

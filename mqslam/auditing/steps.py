@@ -28,7 +28,7 @@ from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.statistics import correct_for_places, find_usual_scale
-from mqslam.execution.progress import Progress
+from mqslam.execution.progress import Progress, count_items
 from mqslam.psi.score import make_references
 
 # Number of scans from one judged step to the next.
@@ -90,21 +90,16 @@ def audit_steps(
 
     places = list(filter(lies_in_no_gap, range(size, len(sweeps) - size + 1, _EVERY)))
     shared = sweeps, settings, estimator
-
-    def report(number: int, registration: Registration | None) -> None:
-        progress("steps", number, len(places))
-
-    near = dict(zip(places, engine.map(_register_near, shared, places, report), strict=True))
+    reach = settings.search_m, settings.search_rad
+    report = count_items(progress, "steps", len(places))
+    near = dict(zip(places, engine.map(_register_step, shared, [(k, reach) for k in places], report), strict=True))
     doubtful = list(filter(lies_in_no_gap, _pick_doubtful(near)))
-
-    def report_far(number: int, registration: Registration | None) -> None:
-        progress("doubtful steps", number, len(doubtful))
-
-    far = dict(zip(doubtful, engine.map(_register_far, shared, doubtful, report_far), strict=True))
+    report = count_items(progress, "doubtful steps", len(doubtful))
+    far = dict(zip(doubtful, engine.map(_register_far, shared, doubtful, report), strict=True))
     found = {place: step for place, step in near.items() if step is not None}
     found |= {place: step for place, step in far.items() if step is not None}
     beside = [(place, reach) for place, reach in _pick_beside(found, settings, chance) if lies_in_no_gap(place)]
-    placed = zip(beside, engine.map(_register_beside, shared, beside), strict=True)
+    placed = zip(beside, engine.map(_register_step, shared, beside), strict=True)
     found |= {place: step for (place, _), step in placed if step is not None}
     registrations = [step for _, step in sorted(found.items())]
     steps = zip(registrations, compute_p_values(registrations).tolist(), strict=True)
@@ -217,28 +212,17 @@ def _pick_beside(
     return sorted(reaches.items())
 
 
-def _register_near(shared: _Shared, place: int) -> Registration | None:
-    """Registers the two sides of a step by a search near the pose that the trajectory gives."""
-    settings = shared[1]
-    return _register_step(shared, place, (settings.search_m, settings.search_rad))
-
-
 def _register_far(shared: _Shared, place: int) -> Registration | None:
     """Registers the two sides of a step by a search over all plausible speeds; None unless they fit far better there."""
     sweeps, settings, _ = shared
-    registration = _register_step(shared, place, compute_far_reach(measure_span(sweeps, place - 1), settings))
+    registration = _register_step(shared, (place, compute_far_reach(measure_span(sweeps, place - 1), settings)))
     return registration if registration is not None and fits_far_better(registration) else None
 
 
-def _register_beside(shared: _Shared, item: tuple[int, tuple[float, float]]) -> Registration | None:
-    """Registers the two sides of a step, given as its place and the reach of the search [m], [rad]."""
-    place, reach = item
-    return _register_step(shared, place, reach)
-
-
-def _register_step(shared: _Shared, place: int, reach: tuple[float, float]) -> Registration | None:
-    """Registers the scans from a place onwards on the scans before it; the search covers a reach [m], [rad]."""
+def _register_step(shared: _Shared, step: tuple[int, tuple[float, float]]) -> Registration | None:
+    """Registers the scans after a step on the scans before it; a step has a place and a reach of the search [m], [rad]."""
     sweeps, settings, estimator = shared
+    place, reach = step
     return register(sweeps, (place - 1, place), pick_sides(place), reach, ask_of_scans(settings), estimator)
 
 

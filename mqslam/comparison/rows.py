@@ -19,7 +19,7 @@ from mqslam.core.units import scale_measurement
 from mqslam.errors import describe_error, raise_interrupt
 from mqslam.execution.guards.memory import find_peak_mb
 from mqslam.execution.local_engine import DIED, LocalEngine
-from mqslam.execution.progress import Progress
+from mqslam.execution.progress import Progress, count_items
 from mqslam.execution.runner import Runner
 from mqslam.slam import Slam
 
@@ -94,10 +94,7 @@ def run_front_ends(
         progress: called as rows are done.
         back_end: whether the pose graph and the search for loops follow.
     """
-
-    def report(number: int, row: Row | None) -> None:
-        progress("front ends", number, len(contexts))
-
+    report = count_items(progress, "front ends", len(contexts))
     task = FrontEndTask(scans, back_end, engine.jobs)
     rows = engine.map_apart(run_front_end, task, list(contexts.items()), report)
     return [Row(name, failure=DIED) if row is None else row for name, row in zip(contexts, rows, strict=True)]

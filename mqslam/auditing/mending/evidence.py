@@ -25,7 +25,7 @@ from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.measurement import Loop
 from mqslam.core.statistics import MEDIAN_OF_CHI2
-from mqslam.execution.progress import Progress
+from mqslam.execution.progress import Progress, count_items
 
 _LINE_MISS: Final = 0.2  # by definition: share of a random walk's variance that a line through the walk misses at its ends
 _ANYWHERE_M2: Final = 1e6  # numerical: variance of an unknown position [m^2]
@@ -154,10 +154,7 @@ def register_successive(
         progress: called as scans are registered.
     """
     places = list(range(1, len(sweeps)))
-
-    def report(number: int, registration: Registration | None) -> None:
-        progress("scans", number, len(places))
-
+    report = count_items(progress, "scans", len(places))
     pairs = engine.map(_register_scan, (sweeps, settings, estimator), places, report)
     return [pair for pair in pairs if pair is not None and pair.observed]
 

@@ -24,7 +24,7 @@ from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.statistics import find_median
 from mqslam.core.stored import release
-from mqslam.execution.progress import Progress
+from mqslam.execution.progress import Progress, count_items
 from mqslam.mapping.keyframing import pick_spaced
 
 # Spans shorter than this [m] show no scale: registered scans seem closer together than they are by a few centimetres,
@@ -63,12 +63,9 @@ def register_spans(
     if span_m < _SPAN_LEAST_M:
         return []
     pairs = [(a, b) for a, b in find_spans(sweeps.travelled, span_m, denser) if known[[a, b]].all()]
-
-    def report(number: int, registration: Registration | None) -> None:
-        progress("spans", number, len(pairs))
-
     shared = sweeps, known, span_m, settings, estimator
-    return [span for span in engine.map(_register_span, shared, pairs, report) if span is not None]
+    spans = engine.map(_register_span, shared, pairs, count_items(progress, "spans", len(pairs)))
+    return [span for span in spans if span is not None]
 
 
 def _leads_away(span: Registration, span_m: float) -> bool:

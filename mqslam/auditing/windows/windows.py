@@ -18,7 +18,7 @@ from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.statistics import correct_for_places, pick_evenly
-from mqslam.execution.progress import Progress
+from mqslam.execution.progress import Progress, count_items
 from mqslam.mapping.measures import Measures, compute_measures, locate_sensors
 
 
@@ -78,17 +78,13 @@ def audit_windows(
         progress: called as windows are done.
         sampled: how many windows at most are judged, evenly spread; None takes all.
     """
-    size = WINDOW
-    begins = list(range(0, len(sweeps) - size + 1, size))
-    if begins and begins[-1] + size < len(sweeps):
-        begins.append(len(sweeps) - size)  # the last one overlaps the one before, so that every sweep is judged
-    begins = [begin for begin in begins if sweeps.begins[begin + size] > sweeps.begins[begin]]
+    begins = list(range(0, len(sweeps) - WINDOW + 1, WINDOW))
+    if begins and begins[-1] + WINDOW < len(sweeps):
+        begins.append(len(sweeps) - WINDOW)  # the last one overlaps the one before, so that every sweep is judged
+    begins = [begin for begin in begins if sweeps.begins[begin + WINDOW] > sweeps.begins[begin]]
     if sampled is not None:
         begins = [begins[k] for k in pick_evenly(len(begins), sampled).tolist()]
-
-    def report(number: int, window: WindowAudit) -> None:
-        progress("audit", number, len(begins))
-
+    report = count_items(progress, "audit", len(begins))
     return engine.map(_audit_from, (sweeps, settings, estimator), begins, report)
 
 
