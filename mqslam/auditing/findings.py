@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.sizes import STEP_FEWEST, STEP_SCANS, WINDOW
-from mqslam.auditing.spans.delay import Delay
-from mqslam.auditing.spans.lever import Lever
-from mqslam.auditing.spans.pooled import Pooled
+from mqslam.auditing.spans.pooled import Delay, Lever, Pooled
 from mqslam.auditing.spans.sums import LENGTHS_M, SumAudit, find_bends
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.steps import StepAudit

@@ -30,9 +30,8 @@ from mqslam.auditing.own_test import judge_by
 from mqslam.auditing.registration import Registration
 from mqslam.auditing.revisits import RevisitAudit, audit_revisits, doubt_interpolated
 from mqslam.auditing.sizes import STEP_SCANS
-from mqslam.auditing.spans.delay import measure_twists
 from mqslam.auditing.spans.measured import register_spans
-from mqslam.auditing.spans.pooled import Pooled, pool, predict_offsets
+from mqslam.auditing.spans.pooled import Pooled, measure_twists, pool, predict_offsets
 from mqslam.auditing.spans.sums import SumAudit, audit_sums, find_bends
 from mqslam.auditing.spans.torn import SpanAudit, audit_spans
 from mqslam.auditing.speeds import (

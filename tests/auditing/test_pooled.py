@@ -16,10 +16,8 @@ from mqslam.auditing.findings import judge_pooled
 from mqslam.auditing.registration import Registration
 from mqslam.auditing.sizes import STEP_SCANS
 from mqslam.auditing.sources import make_lidar_source, place_source
-from mqslam.auditing.spans.delay import Delay, measure_twists
-from mqslam.auditing.spans.lever import _LEVER_TURNS
 from mqslam.auditing.spans.measured import SPAN_M, find_spans, register_spans
-from mqslam.auditing.spans.pooled import Pooled, pool
+from mqslam.auditing.spans.pooled import _LEVER_TURNS, Delay, Pooled, measure_twists, pool
 from mqslam.auditing.sweeps import place_sweeps
 from mqslam.auditing.table import share_of_false_alarms
 from mqslam.auditing.verdict import VerdictStatus

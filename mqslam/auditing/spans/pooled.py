@@ -2,7 +2,8 @@
 
 A small error of a trajectory's scale, direction of travel or yaw rate is small everywhere, so no single place shows that it
 matters. But all spans along the drive agree on it. The trajectory of a point beside the sensor is off only in turns, and
-there all spans agree as well. A trajectory with late stamps is off where the motion changes.
+there all spans agree as well: a turn by the rotation matrix R moves a sensor with the lever arm l by l - R^T l more. A
+trajectory with late stamps is off where the speed or the rate of turn changes.
 """
 
 from __future__ import annotations
@@ -17,18 +18,54 @@ from scipy.optimize import least_squares
 
 from mqslam.auditing.registration import Registration
 from mqslam.auditing.spans import effects
-from mqslam.auditing.spans.delay import Delay, estimate_delay
-from mqslam.auditing.spans.lever import Lever, estimate_lever, find_turns
-from mqslam.auditing.spans.robust import HUBER, judge_by_jackknife, measure_spread, split_into_blocks
+from mqslam.auditing.spans.robust import HUBER, fit_by_jackknife, fit_effects, measure_spread, split_into_blocks
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.core import se2
 
 # At least this many spans are needed to show a bias, or how far off a span usually is.
 SPAN_FEWEST = 15
-
-_FEWEST: Final = 10  # the spread of fewer spans may be small by chance
 # Standard deviations [m, rad], over 100 m of path, of the drift of psi itself, which repeated measurements of spans do not
 # show; 0 to 0.09 m and 0.0004 to 0.0024 rad were found in simulated cities.
 OWN_DRIFT_M, OWN_DRIFT_RAD = 0.05, 0.0015
 _OWN_YAW: Final = OWN_DRIFT_RAD / 10.0  # [rad] per root of a metre
+
+# At least this many turns of the vehicle are needed to show where on it the sensor sits.
+_LEVER_TURNS = 3
+
+# A span that turns by more than this [rad] shows where on the vehicle the sensor sits.
+_LEVER_TURN_RAD = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Delay:
+    """How late the stamps of a trajectory are.
+
+    Args:
+        seconds: the delay, negative if the stamps are early.
+        sigma: standard deviation of the delay [s].
+        p_value: probability of measuring a delay as large as this where there is none.
+    """
+
+    seconds: float
+    sigma: float
+    p_value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Lever:
+    """The lever arm of the sensor.
+
+    Args:
+        arm: (2,) position of the sensor [m], ahead and to the left of where the trajectory has it.
+        sigma: (2,) standard deviations of the arm [m].
+        p_value: (2,) probability of measuring an arm as long as this where there is none.
+        turns: number of turns of the vehicle that show the arm.
+    """
+
+    arm: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    p_value: NDArray[np.float64]
+    turns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +96,7 @@ def pool(spans: Sequence[Registration], twists: NDArray[np.float64]) -> Pooled |
         spans: spans in the order of time.
         twists: (S, 3) twists of the sensor at every sweep by the trajectory [m/s, m/s, rad/s].
     """
-    if len(spans) < max(SPAN_FEWEST, _FEWEST):
+    if len(spans) < SPAN_FEWEST:
         return None
     offsets = np.array([span.offset for span in spans])
     turns = find_turns(spans)
@@ -113,19 +150,77 @@ def _estimate(lengths: NDArray[np.float64], offsets: NDArray[np.float64], common
         offsets: (N,) offsets of the spans along one axis.
         common: standard deviation of the common error, added up over the lengths of all spans.
     """
-    slope = _fit(lengths, offsets)
-    blocks = split_into_blocks(len(lengths))
-    without = [_fit(np.delete(lengths, block), np.delete(offsets, block)) for block in blocks]
-    sigma, p_value = judge_by_jackknife(np.array([slope]), np.array(without)[:, None], common / np.sum(lengths))
-    return slope, float(sigma[0]), float(p_value[0])
+    fitted = fit_by_jackknife(_fit, (lengths, offsets), split_into_blocks(len(lengths)), float(common / np.sum(lengths)))
+    slope, sigma, p_value = (float(values[0]) for values in fitted)
+    return slope, sigma, p_value
 
 
-def _fit(lengths: NDArray[np.float64], offsets: NDArray[np.float64]) -> float:
-    """Returns the slope of a line through the origin, fitted to offsets (N,) over lengths (N,) by Huber's loss."""
+def _fit(lengths: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the slope (1,) of a line through the origin, fitted to offsets (N,) over lengths (N,) by Huber's loss."""
     start = float(np.median(offsets / lengths))
     spread = measure_spread(offsets - start * lengths)
 
     def miss(slope: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray((offsets - slope * lengths) / spread)
 
-    return float(least_squares(miss, [start], loss="huber", f_scale=HUBER, x_scale=max(abs(start), 1e-6)).x[0])
+    return np.asarray(least_squares(miss, [start], loss="huber", f_scale=HUBER, x_scale=max(abs(start), 1e-6)).x)
+
+
+def find_turns(spans: Sequence[Registration]) -> list[NDArray[np.int64]]:
+    """Returns for each turn of the vehicle the indices of its spans; an empty list if too few turns show the lever arm."""
+    turning = np.flatnonzero(np.abs([span.between[2] for span in spans]) > _LEVER_TURN_RAD)
+    turns = np.split(turning, np.flatnonzero(np.diff(turning) > 2) + 1)  # spans of one turn share some of its path
+    return turns if len(turns) >= _LEVER_TURNS else []
+
+
+def estimate_lever(
+    spans: Sequence[Registration], offsets: NDArray[np.float64], turns: Sequence[NDArray[np.int64]]
+) -> Lever | None:
+    """Estimates the lever arm from the vehicle's turns; returns None if there are none.
+
+    The arm is fitted together with the biases of direction, which the straight spans show. The fit is robust against torn
+    places, and the standard deviation comes from a jackknife over turns.
+
+    Args:
+        spans: spans in the order of time.
+        offsets: (N, 2) offsets of the spans' positions [m], without the effect of a bias of the yaw.
+        turns: indices of the spans of each turn.
+    """
+    if not turns:
+        return None
+    design = np.concatenate([effects.of_lever(spans), effects.of_direction(spans)], axis=2)
+    return Lever(*fit_by_jackknife(lambda *given: fit_effects(*given)[:2], (design, offsets), turns), len(turns))
+
+
+def measure_twists(sweeps: Sweeps, about: int) -> NDArray[np.float64]:
+    """Returns the mean twist (S, 3) of the sensor [m/s, m/s, rad/s] over `about` sweeps around every sweep."""
+    count, half = len(sweeps), about // 2
+    first = np.maximum(np.arange(count) - half, 0)
+    last = np.minimum(np.arange(count) + about - half, count - 1)
+    first = np.minimum(first, np.maximum(last - 1, 0))
+    moved = se2.wrapped_between(sweeps.poses[first], sweeps.poses[last])
+    lasts = np.maximum(sweeps.times[last] - sweeps.times[first], sweeps.revolution_s)
+    return np.asarray(se2.log(moved) / lasts[:, None])
+
+
+def estimate_delay(
+    spans: Sequence[Registration], offsets: NDArray[np.float64], twists: NDArray[np.float64], *, with_lever: bool
+) -> Delay:
+    """Estimates the delay of a trajectory's stamps from the offsets of spans.
+
+    The delay is fitted together with the other errors that move all spans: the biases and the lever arm. The fit is robust
+    against torn places, and the standard deviation comes from a jackknife over parts of the drive.
+
+    Args:
+        spans: spans in the order of time, enough to show a bias.
+        offsets: (N, 3) offsets of the spans.
+        twists: (S, 3) twists of the sensor at every sweep by the trajectory.
+        with_lever: whether enough spans turn to tell a delay from a sensor that sits farther ahead.
+    """
+    by_place = [effects.of_direction(spans), *([effects.of_lever(spans)] if with_lever else [])]
+    effects_of_place = np.concatenate(by_place, axis=2)
+    nothing = np.zeros((len(spans), 1, effects_of_place.shape[2]))
+    columns = [effects.of_delay(spans, twists)[:, :, None], effects.of_turn(spans)[:, :, None]]
+    design = np.concatenate([*columns, np.concatenate([effects_of_place, nothing], axis=1)], axis=2)
+    fitted = fit_by_jackknife(lambda *given: fit_effects(*given)[:1], (design, offsets), split_into_blocks(len(spans)))
+    return Delay(*(float(values[0]) for values in fitted))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -50,17 +51,25 @@ def split_into_blocks(count: int) -> list[NDArray[np.int64]]:
     return np.array_split(np.arange(count), int(np.clip(count // 2, 2, _BLOCKS)))
 
 
-def judge_by_jackknife(
-    found: NDArray[np.float64], without: NDArray[np.float64], common: float = 0.0
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the standard deviations (Q,) and p-values (Q,) of fitted parameters.
+def fit_by_jackknife(
+    fit: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]],
+    given: tuple[NDArray[np.float64], NDArray[np.float64]],
+    parts: Sequence[NDArray[np.int64]],
+    common: float = 0.0,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Fits parameters to all places, and again without each part of the places, to learn how uncertain they are.
 
     Args:
-        found: (Q,) parameters fitted to all places.
-        without: (B, Q) parameters fitted without one part of the places, a row for each of B parts.
+        fit: returns the parameters (Q,) that fit two arrays best.
+        given: the two arrays, with a row for each of N places.
+        parts: indices of the places of each part.
         common: standard deviation of an error that all places have in common, which the spread of the fits does not show.
+
+    Returns:
+        the parameters (Q,), their standard deviations (Q,) and their p-values (Q,).
     """
-    parts = len(without)
-    spread = np.sqrt((parts - 1.0) / parts * np.sum((without - found) ** 2, axis=0))
+    found = fit(*given)
+    without = np.array([fit(*(np.delete(array, part, axis=0) for array in given)) for part in parts])
+    spread = np.sqrt((len(parts) - 1.0) / len(parts) * np.sum((without - found) ** 2, axis=0))
     sigma = np.maximum(np.hypot(spread, common), _LEAST)
-    return sigma, 2.0 * student.sf(np.abs(found) / sigma, parts - 1)
+    return found, sigma, 2.0 * student.sf(np.abs(found) / sigma, len(parts) - 1)
