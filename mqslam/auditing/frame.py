@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from mqslam.auditing.registration import Shared
 from mqslam.auditing.spans.robust import HUBER, measure_spread, split_into_blocks
 from mqslam.auditing.speeds import check_speed, contradicts, find_capture_range
 from mqslam.auditing.sweeps import Sweeps
@@ -181,11 +182,11 @@ def _measure_turn(sweeps: Sweeps, window: WindowAudit) -> float:
     return abs(float(se2.wrap(end - begin)))
 
 
-def _is_whole(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], given: WindowAudit) -> bool:
+def _is_whole(shared: Shared, given: WindowAudit) -> bool:
     """Returns whether a window is not torn, is crisper than before, and has two middle scans that confirm its speed."""
-    sweeps, settings, estimator = shared
-    window = audit_window(sweeps, given.begin, given.end, settings, estimator)
+    sweeps, _, estimator = shared
+    window = audit_window(shared, given.begin)
     if window.torn or window.bend.psi >= given.bend.psi:
         return False
-    check = check_speed(sweeps, (given.begin + given.end) // 2 - 1, settings, estimator)
+    check = check_speed(shared, (given.begin + given.end) // 2 - 1)
     return check is not None and check.sure and not contradicts(check, find_capture_range(sweeps.revolution_s, estimator))

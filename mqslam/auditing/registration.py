@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from mqslam.backend.loops.registration import RIVAL, align, is_unrivalled, score
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.score import make_references
+
+Shared: TypeAlias = tuple[Sweeps, AuditConfig, EstimatorConfig]
+"""The points to judge and the settings, which are the same for every registration of an audit."""
 
 # Largest error of a trajectory's speed [m/s] that is searched for between two successive scans: more than any vehicle
 # drives, so that a trajectory that wrongly stands still is found, too.

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from mqslam.auditing.registration import Registration, register
+from mqslam.auditing.registration import Registration, Shared, register
 from mqslam.auditing.sizes import PROBABILITY, TORN_INFLATION
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.table import share_of_false_alarms
@@ -405,7 +405,7 @@ def compute_reach(path_m: float, settings: AuditConfig) -> tuple[float, float]:
     return position_m, yaw
 
 
-def _register_pair(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], pair: tuple[int, int]) -> Registration | None:
+def _register_pair(shared: Shared, pair: tuple[int, int]) -> Registration | None:
     """Registers the later pass of a pair on the earlier one; returns None where either holds too few points."""
     sweeps, settings, estimator = shared
     earlier, later = pair

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from mqslam.auditing.registration import (
     SPEED_ERROR_MPS,
     Registration,
+    Shared,
     ask_of_single_scans,
     compute_far_reach,
     fits_far_better,
@@ -34,8 +35,6 @@ from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.wording import count_of
 from mqslam.execution.progress import Progress, count_items
-
-_Shared = tuple[Sweeps, AuditConfig, EstimatorConfig]  # the same for every compared motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +85,7 @@ def find_capture_range(revolution_s: float, estimator: EstimatorConfig) -> Captu
     return CaptureRange(reach_m, reach_m / (WINDOW * revolution_s), SPEED_ERROR_MPS)
 
 
-def _find_capture(shared: _Shared) -> CaptureRange:
+def _find_capture(shared: Shared) -> CaptureRange:
     """Returns the capture range of the windows of a map."""
     sweeps, _, estimator = shared
     return find_capture_range(sweeps.revolution_s, estimator)
@@ -119,7 +118,7 @@ def check_speeds(
         one check per sweep; None where either scan holds too few points.
     """
     shared = sweeps, settings, estimator
-    checks = engine.map(_check_from, shared, list(middles), count_items(progress, "speeds", len(middles)))
+    checks = engine.map(check_speed, shared, list(middles), count_items(progress, "speeds", len(middles)))
     inside = {k: begin + int(known[begin]) for k, begin in enumerate(middles) if not known[begin : begin + 2].all()}
     off = [k for k in inside if contradicts(checks[k], _find_capture(shared))]
     if sweeps.track is None or not off:
@@ -134,7 +133,7 @@ def check_speeds(
 
 
 def _find_wrong(
-    gaps: Sequence[tuple[float, float]], track: Track, shared: _Shared, engine: Engine, progress: Progress
+    gaps: Sequence[tuple[float, float]], track: Track, shared: Shared, engine: Engine, progress: Progress
 ) -> set[tuple[float, float]]:
     """Returns the gaps [s] whose ends are clearly farther apart, or closer, by the scans than by the trajectory."""
     sweeps, settings, estimator = shared
@@ -189,7 +188,7 @@ def _measure_claimed(gap: tuple[float, float], track: Track) -> float:
     return float(np.hypot(*(track.poses[b] - track.poses[a])[:2]))
 
 
-def _measure_twist(shared: _Shared, begin: int) -> se2.Array | None:
+def _measure_twist(shared: Shared, begin: int) -> se2.Array | None:
     """Measures the mean twist from a sweep to the next one [m/s, m/s, rad/s]; returns None where it is not sure."""
     sweeps = shared[0]
     measured = _register_next(shared, begin)
@@ -200,18 +199,13 @@ def _measure_twist(shared: _Shared, begin: int) -> se2.Array | None:
     return np.asarray(se2.log(se2.compose(registration.between, registration.offset)) / duration_s)
 
 
-def _check_from(shared: _Shared, begin: int) -> SpeedCheck | None:
-    """Compares the motion from a sweep to the next one with the trajectory's, as `check_speed` does."""
+def check_speed(shared: Shared, begin: int) -> SpeedCheck | None:
+    """Compares the motion from a sweep to the next with the trajectory's; None where either sweep has too few points."""
     measured = _register_next(shared, begin)
     return None if measured is None else measured[1]
 
 
-def check_speed(sweeps: Sweeps, begin: int, settings: AuditConfig, estimator: EstimatorConfig) -> SpeedCheck | None:
-    """Compares the motion from a sweep to the next with the trajectory's; None where either sweep has too few points."""
-    return _check_from((sweeps, settings, estimator), begin)
-
-
-def _register_next(shared: _Shared, begin: int) -> tuple[Registration, SpeedCheck] | None:
+def _register_next(shared: Shared, begin: int) -> tuple[Registration, SpeedCheck] | None:
     """Registers the sweep after a given one on it, and compares the motion between the two with the trajectory's."""
     sweeps, settings, estimator = shared
     span_s = measure_span(sweeps, begin)

@@ -15,6 +15,7 @@ from scipy.stats import chi2
 
 from mqslam.auditing.registration import (
     Registration,
+    Shared,
     ask_of_scans,
     compute_far_reach,
     fits_far_better,
@@ -35,7 +36,6 @@ from mqslam.psi.score import make_references
 _EVERY = 2
 # Share of the steps, those that match worst, whose registration is repeated with a wider search.
 _DOUBTFUL = 0.1
-_Shared = tuple[Sweeps, AuditConfig, EstimatorConfig]  # the same for every step
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,7 @@ def audit_steps(
     return [StepAudit(step, float(sweeps.times[step.later]), p, _lasts(step, p, shared, chance)) for step, p in steps]
 
 
-def _lasts(step: Registration, p_value: float, shared: _Shared, chance: float) -> bool:
+def _lasts(step: Registration, p_value: float, shared: Shared, chance: float) -> bool:
     """Returns whether the offset of a step shows between the scans farther from it, too; True if it may be chance.
 
     Args:
@@ -212,14 +212,14 @@ def _pick_beside(
     return sorted(reaches.items())
 
 
-def _register_far(shared: _Shared, place: int) -> Registration | None:
+def _register_far(shared: Shared, place: int) -> Registration | None:
     """Registers the two sides of a step by a search over all plausible speeds; None unless they fit far better there."""
     sweeps, settings, _ = shared
     registration = _register_step(shared, (place, compute_far_reach(measure_span(sweeps, place - 1), settings)))
     return registration if registration is not None and fits_far_better(registration) else None
 
 
-def _register_step(shared: _Shared, step: tuple[int, tuple[float, float]]) -> Registration | None:
+def _register_step(shared: Shared, step: tuple[int, tuple[float, float]]) -> Registration | None:
     """Registers the scans after a step on the scans before it; a step has a place and a reach of the search [m], [rad]."""
     sweeps, settings, estimator = shared
     place, reach = step

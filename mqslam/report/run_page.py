@@ -45,6 +45,7 @@ from mqslam.report.canvas import (
 from mqslam.report.explorer import Layer, Place, chart_inflation, explain_torn, explore, values_of
 from mqslam.report.heat_map import draw_heat_map, explain_heat_map
 from mqslam.report.page import Explorer, Figure, Page, Section, tabulate_tests
+from mqslam.report.spots import rank_spot, spot_of_window
 from mqslam.report.words import (
     ABSENT,
     describe_motion,
@@ -260,14 +261,9 @@ def explore_run(run: Run, summary: Mapping[str, Any], truth: Trajectory | None) 
         ),
         lines=lines,
         groups=("this pass", "other passes"),
-        first=max(range(len(run.checks)), key=lambda k: _rank_window(run.checks[k]), default=0),
+        first=max(range(len(run.checks)), key=lambda k: rank_spot(spot_of_window(run.checks[k])), default=0),
         is_calm=part_of(summary, "verdict").get("status") == VerdictStatus.PASS,
     )
-
-
-def _rank_window(window: WindowAudit) -> tuple[bool, float]:
-    """Returns the rank of a window, larger if worse: torn ones rank by the size of the correction, others by inflation."""
-    return window.torn, window.bend.size_m if window.torn else window.bend.inflation
 
 
 def _make_layer(name: str, colour: str, track: Trajectory, pointmap: PointMap, *, shown: bool) -> Layer:

@@ -36,9 +36,7 @@ def bent(truth: Trajectory, twist: tuple[float, float, float]) -> Trajectory:
 def under(twist: tuple[float, float, float]) -> tuple[Sweeps, list[Bend]]:
     recording, scans = street_drive()
     sweeps, _ = place_sweeps(scans, bent(recording.ground_truth, twist), BEAM)
-    return sweeps, [
-        fit_bend(sweeps, k, k + SIZE, CONFIG.audit, CONFIG.estimator) for k in range(0, len(sweeps) - SIZE + 1, SIZE)
-    ]
+    return sweeps, [fit_bend(sweeps, k, k + SIZE, CONFIG.estimator) for k in range(0, len(sweeps) - SIZE + 1, SIZE)]
 
 
 TRUE = (0.0, 0.0, 0.0)
@@ -76,7 +74,7 @@ def test_judging_does_not_depend_on_where_in_the_world_a_window_lies() -> None:
     elsewhere = np.array([4000.0, -700.0, 2.5])
     moved = Trajectory(recording.ground_truth.stamps_us, se2.compose(elsewhere, recording.ground_truth.poses))
     sweeps, _ = place_sweeps(scans, moved, BEAM)
-    here, there = under(TRUE)[1][1], fit_bend(sweeps, SIZE, 2 * SIZE, CONFIG.audit, CONFIG.estimator)
+    here, there = under(TRUE)[1][1], fit_bend(sweeps, SIZE, 2 * SIZE, CONFIG.estimator)
     np.testing.assert_allclose(there.correction, here.correction, atol=2e-4)
     assert there.inflation == pytest.approx(here.inflation, rel=0.02)
 

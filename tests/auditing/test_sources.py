@@ -67,7 +67,7 @@ def test_a_true_cloud_passes_and_a_bent_one_is_told(given: bool) -> None:
     assert len(good) == 24 and good.revolution_s == pytest.approx(REVOLUTION_S)
     size = WINDOW
     for begin in range(0, 24 - size + 1, size):
-        a, b = (fit_bend(sweeps, begin, begin + size, CONFIG.audit, CONFIG.estimator) for sweeps in (good, bad))
+        a, b = (fit_bend(sweeps, begin, begin + size, CONFIG.estimator) for sweeps in (good, bad))
         assert b.inflation > 10.0 * max(a.inflation, 3.0)
         assert a.size_m < 0.03
 

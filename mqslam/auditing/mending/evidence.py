@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.tied_chain import Tie
-from mqslam.auditing.registration import Registration, ask_of_single_scans, register
+from mqslam.auditing.registration import Registration, Shared, ask_of_single_scans, register
 from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.sizes import STEP_SCANS
 from mqslam.auditing.spans.measured import pick_ends
@@ -159,7 +159,7 @@ def register_successive(
     return [pair for pair in pairs if pair is not None and pair.observed]
 
 
-def _register_scan(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], place: int) -> Registration | None:
+def _register_scan(shared: Shared, place: int) -> Registration | None:
     """Registers a scan on the one before it."""
     sweeps, settings, estimator = shared
     reach = settings.search_m, settings.search_rad

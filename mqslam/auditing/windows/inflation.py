@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.config import AuditConfig, EstimatorConfig
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.covariance import (
     curvature_by_differences,
@@ -93,7 +93,6 @@ class _Window:
         into: (N,) time from the window's middle to each point, in sweeps.
         count: number of sweeps.
         units: (3,) for each component, the twist that moves points at an end of the window by beta_s.
-        settings: settings of the audit.
         estimator: settings of the score.
         kernel: settings of the score other than its widths, with times counted in sweeps.
     """
@@ -102,7 +101,6 @@ class _Window:
     into: NDArray[np.float64]
     count: int
     units: NDArray[np.float64]
-    settings: AuditConfig
     estimator: EstimatorConfig
     kernel: Kernel
 
@@ -150,21 +148,20 @@ class _Window:
         )
 
 
-def fit_bend(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, estimator: EstimatorConfig) -> Bend:
+def fit_bend(sweeps: Sweeps, begin: int, end: int, estimator: EstimatorConfig) -> Bend:
     """Finds the correction that would make a window's map its best.
 
     Args:
         sweeps: points under the trajectory to judge.
         begin: first sweep of the window.
         end: the sweep after its last one.
-        settings: settings of the audit.
         estimator: settings of the score.
     """
     points, into = centre_window(sweeps, begin, end)
     count = end - begin
     lever_m = max(float(np.sqrt(np.mean(points.points**2) * 2.0)), _LEAST_LEVER_M)  # root mean square distance of points
     units = estimator.beta_s / (0.5 * count) * np.array([1.0, 1.0, 1.0 / lever_m])
-    window = _Window(points, into, count, units, settings, estimator, count_in_sweeps(estimator, sweeps.revolution_s))
+    window = _Window(points, into, count, units, estimator, count_in_sweeps(estimator, sweeps.revolution_s))
     own = window.score(np.zeros(3), final_scale(estimator))
     weak = find_weak_directions(window.score(np.zeros(3), annealed_scale(estimator, 0, _NARROW_START)), 3)
 

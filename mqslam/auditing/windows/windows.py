@@ -9,6 +9,7 @@ from enum import StrEnum
 import numpy as np
 from scipy.stats import chi2
 
+from mqslam.auditing.registration import Shared
 from mqslam.auditing.sizes import TORN_INFLATION, WINDOW
 from mqslam.auditing.speeds import SpeedCheck
 from mqslam.auditing.sweeps import Sweeps
@@ -85,28 +86,16 @@ def audit_windows(
     if sampled is not None:
         begins = [begins[k] for k in pick_evenly(len(begins), sampled).tolist()]
     report = count_items(progress, "audit", len(begins))
-    return engine.map(_audit_from, (sweeps, settings, estimator), begins, report)
+    return engine.map(audit_window, (sweeps, settings, estimator), begins, report)
 
 
-def _audit_from(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: int) -> WindowAudit:
+def audit_window(shared: Shared, begin: int) -> WindowAudit:
     """Judges the window that begins with the given sweep."""
     sweeps, settings, estimator = shared
-    return audit_window(sweeps, begin, begin + WINDOW, settings, estimator)
-
-
-def audit_window(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, estimator: EstimatorConfig) -> WindowAudit:
-    """Judges one window.
-
-    Args:
-        sweeps: points under the trajectory to judge.
-        begin: first sweep of the window.
-        end: the sweep after its last one.
-        settings: settings of the audit.
-        estimator: settings of the score.
-    """
+    end = begin + WINDOW
     span = sweeps.span(begin, end)
     points, turns = sweeps.points[span].copy(), sweeps.turns[span].copy()
-    bend = fit_bend(sweeps, begin, end, settings, estimator)
+    bend = fit_bend(sweeps, begin, end, estimator)
     measures = compute_measures(
         points,
         np.searchsorted(sweeps.numbers[begin:end], turns, side="right"),
