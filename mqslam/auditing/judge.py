@@ -158,13 +158,14 @@ def audit(
         known: other information about the trajectory than its poses.
     """
     settings = apply_tolerance(settings, limits)
-    windows = audit_windows(sweeps, settings, estimator, engine, progress, sampled)
+    shared = sweeps, settings, estimator
+    windows = audit_windows(shared, engine, progress, sampled)
     interpolated = _mark_interpolated(sweeps)
     middles = [(w.begin + w.end) // 2 - 1 for w in windows]
-    speeds = check_speeds(sweeps, middles, ~interpolated, settings, estimator, engine, progress)
+    speeds = check_speeds(shared, middles, ~interpolated, engine, progress)
     capture = find_capture_range(sweeps.revolution_s, estimator)
     windows = state_p_values(_decide(windows, speeds, interpolated, capture))
-    steps = audit_steps(sweeps, ~interpolated, settings, estimator, share_of_false_alarms(limits), engine, progress)
+    steps = audit_steps(shared, ~interpolated, share_of_false_alarms(limits), engine, progress)
     jumps = find_torn_steps(steps, settings, limits)
     track = sweeps.track
     tests = {
@@ -180,12 +181,12 @@ def audit(
     if track is None:
         tests["revisits"] = [judge_locally(windows)]
     else:
-        registrations = register_spans(sweeps, ~interpolated, settings, estimator, engine, progress)
+        registrations = register_spans(shared, ~interpolated, engine, progress)
         twists = measure_twists(sweeps, STEP_SCANS)
         pooled = pool(registrations, twists)
         spans = audit_spans(registrations, _expect(registrations, twists, pooled, limits), sweeps.times, settings, limits)
         sums = audit_sums(spans, sweeps, settings, limits)
-        revisits = audit_revisits(sweeps, settings, estimator, limits, engine, progress, known.stated)
+        revisits = audit_revisits(shared, limits, engine, progress, known.stated)
         revisits = doubt_interpolated(revisits, interpolated)
         path_m = float(sweeps.travelled[-1])
         tests |= {

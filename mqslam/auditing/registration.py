@@ -16,7 +16,7 @@ from mqslam.core import se2
 from mqslam.psi.score import make_references
 
 Shared: TypeAlias = tuple[Sweeps, AuditConfig, EstimatorConfig]
-"""The points to judge and the settings, which are the same for every registration of an audit."""
+"""Points under the trajectory to judge, settings of the audit and settings of the score."""
 
 # Largest error of a trajectory's speed [m/s] that is searched for between two successive scans: more than any vehicle
 # drives, so that a trajectory that wrongly stands still is found, too.

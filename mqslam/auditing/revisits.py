@@ -259,9 +259,7 @@ def judge_honesty(revisits: Sequence[RevisitAudit]) -> Honesty | None:
 
 
 def audit_revisits(
-    sweeps: Sweeps,
-    settings: AuditConfig,
-    estimator: EstimatorConfig,
+    shared: Shared,
     limits: VerdictConfig,
     engine: Engine,
     progress: Progress,
@@ -270,19 +268,15 @@ def audit_revisits(
     """Judges the revisits of a map; a revisit with too few points in either pass is left out.
 
     Args:
-        sweeps: points under the trajectory to judge.
-        settings: settings of the audit.
-        estimator: settings of the score.
+        shared: points under the trajectory to judge, settings of the audit and settings of the score.
         limits: settings of the verdict.
         engine: where the revisits are judged; the result does not depend on it.
         progress: called as revisits are done.
         stated: covariances that the trajectory itself states; None where it states none.
     """
-    pairs = find_revisit_pairs(sweeps, settings)
-    report = count_items(progress, "revisits", len(pairs))
-    registered = engine.map(_register_pair, (sweeps, settings, estimator), pairs, report)
-    registrations = [one for one in registered if one is not None]
-    return judge_registrations(registrations, sweeps, settings, estimator, limits, stated)
+    pairs = find_revisit_pairs(*shared[:2])
+    registered = engine.map(_register_pair, shared, pairs, count_items(progress, "revisits", len(pairs)))
+    return judge_registrations([one for one in registered if one is not None], *shared, limits, stated)
 
 
 def doubt_interpolated(revisits: Sequence[RevisitAudit], interpolated: NDArray[np.bool_]) -> list[RevisitAudit]:

@@ -27,10 +27,9 @@ from mqslam.auditing.registration import (
     register,
 )
 from mqslam.auditing.sizes import WINDOW
-from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.tracks import Track, find_gaps
 from mqslam.auditing.verdict import WINDOWS_FAIL, WINDOWS_WARN, Cause, Finding, Share, VerdictStatus
-from mqslam.config import AuditConfig, EstimatorConfig
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.wording import count_of
@@ -92,13 +91,7 @@ def _find_capture(shared: Shared) -> CaptureRange:
 
 
 def check_speeds(
-    sweeps: Sweeps,
-    middles: Sequence[int],
-    known: NDArray[np.bool_],
-    settings: AuditConfig,
-    estimator: EstimatorConfig,
-    engine: Engine,
-    progress: Progress,
+    shared: Shared, middles: Sequence[int], known: NDArray[np.bool_], engine: Engine, progress: Progress
 ) -> list[SpeedCheck | None]:
     """Compares the motions from given sweeps to the next ones with the trajectory's.
 
@@ -106,18 +99,16 @@ def check_speeds(
     too.
 
     Args:
-        sweeps: points under the trajectory to judge.
+        shared: points under the trajectory to judge, settings of the audit and settings of the score.
         middles: the given sweeps, each of which has one after it.
         known: (S,) which sweeps lie in no gap of the trajectory.
-        settings: settings of the audit.
-        estimator: settings of the score.
         engine: where the motions are compared; the result does not depend on it.
         progress: called as motions are compared.
 
     Returns:
         one check per sweep; None where either scan holds too few points.
     """
-    shared = sweeps, settings, estimator
+    sweeps = shared[0]
     checks = engine.map(check_speed, shared, list(middles), count_items(progress, "speeds", len(middles)))
     inside = {k: begin + int(known[begin]) for k, begin in enumerate(middles) if not known[begin : begin + 2].all()}
     off = [k for k in inside if contradicts(checks[k], _find_capture(shared))]

@@ -23,9 +23,8 @@ from mqslam.auditing.registration import (
     register,
 )
 from mqslam.auditing.sizes import STEP_FEWEST, STEP_SCANS
-from mqslam.auditing.sweeps import Sweeps
 from mqslam.backend.loops.registration import TOLERANCES, score_at_pose
-from mqslam.config import AuditConfig, EstimatorConfig
+from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.statistics import correct_for_places, find_usual_scale
@@ -64,32 +63,24 @@ class StepAudit:
 
 
 def audit_steps(
-    sweeps: Sweeps,
-    known: NDArray[np.bool_],
-    settings: AuditConfig,
-    estimator: EstimatorConfig,
-    chance: float,
-    engine: Engine,
-    progress: Progress,
+    shared: Shared, known: NDArray[np.bool_], chance: float, engine: Engine, progress: Progress
 ) -> list[StepAudit]:
     """Judges the steps of a map in the order of time; steps with too few points on either side are left out.
 
     Args:
-        sweeps: points under the trajectory to judge.
+        shared: points under the trajectory to judge, settings of the audit and settings of the score.
         known: (S,) which sweeps lie in no gap of the trajectory.
-        settings: settings of the audit.
-        estimator: settings of the score.
         chance: p-value below which a step is off by more than chance explains.
         engine: where the steps are judged; the result does not depend on it.
         progress: called as steps are done.
     """
+    sweeps, settings, _ = shared
     size = STEP_SCANS
 
     def lies_in_no_gap(place: int) -> bool:
         return bool(known[place - size : place + size].all())
 
     places = list(filter(lies_in_no_gap, range(size, len(sweeps) - size + 1, _EVERY)))
-    shared = sweeps, settings, estimator
     reach = settings.search_m, settings.search_rad
     report = count_items(progress, "steps", len(places))
     near = dict(zip(places, engine.map(_register_step, shared, [(k, reach) for k in places], report), strict=True))

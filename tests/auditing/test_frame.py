@@ -51,7 +51,7 @@ def test_few_scans_do_not_show_the_frame() -> None:
 def judge(change: Callable[[se2.Array], se2.Array]) -> tuple[VerdictStatus, str]:
     """Returns what is said of the block drive under a changed trajectory."""
     sweeps, engine = place(change), LocalEngine(1)
-    windows = audit_windows(sweeps, CONFIG.audit, CONFIG.estimator, engine, ignore_progress)
+    windows = audit_windows((sweeps, CONFIG.audit, CONFIG.estimator), engine, ignore_progress)
     sections = CONFIG.audit, CONFIG.estimator
 
     def place_poses(poses: se2.Array) -> Sweeps:

@@ -59,7 +59,7 @@ def pooled(
     track = Trajectory(truth.stamps_us + round(1e6 * late), se2.compose(poses, extrinsics))
     sweeps = place_sweeps(scans, track, beam_of(CONFIG.estimator, 0.0))[0]
     known = np.ones(len(sweeps), bool)
-    spans = register_spans(sweeps, known, CONFIG.audit, CONFIG.estimator, LocalEngine(2), ignore_progress)
+    spans = register_spans((sweeps, CONFIG.audit, CONFIG.estimator), known, LocalEngine(2), ignore_progress)
     found = pool(spans, measure_twists(sweeps, STEP_SCANS))
     assert found is not None
     return found
@@ -235,7 +235,7 @@ def test_a_lidar_that_does_not_see_far_shows_no_scale(tmp_path: Path) -> None:
     source = make_lidar_source(read_lidar(write_laser_bag(tmp_path / "boxes.bag", solid=True), config.reading))
     sweeps, _ = place_source(source, drive_truth(), beam_of(config.estimator, 0.0))
     known = np.ones(len(sweeps), bool)
-    spans = register_spans(sweeps, known, config.audit, config.estimator, LocalEngine(2), ignore_progress)
+    spans = register_spans((sweeps, config.audit, config.estimator), known, LocalEngine(2), ignore_progress)
     found = pool(spans, measure_twists(sweeps, STEP_SCANS))
     assert found is None  # 30 m apart the lidar sees opposite faces, and the scale seems 3 % off; closer by is too close
     assert not judge_pooled(found, config.verdict).judged

@@ -53,7 +53,7 @@ def judged(shift_m: float, *, repeats: bool) -> list[RevisitAudit]:
     drive = joined(first, second, second.poses + np.array([shift_m, 0.0, 0.0]))
     track = Trajectory(np.round(1e6 * drive.times).astype(np.int64), drive.poses)
     sweeps, _ = place_sweeps(Scans(tuple(drive.scans), 0, 0.25), track, BEAM)
-    return audit_revisits(sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.verdict, HERE, ignore_progress)
+    return audit_revisits((sweeps, CONFIG.audit, CONFIG.estimator), CONFIG.verdict, HERE, ignore_progress)
 
 
 @pytest.mark.parametrize("shift_m", [0.0, 1.5, -2.4])

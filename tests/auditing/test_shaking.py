@@ -43,7 +43,7 @@ def registered(shift_m: float, scans: int | None = None) -> Sweeps:
 
 
 def judged(sweeps: Sweeps) -> Finding:
-    windows = audit_windows(sweeps, CONFIG.audit, CONFIG.estimator, HERE, ignore_progress)
+    windows = audit_windows((sweeps, CONFIG.audit, CONFIG.estimator), HERE, ignore_progress)
     return judge_shaking(sweeps, windows, CONFIG.audit, CONFIG.estimator, CONFIG.verdict, HERE)
 
 

@@ -36,7 +36,7 @@ def judged(stretch: float, first_m: float = 0.0, last_m: float = 0.0) -> list[Sp
     track = Trajectory(truth.stamps_us, se2.chain(steps, truth.poses[0]))
     sweeps = place_sweeps(scans, track, beam_of(CONFIG.estimator, 0.0))[0]
     known = np.ones(len(sweeps), bool)
-    spans = register_spans(sweeps, known, CONFIG.audit, CONFIG.estimator, LocalEngine(2), ignore_progress)
+    spans = register_spans((sweeps, CONFIG.audit, CONFIG.estimator), known, LocalEngine(2), ignore_progress)
     return audit_spans(spans, np.zeros((len(spans), 3)), sweeps.times, CONFIG.audit, CONFIG.verdict)
 
 
@@ -69,7 +69,7 @@ def test_scans_at_one_end_that_see_other_things_move_no_span() -> None:
     sections = CONFIG.audit, CONFIG.estimator
     asked = register(moved, middle, pick_ends(middle), (2.0, 0.1), *sections)
     assert asked is not None and np.hypot(*asked.offset[:2]) == pytest.approx(0.3, abs=0.06)
-    spans = register_spans(moved, known, *sections, LocalEngine(2), ignore_progress)
+    spans = register_spans((moved, *sections), known, LocalEngine(2), ignore_progress)
     assert max(np.hypot(*span.offset[:2]) for span in spans if (span.earlier, span.later) == middle) < 0.1
 
 

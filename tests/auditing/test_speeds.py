@@ -151,6 +151,6 @@ def test_scans_half_of_which_are_noise_still_tell_a_wrong_speed() -> None:
     track = Trajectory(truth.stamps_us, truth.poses * [0.1, 0.1, 1.0])
     sweeps, _ = place_sweeps(replace(scans, scans=tuple(noisy)), track, beam_of(CONFIG.estimator, 0.0))
     checks = check_speeds(
-        sweeps, range(2, 38, 6), np.ones(len(sweeps), bool), CONFIG.audit, CONFIG.estimator, HERE, ignore_progress
+        (sweeps, CONFIG.audit, CONFIG.estimator), range(2, 38, 6), np.ones(len(sweeps), bool), HERE, ignore_progress
     )
     assert all(contradicts(found, CAPTURE) for found in checks)

@@ -51,10 +51,8 @@ def lay_street(jump: tuple[float, float, float], place: int = PLACE) -> Sweeps:
 def judged(jump: tuple[float, float, float], jobs: int = 1) -> list[StepAudit]:
     sweeps = lay_street(jump)
     return audit_steps(
-        sweeps,
+        (sweeps, CONFIG.audit, CONFIG.estimator),
         np.ones(len(sweeps), bool),
-        CONFIG.audit,
-        CONFIG.estimator,
         share_of_false_alarms(CONFIG.verdict),
         LocalEngine(jobs),
         ignore_progress,
@@ -98,7 +96,11 @@ def test_a_jump_between_the_places_that_are_judged_is_placed_where_it_is(
     sweeps = lay_street(jump, place)
     known = np.ones(len(sweeps), bool)
     steps = audit_steps(
-        sweeps, known, CONFIG.audit, CONFIG.estimator, share_of_false_alarms(CONFIG.verdict), LocalEngine(2), ignore_progress
+        (sweeps, CONFIG.audit, CONFIG.estimator),
+        known,
+        share_of_false_alarms(CONFIG.verdict),
+        LocalEngine(2),
+        ignore_progress,
     )
     assert [step.registration.later for step in find_torn_steps(steps, CONFIG.audit, CONFIG.verdict)] == [place]
     judged = [step.registration.later for step in steps]
@@ -115,7 +117,7 @@ def test_what_is_off_beside_a_step_follows_the_rate_of_false_alarms_as_the_verdi
 
     def lay_beside(limits: VerdictConfig) -> set[int]:
         steps = audit_steps(
-            sweeps, known, CONFIG.audit, CONFIG.estimator, share_of_false_alarms(limits), LocalEngine(2), ignore_progress
+            (sweeps, CONFIG.audit, CONFIG.estimator), known, share_of_false_alarms(limits), LocalEngine(2), ignore_progress
         )
         return {step.registration.later for step in steps}
 

@@ -49,13 +49,13 @@ def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Be
         the motions, first those across steps and then those through spans.
     """
     sweeps, inside = place_sweeps(scans, trajectory, beam)
-    known = np.ones(len(sweeps), dtype=np.bool_)
+    shared, known = (sweeps, config.audit, config.estimator), np.ones(len(sweeps), dtype=np.bool_)
 
     def report(stage: str, done: int, total: int) -> None:
         runner.progress(f"{stage} along", done, total)
 
-    steps = audit_steps(sweeps, known, config.audit, config.estimator, _CHANCE, runner.engine, report)
-    registrations = register_spans(sweeps, known, config.audit, config.estimator, runner.engine, report, _DENSER)
+    steps = audit_steps(shared, known, _CHANCE, runner.engine, report)
+    registrations = register_spans(shared, known, runner.engine, report, _DENSER)
     spans = audit_spans(registrations, np.zeros(3), sweeps.times, config.audit, config.verdict)
     ties = [*tie_steps(steps, sweeps, ()).values(), *tie_spans(spans, sweeps, ())]
     return [Loop(inside[tie.a], inside[tie.b], tie.pose, tie.covariance, np.nan, np.nan) for tie in ties]

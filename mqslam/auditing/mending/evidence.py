@@ -20,7 +20,6 @@ from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.steps import StepAudit, scale_covariances
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.windows.windows import WindowAudit
-from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.measurement import Loop
@@ -141,21 +140,16 @@ def _holds_any(registration: Registration, jumps: Collection[int]) -> bool:
     return any(begin[0] < jump <= end[-1] for jump in jumps)
 
 
-def register_successive(
-    sweeps: Sweeps, settings: AuditConfig, estimator: EstimatorConfig, engine: Engine, progress: Progress
-) -> list[Registration]:
+def register_successive(shared: Shared, engine: Engine, progress: Progress) -> list[Registration]:
     """Registers every scan on the one before it; returns the registrations that constrain every direction.
 
     Args:
-        sweeps: points under a trajectory.
-        settings: settings of the audit.
-        estimator: settings of the score.
+        shared: points under a trajectory, settings of the audit and settings of the score.
         engine: where scans are registered; the result does not depend on it.
         progress: called as scans are registered.
     """
-    places = list(range(1, len(sweeps)))
-    report = count_items(progress, "scans", len(places))
-    pairs = engine.map(_register_scan, (sweeps, settings, estimator), places, report)
+    places = list(range(1, len(shared[0])))
+    pairs = engine.map(_register_scan, shared, places, count_items(progress, "scans", len(places)))
     return [pair for pair in pairs if pair is not None and pair.observed]
 
 

@@ -237,8 +237,8 @@ class _Mender:
 
     def _tie_scans(self, sweeps: Sweeps) -> list[Tie]:
         """Returns the changes of yaw between successive scans as ties, each from the round in which its scans fit best."""
-        settings = self._config.audit, self._config.estimator
-        for pair in register_successive(sweeps, *settings, self._engine, self._progress):
+        shared = sweeps, self._config.audit, self._config.estimator
+        for pair in register_successive(shared, self._engine, self._progress):
             best = self._pairs.get(pair.earlier)
             if best is None or pair.psi_best < best.psi_best:
                 self._pairs[pair.earlier] = pair

@@ -16,10 +16,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.registration import Registration, register
+from mqslam.auditing.registration import Registration, Shared, register
 from mqslam.auditing.sizes import STEP_SCANS
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.statistics import find_median
@@ -40,31 +39,23 @@ _SWEEPS: Final = 500  # number of sweeps whose ranges are computed at a time: a 
 
 
 def register_spans(
-    sweeps: Sweeps,
-    known: NDArray[np.bool_],
-    settings: AuditConfig,
-    estimator: EstimatorConfig,
-    engine: Engine,
-    progress: Progress,
-    denser: float = 1.0,
+    shared: Shared, known: NDArray[np.bool_], engine: Engine, progress: Progress, denser: float = 1.0
 ) -> list[Registration]:
     """Registers the spans of a map; returns in order those that constrain every direction and whose ends are well apart.
 
     Args:
-        sweeps: points under the trajectory to judge.
+        shared: points under the trajectory to judge, settings of the audit and settings of the score.
         known: (S,) which sweeps lie in no gap of the trajectory.
-        settings: settings of the audit.
-        estimator: settings of the score.
         engine: where spans are registered; the result does not depend on it.
         progress: called as spans are done.
         denser: factor on the usual number of spans.
     """
+    sweeps = shared[0]
     span_m = fit_to_reach(sweeps)
     if span_m < _SPAN_LEAST_M:
         return []
     pairs = [(a, b) for a, b in find_spans(sweeps.travelled, span_m, denser) if known[[a, b]].all()]
-    shared = sweeps, known, span_m, settings, estimator
-    spans = engine.map(_register_span, shared, pairs, count_items(progress, "spans", len(pairs)))
+    spans = engine.map(_register_span, (shared, known, span_m), pairs, count_items(progress, "spans", len(pairs)))
     return [span for span in spans if span is not None]
 
 
@@ -105,11 +96,9 @@ def find_spans(travelled: NDArray[np.float64], span_m: float, denser: float = 1.
     return list(zip(earlier[there].tolist(), later[there].tolist(), strict=True))
 
 
-def _register_span(
-    shared: tuple[Sweeps, NDArray[np.bool_], float, AuditConfig, EstimatorConfig], pair: tuple[int, int]
-) -> Registration | None:
+def _register_span(given: tuple[Shared, NDArray[np.bool_], float], pair: tuple[int, int]) -> Registration | None:
     """Registers a span with the scans at its ends, just before them and just after them; None if the ends are unusable."""
-    sweeps, known, span_m, settings, estimator = shared
+    (sweeps, settings, estimator), known, span_m = given
     reach = settings.search_m, settings.search_rad
     registration = register(sweeps, pair, pick_ends(pair), reach, settings, estimator)
     if registration is None or not registration.observed or not _leads_away(registration, span_m):

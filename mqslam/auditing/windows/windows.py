@@ -12,10 +12,8 @@ from scipy.stats import chi2
 from mqslam.auditing.registration import Shared
 from mqslam.auditing.sizes import TORN_INFLATION, WINDOW
 from mqslam.auditing.speeds import SpeedCheck
-from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Share
 from mqslam.auditing.windows.inflation import Bend, fit_bend
-from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.statistics import correct_for_places, pick_evenly
@@ -61,32 +59,23 @@ class WindowAudit:
     p_value: float = np.nan
 
 
-def audit_windows(
-    sweeps: Sweeps,
-    settings: AuditConfig,
-    estimator: EstimatorConfig,
-    engine: Engine,
-    progress: Progress,
-    sampled: int | None = None,
-) -> list[WindowAudit]:
+def audit_windows(shared: Shared, engine: Engine, progress: Progress, sampled: int | None = None) -> list[WindowAudit]:
     """Judges the windows of a map in the order of time; windows without a point, such as in fog, are left out.
 
     Args:
-        sweeps: points under the trajectory to judge.
-        settings: settings of the audit.
-        estimator: settings of the score.
+        shared: points under the trajectory to judge, settings of the audit and settings of the score.
         engine: where the windows are judged; the result does not depend on it.
         progress: called as windows are done.
         sampled: how many windows at most are judged, evenly spread; None takes all.
     """
+    sweeps = shared[0]
     begins = list(range(0, len(sweeps) - WINDOW + 1, WINDOW))
     if begins and begins[-1] + WINDOW < len(sweeps):
         begins.append(len(sweeps) - WINDOW)  # the last one overlaps the one before, so that every sweep is judged
     begins = [begin for begin in begins if sweeps.begins[begin + WINDOW] > sweeps.begins[begin]]
     if sampled is not None:
         begins = [begins[k] for k in pick_evenly(len(begins), sampled).tolist()]
-    report = count_items(progress, "audit", len(begins))
-    return engine.map(audit_window, (sweeps, settings, estimator), begins, report)
+    return engine.map(audit_window, shared, begins, count_items(progress, "audit", len(begins)))
 
 
 def audit_window(shared: Shared, begin: int) -> WindowAudit:
