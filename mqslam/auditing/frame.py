@@ -106,20 +106,12 @@ class Reading(NamedTuple):
     Args:
         name: what is wrong with the trajectory if the map is whole under this reading.
         remedy: how to mend the trajectory.
-        read: converts poses (M, 3) to this reading.
+        signs: factors on x, y and yaw that convert the poses to this reading.
     """
 
     name: str
     remedy: str
-    read: Callable[[se2.Array], se2.Array]
-
-
-def _mirror(poses: se2.Array) -> se2.Array:
-    return np.asarray(poses * np.array([1.0, -1.0, -1.0]))
-
-
-def _turn_yaw(poses: se2.Array) -> se2.Array:
-    return np.asarray(poses * np.array([1.0, 1.0, -1.0]))
+    signs: tuple[float, float, float]
 
 
 def _misses_headings(poses: se2.Array) -> bool:
@@ -132,8 +124,8 @@ def _misses_headings(poses: se2.Array) -> bool:
 
 
 _READINGS: Final = (
-    Reading("the trajectory is mirrored", "y and yaw must count to the left, as seen from above", _mirror),
-    Reading("the trajectory counts yaw the other way", "yaw must count to the left, as seen from above", _turn_yaw),
+    Reading("the trajectory is mirrored", "y and yaw must count to the left, as seen from above", (1.0, -1.0, -1.0)),
+    Reading("the trajectory counts yaw the other way", "yaw must count to the left, as seen from above", (1.0, 1.0, -1.0)),
 )
 
 
@@ -168,7 +160,7 @@ def judge_readings(
     if len(tried) < _LEAST_TORN:
         return Finding(VerdictStatus.PASS, _NOT_MIRRORED)
     for reading in _READINGS:
-        whole = sum(engine.map(_is_whole, (place(reading.read(track.poses)), settings, estimator), tried))
+        whole = sum(engine.map(_is_whole, (place(track.poses * reading.signs), settings, estimator), tried))
         if whole >= _WHOLE * len(tried):
             reason = f"{whole} of the {len(tried)} windows that turn the most are whole once this error is undone"
             said = f"{reading.name}: {reading.remedy}"
