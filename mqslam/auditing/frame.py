@@ -66,7 +66,7 @@ def judge_frame(sweeps: Sweeps) -> Finding:
     spread = [np.mean(np.sum((se2.transform(one, middles) - moved) ** 2, axis=1)) for one in without]
     sigma_m = float(np.sqrt((len(blocks) - 1.0) / len(blocks) * np.sum(spread)))
     if off_m <= max(_FAR * float(np.median(spreads)), _SIGMAS * sigma_m):
-        reason = f"the points lie around the poses from which they were seen, give or take {max(off_m, sigma_m):.1f} m"
+        reason = f"the points lie around the poses from which they were seen, to within {max(off_m, sigma_m):.1f} m"
         return Finding(VerdictStatus.PASS, reason)
     reason = f"the points lie {off_m:.0f} m (± {sigma_m:.0f}) off the poses from which they were seen"
     explanation = f"the trajectory is in another frame than the cloud: {reason}; give both in one frame"

@@ -247,7 +247,7 @@ def judge_honesty(revisits: Sequence[RevisitAudit]) -> Honesty | None:
     degrees = 3 * len(sure)
     nees = float(np.sum(sure)) / degrees
     least, most = (float(bound) / degrees for bound in chi2.ppf([0.025, 0.975], degrees))
-    chance = f"where {least:.2g} to {most:.2g} would be chance"
+    chance = f"where right covariances would give {least:.2g} to {most:.2g}"
     by = f"by {count_of(len(sure), 'revisit')}: NEES/3 is {nees:.2g}, {chance}"
     if nees > most:
         what = f"are too small: errors are {np.sqrt(nees):.1f} times as large as they state"

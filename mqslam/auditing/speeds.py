@@ -234,7 +234,7 @@ def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange) -> 
     if not off:
         reason = (
             f"the scans confirm the speed at {count_of(share.total, 'place')} to within {capture.speed_mps:.2g} m/s, and "
-            "windows measure the rest"
+            "the windows measure smaller errors"
         )
         return [Finding(VerdictStatus.PASS, reason)]
     median = float(np.median([check.error_mps for check in off]))

@@ -98,7 +98,7 @@ def audit_steps(
 
 
 def _lasts(step: Registration, p_value: float, shared: Shared, chance: float) -> bool:
-    """Returns whether the offset of a step shows between the scans farther from it, too; True if it may be chance.
+    """Returns whether the scans farther from a step show its offset, too; True if the offset may be chance.
 
     Args:
         step: the step.

@@ -256,7 +256,7 @@ def _list_worst(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section 
         "The windows with the largest inflation follow. All listed places are well apart.",
         "A correction moves the end of a window or span relative to its begin, the scans after a jump, or the later pass of "
         "a revisit. Its directions are as seen from the sensor.",
-        f"{' and '.join(BAD_PLACES)} beside this page hold all places that are torn or could not be decided.",
+        f"{' and '.join(BAD_PLACES)} next to this page list all places that are torn or undecided.",
     )
     tables = [
         Table(_PLACE_HEAD, [(str(k), *spot.cells) for k, spot in some], True) if some else None for some in (torn, fine)

@@ -129,7 +129,7 @@ def _show_trajectories(comparison: Comparison) -> Section | None:
         return None
     caption = "all moved to one pose at the first time that all of them cover"
     if truth is not None:
-        caption = "each laid on the ground truth by the best rigid motion"
+        caption = "each aligned with the ground truth by the best rigid motion"
     trajectories = Figure(draw_overlay(rows, truth, opaque=False), "Trajectories", caption)
     caption = "running median over the windows in which the radar moved: how far a window's map is from its own best"
     charts = [Figure(draw_chart(_chart_inflation(comparison)), "Inflation of the windows", caption)]
@@ -289,7 +289,7 @@ def _show_difference(comparison: Comparison) -> Section:
     if drawn is None:
         return Section("Who judges, and by what", table=answers)
     picture, apart_m, time_s = drawn
-    start = "starting from one pose" if truth is None else "each laid on the ground truth by the best rigid motion"
+    start = "starting from one pose" if truth is None else "each aligned with the ground truth by the best rigid motion"
     caption = f"maps and paths over each other, {start}: {format_length(apart_m)} apart {time_s:.1f} s after the start"
     return Section("Where they differ most", figures=[Figure(picture, "All rows in one map", caption)], table=answers)
 

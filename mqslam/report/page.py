@@ -66,7 +66,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table.
+    """A table of a page.
 
     Args:
         head: headings of the columns.
@@ -255,8 +255,8 @@ def tabulate_tests(summary: Mapping[str, Any], own: Sequence[MapTest] = ()) -> S
     others.sort(key=lambda row: GRAVEST_FIRST.index(VerdictStatus(row[1])))
     notes = [
         "What each test compares, what it found, and what it cannot see.",
-        "The p-value is the probability that a test shows as much anywhere in a map without a fault, as far as the stated "
-        "covariances are right. A small p-value alone is no fault: the error must also exceed the tolerance.",
+        "The p-value is the probability that a test finds an error as large anywhere in a map without a fault, if the "
+        "stated covariances are right. A small p-value alone is no fault: the error must also exceed the tolerance.",
     ]
     if alarms := part_of(summary, "false_alarms"):
         least, share = format_p_value(alarms["p_value_below"]), format_value(100.0 * alarms["rate"])

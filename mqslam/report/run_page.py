@@ -185,7 +185,7 @@ def _show_trajectories(run: Run, truth: Trajectory | None) -> Section:
     ]
     if truth is not None:
         curves.insert(0, Curve("ground truth", GREEN, truth.poses[:, :2], width=4.0, alpha=0.4))
-    caption = "ground truth laid on the optimised trajectory by the best rigid motion" if truth is not None else ""
+    caption = "ground truth aligned with the optimised trajectory by the best rigid motion" if truth is not None else ""
     trajectory = Figure(draw_world([Drawing((), curves)], PATH_SHAPE)[0], "Trajectory", caption)
     if not run.measurements:
         return Section("Trajectory", figures=[trajectory])
@@ -355,7 +355,7 @@ def _chart_truth(run: Run, truth: Trajectory | None) -> list[Figure]:
     curves = [Curve(name, colour, over(*traced)) for name, colour, traced in errors if traced is not None]
     charts = []
     if curves:
-        caption = "distance to ground truth, on which each trajectory is laid by the best rigid motion, as evo's ape does"
+        caption = "distance to ground truth, with which the best rigid motion aligns each trajectory, as evo's ape does"
         chart = Chart("error [m]", tuple(curves), log=() if _are_alike(curves) else ("y",), x_title=_DISTANCE)
         charts.append(Figure(draw_chart(chart), "Error over distance", caption))
     moved, turned = [], []

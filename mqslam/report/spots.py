@@ -131,7 +131,7 @@ def spot_of_window(window: WindowAudit) -> Spot:
         correction=bend.correction,
         inflation=bend.inflation,
         torn=window.torn,
-        text=f"Best with the window's end moved {motion} against its begin, which moves its points by {size}. "
+        text=f"Best with the window's end moved {motion} relative to its begin, which moves its points by {size}. "
         f"Inflation {format_three_digits(bend.inflation)}{known}.",
         undecided=window.undecided,
     )
@@ -218,8 +218,8 @@ def list_unmatched(sweeps: Sweeps, audit: Audit) -> list[tuple[str, ...]]:
         the cells of each row: number and kind, time, position, reason, and which rows of which file to look at.
     """
     unfit, unsure = (
-        "the scans before and after it fit no single place",
-        "its two passes are not sure to fit at one place alone",
+        "the scans before and after it do not fit at one place only",
+        "its two passes may also fit at another place",
     )
     judged: dict[
         tuple[str, str], list[tuple[str | None, float, float, se2.Array]]

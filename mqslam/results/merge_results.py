@@ -76,8 +76,8 @@ def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
     made = f"{len(merged.trajectories)} recordings with {length / 1000.0:.2f} km of path are one map: {links} between them"
     if sure["median_m"] is None:
         return f"{made}, psi across them {psi}"
-    sigmas = f"one sigma, median; {sure['largest_m']:.2g} m at worst"
-    return f"{made}, psi across them {psi}; what both see lies within {sure['median_m']:.2g} m of each other ({sigmas})"
+    apart = f"{sure['median_m']:.2g} m of each other (one sigma, median; {sure['largest_m']:.2g} m at worst)"
+    return f"{made}, psi across them {psi}; what two recordings see lies within {apart}"
 
 
 def _summarise_alignment(merged: Merged) -> dict[str, float | None]:

@@ -177,7 +177,7 @@ def _judge_passes(run: Run) -> list[Finding]:
 
 def _blame_optimisation(status: VerdictStatus, reason: str) -> Finding:
     """Returns a finding on optimisation, with the explanation that optimisation made the map worse."""
-    explanation = "loops or other sensors bend the map: it was crisper before they joined; try the run without them"
+    explanation = "loops or other sensors bend the map: it was crisper before they were used; try the run without them"
     return Finding(status, reason, cause=Cause.OPTIMISATION, explanation=explanation)
 
 

@@ -1,1 +1,1 @@
-"""Spans: registrations of scans some path apart, and the corrections that they ask for, all together and each alone."""
+"""Spans: registrations of scans some tens of metres of path apart, and the errors of a trajectory that they show."""

@@ -1,1 +1,1 @@
-"""Windows: a few scans in a row, whose map is compared with its own best and with the map under smoothed poses."""
+"""Windows: the map of a few successive scans, compared with the best map of the same scans."""

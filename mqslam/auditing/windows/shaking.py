@@ -98,7 +98,7 @@ def _measure_rise(shared: _Shared, window: tuple[int, int]) -> float:
 
 
 def _move(sweeps: Sweeps, smoothed: se2.Array, begin: int, end: int, points: PointSet) -> NDArray[np.float64]:
-    """Returns the points (N, 2) [m] of a window as smoothed poses place them; their times are counted in sweeps."""
+    """Returns the points (N, 2) [m] of a window under smoothed poses; `points` has times in sweeps."""
     track = sweeps.track
     assert track is not None  # a cloud without a trajectory has no poses to judge
     sweep = np.searchsorted(sweeps.numbers, points.times, side="right") - 1
