@@ -181,10 +181,9 @@ def judge_doubt(doubt_m: NDArray[np.float64], settings: AuditConfig) -> list[Fin
     unsure = int(np.count_nonzero(doubt_m > settings.jump_m))
     if not unsure:
         return []
-    where = (
-        f"the trajectory has poses too sparse for its turns: in {count_of(unsure, 'scan')} interpolation may be off by up to"
-    )
-    reason = f"{where} {doubt_m.max():.2f} m, and no smaller error can be seen there; {Remedy.GIVE_MORE_POSES}"
+    where = f"in {count_of(unsure, 'scan')} interpolation may be off by up to {doubt_m.max():.2f} m"
+    sparse = f"the poses of the trajectory are too sparse for its turns: {where}, which hides smaller errors"
+    reason = f"{sparse}; {Remedy.GIVE_MORE_POSES}"
     return [Finding(VerdictStatus.PASS, reason, judged=False)]
 
 
