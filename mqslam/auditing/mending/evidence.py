@@ -20,6 +20,7 @@ from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.steps import StepAudit, scale_covariances
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.windows.windows import WindowAudit
+from mqslam.backend.loops.chain import PROBABILITY
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.measurement import Loop
@@ -205,9 +206,7 @@ def as_loop(revisit: RevisitAudit, sweeps: Sweeps) -> Loop:
     return Loop(revisit.earlier, revisit.later, pose, covariance, revisit.matched, revisit.psi_best)
 
 
-def keep_plausible(
-    ties: Sequence[Tie], misses: NDArray[np.float64], walks: NDArray[np.float64], probability: float
-) -> list[Tie]:
+def keep_plausible(ties: Sequence[Tie], chain: se2.Array, variances: NDArray[np.float64]) -> list[Tie]:
     """Returns the ties that the errors of the steps between their ends explain.
 
     If these errors explain only the yaw of a tie, the tie is returned with its yaw alone. Scans of a corridor also fit
@@ -215,16 +214,15 @@ def keep_plausible(
 
     Args:
         ties: measured motions.
-        misses: (K, 3) differences between the ties and the chained steps.
-        walks: (K, 3) variances of the steps' errors, added up between the ends of each tie.
-        probability: probability of the chi-square quantile that a plausible difference does not exceed.
+        chain: (N, 3) poses that follow from the steps.
+        variances: (N - 1, 3) variances of the errors of the steps.
     """
     kept = []
-    for tie, miss, walk in zip(ties, misses, walks, strict=True):
-        expected = tie.covariance + np.diag(walk)
-        if miss @ np.linalg.solve(expected, miss) <= chi2.ppf(probability, 3):
+    for tie, miss in zip(ties, measure_misses(ties, chain), strict=True):
+        expected = tie.covariance + np.diag(variances[tie.a : tie.b].sum(axis=0))
+        if miss @ np.linalg.solve(expected, miss) <= chi2.ppf(PROBABILITY, 3):
             kept.append(tie)
-        elif miss[2] ** 2 / expected[2, 2] <= chi2.ppf(probability, 1):
+        elif miss[2] ** 2 / expected[2, 2] <= chi2.ppf(PROBABILITY, 1):
             kept.append(_keep_yaw(tie))
     return kept
 

@@ -36,7 +36,6 @@ from mqslam.auditing.registration import Registration
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import GRAVEST_FIRST, WINDOWS_WARN, VerdictStatus
 from mqslam.auditing.windows.windows import share_torn
-from mqslam.backend.loops.chain import PROBABILITY
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.engine import Engine
@@ -228,7 +227,7 @@ class _Mender:
             misses = measure_misses(list(found.values()), self._chain)
             variances = allow_for_turns(variances, self._steps, list(found), misses)
             beside += [*turns, *(tie for place, tie in across.items() if place not in self._across)]
-        plausible = self._keep_plausible([*allow_for_walk(windows, self._noise), *beside], variances)
+        plausible = keep_plausible([*allow_for_walk(windows, self._noise), *beside], self._chain, variances)
         ties = [*self._across.values(), *plausible]
         loops = [as_loop(r, sweeps) for r in audit.revisits if r.sure]
         chain = TiedChain(self._steps, variances, ties, sweeps.poses, config.audit.least_path_m)
@@ -253,12 +252,6 @@ class _Mender:
         for tie, miss in zip(off, measure_misses(off, self._chain), strict=True):
             variances[tie.a : tie.b] += miss**2 / (tie.b - tie.a)
         return variances
-
-    def _keep_plausible(self, ties: list[Tie], variances: NDArray[np.float64]) -> list[Tie]:
-        """Returns the ties, or only their yaw, that errors of the steps with variances (S - 1, 3) can explain."""
-        walks = np.array([variances[tie.a : tie.b].sum(axis=0) for tie in ties]).reshape(-1, 3)
-        misses = measure_misses(ties, self._chain)
-        return keep_plausible(ties, misses, walks, PROBABILITY)
 
 
 def _take_out(steps: se2.Array, bias: NDArray[np.float64]) -> se2.Array:
