@@ -44,7 +44,7 @@ class Evaluation:
 
 
 def list_errors(estimate: Trajectory, truth: Trajectory | None) -> dict[str, Any] | None:
-    """Returns the errors of an estimate against ground truth by name; None without ground truth or 3 shared stamps."""
+    """Returns the errors of an estimate against ground truth by name; None if there is no ground truth to compare with."""
     errors = None if truth is None else evaluate(estimate, truth)
     return None if errors is None else asdict(errors)
 
@@ -175,7 +175,7 @@ def pair_poses(estimate: Trajectory, truth: Trajectory) -> tuple[Trajectory, Tra
 
 
 def align_positions(estimate: Trajectory, truth: Trajectory) -> se2.Array | None:
-    """Returns the rigid motion (3,) that best aligns the estimate's positions with the truth; None below 3 shared stamps."""
+    """Returns the rigid motion (3,) that best aligns the estimate's positions with the truth; None if `pair_poses` does."""
     pair = pair_poses(estimate, truth)
     return None if pair is None else _fit_rigid_motion(*(track.poses for track in pair))
 

@@ -108,7 +108,10 @@ class Slam:
         )
 
     def solve_in_unit(self, scans: Scans, context: Context) -> Solution:
-        """Estimates the optimised trajectory of a lidar's scans in their unit, in which they are as far away as a radar's.
+        """Estimates the optimised trajectory of a lidar's scans, with all lengths divided by the scans' unit of length.
+
+        In this unit (`scans.unit_m`) a lidar's ranges are about as large as a radar's, for which the method is made. The
+        solution that is returned is in metres.
 
         Args:
             scans: scans of the recording.
@@ -184,8 +187,8 @@ class Slam:
     def _track(self, scans: Scans, context: Context, beam: Beam) -> list[Measurement]:
         """Returns the front end's motions between successive scans; psi's motions are corrected by ties along the path.
 
-        A lidar's motions are not: it sees a part of what is around, so that two stretches of a corridor fit each other
-        wherever they are, while odometry has placed the scans between them.
+        The motions of a lidar are not corrected: it sees only a part of its surroundings, so that two stretches of a
+        corridor fit each other at any distance. The odometry between them is the better measurement.
         """
         runner = self._runner
         with runner.time_stage("windows"):

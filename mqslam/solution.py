@@ -56,7 +56,8 @@ class Solution:
         loops_rejected: number of loop candidates that psi, the graph or the map rejected.
         refined: result of the refinement that follows the loop closures, including psi across passes.
         sensors: how each of the other sensors is used, or why it is not.
-        range_errors: errors of the returns' ranges as psi shows them before the sensors join; None where it shows none.
+        range_errors: range offset and Doppler shift of the radar as psi measured them before other sensors were joined; None
+            if it could not measure them.
         range_scale: the scale of the ranges; measurements, trajectories and maps are made with its factor.
         unoptimised: why the graph could not be optimised and its starting values were kept, or None.
         warnings: sentences on what could not be done, and why.
@@ -97,7 +98,7 @@ class Solution:
         """Returns the solution in another unit of length; it must have no sensors besides odometry.
 
         Args:
-            factor: length of the present unit in the new one.
+            factor: number by which all lengths are multiplied.
             config: all settings in the new unit.
         """
         covariances = replace(self.covariances, covariances=units.scale_covariance(self.covariances.covariances, factor))

@@ -15,8 +15,9 @@ from mqslam.errors import show
 def check(terminal: Terminal, **given: Any) -> None:
     """Check a recording against the assumptions by which it is read: stamps, azimuths, rotation, length of a range bin.
 
-    The check reads three short stretches. With odometry it can also tell a mirrored recording, stamps that mean the other
-    end of the radar's turn, and a wrong length of a range bin; the map alone shows none of these. Ground truth is not used.
+    The check reads three short stretches. With odometry it also finds out whether the recording is mirrored, whether stamps
+    are of the end of a turn instead of its start (or the reverse), and whether the length of a range bin is wrong; the map
+    alone shows none of these. Ground truth is not used.
 
     Exit code: 0 if nothing is suspicious, 1 if something is.
 
@@ -36,7 +37,7 @@ def check(terminal: Terminal, **given: Any) -> None:
         for finding in outcome.findings:
             echo(f"{finding.name:<24}{finding.verdict:<18}{show(finding.text)}")
         if outcome.read < outcome.scans:
-            rest = "a damaged one among the others shows in mqslam run, which reads all"
+            rest = "`mqslam run` reads all of them and reports damaged ones"
             echo(f"{outcome.read} of {outcome.scans} scans were read; {rest}")
         if outcome.warning is not None:
             echo(outcome.warning)

@@ -82,7 +82,7 @@ def convert(
     elif out.suffix == ".tum" and to is None and is_run(data):
         write_wide_trajectory(out, data, force=force)
     elif keyframes == data:
-        raise ConfigError(f"{data}: holds keyframes, which become point clouds only; end OUT in {SUFFIX}, without --to")
+        raise ConfigError(f"{data}: holds keyframes; they can only become a point cloud: end OUT in {SUFFIX}, without --to")
     else:
         target = find_target(out, to, message.value)
         with claim_target(out, target, force=force, recording=data):

@@ -1,4 +1,4 @@
-"""`mqslam diff`: shows what two results differ in."""
+"""`mqslam diff`: shows in what two results differ."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _OWN: Options = {
     "first": argument(Path, ..., "OUT1", "The folder of a result."),
     "second": argument(Path, ..., "OUT2", "The folder of another result of the same kind."),
 }
-_SHOWN = (  # groups of figures that people are shown
+_SHOWN = (  # groups of figures that are printed; --json lists all
     *("mqslam_version", "frontend", "frame", "dataset", "conclusion", "verdict", "psi", "windows", "revisits", "links"),
     *("last_pose", "factors", "evaluation"),
 )
@@ -23,7 +23,7 @@ _CASES = {"as_they_are": "as they are", "aligned": "aligned"}
 
 @command("first second as_json quiet verbose", _OWN)
 def diff(terminal: Terminal, *, first: Path, second: Path) -> None:
-    """Show what two results differ in: their settings, their figures, and how far their trajectories are apart.
+    """Show in what two results differ: settings, figures, and the distances between their trajectories.
 
     Trajectories are compared as they are, both in the frame of their first pose, and after the best rigid alignment.
 

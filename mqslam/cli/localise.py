@@ -83,9 +83,9 @@ def _tabulate(summary: dict[str, Any]) -> Table:
         table.add_row(f"scans {status}", str(number))
     sigma = summary["median_sigma"]
     table.add_row(
-        "usual sigma against the map around, along and across", f"{sigma['along_m']:.3f} m, {sigma['across_m']:.3f} m"
+        "median sigma relative to the map, along and across", f"{sigma['along_m']:.3f} m, {sigma['across_m']:.3f} m"
     )
-    table.add_row("usual sigma of the heading", f"{math.degrees(sigma['yaw_rad']):.3f} deg")
+    table.add_row("median sigma of the heading", f"{math.degrees(sigma['yaw_rad']):.3f} deg")
     table.add_row("matched points", f"{summary['matched']:.1%}")
     if summary["evaluation"]:
         table.add_row("ATE after alignment, all scans", f"{summary['evaluation']['ate_rmse_m']:.3f} m")

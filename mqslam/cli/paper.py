@@ -26,12 +26,13 @@ _FIGURES: Options = {
 def table(terminal: Terminal, *, context: typer.Context, seeds: int, revolutions: int) -> None:
     """Reproduce the paper: its table I whole, and the scores of its figure 2; `figures` draws its figures.
 
-    Each of the three constant motions is obtained by the paper, by an exhaustive search of the published score, as the paper
-    searched, and by our estimator. The paper's sensor (2 turns/s, steps of 0.5 degrees, bins of 0.25 m, range of 400 m) is
-    simulated in a yard between buildings. The search tries v from -0.5 to 1.5 m/s in steps of 0.1 and omega from -0.6 to 0.6
-    rad/s in steps of 0.02, and then goes on around the best pair in steps of 0.01 and 0.002. "As printed" is equations (4),
-    (8), (9) and (10) with the Gaussian in time; "charged" has our defaults, which are a plateau in time and a charge for
-    unmatched points; "Algorithm 1" is the paper's listing, whose cost differs from equation (10).
+    The table lists three constant motions, each with the paper's own result, with the result of an exhaustive search of the
+    published score (the paper's method), and with the result of our estimator. The paper's sensor (2 turns/s, steps of 0.5
+    degrees, bins of 0.25 m, range of 400 m) is simulated in a yard between buildings. The search tries v from -0.5 to 1.5
+    m/s in steps of 0.1 and omega from -0.6 to 0.6 rad/s in steps of 0.02, and then goes on around the best pair in steps of
+    0.01 and 0.002. "As printed" is equations (4), (8), (9) and (10) with the Gaussian in time; "charged" has our defaults,
+    which are a plateau in time and a charge for unmatched points; "Algorithm 1" is the paper's listing, whose cost differs
+    from equation (10).
 
     Example: mqslam paper --seeds 1
     """

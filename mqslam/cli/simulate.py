@@ -40,7 +40,8 @@ _OWN: Options = {
     "azimuth_offset": option(
         float,
         0.0,
-        r"Direction of the beam when the encoder is at zero, counter-clockwise from straight ahead; not stated \[deg].",
+        r"Direction of the beam when the encoder is at zero, counter-clockwise from straight ahead \[deg]; the recording "
+        "does not state it.",
     ),
     "late": option(float, 0.0, r"How late every stamp of the radar is; all other sensors and the truth are on time \[s]."),
     "chirps": flag("Let chirps go up and down in turn, as the chirps of Boreas-RT's radar do.", "--chirps"),

@@ -222,7 +222,10 @@ def _read_baseline(folder: Path) -> dict[str, Any]:
 
 
 def _judge_honesty(judged: judge.Audit, notes: list[str], work: Work) -> dict[str, Any] | None:
-    """Returns how stated covariances agree with the revisits, and adds it to the notes; None where none are stated."""
+    """Compares the covariances that a trajectory states with its revisits, and adds the outcome to the notes.
+
+    Returns None if the trajectory states no covariances.
+    """
     honesty = judge_honesty(judged.revisits)
     if honesty is None:
         return None

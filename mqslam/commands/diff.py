@@ -1,4 +1,4 @@
-"""Compares two results: their settings, their figures and their trajectories."""
+"""Compares two results of one command: their settings, their figures and their trajectories."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def diff_results(first: Path | str, second: Path | str) -> dict[str, Any]:
         second: folder of another result.
 
     Returns:
-        `settings` and `figures`, each with the names that differ and both values as [first, second], and `trajectories`:
-        how far the second is from the first, as the two are (`as_they_are`) and after the best rigid alignment
-        (`aligned`): the largest distance [m] and rotation [rad], and when each occurs [s since the first pose]. It is None
-        if a result has no trajectory.tum, or fewer than 3 stamps of one lie in the span of the other.
+        `settings` and `figures` hold the names whose values differ, each with both values as [first, second].
+        `trajectories` holds the largest distance [m] and the largest rotation [rad] between the two trajectories, and when
+        each occurs [s since the first pose]: without alignment (`as_they_are`) and after the best rigid alignment
+        (`aligned`). It is None if a result has no trajectory.tum, or if the trajectories share fewer than 3 stamps.
 
     Raises:
         DataError: a folder holds no result, or the results are of different kinds.
@@ -39,7 +39,7 @@ def diff_results(first: Path | str, second: Path | str) -> dict[str, Any]:
     results = [read_result(folder) for folder in (first, second)]
     kinds = [type(result).__name__ for result in results]
     if kinds[0] != kinds[1]:
-        raise DataError(Path(second), f"is of another command than {first} ({kinds[1]}, not {kinds[0]})", _REMEDY)
+        raise DataError(Path(second), f"is the result of another command than {first} ({kinds[1]}, not {kinds[0]})", _REMEDY)
     a, b = (dict(_list_figures(result.summary)) for result in results)
     return {
         "settings": {name: [before, after] for name, before, after in _list_settings(*results)},
@@ -49,9 +49,9 @@ def diff_results(first: Path | str, second: Path | str) -> dict[str, Any]:
 
 
 def _list_settings(first: Result, second: Result) -> list[tuple[str, Any, Any]]:
-    """Returns the settings that differ, also if versions of mqslam with other settings made the results.
+    """Returns the settings that differ as (name, first value, second value); the results may be of different versions.
 
-    There are none if a result, such as that of a batch, has no settings of its own.
+    The list is empty if a result has no settings of its own, as the result of a batch has none.
     """
     files = [result.folder / "config.yaml" for result in (first, second)]
     if not all(file.is_file() for file in files):
@@ -61,7 +61,7 @@ def _list_settings(first: Result, second: Result) -> list[tuple[str, Any, Any]]:
 
 
 def _flatten(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Yields name and value of each leaf of a tree."""
+    """Yields the value of each leaf of a tree with its name, such as `detector.threshold`."""
     for key, value in tree.items():
         if isinstance(value, Mapping):
             yield from _flatten(value, f"{above}{key}.")
@@ -70,14 +70,14 @@ def _flatten(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, An
 
 
 def _list_figures(summary: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yields name and value of each number and word of a summary, but for those that differ whenever it is made."""
+    """Yields name and value of each number and text of a summary, except those that differ between any two runs."""
     for name, value in _flatten(summary):
         if not isinstance(value, list) and _PASSING.isdisjoint(name.split(".")):
             yield name, value
 
 
 def _compare_trajectories(first: Result, second: Result) -> dict[str, Any] | None:
-    """Returns how far the trajectory of a result is from that of another, or None where they cannot be compared."""
+    """Returns the distances between the trajectories of two results, or None where they cannot be compared."""
     paths = [result.folder / "trajectory.tum" for result in (first, second)]
     if not all(path.is_file() for path in paths):
         return None

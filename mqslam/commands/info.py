@@ -1,4 +1,4 @@
-"""Describes a recording in values that JSON can hold."""
+"""Describes a recording in numbers and texts that JSON can hold."""
 
 from __future__ import annotations
 

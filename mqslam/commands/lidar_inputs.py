@@ -1,4 +1,4 @@
-"""Prepares a lidar's recording to be solved, and fits settings to a lidar."""
+"""Prepares a lidar's recording for a run, and fits the settings to a lidar."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from mqslam.detection.surfaces import prepare
 from mqslam.errors import ConfigError
 
 LIDAR_CONFIG: Final = "lidar"
-"""Name of the shipped settings for what a lidar's recording does not tell."""
+"""Name of the shipped settings for lidars."""
 ROOMS_CONFIG: Final = "rooms"
-"""Name of the shipped settings with lengths for audits of lidars' logs and of finished clouds."""
+"""Name of the shipped settings whose lengths suit rooms; audits of lidars' logs and of finished clouds use them."""
 _OFF = ("auto", "none")  # choices of an input that name no file and no values
 
 
 @dataclass(frozen=True, slots=True)
 class PreparedLidar:
-    """A lidar's recording as it is solved.
+    """A lidar's recording that is ready for a run, with its odometry and settings.
 
     Args:
         recording: the recording, with scans as `mqslam.detection.surfaces.prepare` makes them.
         odometry: its odometry, or None.
-        settings: the settings, with lengths that follow the recording.
-        warnings: which odometry is not used, and why.
+        settings: the settings, with lengths that are fitted to the scans.
+        warnings: why odometry is not used, if it is not.
     """
 
     recording: LidarRecording
@@ -43,13 +43,13 @@ class PreparedLidar:
 def prepare_lidar(
     recording: LidarRecording, settings: Config, inputs: Inputs = USUAL_INPUTS, unit_m: float | None = None
 ) -> PreparedLidar:
-    """Prepares a lidar's recording to be solved, and fits the settings to it.
+    """Prepares a lidar's recording for a run, and fits the settings to it.
 
     Args:
         recording: the recording as it was read.
         settings: settings as they were given.
         inputs: the choice of odometry; all other inputs must be left at their defaults or switched off.
-        unit_m: the unit in which the recording is solved [m]; None measures it.
+        unit_m: the unit of length of the computations [m]; None measures it from the scans.
 
     Raises:
         ConfigError: an input is given that only radars use.
@@ -63,7 +63,7 @@ def prepare_lidar(
     }
     if any(given.values()):
         named = join_words([name for name, is_given in given.items() if is_given])
-        why = "is a lidar's recording, which is solved in the lidar's frame with odometry as the only other sensor"
+        why = "is a lidar's recording, whose poses are the lidar's and whose only other sensor can be odometry"
         raise ConfigError(f"{recording.path}: {why}; leave out {named}")
     track, unused = choose_odometry(recording, inputs.odometry, None)
     prepared = prepare(recording, track, unit_m)
@@ -71,7 +71,7 @@ def prepare_lidar(
 
 
 def fit_to_lidar(settings: Config, scans: Scans) -> Config:
-    """Fits settings to the scans of a lidar: those that were left at their defaults follow its unit of length."""
+    """Fits settings to the scans of a lidar: lengths that were left at their defaults are multiplied by the scans' unit."""
     return fit_settings(settings, load_config(LIDAR_CONFIG), scans.unit_m or 1.0)
 
 

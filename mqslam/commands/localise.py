@@ -116,9 +116,9 @@ def _open_map(path: Path) -> KeyframeMap:
     """
     made = read_keyframes(path)
     if not len(made.keyframes) or not len(made.places.keyframes):
-        raise DataError(path, "holds a map without any place to recognise", _MAP_REMEDY)
+        raise DataError(path, "holds a map without any place that could be recognised", _MAP_REMEDY)
     if made.places.made_with.keys() != DESCRIBED_WITH.keys():
-        raise DataError(path, "describes its places by settings that are not known", _MAP_REMEDY)
+        raise DataError(path, "describes its places by settings that this version does not know", _MAP_REMEDY)
     return made
 
 
@@ -147,7 +147,7 @@ def _check_sensor(recording: Recording, map: Path, unit_m: float | None) -> None
     if isinstance(recording, LidarRecording) == (unit_m is not None):
         return
     own, other = ("lidar", "radar") if unit_m is None else ("radar", "lidar")
-    problem = f"is a {own}'s recording, and {map} holds no map that this version has made from a {own}'s"
+    problem = f"is a {own}'s recording, but {map} is not the map of a {own}, or an earlier version has made it"
     raise DataError(recording.path, problem, f"give the result of a run of a {own}'s recording, or a {other}'s recording")
 
 

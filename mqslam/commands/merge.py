@@ -82,7 +82,7 @@ def merge(
 
 @untrusted.reads_file
 def read_part(folder: Path) -> Session:
-    """Reads a result as a part of a merge.
+    """Reads a result that is to be merged with others.
 
     Args:
         folder: the result of a run or of a merge.
@@ -137,16 +137,19 @@ def _require_distinct(folders: Sequence[Path]) -> None:
 
 
 def _check_recordings(parts: Sequence[Session]) -> None:
-    """Raises DataError if a radar's and a lidar's results are mixed, or two results hold the same recording.
+    """Checks that the results are all of radars or all of lidars, and that no two hold the same recording.
 
-    The returns of one recording would be matched with themselves.
+    The returns of one recording would otherwise be matched with themselves.
+
+    Raises:
+        DataError: kinds of sensors are mixed, or two results hold the same recording.
     """
     known: dict[tuple[str, int], Path] = {}
     of_lidars = [part.map.keyframes.unit_m is not None for part in parts]
     if any(of_lidars) and not all(of_lidars):
         odd = parts[of_lidars.index(not of_lidars[0])].folder
         kind, first = ("radar", "lidar") if of_lidars[0] else ("lidar", "radar")
-        problem = f"is a {kind}'s map, and {parts[0].folder} a {first}'s: what the one sees, the other does not"
+        problem = f"is a {kind}'s map, but {parts[0].folder} is a {first}'s, and the two sensors see different things"
         raise DataError(odd, problem, "merge results of one kind of sensor")
     for part in parts:
         for recording in part.map.keyframes.recordings:

@@ -33,9 +33,9 @@ def optimise_file(
         force: whether what is at `out` is replaced.
 
     Returns:
-        `poses`, `factors` and `dimensions` of the graph, its `error_before` and `error_after` (half of the sum of squared
-        residuals, each in standard deviations, weighted by its loss), and `left_out`, the number of factors that a written
-        .g2o lacks, because they are not edges between poses.
+        The number of `poses`, `factors` and `dimensions` of the graph; `error_before` and `error_after`, each half of the
+        sum of squared residuals in standard deviations, weighted by their losses; and `left_out`, the number of factors that
+        a .g2o file cannot hold, because they are not edges between poses.
 
     Raises:
         DataError: a file cannot be read.
@@ -118,10 +118,10 @@ def _read_stamps(graph: Path, stored: StoredGraph) -> Trajectory:
     """
     beside = graph.with_name("trajectory.tum")
     if not beside.is_file():
-        raise DataError(graph, "has no trajectory.tum beside it that tells the stamps of its poses", "write a .g2o instead")
+        raise DataError(graph, "has no trajectory.tum beside it with the stamps of its poses", "write a .g2o instead")
     track = read_tum(beside)
     if stored.keys[: len(track)] != tuple(range(len(track))):
-        raise DataError(beside, f"has {len(track)} poses, which do not fit those of {graph.name}", "write a .g2o instead")
+        raise DataError(beside, f"has {len(track)} poses, which are not the poses of {graph.name}", "write a .g2o instead")
     return track
 
 

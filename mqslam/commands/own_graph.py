@@ -1,4 +1,4 @@
-"""Makes factors of a recording for a GTSAM graph of the user's own: from measurements, loop closures and single scans."""
+"""Makes factors for a user's own GTSAM graph from a recording: of its motions, its loop closures and its single scans."""
 
 from __future__ import annotations
 
@@ -128,9 +128,9 @@ def psi_factors(
 ) -> PsiFactors:
     """Measures the motion in a recording and returns it as the factors of a run, for a GTSAM graph of the user's own.
 
-    A run without loops has the same factors, and therefore the same optimum. Its marginals contain the error of the scale
-    that all lengths of the radar share, too; factors, whose errors are independent, cannot hold it. The recording's
-    gyroscope and GNSS receiver are not used: their factors are left to the user.
+    A run without loops has the same factors, and therefore the same optimum. A run's covariances also contain the error of
+    the radar's scale, which all its lengths share. These factors do not contain it, because the errors of factors are
+    independent. The recording's gyroscope and GNSS receiver are not used: their factors are left to the user.
     A scan is measured in a *submap*, a piece of the running map, and not against the scan before it: if one scan is placed
     too far ahead, the motion to it is too long, and the next motion is too short by as much. Factors between successive
     scans would treat these errors as independent, and make the path as a whole far too uncertain. The submaps are therefore
@@ -222,10 +222,10 @@ def loop_factors(
 
     Passes of a place are compared within the uncertainty of the trajectory. A loop is a match by psi that the trajectory
     allows, that fits nowhere else, that agrees with its neighbours, and that makes the map of its two passes better. The
-    uncertainty comes from the graph whose optimum the trajectory is. Without a graph, the steps of the trajectory get the
-    errors of odometry in the settings (`odometry.sigma_travel` and `odometry.sigma_yaw_rate`), as in a run with the front
-    end `odometry`. Over a long way, a good trajectory has smaller errors than these, so that some passes are left out
-    without a graph.
+    uncertainty is computed from `graph`; the trajectory must be its optimum. Without a graph, the steps of the trajectory
+    get the errors of odometry in the settings (`odometry.sigma_travel` and `odometry.sigma_yaw_rate`), as in a run with the
+    front end `odometry`. Over a long path, these errors are larger than those of a good trajectory, so that some passes are
+    left out.
 
     Args:
         recording: a recording's path, the open recording, or its scans, such as those of `psi_factors`.
@@ -244,8 +244,9 @@ def loop_factors(
 
     Returns:
         A list with a (factor, loop) for each loop. The loop holds the numbers of its two scans, and the pose of the later
-        one in the frame of the earlier one with its covariance [m, m, rad]. To this covariance the factor adds the bend of
-        submaps (0.05 m, 0.0015 rad). Its Cauchy loss keeps a wrong loop from bending the graph.
+        one in the frame of the earlier one with its covariance [m, m, rad]. The factor's covariance is larger, since submaps
+        may be bent (by 0.05 m and 0.0015 rad, one standard deviation). Its Cauchy loss keeps a wrong loop from bending the
+        graph.
 
     Raises:
         ConfigError: a key, a value or a setting is wrong.
@@ -281,7 +282,7 @@ def loop_factors(
 
 @dataclass(frozen=True)
 class RefinedGraph:
-    """A graph whose passes are tied scan by scan, and its optimum.
+    """The result of `refine`: a graph with factors between single scans and earlier passes, and its optimum.
 
     Args:
         graph: the given factors, with the factors of the ties and of the loops that stay.
@@ -289,8 +290,8 @@ class RefinedGraph:
         loops: the loops that stay, because no tie measures their returns, each with its factor.
         ties: registrations of single scans on the earlier passes around them, as poses in the frame of the nearest scan of
             these passes, each with its factor.
-        psi_before: psi across passes (of later passes' returns among earlier passes' returns, per point) at the given
-            values; None where no place is passed twice.
+        psi_before: psi across passes at the given values: psi per point of the returns of later passes, with the returns of
+            earlier passes as their neighbours. None where no place is passed twice.
         psi_loops: the same psi at the optimum with all loops, before any scan was registered.
         psi_after: the same psi at the optimum of this graph.
     """
@@ -318,9 +319,9 @@ def refine(
     """Registers every scan by psi on the earlier passes around it, at the poses of the user's own graph.
 
     The factors of these registrations, *ties*, replace the loops between the same passes, since a loop registers one rigid
-    submap on another, and no return may count twice. Only passes that a loop ties are looked at. The graph is optimised
-    again, and the scans are registered once more at their new poses. The ties stay only if psi across passes does not become
-    larger: otherwise the graph is returned with its loops.
+    submap on another, and no return may count twice. Scans are registered only on passes that a loop connects with theirs.
+    The graph is optimised again, and the scans are registered once more at their new poses. The ties stay only if psi across
+    passes does not become larger: otherwise the graph is returned with its loops.
 
     Args:
         graph: all factors except the factors of loops; they must determine every variable. It is not changed. With a lidar's
@@ -373,14 +374,14 @@ def refine(
 
 @dataclass(frozen=True)
 class _View:
-    """The scans of a recording, with the settings and the runner for work on them.
+    """The scans of a recording, with the settings and the runner for computations on them.
 
     Args:
         scans: scans of the recording.
         config: all settings.
         doppler_beta: range shift per closing speed [s], as the settings state it or as psi measured it.
-        runner: does the work.
-        solved_scans: the same scans in the unit in which they are solved: metres, but for a lidar's.
+        runner: does the computations.
+        solved_scans: the same scans in the unit of length of the computations, which is not the metre for a lidar's scans.
         solved_config: the same settings in this unit.
     """
 
@@ -398,16 +399,16 @@ class _View:
 
     @property
     def unit_m(self) -> float:
-        """The unit in which the scans are solved [m]."""
+        """The unit of length of the computations [m]."""
         return self.scans.unit_m or 1.0
 
     @property
     def beam(self) -> Beam:
-        """The sensor model by which returns are placed, in the unit in which they are solved."""
+        """The sensor model by which returns are placed, in the unit of the computations."""
         return beam_of(self.solved_config.estimator, self.doppler_beta)
 
     def make_context(self, odometry: Trajectory | None) -> Context:
-        """Returns what a front end may use besides the scans, in the unit in which they are solved."""
+        """Returns what a front end may use besides the scans, in the unit of the computations."""
         start_us, turn_s, engine = self.scans.start_us, self.scans.revolution_s, self.runner.engine
         track = None if odometry is None else scale_track(odometry, 1.0 / self.unit_m) if self.is_lidar else odometry
         beta = self.doppler_beta
@@ -416,10 +417,11 @@ class _View:
     def carry_in(
         self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values
     ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-        """Carries a graph of the user's own and its values to the unit in which the scans are solved.
+        """Converts a user's graph and its values to the unit of length of the computations.
 
         Raises:
-            ConfigError: the scans are a lidar's, and the graph holds something else than planar poses and what ties them.
+            ConfigError: the scans are a lidar's, and the graph has factors other than BetweenFactorPose2 and
+                PriorFactorPose2.
         """
         if not self.is_lidar:
             return graph, values
@@ -441,9 +443,9 @@ class _View:
 
 @contextmanager
 def _look_at(recording: Source, config: ConfigSource, work: Work) -> Iterator[_View]:
-    """Yields the scans of a recording, detected if need be; scans with too few returns raise an error with a remedy.
+    """Yields the scans of a recording, and detects their returns if necessary.
 
-    Of a lidar's recording, scans between which its own odometry tells of no motion are left out, as in a run.
+    Scans of a lidar during which its own odometry shows no motion are left out, as in a run.
 
     Args:
         recording: its path, the open recording, or its scans.
@@ -454,7 +456,7 @@ def _look_at(recording: Source, config: ConfigSource, work: Work) -> Iterator[_V
     Raises:
         ConfigError: the settings hold a mistake.
         DataError: the recording cannot be used.
-        EstimationError: the scans hold too few returns to measure the Doppler shift, or for what the block does with them.
+        EstimationError: the scans hold too few returns for measuring the Doppler shift, or for the work of the block.
     """
     settings, runner, remedy = load_config(config), Runner(work.engine, work.progress), ""
     if isinstance(recording, Path | str):

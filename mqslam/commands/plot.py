@@ -48,7 +48,7 @@ def plot(result: Result | Path | str, out: Path | str | None = None, *, force: b
         result = read_result(result)
     out = result.folder / "plot.pdf" if out is None else Path(out)
     if out.suffix not in SUFFIXES:
-        raise ConfigError(f"{out}: is no kind of picture; end its name in {', '.join(SUFFIXES)}")
+        raise ConfigError(f"{out}: is not a name of a picture; end it in one of {', '.join(SUFFIXES)}")
     if out.exists() and not force:
         raise OutputError(f"{out}: exists already", Remedy.CHOOSE_OR_REPLACE_OUTPUT)
     check_writable(out)

@@ -49,7 +49,7 @@ class Result:
 
     @property
     def facts(self) -> dict[str, str]:
-        """The few facts that tell the result from others, as texts by their name; a notebook shows them as a table."""
+        """The most important facts of the result, as texts by their names; a notebook shows them as a table."""
         verdict, dataset = self.summary.get("verdict"), self.summary.get("dataset") or {}
         known = {"verdict": f"{verdict['status']}: {verdict['diagnosis']}"} if verdict else {}
         known |= {"recording": str(dataset["path"])} if "path" in dataset else {}
@@ -155,7 +155,7 @@ class CompareResult(Result):
 
     @property
     def facts(self) -> dict[str, str]:
-        """The few facts that tell the comparison from others."""
+        """The most important facts of the comparison, as texts by their names."""
         rows = [str(row["name"]) for row in self.summary["rows"]]
         return {"rows": " and ".join(rows), "conclusion": self.conclusion} | super().facts
 
@@ -215,10 +215,10 @@ def _read_summary(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:
 
 
 def write_wide_trajectory(out: Path, run: Path, *, force: bool = False) -> None:
-    """Writes the trajectory of a run as TUM with the covariance of each pose, as `mqslam.formats.covariances.write_wide`.
+    """Writes the trajectory of a run as TUM, with the 36 terms of each pose's covariance after the pose.
 
     Raises:
-        DataError: the run knows no covariances, or a file of it is damaged.
+        DataError: the run has no covariances, or one of its files is damaged.
         OutputError: the file exists already, or cannot be written.
     """
     if out.exists() and not force:

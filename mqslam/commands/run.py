@@ -113,12 +113,12 @@ class Job:
     """A run that is ready to begin.
 
     Args:
-        recording: the recording, with notes on how it and the sensors' files were understood.
+        recording: the recording, with notes on how it and the files of the sensors were read.
         odometry: the odometry that the run uses, or None.
         settings: all settings.
         frontend: name of the front end.
         strict: whether a polar scan that cannot be read is an error.
-        warnings: which odometry and sensors are not used, and why.
+        warnings: why odometry or sensors are not used, if they are not.
         sensors: the other sensors that the run uses.
         frame: `radar` or `vehicle`: whose poses the run writes.
     """
@@ -161,7 +161,7 @@ def open_job(  # noqa: PLR0913 - these are the options of a run, and the unit
 ) -> Job:
     """Opens a recording and chooses its odometry and sensors; the arguments are those of `run`.
 
-    A lidar's recording is solved in a unit of `unit_m` [m], or in the unit that the recording shows if that is None.
+    For a lidar's recording, `unit_m` is the unit of length of the computations [m]; None measures it from the scans.
 
     Raises:
         ConfigError: the format is unknown, a lidar's recording is given what only radars use, the range resolution cannot be

@@ -79,7 +79,11 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
 
 
 def _change_variant(settings: PsiConfig, chosen: dict[str, str | float | None]) -> PsiConfig:
-    """Returns the settings of the published score with the given ones changed.
+    """Returns the settings of the published score with some of them replaced.
+
+    Args:
+        settings: the settings before.
+        chosen: the new values by name; None keeps a setting.
 
     Raises:
         ConfigError: a value is unknown.

@@ -53,8 +53,8 @@ class SensorConfig(Section):
         None,
         ge=-10.0,
         le=10.0,
-        description="True range of an object at rest less the range of its bin's centre [m]: about -0.3 on Navtech's. "
-        "null takes what the recording states, else 0.",
+        description="True range of an object at rest minus the range of its bin's centre [m]: about -0.3 on Navtech's "
+        "radars. null takes what the recording states, else 0.",
     )
     doppler_beta: float | None = Field(
         None,
@@ -339,8 +339,8 @@ class AuditConfig(Section):
         gt=0.0,
         le=1.0,
         json_schema_extra=EXPERT,
-        description="Factor on audit.matched where single scans are compared: each has noise of its own, so that they "
-        "share fewer points than maps of many scans do.",
+        description="Factor on audit.matched where single scans are compared. Each scan has noise of its own, so that two "
+        "scans share fewer points than two maps of many scans.",
     )
 
 
@@ -351,7 +351,7 @@ class VerdictConfig(Section):
         0.01,
         gt=0.0,
         lt=0.5,
-        description="Probability that any of the tests with p-values calls a good map bad.",
+        description="Probability with which the tests with p-values together call a good map bad.",
     )
     tolerance_m: float | None = Field(
         None,
@@ -406,7 +406,7 @@ def load_config(source: ConfigSource = None, default: Callable[[], Config] | Non
 
 
 def read_tree(source: Path | str) -> dict[str, Any]:
-    """Reads a file of settings as a tree, whatever version of mqslam has these settings.
+    """Reads a file of settings as a tree, without checking that this version of mqslam knows the settings.
 
     Args:
         source: path of a YAML file, or name of a shipped configuration.

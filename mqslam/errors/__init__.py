@@ -12,7 +12,7 @@ from pathlib import Path
 
 _log = logging.getLogger(__name__)
 _COMMANDS = r"\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ufff9-\ufffb\ud800-\udfff"
-"""Control characters, characters without width or of text direction, and bytes of a path that are not UTF-8."""
+"""Control characters, invisible characters, characters that set the text's direction, and bytes that are not UTF-8."""
 _IN_LINE = re.compile(f"[\\t\\n{_COMMANDS}]")
 _IN_TEXT = re.compile(f"(?!\\r\\n)[{_COMMANDS}]")
 _LONGEST = 800  # characters of a message, which may quote a text of any length from a damaged file
@@ -107,7 +107,7 @@ class OfLidarError(DataError):
         self,
         path: Path | str,
         problem: str = "is a lidar's recording",
-        remedy: str = "give a radar's: only run, compare, localise, batch, audit and info take a lidar's",
+        remedy: str = "give a radar's recording; only run, compare, localise, batch, audit and info read a lidar's",
     ) -> None:
         super().__init__(path, problem, remedy)
 

@@ -173,7 +173,7 @@ def truncate(folder: Path) -> None:
         (change_index(version=99), "is of version 99"),
         (truncate, "points.npy"),
         (change_index(described_with={"rings": 7}), "do not fit its index"),
-        (change_index(described_with={"colour": "red"}), "settings that are not known"),
+        (change_index(described_with={"colour": "red"}), "settings that this version does not know"),
         (lambda folder: (folder / "config.yaml").write_text("nonsense: {}\n"), "nonsense"),
     ],
 )

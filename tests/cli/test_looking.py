@@ -123,7 +123,7 @@ def test_diff_compares_results_of_versions_with_other_settings(finished: Path, o
 def test_diff_refuses_results_of_different_kinds(finished: Path, tmp_path: Path) -> None:
     (tmp_path / "audit.json").write_text('{"warnings": []}')
     shown = mqslam("diff", finished, tmp_path)
-    assert shown.code == 2 and f"is of another command than {finished} (AuditResult, not RunResult)" in shown.err
+    assert shown.code == 2 and f"is the result of another command than {finished} (AuditResult, not RunResult)" in shown.err
 
 
 @pytest.mark.parametrize(("suffix", "begin"), [(".pdf", b"%PDF"), (".png", b"\x89PNG"), (".svg", b"<?xml")])
