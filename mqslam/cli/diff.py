@@ -14,7 +14,7 @@ _OWN: Options = {
     "first": argument(Path, ..., "OUT1", "The folder of a result."),
     "second": argument(Path, ..., "OUT2", "The folder of another result of the same kind."),
 }
-_SHOWN = (  # groups of figures that are printed; --json lists all
+_SHOWN = (  # groups of figures that are printed; --json lists all groups
     *("mqslam_version", "frontend", "frame", "dataset", "conclusion", "verdict", "psi", "windows", "revisits", "links"),
     *("last_pose", "factors", "evaluation"),
 )

@@ -13,7 +13,7 @@ _OWN: Options = {
         Path,
         ...,
         "GRAPH",
-        "A graph of poses in the plane or in space: a run's graph.g2o, any other .g2o, or what serialize() of "
+        "A graph of poses in the plane or in space: a run's graph.g2o, any other .g2o, or a file with what serialize() of "
         "gtsam.NonlinearFactorGraph returned.",
     ),
     "out": option(
@@ -22,7 +22,9 @@ _OWN: Options = {
         "The file to write the poses into: .g2o, or .tum for the graph of a run, beside which trajectory.tum lies. "
         "By default no file is written.",
     ),
-    "values": option(Path | None, None, "What serialize() of gtsam.Values returned, for a graph that GTSAM has written."),
+    "values": option(
+        Path | None, None, "A file with what serialize() of gtsam.Values returned, for a graph that GTSAM has written."
+    ),
 }
 
 

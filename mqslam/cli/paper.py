@@ -24,7 +24,7 @@ _FIGURES: Options = {
 @paper.callback(invoke_without_command=True)
 @command("context seeds revolutions jobs as_json quiet verbose", {"context": (typer.Context, Parameter.empty), **_TABLE})
 def table(terminal: Terminal, *, context: typer.Context, seeds: int, revolutions: int) -> None:
-    """Reproduce the paper: its table I whole, and the scores of its figure 2; `figures` draws its figures.
+    """Reproduce the paper's table I and the scores of its figure 2; the command `figures` draws its figures.
 
     The table lists three constant motions, each with the paper's own result, with the result of an exhaustive search of the
     published score (the paper's method), and with the result of our estimator. The paper's sensor (2 turns/s, steps of 0.5

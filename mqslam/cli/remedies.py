@@ -15,9 +15,9 @@ _WORDS: dict[str, str] = {
     Remedy.FREE_SPACE: "free space or choose another --out",
     Remedy.GIVE_EXTRINSICS: "give --extrinsics",
     Remedy.GIVE_EXTRINSICS_OR_RADAR: (
-        "give --extrinsics X,Y,YAW, or --frame radar; such a run estimates them from odometry, if there is any"
+        "give --extrinsics X,Y,YAW, or --frame radar, with which a run estimates the extrinsics if there is odometry"
     ),
-    Remedy.NAME_GYROSCOPE: "name the file of its readings with --imu",
+    Remedy.NAME_GYROSCOPE: "give a file with the readings of a gyroscope by --imu",
     Remedy.SWITCH_GYROSCOPE_ON: "give --imu auto for the recording's own, or --imu FILE",
     Remedy.GIVE_FITTING_TRAJECTORY: "give the --trajectory it was made with, or --time-offset if their clocks differ",
     Remedy.GIVE_MORE_POSES: "give a --trajectory with a pose for every scan",
@@ -26,7 +26,7 @@ _WORDS: dict[str, str] = {
     Remedy.GIVE_RANGE_RESOLUTION: "give --range-resolution",
     Remedy.GIVE_TIME_OFFSET: "give --time-offset",
     Remedy.GIVE_TRAJECTORY: "give --trajectory FILE",
-    Remedy.GIVE_TRAJECTORY_OR_NAME: "give --trajectory FILE, or the name of one that the recording carries in its place",
+    Remedy.GIVE_TRAJECTORY_OR_NAME: "give --trajectory FILE, or --trajectory with the name of one that the recording has",
     Remedy.GIVE_VALUES: "give --values FILE",
     Remedy.LEAVE_STRICT_OUT: "mend it, or leave --strict out",
     Remedy.NAME_TOPIC: "name the radar's with --topic TOPIC",

@@ -107,8 +107,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         tolerance: how far two passes may be apart [m]; all other tolerances change in proportion. None takes the tolerances
             of the settings.
         test: Python file with a test of your own, which judges the map, too; None adds no test.
-        config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
-            the name of one that ships with mqslam; None takes the defaults.
+        config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
+            file, or the name of a shipped configuration; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
         start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
@@ -116,7 +116,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         mend: whether to mend the trajectory by the findings, write it as mended.tum with the stamps and in the frame of the
             given trajectory, and audit it too; the verdict is still on the given trajectory.
         baseline: folder of an earlier audit with which the verdict and the tests are compared; None compares with none.
-        force: whether what is at `out` is replaced.
+        force: whether a result that exists at `out` is replaced.
         work: where the work is done, and what reports on it.
 
     Returns:

@@ -26,8 +26,8 @@ def check(
     Args:
         data: the recording, of which a few short stretches are read.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
-        config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
-            the name of one that ships with mqslam; None takes the defaults.
+        config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
+            file, or the name of a shipped configuration; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
         work: what reports on the work; the work itself is done in this process.

@@ -72,21 +72,21 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         imu: `auto` (the recording's own gyroscope), `none`, or the path of a file; only rows `...+gyro` use it.
         tolerance: how far two passes of a good map may be apart [m]; all other tolerances of the verdict change in
             proportion. None takes the tolerances of the settings.
-        config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
-            the name of one that ships with mqslam; None takes the defaults.
+        config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
+            file, or the name of a shipped configuration; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
         start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
         end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
         resume: whether an unfinished comparison at `out` is continued.
-        force: whether what is at `out` is replaced.
+        force: whether a result that exists at `out` is replaced.
         work: where the work is done, and what reports on it.
 
     Returns:
         The result that was written to `out`.
 
     Raises:
-        MqslamError: the comparison is impossible; at most a part that can be resumed is kept.
+        MqslamError: the comparison is impossible; at most an unfinished part stays at `out`, which `resume` continues.
 
     Example:
         >>> compared = mqslam.compare("drive", "compared", frontends=["psi", "kiss_icp"])  # doctest: +SKIP

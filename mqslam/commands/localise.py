@@ -62,14 +62,14 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
         imu: `auto` (the recording's own gyroscope, if it has one), `none`, or the path of a file.
         extrinsics: where the radar sits on the vehicle, as for `run`.
-        config: settings, a dict of those that differ, the path of a YAML file, or the name of one that ships with mqslam;
+        config: a `Config`, a dict of the settings that differ, the path of a YAML file, or the name of a shipped one;
             None takes the settings that the map was made with.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
         start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
         end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
         strict: whether a polar scan that cannot be read is an error instead of being left out.
-        force: whether what is at `out` is replaced.
+        force: whether a result that exists at `out` is replaced.
         work: where the work is done, and what reports on it.
 
     Returns:

@@ -45,9 +45,9 @@ def merge(
     Args:
         results: folders of results of `run` or `merge`, two or more.
         out: folder for the merged result; it must not exist yet.
-        config: settings, a dict of those that differ, the path of a YAML file, or the name of one that ships with mqslam;
+        config: a `Config`, a dict of the settings that differ, the path of a YAML file, or the name of a shipped one;
             None takes the settings of the first result.
-        force: whether what is at `out` is replaced.
+        force: whether a result that exists at `out` is replaced.
         work: where the work is done, and what reports on it.
 
     Returns:
@@ -104,7 +104,7 @@ def read_part(folder: Path) -> Session:
     alone = folder / "trajectory.tum"
     tracks = [alone] if alone.is_file() else [folder / f"trajectory_{n}.tum" for n in range(1, count + 1)]
     stamps_us = [read_tum(track).stamps_us for track in tracks]
-    if kept.keyframes.unit_m is not None and alone.is_file():  # a lidar's trajectory has poses of scans that are not solved
+    if kept.keyframes.unit_m is not None and alone.is_file():  # a lidar's trajectory also has poses that the graph lacks
         stamps_us = [_read_solved(folder / "graph.csv")]
     return make_session(folder, kept, stamps_us, graph)
 

@@ -25,12 +25,12 @@ def optimise_file(
     """Optimises the pose graph in a file, with the robust losses that the file states, and writes the optimised poses.
 
     Args:
-        graph: a graph in g2o's form, of planar poses or of poses in space, such as a run's `graph.g2o`; or one that GTSAM
-            has written (`serialize`).
+        graph: a .g2o file of planar poses or of poses in space, such as a run's `graph.g2o`; or a file with the text that
+            `serialize` of GTSAM's graph returned.
         out: the file to write: `.g2o`, or `.tum` for a run's graph, with the stamps of the `trajectory.tum` beside that
             graph. None writes nothing.
         values: file of the values that GTSAM has written, for a graph that GTSAM has written.
-        force: whether what is at `out` is replaced.
+        force: whether a file that exists at `out` is replaced.
 
     Returns:
         The number of `poses`, `factors` and `dimensions` of the graph; `error_before` and `error_after`, each half of the

@@ -83,9 +83,9 @@ class PsiFactors(list[Stated]):
     def make_initial(self, values: gtsam.Values | None = None) -> gtsam.Values:
         """Returns starting values for those keys of the factors that have no value in the graph so far.
 
-        The measurements carry the pose to such a scan from the nearest earlier scan that has a value, or else from the first
-        later scan that has one. If no scan has a value, the first scan lies at the origin. A submap gets the pose of its
-        first scan.
+        The pose of such a scan follows from the measurements and the pose of the nearest earlier scan that has a value, or
+        else of the first later scan that has one. If no scan has a value, the first scan lies at the origin. A submap gets
+        the pose of its first scan.
 
         Args:
             values: values that the graph has so far, None for none. They are not changed, and must be poses of the same kind
@@ -137,16 +137,16 @@ def psi_factors(
     poses of the graph, with keys of their own and factors to their scans and to each other. If the submaps were
     eliminated, every scan would be tied to all others of the drive, and the robust losses would have no place. No factor
     fixes the trajectory as a whole in the world: a prior or other factors must do that.
-    Of a lidar's recording, scans between which the robot hardly moved are left out, as in a run: scan numbers count those
-    that remain, whose stamps the result's `scans` hold.
+    Scans of a lidar between which the robot hardly moved are left out, as in a run. Scans are then numbered without them;
+    `scans` of the result holds the stamps of the others.
 
     Args:
         recording: a recording's path, the open recording, or the scans that were detected in it before.
         keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
             each; by default `gtsam.symbol("x", k)`. The pose is the sensor's at the start of the scan (`scans.stamps_us` of
             the result), REP 103.
-        config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
-            the name of one that ships with mqslam; None takes the defaults.
+        config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
+            file, or the name of a shipped configuration; None takes the defaults.
         frontend: name of the front end.
         odometry: dead-reckoned poses that cover the recording, or None. They guide the front end, and their motions,
             calibrated by psi, become factors too, as in a run. Leave odometry out if the graph already has factors
@@ -235,8 +235,8 @@ def loop_factors(
             each; by default `gtsam.symbol("x", k)`.
         graph: all factors of the values except the factors of loops; they must determine every variable. It is not changed.
             With a lidar's recording, it may hold only between-factors and priors of `gtsam.Pose2`.
-        config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
-            the name of one that ships with mqslam; None takes the defaults.
+        config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
+            file, or the name of a shipped configuration; None takes the defaults.
             `loops.enabled` has no effect.
         pose: type of the graph's poses, if no values show it: `gtsam.Pose2`, or `gtsam.Pose3`, whose factors have standard
             deviations of 0.1 m in z, and of 0.03 rad in roll and pitch.
@@ -334,8 +334,8 @@ def refine(
         loops: the loops and their factors, as `loop_factors` returns them.
         rounds: largest number of rounds in which every scan is registered; it replaces `refinement.rounds` of the settings,
             which is 0 by default.
-        config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
-            the name of one that ships with mqslam; None takes the defaults.
+        config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
+            file, or the name of a shipped configuration; None takes the defaults.
         work: where the work is done, and what reports on it.
 
     Raises:
@@ -449,8 +449,8 @@ def _look_at(recording: Source, config: ConfigSource, work: Work) -> Iterator[_V
 
     Args:
         recording: its path, the open recording, or its scans.
-        config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
-            the name of one that ships with mqslam; None takes the defaults.
+        config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
+            file, or the name of a shipped configuration; None takes the defaults.
         work: where the work is done, and what reports on it.
 
     Raises:

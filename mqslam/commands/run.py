@@ -77,22 +77,22 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
             radar on the vehicle must be known.
         tolerance: how far two passes of a good map may be apart [m]; all other tolerances of the verdict change in
             proportion. None takes the tolerances of the settings.
-        config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
-            the name of one that ships with mqslam; None takes the defaults.
+        config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
+            file, or the name of a shipped configuration; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
         start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
         end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
         strict: whether a polar scan that cannot be read is an error instead of being left out.
         resume: whether an unfinished run at `out` is continued.
-        force: whether what is at `out` is replaced.
+        force: whether a result that exists at `out` is replaced.
         work: where the work is done, and what reports on it.
 
     Returns:
         The result that was written to `out`.
 
     Raises:
-        MqslamError: the run is impossible; at most a part that can be resumed is kept.
+        MqslamError: the run is impossible; at most an unfinished part stays at `out`, which `resume` continues.
 
     Example:
         >>> result = mqslam.run("drive", "result")  # doctest: +SKIP
@@ -195,7 +195,7 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
         The content of summary.json.
 
     Raises:
-        MqslamError: the run is impossible; at most a part that can be resumed is kept.
+        MqslamError: the run is impossible; at most an unfinished part stays at `out`, which `resume` continues.
     """
     with keep_checkpoint(out, job.key, resume=resume, how=how) as checkpoint:
         runner = Runner(work.engine, work.progress, checkpoint, work.watch)

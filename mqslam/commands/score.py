@@ -43,8 +43,8 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
         scans: number of scans in the window.
         variant: values that replace settings of the published score, by name; None keeps a setting.
         minimise: whether the motion is estimated as well, starting from the given motion.
-        config: settings, a dict of those that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML file, or
-            the name of one that ships with mqslam; None takes the defaults.
+        config: a `Config`, a dict of the settings that differ, such as `{"detector": {"threshold": 60}}`, the path of a YAML
+            file, or the name of a shipped configuration; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording states none or a wrong one.
 

@@ -383,7 +383,7 @@ class Config(Section):
 
 
 ConfigSource: TypeAlias = Config | Mapping[str, Any] | Path | str | None
-"""What names settings: the settings themselves, a dict of those that differ from a command's defaults, such as
+"""Settings as a user may give them: a `Config`, a dict of the settings that differ from a command's defaults, such as
 `{"detector": {"threshold": 60}}`, the path of a YAML file, the name of a shipped configuration, or None for the defaults."""
 
 

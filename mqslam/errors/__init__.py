@@ -29,10 +29,10 @@ class Remedy(StrEnum):
     FREE_SPACE = "free space or choose another output"
     GIVE_EXTRINSICS = "give extrinsics"
     GIVE_EXTRINSICS_OR_RADAR = (
-        "give extrinsics, or take the frame of the radar; such a run estimates them from odometry, if there is any"
+        "give extrinsics, or take the frame of the radar, in which a run estimates the extrinsics if there is odometry"
     )
-    NAME_GYROSCOPE = "name the file of its readings"
-    SWITCH_GYROSCOPE_ON = "take the recording's own, or name the file of its readings"
+    NAME_GYROSCOPE = "give a file with the readings of a gyroscope"
+    SWITCH_GYROSCOPE_ON = "take the recording's own gyroscope, or give a file with the readings of one"
     GIVE_FITTING_TRAJECTORY = "give the trajectory it was made with, or the time between the clocks of the two"
     GIVE_OTHER_TRAJECTORY = "give a trajectory with the recording's own stamps, or the time between the clocks of the two"
     GIVE_MORE_POSES = "give the trajectory with a pose for every scan"
@@ -76,7 +76,7 @@ class MqslamError(Exception):
 
 
 class DataError(MqslamError):
-    """A recording, trajectory or odometry file that cannot be used.
+    """Raised if a recording, a trajectory or another file cannot be used.
 
     Args:
         path: the file or folder at fault.
@@ -95,7 +95,7 @@ class DataError(MqslamError):
 
 
 class OfLidarError(DataError):
-    """A recording of a planar lidar where one of a radar is needed.
+    """Raised if the recording of a planar lidar is given where a radar's recording is needed.
 
     Args:
         path: the recording.
@@ -113,43 +113,43 @@ class OfLidarError(DataError):
 
 
 class ConfigError(MqslamError):
-    """A setting that is unknown or out of range."""
+    """Raised if a setting or an option is unknown or out of range."""
 
 
 class OutputError(MqslamError):
-    """A result that cannot be written where it was asked for."""
+    """Raised if a result cannot be written to the path that was asked for."""
 
 
 class ClusterError(MqslamError):
-    """A cluster that cannot be reached or cannot do the work any more."""
+    """Raised if a cluster cannot be reached, or cannot do the work any more."""
 
 
 class WorkerError(MqslamError):
-    """A worker process that died during a call."""
+    """Raised if a worker process died during a call."""
 
 
 class EstimationError(MqslamError):
-    """Data from which no motion can be estimated, such as a recording without returns."""
+    """Raised if no motion can be estimated from the data, such as a recording without returns."""
 
 
 class FewReturnsError(EstimationError):
-    """Scans that hold too few returns to be matched; the remedy depends on how the returns were detected."""
+    """Raised if scans hold too few returns to be matched; the remedy depends on how the returns were detected."""
 
 
 class NotInMapError(EstimationError):
-    """A recording that shows no place that is recognised in a map."""
+    """Raised if no place of a recording is recognised in a map."""
 
 
 class FrontEndError(MqslamError):
-    """A front end that failed by a fault of its own."""
+    """Raised if a front end failed by a fault in its own code."""
 
 
 class ViewerError(MqslamError):
-    """A map that cannot be shown, because there is no display or the viewer is not installed."""
+    """Raised if a map cannot be shown, because there is no display or the viewer is not installed."""
 
 
 class Interrupted(BaseException):
-    """An interrupt that a signal has requested; its notes tell the user how to continue.
+    """Raised if a signal interrupts a command; its notes tell the user how to continue.
 
     Args:
         number: number of the signal.
