@@ -143,29 +143,30 @@ def describe_verdict() -> str:
 _VERDICT = """# The verdict
 
 The verdict on a map is `pass`, `warn`, `fail` or `not judged`. Audits and runs take the same tests, except where the
-table says otherwise. No test needs ground truth: each compares parts of the map with each other, or with what another
-sensor says, and tells how far they are off, in metres and degrees.
+table says otherwise. No test needs ground truth: each test compares parts of the map with each other or with another
+sensor, and states the difference in metres and degrees.
 
-1. The first line is the *diagnosis*: what is most likely wrong and what mends it, or how many tests found no fault. A
-   fault that explains others comes first: late stamps tear windows, so that the stamps are named and not the windows.
-2. After it comes what each test found, how much and where. `fail` comes before `warn`; tests that found nothing stay
-   silent.
-3. The last lines say what could *not* be judged, and the largest error that could hide there.
+1. The first line is the *diagnosis*: the most likely fault and how to correct it, or the number of tests that found no
+   fault. A fault that explains others comes first: late stamps tear windows, so that the line names the stamps.
+2. The next lines say what each test found, how large it is and where. `fail` comes before `warn`; tests that found
+   nothing are left out.
+3. The last lines say what could *not* be judged, and the largest error that could be hidden there.
 
-A fault counts only if it is larger than chance explains *and* larger than its tolerance. `--tolerance METRES` scales
-those of windows, shaking, steps, spans, sums and revisits in proportion; they are given here for the default, 0.5 m
-between two passes. Chance calls one good map in a hundred bad (`--false-alarms`): that rate is shared by all tests
-with a p-value. Where a test looks at shares (of windows, of revisits), `fail` takes 95 % confidence that the share is
-above its bound, and too few places are `not judged`. `fail` means that the map is not to be trusted: more than 20 % of
-its windows, spans or path, or 10 % of its revisits are off, or it jumps by more than two passes may be apart. `warn`
-says that something smaller is off. A map that passes may hold what could not be judged.
+A fault counts only if it is larger than chance explains *and* larger than its tolerance. The table gives the tolerances
+for the default, 0.5 m between two passes; `--tolerance METRES` scales the tolerances of windows, shaking, steps, spans,
+sums and revisits in proportion. By chance, one good map in a hundred is called bad (`--false-alarms`); all tests with a
+p-value share this rate. If a test looks at a share (of windows, of revisits), `fail` requires 95 % confidence that the
+share is above its bound, and with too few places the map is `not judged`. `fail` means that the map is not to be
+trusted: more than 20 % of its windows, spans or path or 10 % of its revisits are wrong, or it jumps by more than the
+tolerated distance of two passes. `warn` means that something smaller is wrong. A map that passes may still have the
+faults that could not be judged.
 
 | test | what it compares | what it tolerates | what it cannot see |
 |---|---|---|---|"""
 
-_AFTER_TABLE = """*Final psi* is how far psi is above the best that the same returns can have, over windows and
-across passes: 1.00 is as crisp as they can be. psi per point of a whole map can prefer the wrong map: only a
-run's `graph` looks at it, and only to compare two maps of the same returns, before and after optimisation.
+_AFTER_TABLE = """*Final psi* is psi of the map divided by the best psi that the same returns can have, over windows and
+across passes; at 1.00 the map is as crisp as it can be. psi per point of a whole map can prefer the wrong map. Only a
+run's `graph` uses it, and only to compare two maps of the same returns, before and after optimisation.
 [The tests of a map](map-tests.md) says how each test works. `audit.json` and `summary.json` hold the diagnosis, the
 reasons, and each test's verdict and p-value.
 """
