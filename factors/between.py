@@ -128,22 +128,33 @@ def hold_firmly(factor: gtsam.NonlinearFactor) -> gtsam.NonlinearFactor:
     )
 
 
-def scale_factor(factor: gtsam.NonlinearFactor, scale: float) -> gtsam.NonlinearFactor:
-    """Multiplies the lengths of a between-factor or prior of planar poses, and of its noise, by a scale."""
-    if isinstance(factor, gtsam.PriorFactorPose2):
-        return prior(factor.keys()[0], scale_vector(factor.prior(), scale))
-    assert isinstance(factor, gtsam.BetweenFactorPose2)
-    return scale_between(factor, scale)
+def scale_factors(factors: gtsam.NonlinearFactorGraph, scale: float) -> gtsam.NonlinearFactorGraph:
+    """Multiplies the lengths of between-factors and priors of planar poses by a scale; their errors weigh as before.
+
+    Raises:
+        TypeError: a factor is of another type.
+    """
+    scaled = gtsam.NonlinearFactorGraph()
+    for k in range(factors.size()):
+        factor = factors.at(k)
+        if isinstance(factor, gtsam.PriorFactorPose2):
+            pose, noise = scale_vector(factor.prior(), scale), _scale_noise(factor.noiseModel(), scale)
+            scaled.push_back(gtsam.PriorFactorPose2(factor.keys()[0], gtsam.Pose2(*pose), noise))
+        elif isinstance(factor, gtsam.BetweenFactorPose2):
+            scaled.push_back(scale_between(factor, scale))
+        else:
+            raise TypeError(f"a {type(factor).__name__}")
+    return scaled
 
 
 def scale_between(factor: gtsam.BetweenFactorPose2, scale: float) -> gtsam.BetweenFactorPose2:
     """Multiplies the lengths of a between-factor of planar poses, and of its noise, by a scale."""
     a, b = factor.keys()
-    noise = scale_noise(factor.noiseModel(), scale)
+    noise = _scale_noise(factor.noiseModel(), scale)
     return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*scale_vector(factor.measured(), scale)), noise)
 
 
-def scale_noise(noise: gtsam.noiseModel.Base, scale: float) -> gtsam.noiseModel.Base:
+def _scale_noise(noise: gtsam.noiseModel.Base, scale: float) -> gtsam.noiseModel.Base:
     """Multiplies the lengths in the noise model of a planar pose by a scale; a robust loss stays the same."""
     return _replace_covariance(noise, units.scale_covariance(_find_gaussian(noise).covariance(), scale))
 

@@ -12,7 +12,7 @@ from gtsam.symbol_shorthand import M, X
 
 from mqslam.core import se2
 from mqslam.errors import describe_error, raise_interrupt
-from mqslam.factors.between import CAUCHY, hold_firmly, measure_loop_offset, prior, scale_factor, scale_vector
+from mqslam.factors.between import CAUCHY, hold_firmly, measure_loop_offset, prior, scale_factors, scale_vector
 
 # numerical limits, which change no exact result
 _RELATIVE_ERROR: Final = 1e-9  # relative change of the graph's error below which the optimiser stops
@@ -148,10 +148,7 @@ def pose_of(values: gtsam.Values, key: int) -> tuple[float, float, float]:
 
 def scale_graph(graph: PoseGraph, factor: float) -> PoseGraph:
     """Multiplies the lengths of a graph of planar poses by a factor; its optimum is scaled with it."""
-    scaled = gtsam.NonlinearFactorGraph()
-    for k in range(graph.factors.size()):
-        scaled.push_back(scale_factor(graph.factors.at(k), factor))
-    return PoseGraph(scaled, scale_values(graph.initial, factor), graph.size, graph.key)
+    return PoseGraph(scale_factors(graph.factors, factor), scale_values(graph.initial, factor), graph.size, graph.key)
 
 
 def scale_values(values: gtsam.Values, factor: float) -> gtsam.Values:

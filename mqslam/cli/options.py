@@ -152,7 +152,7 @@ def state_topics(config: ConfigSource, topics: Sequence[str] | None) -> Config:
     Raises:
         ConfigError: a topic is given for an unknown name, is empty, or is given twice; or the settings are wrong.
     """
-    from mqslam.config import load_config, set_sensor
+    from mqslam.config import load_config, set_values
     from mqslam.errors import ConfigError, suggest
 
     named: dict[str, str] = {}
@@ -166,7 +166,7 @@ def state_topics(config: ConfigSource, topics: Sequence[str] | None) -> Config:
             problem = "names the topic twice" if topic else "names no topic"
             raise ConfigError(f"--topic {text}: {problem}; give each as {of}=TOPIC, once")
         named[_TOPICS[of]] = topic
-    return set_sensor(load_config(config), **named)
+    return set_values(load_config(config), "sensor", **named)
 
 
 def _complete(module: str, find: Callable[[Any], Iterable[str]]) -> Callable[[str], list[str]]:

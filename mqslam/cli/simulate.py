@@ -14,7 +14,7 @@ _OWN: Options = {
     "out": argument(Path, ..., "OUT", "Folder for the recording; it must not exist yet."),
     "scene": option(str, "street", "The scene: street, yard, corridor, tunnel or city."),
     "duration_s": option(float, 60.0, r"Length of the drive \[s].", "--duration", min=1.0),
-    "turn_rate": option(float, 4.0, r"Turns of the radar per second \[1/s].", min=0.1),
+    "turn_rate_hz": option(float, 4.0, r"Turns of the radar per second \[1/s].", "--turn-rate", min=0.1),
     "azimuths": option(int, 400, "Number of azimuths per turn.", min=8),
     "range_resolution": option(float, 0.175, r"Length of a range bin \[m].", min=0.01),
     "max_range": option(float, 120.0, r"Range of the farthest bin \[m].", min=5.0),
@@ -24,8 +24,11 @@ _OWN: Options = {
         "Number of moving vehicles; 6 by default, none in the corridor and the tunnel, about 200 in the city.",
         min=0,
     ),
-    "doppler": option(
-        float | None, None, r"Doppler shift: range error per closing speed \[s]; 0 by default, 0.0502 with --chirps."
+    "doppler_beta": option(
+        float | None,
+        None,
+        r"Doppler shift: range error per closing speed \[s]; 0 by default, 0.0502 with --chirps.",
+        "--doppler",
     ),
     "range_offset": option(
         float,
@@ -37,13 +40,16 @@ _OWN: Options = {
         0.0,
         "Share by which range bins are longer than the recording states, such as 0.01 for 1 %.",
     ),
-    "azimuth_offset": option(
+    "azimuth_offset_deg": option(
         float,
         0.0,
         r"Direction of the beam when the encoder is at zero, counter-clockwise from straight ahead \[deg]; the recording "
         "does not state it.",
+        "--azimuth-offset",
     ),
-    "late": option(float, 0.0, r"How late every stamp of the radar is; all other sensors and the truth are on time \[s]."),
+    "late_s": option(
+        float, 0.0, r"How late every stamp of the radar is; all other sensors and the truth are on time \[s].", "--late"
+    ),
     "chirps": flag("Let chirps go up and down in turn, as the chirps of Boreas-RT's radar do.", "--chirps"),
     "imu": option(str, "mems", "Grade of the gyroscope: mems, good or none."),
     "imu_rate_hz": option(float, 100.0, r"Readings of the gyroscope per second, 50 to 200 \[1/s].", "--imu-rate"),
@@ -57,48 +63,24 @@ _OWN: Options = {
 
 
 @command(f"{' '.join(_OWN)} jobs quiet verbose", _OWN)
-def simulate(
-    terminal: Terminal,
-    *,
-    out: Path,
-    scene: str,
-    turn_rate: float,
-    azimuths: int,
-    range_resolution: float,
-    max_range: float,
-    movers: int | None,
-    doppler: float | None,
-    range_offset: float,
-    bin_error: float,
-    azimuth_offset: float,
-    late: float,
-    chirps: bool,
-    **given: Any,
-) -> None:
+def simulate(terminal: Terminal, *, out: Path, scene: str, movers: int | None, **given: Any) -> None:
     """Simulate a drive through a scene, azimuth by azimuth, with ground truth, wheels that slip, a gyroscope and GNSS.
 
     Example: mqslam simulate drive --scene city --duration 60 --seed 1
     """
+    from dataclasses import fields
+
     from mqslam.simulator import CHIRP_BETA, SensorModel
     from mqslam.simulator import simulate as write
 
-    radar = SensorModel(
-        turn_rate,
-        azimuths,
-        range_resolution,
-        max_range,
-        doppler_beta=doppler if doppler is not None else CHIRP_BETA if chirps else 0.0,
-        chirps=chirps,
-        range_offset=range_offset,
-        bin_error=bin_error,
-        azimuth_offset_deg=azimuth_offset,
-        late_s=late,
-    )
+    radar = {field.name: given.pop(field.name) for field in fields(SensorModel) if field.name in given}
+    if radar["doppler_beta"] is None:
+        radar["doppler_beta"] = CHIRP_BETA if radar["chirps"] else 0.0
     with terminal.show_progress() as show:
         write(
             out,
             scene=scene,
-            sensor=radar,
+            sensor=SensorModel(**radar),
             movers=_MOVERS.get(scene) if movers is None else movers,
             jobs=terminal.jobs,
             progress=lambda done, total: show("simulate", done, total),

@@ -34,7 +34,7 @@ from mqslam.commands.inputs import WHOLE, carry_to_radar, open_radar_or_lidar, r
 from mqslam.commands.lidar_inputs import fit_to_rooms
 from mqslam.commands.result import AuditResult, read_result
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta, set_false_alarms, set_tolerance
+from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta, set_tolerance, set_values
 from mqslam.core import se2
 from mqslam.core.point_map import TimedCloud
 from mqslam.core.recording import LidarRecording, Recording
@@ -243,7 +243,7 @@ def _set_limits(settings: Config, false_alarms: float | None, tolerance: float |
     if false_alarms is not None:
         if not 0.0 < false_alarms < 0.5:
             raise ConfigError(f"a rate of false alarms of {false_alarms:g} is not between 0 and 0.5; give one such as 0.01")
-        settings = set_false_alarms(settings, false_alarms)
+        settings = set_values(settings, "verdict", false_alarms=false_alarms)
     return set_tolerance(settings, tolerance)
 
 

@@ -14,7 +14,7 @@ from mqslam.commands.work import QUIET, Work
 from mqslam.comparison.comparison import compare_rows
 from mqslam.comparison.judgement import take_common_scans
 from mqslam.comparison.rows import Row, make_given_row, run_front_ends, split_row
-from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta
+from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta, set_values
 from mqslam.core import frontend as known_frontends
 from mqslam.core.frontend import Context
 from mqslam.core.recording import LidarRecording, Recording
@@ -156,8 +156,7 @@ def _set_kiss_config(settings: Config, kiss_config: Path | None) -> Config:
         return settings
     if not kiss_config.is_file():
         raise ConfigError(f"{kiss_config}: does not exist; give KISS-ICP's own YAML file")
-    kiss = settings.kiss_icp.model_copy(update={"config_file": kiss_config})
-    return settings.model_copy(update={"kiss_icp": kiss})
+    return set_values(settings, "kiss_icp", config_file=kiss_config)
 
 
 def _choose_gyroscope(recording: Recording, imu: str, frontends: Sequence[str]) -> Reading[Sensors]:

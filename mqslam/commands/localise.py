@@ -12,7 +12,7 @@ from mqslam.commands.inputs import Inputs, name_extrinsics
 from mqslam.commands.result import LocaliseResult
 from mqslam.commands.run import Job, open_job
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta, set_sensor
+from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta, set_values
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
 from mqslam.core.keyframes import KeyframeMap
@@ -133,7 +133,7 @@ def read_map_settings(map: Path) -> Config:
     folder = find_keyframes(map)
     beside = None if folder is None else folder.parent / "config.yaml"
     settings = load_config(beside if beside is not None and beside.is_file() else None)
-    return set_sensor(settings, radar_topic=None, odometry_topic=None, truth_topic=None)
+    return set_values(settings, "sensor", radar_topic=None, odometry_topic=None, truth_topic=None)
 
 
 def _check_sensor(recording: Recording, map: Path, unit_m: float | None) -> None:

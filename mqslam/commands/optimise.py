@@ -9,9 +9,9 @@ import gtsam
 
 from mqslam.backend.pose_graph import PoseGraph, optimise, poses_of
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import ConfigError, DataError, EstimationError, OutputError, Remedy
+from mqslam.errors import ConfigError, DataError, EstimationError, Remedy
 from mqslam.execution.files import write_text
-from mqslam.execution.folders import check_writable
+from mqslam.execution.folders import check_new_file
 from mqslam.formats.graphs import gtsam_text
 from mqslam.formats.graphs.g2o import StoredGraph, format_poses_and_edges, list_edges, read_g2o, replace_poses
 from mqslam.formats.tum import read_tum, write_tum
@@ -38,12 +38,15 @@ def optimise_file(
         a .g2o file cannot hold, because they are not edges between poses.
 
     Raises:
+        ConfigError: the output has an unknown suffix.
         DataError: a file cannot be read.
         EstimationError: the graph has no optimum.
         OutputError: the output exists, or cannot be written.
     """
+    if out is not None and out.suffix not in _SUFFIXES:
+        raise ConfigError(f"{out}: has an unknown suffix; give an output that ends in one of {', '.join(_SUFFIXES)}")
     if out is not None:
-        _check_out(out, force=force)
+        check_new_file(out, force=force)
     stored = _read(graph, values)
     stamps = _read_stamps(graph, stored) if out is not None and out.suffix == ".tum" else None
     held = gtsam.NonlinearFactorGraph()
@@ -58,14 +61,10 @@ def optimise_file(
     if out is not None and stamps is not None:
         poses = poses_of(optimum.values, len(stamps), stored.keys.__getitem__)
         write_tum(out, Trajectory(stamps.stamps_us, poses))
+    elif out is not None and values is None:
+        write_text(out, replace_poses(graph, optimum.values))
     elif out is not None:
-        is_g2o = values is None
-        write_text(
-            out,
-            replace_poses(graph, optimum.values)
-            if is_g2o
-            else format_poses_and_edges(stored.factors, optimum.values, stored.keys),
-        )
+        write_text(out, format_poses_and_edges(stored.factors, optimum.values, stored.keys))
     factors = stored.factors.nrFactors()
     return {
         "graph": str(graph),
@@ -77,20 +76,6 @@ def optimise_file(
         "left_out": factors - len(list_edges(stored.factors)),
         "out": None if out is None else str(out),
     }
-
-
-def _check_out(out: Path, *, force: bool) -> None:
-    """Checks that a file may be written, before the graph is optimised.
-
-    Raises:
-        ConfigError: no format with the file's suffix can be written.
-        OutputError: the file exists and may not be replaced, or its folder may not be written to.
-    """
-    if out.suffix not in _SUFFIXES:
-        raise ConfigError(f"{out}: has an unknown suffix; give an output that ends in one of {', '.join(_SUFFIXES)}")
-    if out.is_dir() or (out.exists() and not force):
-        raise OutputError(f"{out}: exists already", Remedy.CHOOSE_OR_REPLACE_OUTPUT)
-    check_writable(out)
 
 
 def _read(graph: Path, values: Path | None) -> StoredGraph:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
@@ -33,7 +33,7 @@ from mqslam.core.wording import count_of
 from mqslam.detection.stage import detect_all, warn_of_unread
 from mqslam.errors import ConfigError, EstimationError, FewReturnsError
 from mqslam.execution.runner import Runner
-from mqslam.factors.between import lifted_between, loop_between, scale_between, scale_noise, scale_vector
+from mqslam.factors.between import lifted_between, loop_between, scale_between, scale_factors
 from mqslam.psi.doppler import choose_doppler
 from mqslam.psi.place import Beam, beam_of
 from mqslam.slam import PSI
@@ -193,10 +193,12 @@ def psi_factors(
     own_keys = [int(submap_keys(j)) for j in range(len(first_scans))]
     _require_distinct([*scan_keys, *own_keys])
     planar = problem.make_factors(scan_keys.__getitem__, own_keys.__getitem__)
-    stated, used = problem.list_statements(), set_doppler_beta(view.config, view.doppler_beta)
     if view.is_lidar:
         planar = [scale_between(factor, view.unit_m) for factor in planar]
-        stated, measurements = ([scale_measurement(m, view.unit_m) for m in some] for some in (stated, measurements))
+    stated, measurements = (
+        [scale_measurement(motion, view.unit_m) for motion in some] for some in (problem.list_statements(), measurements)
+    )
+    used = set_doppler_beta(view.config, view.doppler_beta)
     pairs = zip(map(lift, planar), stated, strict=True)
     return PsiFactors(pairs, view.scans, used, se2.chain(m.pose for m in measurements), scan_keys, own_keys, first_scans)
 
@@ -274,7 +276,7 @@ def loop_factors(
         else:
             raise ConfigError("graph: comes without the values that it is optimised at; give gtsam.Values as the trajectory")
         search = find_loops(scans, problem, settings.estimator, view.beam, runner, recognising=False)
-    loops = [scale_tie(loop, view.unit_m) for loop in search.loops] if view.is_lidar else search.loops
+    loops = [scale_tie(loop, view.unit_m) for loop in search.loops]
     for warning in search.warnings:
         work.tell(warning)
     return LoopFactors((lift(loop_between(listed[loop.earlier], listed[loop.later], loop)), loop) for loop in loops)
@@ -350,22 +352,19 @@ def refine(
     with _look_at(recording, config, work) as view:
         scans, estimator, runner = view.solved_scans, view.solved_config.estimator, view.runner
         listed = _list_keys(keys, len(scans))
-        before, found = Trajectory(scans.stamps_us, _read_poses(values, listed)), [loop for _, loop in loops]
+        before = scale_track(Trajectory(scans.stamps_us, _read_poses(values, listed)), 1.0 / view.unit_m)
+        known = [scale_tie(loop, 1.0 / view.unit_m) for _, loop in loops]
         lift = _choose_lift(_find_pose_kind(values, listed[0]))
-        problem = solved = GivenGraph(graph, values, listed, lift)
-        if view.is_lidar:
-            before, found = scale_track(before, 1.0 / view.unit_m), [scale_tie(loop, 1.0 / view.unit_m) for loop in found]
-            solved = GivenGraph(*view.carry_in(graph, values), listed, lift)
-        refined = refinement.refine(before, solved, found, scans, rounds, estimator, view.beam, runner)
-        if view.is_lidar:
-            kept, ties = ([scale_tie(tie, view.unit_m) for tie in some] for some in (refined.loops, refined.ties))
-            refined = replace(refined, loops=kept, ties=ties)
-    whole, optimum = problem.optimise(refined.loops, refined.ties)
+        scaled = GivenGraph(*view.carry_in(graph, values), listed, lift)
+        refined = refinement.refine(before, scaled, known, scans, rounds, estimator, view.beam, runner)
+    kept, ties = ([scale_tie(tie, view.unit_m) for tie in some] for some in (refined.loops, refined.ties))
+    problem = GivenGraph(graph, values, listed, lift)
+    whole, optimum = problem.optimise(kept, ties)
     return RefinedGraph(
         graph=whole.factors,
         values=optimum.values,
-        loops=list(zip(problem.make_loop_factors(refined.loops), refined.loops, strict=True)),
-        ties=list(zip(problem.make_tie_factors(refined.ties), refined.ties, strict=True)),
+        loops=list(zip(problem.make_loop_factors(kept), kept, strict=True)),
+        ties=list(zip(problem.make_tie_factors(ties), ties, strict=True)),
         psi_before=refined.psi_before,
         psi_loops=refined.psi_loops,
         psi_after=refined.psi_across,
@@ -410,7 +409,7 @@ class _View:
     def make_context(self, odometry: Trajectory | None) -> Context:
         """Returns what a front end may use besides the scans, in the unit of the computations."""
         start_us, turn_s, engine = self.scans.start_us, self.scans.revolution_s, self.runner.engine
-        track = None if odometry is None else scale_track(odometry, 1.0 / self.unit_m) if self.is_lidar else odometry
+        track = None if odometry is None else scale_track(odometry, 1.0 / self.unit_m)
         beta = self.doppler_beta
         return Context(self.solved_config, turn_s, start_us, track, doppler_beta=beta, engine=engine, is_lidar=self.is_lidar)
 
@@ -425,20 +424,11 @@ class _View:
         """
         if not self.is_lidar:
             return graph, values
-        factor, scaled = 1.0 / self.unit_m, gtsam.NonlinearFactorGraph()
-        for k in range(graph.size()):
-            own = graph.at(k)
-            if isinstance(own, gtsam.PriorFactorPose2):
-                pose, noise = scale_vector(own.prior(), factor), scale_noise(own.noiseModel(), factor)
-                scaled.push_back(gtsam.PriorFactorPose2(own.keys()[0], gtsam.Pose2(*pose), noise))
-                continue
-            if not isinstance(own, gtsam.BetweenFactorPose2):
-                problem = (
-                    f"graph: holds a {type(own).__name__}, whose lengths cannot be carried to the unit of a lidar's scans"
-                )
-                raise ConfigError(f"{problem}; give a graph of BetweenFactorPose2 and PriorFactorPose2")
-            scaled.push_back(scale_between(own, factor))
-        return scaled, scale_values(values, factor)
+        try:
+            return scale_factors(graph, 1.0 / self.unit_m), scale_values(values, 1.0 / self.unit_m)
+        except TypeError as error:
+            problem = f"graph: holds {error}, whose lengths cannot be converted to the unit of a lidar's scans"
+            raise ConfigError(f"{problem}; give a graph of BetweenFactorPose2 and PriorFactorPose2") from error
 
 
 @contextmanager

@@ -10,10 +10,10 @@ import numpy as np
 from mqslam.commands.result import MergeResult, Result, read_result
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import ConfigError, DataError, OutputError, Remedy
+from mqslam.errors import ConfigError, DataError
 from mqslam.evaluation import align_positions, trace_errors
 from mqslam.execution.files import write_bytes
-from mqslam.execution.folders import check_writable
+from mqslam.execution.folders import check_new_file
 from mqslam.formats.covariances import read_covariances
 from mqslam.formats.ply import read_ply
 from mqslam.formats.tum import read_tum
@@ -49,9 +49,7 @@ def plot(result: Result | Path | str, out: Path | str | None = None, *, force: b
     out = result.folder / "plot.pdf" if out is None else Path(out)
     if out.suffix not in SUFFIXES:
         raise ConfigError(f"{out}: is not a name of a picture; end it in one of {', '.join(SUFFIXES)}")
-    if out.exists() and not force:
-        raise OutputError(f"{out}: exists already", Remedy.CHOOSE_OR_REPLACE_OUTPUT)
-    check_writable(out)
+    check_new_file(out, force=force)
     write_bytes(out, draw_sheet(*_compose(result), out.suffix))
     return out
 

@@ -13,11 +13,8 @@ from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config, load_config
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
-from mqslam.errors import DataError, OutputError, Remedy, untrusted
-from mqslam.execution.folders import check_writable
-from mqslam.formats.covariances import read_covariances, write_wide
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.trajectories import read_trajectory
-from mqslam.formats.tum import read_tum
 from mqslam.results.compare_results import tabulate
 from mqslam.results.files import name_evo_command
 
@@ -212,16 +209,3 @@ def _read_summary(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:
     if missing:
         raise DataError(path, f"lacks the entries {', '.join(missing)}", _REMEDY)
     return dict(summary)
-
-
-def write_wide_trajectory(out: Path, run: Path, *, force: bool = False) -> None:
-    """Writes the trajectory of a run as TUM, with the 36 terms of each pose's covariance after the pose.
-
-    Raises:
-        DataError: the run has no covariances, or one of its files is damaged.
-        OutputError: the file exists already, or cannot be written.
-    """
-    if out.exists() and not force:
-        raise OutputError(f"{out}: exists already", Remedy.CHOOSE_OR_REPLACE_OUTPUT)
-    check_writable(out)
-    write_wide(out, read_tum(run / "trajectory.tum"), read_covariances(run / "covariances.csv"))

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from mqslam.commands.inputs import open_data
-from mqslam.config import ConfigSource, DetectorConfig, PsiConfig, load_config
+from mqslam.config import ConfigSource, DetectorConfig, PsiConfig, change_config, load_config
 from mqslam.core import se2
 from mqslam.core.motion import CONSTANT_TWIST, CONSTANT_VELOCITY, MotionModel
 from mqslam.core.recording import Recording
@@ -56,8 +55,8 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
         DataError: a polar scan cannot be read.
         EstimationError: the window holds no returns.
     """
-    settings = load_config(config)
-    psi = _change_variant(settings.psi, variant or {})
+    chosen = {name: value for name, value in (variant or {}).items() if value is not None}
+    settings = change_config(load_config(config), {"psi": chosen})
     model = CONSTANT_VELOCITY if len(motion) == 2 else CONSTANT_TWIST
     recording = open_data(Path(data), format, range_resolution, settings)
     returns, t0 = read_window(recording, settings.detector, start, scans)
@@ -67,34 +66,15 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
     tree: dict[str, Any] = {
         "window": {"t0": t0, "revolutions": scans, "revolution_s": revolution_s, "points": len(returns)},
         "doppler_beta": beta,
-        "variant": psi.model_dump(include={"temporal", "numerator", "factor", "unmatched"}),
+        "variant": settings.psi.model_dump(include={"temporal", "numerator", "factor", "unmatched"}),
         "motion": dict(zip(model.parameters, motion.tolist(), strict=True)),
-        **_score_motion(window, motion, model, psi),
+        **_score_motion(window, motion, model, settings.psi),
     }
     if minimise:
         twist = motion if model.size == 3 else motion[[0, 0, 1]] * [1.0, 0.0, 1.0]
         best = window.estimate(twist, model)
-        tree["minimised"] = _describe_estimate(best, model) | _score_motion(window, best.theta, model, psi)
+        tree["minimised"] = _describe_estimate(best, model) | _score_motion(window, best.theta, model, settings.psi)
     return tree
-
-
-def _change_variant(settings: PsiConfig, chosen: dict[str, str | float | None]) -> PsiConfig:
-    """Returns the settings of the published score with some of them replaced.
-
-    Args:
-        settings: the settings before.
-        chosen: the new values by name; None keeps a setting.
-
-    Raises:
-        ConfigError: a value is unknown.
-    """
-    try:
-        return PsiConfig.model_validate(
-            settings.model_dump() | {name: value for name, value in chosen.items() if value is not None}
-        )
-    except ValidationError as error:
-        fault = error.errors()[0]
-        raise ConfigError(f"{fault['loc'][0]} {fault['input']}: {fault['msg']}") from error
 
 
 def read_window(recording: Recording, detector: DetectorConfig, start: float, scans: int) -> tuple[Returns, float]:

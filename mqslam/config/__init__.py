@@ -457,17 +457,12 @@ def list_shipped() -> list[str]:
 
 def set_doppler_beta(config: Config, doppler_beta: float) -> Config:
     """Returns the settings with the Doppler shift [s] that was used, as in the config.yaml of a result."""
-    return set_sensor(config, doppler_beta=doppler_beta)
+    return set_values(config, "sensor", doppler_beta=doppler_beta)
 
 
-def set_sensor(config: Config, **changed: float | str | None) -> Config:
-    """Returns the settings with some values of the section `sensor` replaced; the new values are not checked."""
-    return config.model_copy(update={"sensor": config.sensor.model_copy(update=changed)})
-
-
-def set_false_alarms(config: Config, rate: float) -> Config:
-    """Returns the settings with another rate of false alarms per recording."""
-    return config.model_copy(update={"verdict": config.verdict.model_copy(update={"false_alarms": rate})})
+def set_values(config: Config, section: str, **changed: float | str | Path | None) -> Config:
+    """Returns the settings with some values of a section replaced; the new values are not checked."""
+    return config.model_copy(update={section: getattr(config, section).model_copy(update=changed)})
 
 
 def set_tolerance(config: Config, metres: float | None) -> Config:
@@ -480,7 +475,7 @@ def set_tolerance(config: Config, metres: float | None) -> Config:
         return config
     if not 0.0 < metres < math.inf:
         raise ConfigError(f"a tolerance of {metres:g} m is not a length above 0; give one in metres, such as 0.3")
-    return config.model_copy(update={"verdict": config.verdict.model_copy(update={"tolerance_m": metres})})
+    return set_values(config, "verdict", tolerance_m=metres)
 
 
 def dump_yaml(config: Config) -> str:

@@ -200,6 +200,23 @@ def check_writable(out: Path) -> None:
         raise OutputError(f"{out}: cannot be made ({above} is not a folder that may be written to)", Remedy.CHOOSE_OUTPUT)
 
 
+def check_new_file(out: Path, *, force: bool) -> None:
+    """Checks that a file may be written, before time is spent on its content.
+
+    Args:
+        out: the file.
+        force: whether an existing file may be replaced.
+
+    Raises:
+        OutputError: the file exists and may not be replaced, is a folder, or lies in a folder that may not be written to.
+    """
+    if out.is_dir():
+        raise OutputError(f"{out}: exists already and is a folder", Remedy.CHOOSE_OUTPUT)
+    if out.exists() and not force:
+        raise OutputError(f"{out}: exists already", Remedy.CHOOSE_OR_REPLACE_OUTPUT)
+    check_writable(out)
+
+
 def make_folder(path: Path) -> Path:
     """Makes an output folder and returns it; it must not hold anything yet.
 

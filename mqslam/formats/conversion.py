@@ -11,7 +11,7 @@ from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import ConfigError, OutputError, Remedy, suggest
-from mqslam.execution.folders import check_writable, claim_folder
+from mqslam.execution.folders import check_new_file, claim_folder
 from mqslam.execution.guards.locks import lock_output
 from mqslam.formats.recordings import list_targets
 from mqslam.formats.recordings.derived import watch
@@ -65,13 +65,9 @@ def claim_target(out: Path, target: Target, *, force: bool, recording: Path) -> 
         with claim_folder(out, force=force, sources=[recording]):
             yield
         return
-    if out.is_dir():
-        raise OutputError(f"{out}: exists already and is a folder", Remedy.CHOOSE_OUTPUT)
-    if out.exists() and not force:
-        raise OutputError(f"{out}: exists already", Remedy.CHOOSE_OR_REPLACE_OUTPUT)
+    check_new_file(out, force=force)
     if out.resolve() == recording.resolve():
         raise OutputError(f"{out}: is the recording itself", Remedy.CHOOSE_OUTPUT)
-    check_writable(out)
     with lock_output(out.absolute()):
         yield
 

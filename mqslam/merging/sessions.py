@@ -21,7 +21,7 @@ from mqslam.core.measurement import Loop
 from mqslam.core.units import scale_pose
 from mqslam.errors import DataError, EstimationError
 from mqslam.execution.runner import Runner
-from mqslam.factors.between import CAUCHY, HUBER, scale_factor
+from mqslam.factors.between import CAUCHY, HUBER, scale_factors
 from mqslam.formats.graphs.g2o import StoredGraph, list_edges
 from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam
@@ -72,10 +72,8 @@ def scale_session(session: Session, factor: float, *, same_places: bool) -> Sess
     kept = session.map.scale(factor)
     if not same_places:
         kept = replace(kept, places=replace(kept.places, made_with={}))
-    factors = gtsam.NonlinearFactorGraph()
-    for k in range(session.graph.factors.size()):
-        factors.push_back(scale_factor(session.graph.factors.at(k), factor))
-    graph = replace(session.graph, factors=factors, values=scale_values(session.graph.values, factor))
+    factors, values = scale_factors(session.graph.factors, factor), scale_values(session.graph.values, factor)
+    graph = replace(session.graph, factors=factors, values=values)
     return replace(session, map=kept, graph=graph, frame=scale_pose(session.frame, factor))
 
 

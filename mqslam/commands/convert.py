@@ -1,0 +1,99 @@
+"""The conversion: writes a recording in another layout, results of a run as a bag or TUM, or keyframes as a point cloud."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from mqslam.commands.inputs import open_data
+from mqslam.config import ConfigSource, load_config
+from mqslam.core.point_map import PointMap
+from mqslam.errors import ConfigError, DataError, Remedy
+from mqslam.execution.files import blame_output
+from mqslam.execution.folders import check_new_file
+from mqslam.execution.progress import Progress, ignore_progress
+from mqslam.formats.conversion import claim_target, find_target, write_recording
+from mqslam.formats.covariances import read_covariances, write_wide
+from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
+from mqslam.formats.ply import MapClock, write_ply
+from mqslam.formats.result_bags import is_run, write_results
+from mqslam.formats.tum import read_tum
+from mqslam.mapping.keyframing import render_keyframes
+
+
+def convert(  # noqa: PLR0913 - these are the options of a conversion, each with its default
+    data: Path,
+    out: Path,
+    *,
+    to: str | None = None,
+    message: str = "image",
+    config: ConfigSource = None,
+    format: str | None = None,
+    range_resolution: float | None = None,
+    force: bool = False,
+    progress: Progress = ignore_progress,
+) -> list[str]:
+    """Writes a recording in another layout, the results of a run as a bag or as TUM, or keyframes as a point cloud.
+
+    Args:
+        data: the recording, the folder of a run, or a folder of keyframes.
+        out: the file or folder to write; the suffix `.ply` makes a point cloud, and `.tum` a run's trajectory.
+        to: layout of the output; None guesses it from the suffix.
+        message: `image` or `b_scan`: messages of a bag that hold the polar scans.
+        config: settings for reading the recording, as for `run`.
+        format: layout of the recording; None guesses it.
+        range_resolution: length of a range bin [m], if the recording states none or a wrong one.
+        force: whether a file or folder that exists at `out` is replaced.
+        progress: called with the stage "converting", the number of polar scans written, and the number of all polar scans.
+
+    Returns:
+        Notes for the user on how the recording was read, and what the new layout does not hold.
+
+    Raises:
+        ConfigError: the layout is unknown, or the data cannot be written in it.
+        DataError: the data cannot be read.
+        OutputError: the output exists and may not be replaced, or cannot be written.
+    """
+    keyframes = find_keyframes(data)
+    if out.suffix == ".ply" and to is None and (keyframes is not None or is_run(data)):
+        _write_keyframes(out, data, force=force)
+        return []
+    if out.suffix == ".tum" and to is None and is_run(data):
+        check_new_file(out, force=force)
+        write_wide(out, read_tum(data / "trajectory.tum"), read_covariances(data / "covariances.csv"))
+        return []
+    if keyframes == data:
+        problem = "holds keyframes, which can only become a point cloud"
+        raise ConfigError(f"{data}: {problem}; give an output that ends in .ply, and no layout")
+    target = find_target(out, to, message)
+    with claim_target(out, target, force=force, recording=data):
+        if not is_run(data):
+            recording = open_data(data, format, range_resolution, load_config(config))
+            notes = write_recording(recording, out, target, partial(progress, "converting"))
+            return [*recording.notes, *recording.faults, *notes]
+        if not target.is_bag:
+            instead = "give an output that ends in .bag, .mcap or .tum, or the layout rosbag2"
+            raise ConfigError(f"{data}: is a run; its results can only be converted to a bag or to TUM; {instead}")
+        write_results(out, data, target.name)
+    return []
+
+
+def _write_keyframes(out: Path, folder: Path, *, force: bool) -> None:
+    """Writes the points of keyframes, in the frame of their map, to a PLY file like the map of a run; psi is NaN.
+
+    Raises:
+        DataError: the folder holds no keyframes, or they are damaged.
+        OutputError: the file exists and may not be replaced, is a folder, or cannot be written.
+    """
+    check_new_file(out, force=force)
+    if find_keyframes(folder) is None:
+        raise DataError(folder, "holds no keyframes to write as points", "give a result that has the folder keyframes")
+    keyframes = read_keyframes(folder).keyframes
+    shown, first = render_keyframes(keyframes), keyframes.recordings[0]
+    unknown, unmatched = np.full(len(shown.points), np.nan), np.zeros(len(shown.points), dtype=np.bool_)
+    clock = MapClock(first.start_us, round(1e6 * first.revolution_s))
+    with blame_output(out, "made", Remedy.CHOOSE_OUTPUT):
+        out.parent.mkdir(parents=True, exist_ok=True)
+    write_ply(out, PointMap(shown.points, shown.times, shown.intensities, unknown, unmatched), clock)
