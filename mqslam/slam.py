@@ -88,8 +88,8 @@ class Slam:
                 runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
                 try:
                     beta, sigma = find_doppler(scans, config, runner)
-                    found = replace(context, doppler_beta=beta, doppler_sigma=sigma, velocities=detected.velocities)
-                    solution = self.solve(scans, found)
+                    known = replace(context, doppler_beta=beta, doppler_sigma=sigma, velocities=detected.velocities)
+                    solution = self.solve(scans, known)
                 except FewReturnsError as error:
                     raise EstimationError(f"{error}: {detected.counts.remedy}") from error
             scans = scans.scale_ranges(solution.range_scale.factor)
@@ -243,7 +243,7 @@ class Slam:
     def _measure_ranges(self, scans: Scans, track: Trajectory, beam: Beam) -> RangeErrors | None:
         """Measures the errors of the radar's ranges by psi; returns None if that fails or the drive does not show them."""
         runner, estimator = self._runner, self._config.estimator
-        found: RangeErrors | None = None
+        errors: RangeErrors | None = None
         with runner.time_stage("check"), runner.tolerate("the errors of the ranges"):
-            found = measure_range_errors(scans, track.poses, estimator, beam, runner.engine)
-        return found
+            errors = measure_range_errors(scans, track.poses, estimator, beam, runner.engine)
+        return errors

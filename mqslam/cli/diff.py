@@ -31,21 +31,21 @@ def diff(terminal: Terminal, *, first: Path, second: Path) -> None:
     """
     from mqslam.commands.diff import diff_results
 
-    found = diff_results(first, second)
-    terminal.print_results(found, lambda: echo(_format(found)))
+    differences = diff_results(first, second)
+    terminal.print_results(differences, lambda: echo(_format(differences)))
 
 
-def _format(found: dict[str, Any]) -> str:
+def _format(differences: dict[str, Any]) -> str:
     """Returns the differences as lines, under a heading for each kind."""
-    shown = {name: both for name, both in found["figures"].items() if name.partition(".")[0] in _SHOWN}
+    shown = {name: both for name, both in differences["figures"].items() if name.partition(".")[0] in _SHOWN}
     parts = []
-    for kind, values in (("settings", found["settings"]), ("figures", shown)):
+    for kind, values in (("settings", differences["settings"]), ("figures", shown)):
         rows = [(name, " -> ".join(_format_value(value) for value in both)) for name, both in values.items()]
         width = max((len(name) for name, _ in rows), default=0) + 2
         parts.append(format_rows([(kind, ""), *rows], width) if rows else f"{kind}: the same")
-    if len(shown) < len(found["figures"]):
-        parts.append(f"and {len(found['figures']) - len(shown)} more figures, which --json lists")
-    apart = found["trajectories"]
+    if len(shown) < len(differences["figures"]):
+        parts.append(f"and {len(differences['figures']) - len(shown)} more figures, which --json lists")
+    apart = differences["trajectories"]
     if apart is None:
         return "\n".join([*parts, "trajectories: cannot be compared"])
     rows = [("trajectories", "")]

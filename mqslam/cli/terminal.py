@@ -145,10 +145,10 @@ def format_verdict(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     from mqslam.core.wording import list_reasons
 
     verdict = summary["verdict"]
-    told = [("verdict", f"{verdict['status']}: {verdict['diagnosis']}")]
-    told += [("because", reason) for reason in list_reasons(verdict)]
-    told += [("not judged", reason) for reason in summary["not_judged"]]
-    return [(name, show(name_options(text))) for name, text in told]
+    rows = [("verdict", f"{verdict['status']}: {verdict['diagnosis']}")]
+    rows += [("because", reason) for reason in list_reasons(verdict)]
+    rows += [("not judged", reason) for reason in summary["not_judged"]]
+    return [(name, show(name_options(text))) for name, text in rows]
 
 
 @contextmanager

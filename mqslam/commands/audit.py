@@ -200,7 +200,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         with write_folder_aside(out) as folder:
             write_audit(folder, settings, summary)
             if mended is not None:
-                write_tum(folder / "mended.tum", _give_back(mended.result.trajectory, time_offset_s, mount))
+                write_tum(folder / "mended.tum", _convert_back(mended.result.trajectory, time_offset_s, mount))
             after = None if mended is None else mended.result
             failures = write_audit_page(folder, data.resolve().name, judged, sweeps, settings, summary, after)
             add_warnings(folder / "audit.json", summary, failures)
@@ -395,7 +395,7 @@ def _read_given(
     return Trajectory(given.stamps_us + round(1e6 * time_offset_s), poses), notes
 
 
-def _give_back(trajectory: Trajectory, time_offset_s: float, mount: se2.Array | None) -> Trajectory:
+def _convert_back(trajectory: Trajectory, time_offset_s: float, mount: se2.Array | None) -> Trajectory:
     """Converts a trajectory of the sensor to the clock and the frame of the trajectory that the user gave."""
     poses = trajectory.poses if mount is None else se2.compose(trajectory.poses, se2.inverse(mount))
     return Trajectory(trajectory.stamps_us - round(1e6 * time_offset_s), poses)

@@ -84,18 +84,18 @@ def _compare_trajectories(first: Result, second: Result) -> dict[str, Any] | Non
     pair = pair_poses(*(read_tum(path) for path in reversed(paths)))
     if pair is None:
         return None
-    moved, held = pair
-    motion = align_positions(moved, held)
-    aligned = moved if motion is None else Trajectory(moved.stamps_us, se2.compose(motion, moved.poses))
-    shared = {"stamps": len(held), "length_m": held.length_m}
-    return shared | {"as_they_are": _measure(moved, held), "aligned": _measure(aligned, held)}
+    second_track, first_track = pair
+    motion = align_positions(second_track, first_track)
+    aligned = second_track if motion is None else Trajectory(second_track.stamps_us, se2.compose(motion, second_track.poses))
+    shared = {"stamps": len(first_track), "length_m": first_track.length_m}
+    return shared | {"as_they_are": _measure(second_track, first_track), "aligned": _measure(aligned, first_track)}
 
 
-def _measure(moved: Trajectory, held: Trajectory) -> dict[str, float]:
+def _measure(second_track: Trajectory, first_track: Trajectory) -> dict[str, float]:
     """Returns the largest distance and the largest rotation between the poses of two trajectories with the same stamps."""
-    distances = np.hypot(*(moved.poses - held.poses)[:, :2].T)
-    turns = np.abs(se2.wrap(moved.poses[:, 2] - held.poses[:, 2]))
-    seconds = held.seconds(int(held.stamps_us[0]))
+    distances = np.hypot(*(second_track.poses - first_track.poses)[:, :2].T)
+    turns = np.abs(se2.wrap(second_track.poses[:, 2] - first_track.poses[:, 2]))
+    seconds = first_track.seconds(int(first_track.stamps_us[0]))
     farthest, most = int(distances.argmax()), int(turns.argmax())
     return {
         "largest_m": float(distances[farthest]),

@@ -49,11 +49,11 @@ def optimise_file(
         check_new_file(out, force=force)
     stored = _read(graph, values)
     stamps = _read_stamps(graph, stored) if out is not None and out.suffix == ".tum" else None
-    held = gtsam.NonlinearFactorGraph()
-    held.push_back(stored.factors)
+    factors = gtsam.NonlinearFactorGraph()
+    factors.push_back(stored.factors)
     for key in stored.held:
-        held.push_back(_hold(stored.values, key))
-    optimum = optimise(PoseGraph(held, stored.values, len(stored.keys), stored.keys.__getitem__))
+        factors.push_back(_hold(stored.values, key))
+    optimum = optimise(PoseGraph(factors, stored.values, len(stored.keys), stored.keys.__getitem__))
     if optimum.failure is not None:
         raise EstimationError(
             f"{graph}: could not be optimised ({optimum.failure})", "mend its edges or its starting values"
@@ -65,15 +65,15 @@ def optimise_file(
         write_text(out, replace_poses(graph, optimum.values))
     elif out is not None:
         write_text(out, format_poses_and_edges(stored.factors, optimum.values, stored.keys))
-    factors = stored.factors.nrFactors()
+    count = stored.factors.nrFactors()
     return {
         "graph": str(graph),
         "dimensions": 3 if stored.values.dims()[stored.keys[0]] == 6 else 2,
         "poses": len(stored.keys),
-        "factors": factors,
+        "factors": count,
         "error_before": stored.factors.error(stored.values),
         "error_after": stored.factors.error(optimum.values),
-        "left_out": factors - len(list_edges(stored.factors)),
+        "left_out": count - len(list_edges(stored.factors)),
         "out": None if out is None else str(out),
     }
 

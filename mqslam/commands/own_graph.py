@@ -173,8 +173,8 @@ def psi_factors(
         >>> values.insert(factors.make_initial(values))  # doctest: +SKIP
     """
     require(frontend)  # raises before the recording is read
-    with _look_at(recording, config, work) as view:
-        settings, scans = view.solved_config, view.solved_scans
+    with _open_scans(recording, config, work) as view:
+        settings, scans = view.unit_config, view.unit_scans
         lift, scan_keys = _choose_lift(pose), _list_keys(keys, len(scans))
         context = view.make_context(odometry)
         measurements = list(view.runner.follow("windows", measure_motions(frontend, context, scans), len(scans) - 1))
@@ -259,8 +259,8 @@ def loop_factors(
         >>> for factor, loop in mqslam.loop_factors("drive", values, keys, graph=graph):  # doctest: +SKIP
         ...     closed.push_back(factor)
     """
-    with _look_at(recording, config, work) as view:
-        settings, scans, runner = view.solved_config, view.solved_scans, view.runner
+    with _open_scans(recording, config, work) as view:
+        settings, scans, runner = view.unit_config, view.unit_scans, view.runner
         listed = _list_keys(keys, len(scans))
         if isinstance(trajectory, gtsam.Values):
             poses = _read_poses(trajectory, listed)
@@ -272,7 +272,7 @@ def loop_factors(
             motions = measure_motions(ODOMETRY, view.make_context(track), scans)  # each step gets the errors of odometry
             problem = Problem(list(motions), [])
         elif isinstance(trajectory, gtsam.Values):
-            problem = GivenGraph(*view.carry_in(graph, trajectory), listed, lift)
+            problem = GivenGraph(*view.convert_graph(graph, trajectory), listed, lift)
         else:
             raise ConfigError("graph: comes without the values that it is optimised at; give gtsam.Values as the trajectory")
         search = find_loops(scans, problem, settings.estimator, view.beam, runner, recognising=False)
@@ -349,13 +349,13 @@ def refine(
         >>> refined = mqslam.refine(graph, values, "drive", keys, loops=loops)  # doctest: +SKIP
         >>> print(refined.psi_loops, refined.psi_after, len(refined.ties))  # doctest: +SKIP
     """
-    with _look_at(recording, config, work) as view:
-        scans, estimator, runner = view.solved_scans, view.solved_config.estimator, view.runner
+    with _open_scans(recording, config, work) as view:
+        scans, estimator, runner = view.unit_scans, view.unit_config.estimator, view.runner
         listed = _list_keys(keys, len(scans))
         before = scale_track(Trajectory(scans.stamps_us, _read_poses(values, listed)), 1.0 / view.unit_m)
         known = [scale_tie(loop, 1.0 / view.unit_m) for _, loop in loops]
         lift = _choose_lift(_find_pose_kind(values, listed[0]))
-        scaled = GivenGraph(*view.carry_in(graph, values), listed, lift)
+        scaled = GivenGraph(*view.convert_graph(graph, values), listed, lift)
         refined = refinement.refine(before, scaled, known, scans, rounds, estimator, view.beam, runner)
     kept, ties = ([scale_tie(tie, view.unit_m) for tie in some] for some in (refined.loops, refined.ties))
     problem = GivenGraph(graph, values, listed, lift)
@@ -372,7 +372,7 @@ def refine(
 
 
 @dataclass(frozen=True)
-class _View:
+class _OpenScans:
     """The scans of a recording, with the settings and the runner for computations on them.
 
     Args:
@@ -380,16 +380,16 @@ class _View:
         config: all settings.
         doppler_beta: range shift per closing speed [s], as the settings state it or as psi measured it.
         runner: does the computations.
-        solved_scans: the same scans in the unit of length of the computations, which is not the metre for a lidar's scans.
-        solved_config: the same settings in this unit.
+        unit_scans: the same scans in the unit of length of the computations, which is not the metre for a lidar's scans.
+        unit_config: the same settings in this unit.
     """
 
     scans: Scans
     config: Config
     doppler_beta: float
     runner: Runner
-    solved_scans: Scans
-    solved_config: Config
+    unit_scans: Scans
+    unit_config: Config
 
     @property
     def is_lidar(self) -> bool:
@@ -404,16 +404,16 @@ class _View:
     @property
     def beam(self) -> Beam:
         """The sensor model by which returns are placed, in the unit of the computations."""
-        return beam_of(self.solved_config.estimator, self.doppler_beta)
+        return beam_of(self.unit_config.estimator, self.doppler_beta)
 
     def make_context(self, odometry: Trajectory | None) -> Context:
         """Returns what a front end may use besides the scans, in the unit of the computations."""
         start_us, turn_s, engine = self.scans.start_us, self.scans.revolution_s, self.runner.engine
         track = None if odometry is None else scale_track(odometry, 1.0 / self.unit_m)
         beta = self.doppler_beta
-        return Context(self.solved_config, turn_s, start_us, track, doppler_beta=beta, engine=engine, is_lidar=self.is_lidar)
+        return Context(self.unit_config, turn_s, start_us, track, doppler_beta=beta, engine=engine, is_lidar=self.is_lidar)
 
-    def carry_in(
+    def convert_graph(
         self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values
     ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
         """Converts a user's graph and its values to the unit of length of the computations.
@@ -432,7 +432,7 @@ class _View:
 
 
 @contextmanager
-def _look_at(recording: Source, config: ConfigSource, work: Work) -> Iterator[_View]:
+def _open_scans(recording: Source, config: ConfigSource, work: Work) -> Iterator[_OpenScans]:
     """Yields the scans of a recording, and detects their returns if necessary.
 
     Scans of a lidar during which its own odometry shows no motion are left out, as in a run.
@@ -464,10 +464,12 @@ def _look_at(recording: Source, config: ConfigSource, work: Work) -> Iterator[_V
     try:
         if recording.unit_m is None:
             beta = choose_doppler(recording, settings, runner.engine).beta
-            yield _View(recording, settings, beta, runner, recording, settings)
+            yield _OpenScans(recording, settings, beta, runner, recording, settings)
         else:
             factor, settings = 1.0 / recording.unit_m, fit_to_lidar(settings, recording)
-            yield _View(recording, settings, 0.0, runner, recording.scale_ranges(factor), scale_settings(settings, factor))
+            yield _OpenScans(
+                recording, settings, 0.0, runner, recording.scale_ranges(factor), scale_settings(settings, factor)
+            )
     except FewReturnsError as error:
         raise EstimationError(error.message, *error.remedies, remedy) from error
 
