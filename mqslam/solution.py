@@ -102,7 +102,6 @@ class Solution:
             config: all settings in the new unit.
         """
         covariances = replace(self.covariances, covariances=units.scale_covariance(self.covariances.covariances, factor))
-        loops, ties = ([units.scale_tie(tie, factor) for tie in some] for some in (self.refined.loops, self.refined.ties))
         return replace(
             self,
             config=config,
@@ -113,7 +112,7 @@ class Solution:
             values=scale_values(self.values, factor),
             covariances=covariances,
             loops=[units.scale_tie(loop, factor) for loop in self.loops],
-            refined=replace(self.refined, loops=loops, ties=ties),
+            refined=units.scale_refined(self.refined, factor),
             sensors=replace(self.sensors, mount=None),
         )
 

@@ -113,10 +113,10 @@ def choose_exit_code(status: VerdictStatus, fail_on: Literal["warn", "fail"]) ->
 
 
 def change_settings(config: str | None, changes: Sequence[str]) -> Config | dict[str, dict[str, Any]]:
-    """Returns settings with some of them changed, or only the changes, if the command is to choose what they change.
+    """Returns settings with changes, or only the changes if the command itself chooses the settings that they apply to.
 
     Args:
-        config: name of the settings; None if the command chooses them.
+        config: path or name of the settings; None if the command chooses them.
         changes: texts SECTION.NAME=VALUE, with the values as in YAML.
 
     Raises:

@@ -51,7 +51,7 @@ def table1(terminal: Terminal, *, seeds: int, revolutions: int) -> None:
 
 
 def _print_table(terminal: Terminal, seeds: int, revolutions: int) -> None:
-    """Prints table I, the scores of figure 2, and what can be compared."""
+    """Prints table I and the scores of figure 2, with notes on how far they can be compared with the paper's."""
     from mqslam.psi.published import paper as published
 
     with terminal.show_progress() as show:

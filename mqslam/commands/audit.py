@@ -313,7 +313,7 @@ def _judge_sweeps(
 
     Args:
         subject: what is audited.
-        shown: points of the subject under the trajectory.
+        shown: points of the subject under the trajectory that is judged.
         settings: all settings, with the limits of the verdict.
         work: where the work is done, and what reports on it.
         turning: comparison of the gyroscope with the trajectory; None without a gyroscope.

@@ -72,7 +72,12 @@ def read_plan(path: Path) -> tuple[list[Order], str]:
 
 
 def _prepare_order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
-    """Converts a planned run to an order, with all paths resolved against a folder; `taken` holds the names of other runs.
+    """Converts an entry of RUNS.yaml to an order, which holds its settings and full paths.
+
+    Args:
+        run: the entry.
+        folder: folder of RUNS.yaml, to which the paths of the entry are relative.
+        taken: names of the other runs.
 
     Raises:
         ConfigError: the name of the run cannot be the name of a folder or is that of another run, its front end or settings
@@ -144,7 +149,7 @@ def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: W
 
 
 def _run_all(orders: Sequence[Order], terms: Terms, work: Work) -> list[RunOutcome]:
-    """Does the runs that are not finished yet, and returns the outcome of each run."""
+    """Makes the runs that are not finished yet, and returns the outcome of each run."""
     before = [_find_kept(terms, order) for order in orders]
     missing = [order for order, kept in zip(orders, before, strict=True) if kept is None]
 
@@ -163,7 +168,7 @@ def _run_all(orders: Sequence[Order], terms: Terms, work: Work) -> list[RunOutco
 
 
 def run_one(terms: Terms, order: Order) -> RunOutcome:
-    """Does a run in this process and returns its outcome, with the error message if it fails."""
+    """Makes a run in this process and returns its outcome, with the error message if it fails."""
     out = terms.out / order.name
     try:
         kept = _find_kept(terms, order)  # a worker may have finished this run and died before reporting it

@@ -128,7 +128,7 @@ def _read_solved(path: Path) -> NDArray[np.int64]:
 def _require_distinct(folders: Sequence[Path]) -> None:
     """Raises ConfigError unless there are two results or more, and each is given once."""
     if len(folders) < 2:
-        raise ConfigError(f"{len(folders)} result: a merge takes two or more; name the folders of all of them")
+        raise ConfigError(f"a merge takes two or more results, and {len(folders)} is given; name the folders of all results")
     known = set[Path]()
     for folder in folders:
         if folder.resolve() in known:

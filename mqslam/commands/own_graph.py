@@ -28,7 +28,7 @@ from mqslam.core.measurement import Loop, Measurement, Status
 from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.core.units import scale_measurement, scale_settings, scale_tie, scale_track
+from mqslam.core.units import scale_measurement, scale_refined, scale_settings, scale_tie, scale_track
 from mqslam.core.wording import count_of
 from mqslam.detection.stage import detect_all, warn_of_unread
 from mqslam.errors import ConfigError, EstimationError, FewReturnsError
@@ -357,14 +357,14 @@ def refine(
         lift = _choose_lift(_find_pose_kind(values, listed[0]))
         scaled = GivenGraph(*view.convert_graph(graph, values), listed, lift)
         refined = refinement.refine(before, scaled, known, scans, rounds, estimator, view.beam, runner)
-    kept, ties = ([scale_tie(tie, view.unit_m) for tie in some] for some in (refined.loops, refined.ties))
+        refined = scale_refined(refined, view.unit_m)
     problem = GivenGraph(graph, values, listed, lift)
-    whole, optimum = problem.optimise(kept, ties)
+    whole, optimum = problem.optimise(refined.loops, refined.ties)
     return RefinedGraph(
         graph=whole.factors,
         values=optimum.values,
-        loops=list(zip(problem.make_loop_factors(kept), kept, strict=True)),
-        ties=list(zip(problem.make_tie_factors(ties), ties, strict=True)),
+        loops=list(zip(problem.make_loop_factors(refined.loops), refined.loops, strict=True)),
+        ties=list(zip(problem.make_tie_factors(refined.ties), refined.ties, strict=True)),
         psi_before=refined.psi_before,
         psi_loops=refined.psi_loops,
         psi_after=refined.psi_across,

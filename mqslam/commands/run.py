@@ -182,7 +182,7 @@ def open_job(  # noqa: PLR0913 - these are the options of a run, and the unit
 
 
 def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.RESUME) -> dict[str, Any]:
-    """Does a run and writes its results.
+    """Makes the trajectory and the map of a run, and writes its results.
 
     Args:
         job: the run.

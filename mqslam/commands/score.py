@@ -78,7 +78,7 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
 
 
 def read_window(recording: Recording, detector: DetectorConfig, start: float, scans: int) -> tuple[Returns, float]:
-    """Returns the returns of successive scans, and the start of the first scan [s]; no other scans are read.
+    """Detects the returns of successive scans; returns them with the start of the first scan [s]. Reads no other scans.
 
     Args:
         recording: the recording.
@@ -93,7 +93,7 @@ def read_window(recording: Recording, detector: DetectorConfig, start: float, sc
     """
     times = recording.start_times
     if len(times) < scans:
-        raise ConfigError(f"{recording.path}: holds only {len(times)} scans; give a window of fewer than {scans}")
+        raise ConfigError(f"{recording.path}: holds only {len(times)} scans; give a window of at most as many")
     last = times[len(times) - scans]
     if not -1e-6 <= start <= last + 1e-6:
         raise ConfigError(

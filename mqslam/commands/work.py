@@ -15,7 +15,7 @@ Tell = Callable[[str], None]
 
 
 def ignore(note: str) -> None:
-    """Does nothing with a note."""
+    """Drops a note for the user."""
 
 
 @dataclass(frozen=True)

@@ -388,11 +388,11 @@ ConfigSource: TypeAlias = Config | Mapping[str, Any] | Path | str | None
 
 
 def load_config(source: ConfigSource = None, default: Callable[[], Config] | None = None) -> Config:
-    """Loads settings: the defaults, or those of a YAML file or of a configuration that ships with mqslam.
+    """Loads settings: the defaults with or without changes, or the settings in a YAML file or a shipped configuration.
 
     Args:
-        source: settings, which are returned as they are; a dict of sections that changes the default settings; path of a
-            YAML file; name of a shipped configuration, such as `oxford`; or None, which takes the default settings.
+        source: a `Config`, which is returned as it is; a dict of sections with changes of the default settings; the path of
+            a YAML file; the name of a shipped configuration, such as `oxford`; or None, which takes the default settings.
         default: returns the default settings; None takes those of `Config()`.
 
     Raises:
@@ -456,7 +456,7 @@ def list_shipped() -> list[str]:
 
 
 def set_doppler_beta(config: Config, doppler_beta: float) -> Config:
-    """Returns the settings with the Doppler shift [s] that was used, as in the config.yaml of a result."""
+    """Returns the settings with the Doppler shift [s] that a command used; the config.yaml of a result states it, too."""
     return set_values(config, "sensor", doppler_beta=doppler_beta)
 
 

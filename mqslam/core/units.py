@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.measurement import Measurement, Tie
+from mqslam.core.measurement import Measurement, Refined, Tie
 from mqslam.core.trajectory import Trajectory
 
 T = TypeVar("T", bound=Tie)
@@ -53,6 +53,12 @@ def scale_measurement(motion: Measurement, factor: float) -> Measurement:
 def scale_tie(tie: T, factor: float) -> T:
     """Multiplies the lengths of a tie or loop by a factor."""
     return replace(tie, pose=scale_pose(tie.pose, factor), covariance=scale_covariance(tie.covariance, factor))
+
+
+def scale_refined(refined: Refined, factor: float) -> Refined:
+    """Multiplies the lengths of the loops and ties of a refinement by a factor."""
+    loops, ties = ([scale_tie(tie, factor) for tie in some] for some in (refined.loops, refined.ties))
+    return replace(refined, loops=loops, ties=ties)
 
 
 def scale_settings(config: Config, factor: float) -> Config:

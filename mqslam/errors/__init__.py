@@ -248,6 +248,6 @@ def tolerate(what: str, warnings: list[str], crashes: dict[str, str] | None = No
     except Exception as error:  # a figure, a library or a check of the map may fail in any way
         raise_interrupt(error)
         _log.info("%s could not be made", what, exc_info=error)
-        warnings.append(f"{what} could not be made ({describe_error(error)}); the other results are whole")
+        warnings.append(f"{what} could not be made ({describe_error(error)}); the other results are complete")
         if crashes is not None:
             crashes[what] = describe_error(error)

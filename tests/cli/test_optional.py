@@ -79,7 +79,7 @@ def test_files_that_cannot_be_made_cost_no_other(drive: Path, tmp_path: Path, mo
     assert {path.name for path in (tmp_path / "out").iterdir()} == ESSENTIAL | {"ground_truth.tum", "keyframes"}
     lost = ("covariances.csv", "graph.g2o", "map.ply", "map.pgm", "report.html")
     assert_said(
-        shown, tmp_path / "out", *(f"{name} could not be made (MemoryError); the other results are whole" for name in lost)
+        shown, tmp_path / "out", *(f"{name} could not be made (MemoryError); the other results are complete" for name in lost)
     )
 
 
@@ -93,7 +93,7 @@ def test_a_map_its_check_and_loops_that_fail_cost_no_trajectory(
     shown = run(drive, out)
     assert shown.code == 0
     assert {path.name for path in out.iterdir()} == ESSENTIAL | OTHERS
-    whole = "; the other results are whole"
+    whole = "; the other results are complete"
     assert_said(
         shown,
         out,
@@ -245,7 +245,7 @@ def test_an_audit_keeps_its_numbers_without_pictures_and_report(
     names += " audit.json audit.md junit.xml"
     assert {path.name for path in (tmp_path / "out").iterdir()} == set(names.split())
     said = [
-        f"{name} could not be made (ValueError: by nothing); the other results are whole"
+        f"{name} could not be made (ValueError: by nothing); the other results are complete"
         for name in ("heatmap.png", "report.html")
     ]
     assert summary_of(tmp_path / "out", "audit.json")["warnings"] == said
@@ -307,5 +307,5 @@ def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(tmp_path: Pa
         assert f'<th scope="row">{status}</th><td>{count}</td>' in page
     monkeypatch.setattr("mqslam.report.page._environment", failing(ValueError("by nothing")))
     add_warnings(tmp_path / "batch.json", summary, write_batch_page(tmp_path, "runs", summary, "runs: []"))
-    said = "report.html could not be made (ValueError: by nothing); the other results are whole"
+    said = "report.html could not be made (ValueError: by nothing); the other results are complete"
     assert summary_of(tmp_path, "batch.json")["warnings"][-1] == said
