@@ -191,9 +191,7 @@ def _check_names(frontends: Sequence[str], *, odometry_only: bool) -> None:
             raise ConfigError(f"front end {name}: +gyro is the only sensor that can be added; name {bare} or {bare}+gyro")
         known_frontends.require(front_end)
         if Path(front_end).name != front_end:
-            raise ConfigError(
-                f"front end {name}: its row gets the name of the file, which must not contain folders; compare in the folder of the file"
-            )
+            raise ConfigError(f"front end {name}: must be named without a folder; compare in the folder of that file")
         if has_gyroscope and odometry_only:
             raise ConfigError(
                 f"front end {name}: +gyro needs a pose graph, and this comparison makes none; name {front_end} alone"

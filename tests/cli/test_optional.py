@@ -78,9 +78,8 @@ def test_files_that_cannot_be_made_cost_no_other(drive: Path, tmp_path: Path, mo
     assert shown.code == 0
     assert {path.name for path in (tmp_path / "out").iterdir()} == ESSENTIAL | {"ground_truth.tum", "keyframes"}
     lost = ("covariances.csv", "graph.g2o", "map.ply", "map.pgm", "report.html")
-    assert_said(
-        shown, tmp_path / "out", *(f"{name} could not be made (MemoryError); the other results are complete" for name in lost)
-    )
+    said = (f"{name} could not be made (MemoryError); the other results are complete" for name in lost)
+    assert_said(shown, tmp_path / "out", *said)
 
 
 def test_a_map_its_check_and_loops_that_fail_cost_no_trajectory(
