@@ -48,7 +48,7 @@ def plot(result: Result | Path | str, out: Path | str | None = None, *, force: b
         result = read_result(result)
     out = result.folder / "plot.pdf" if out is None else Path(out)
     if out.suffix not in SUFFIXES:
-        raise ConfigError(f"{out}: is not a name of a picture; end it in one of {', '.join(SUFFIXES)}")
+        raise ConfigError(f"{out}: is not a picture file; end its name in {', '.join(SUFFIXES)}")
     check_new_file(out, force=force)
     write_bytes(out, draw_sheet(*_compose(result), out.suffix))
     return out
