@@ -124,8 +124,8 @@ MISTAKES: list[tuple[str, str, dict[str, str]]] = [
     ("score STREET --start 0 --motion fast,0", "--motion fast,0: is not a motion", {}),
     ("score STREET --start 0 --motion nan,0", "is not a motion", {}),
     ("score STREET --start 0 --motion 1,0 --temporal box", "psi.temporal: Input should be 'plateau' or 'gaussian'", {}),
-    ("score STREET --start 0 --motion 1,0 --numerator 2", "numerator 2: ", {}),
-    ("score STREET --start 0 --motion 1,0 --unmatched -1", "unmatched -1.0: ", {}),
+    ("score STREET --start 0 --motion 1,0 --numerator 2", "psi.numerator: ", {}),
+    ("score STREET --start 0 --motion 1,0 --unmatched -1", "psi.unmatched: ", {}),
     ("optimise none.g2o", "none.g2o: does not exist; check the path", {}),
     (
         "optimise poses.tum",
