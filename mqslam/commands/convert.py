@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -28,7 +29,7 @@ def convert(  # noqa: PLR0913 - these are the options of a conversion, each with
     out: Path,
     *,
     to: str | None = None,
-    message: str = "image",
+    message: Literal["image", "b_scan"] = "image",
     config: ConfigSource = None,
     format: str | None = None,
     range_resolution: float | None = None,
