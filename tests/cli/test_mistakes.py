@@ -54,7 +54,11 @@ MISTAKES: list[tuple[str, str, dict[str, str]]] = [
     ("run OXFORD --out out --imu nowhere.csv", "nowhere.csv: does not exist", {}),
     ("run OXFORD --out out --gnss nowhere.csv", "nowhere.csv: does not exist", {}),
     ("run OXFORD --out out --extrinsics 1,2", "extrinsics 1,2: are not three numbers; give --extrinsics as metres", {}),
-    ("run OXFORD --out out --frame vehicle", "sits on it; give --extrinsics X,Y,YAW, or --frame radar, with which a run", {}),
+    (
+        "run OXFORD --out out --frame vehicle",
+        "sits on it; give --extrinsics X,Y,YAW, or --frame radar, with which a run",
+        {},
+    ),
     ("run OXFORD --out out --frame vehicle --extrinsics none", "nothing says where the radar sits on it", {}),
     ("run OXFORD --out out --frame vehicel --extrinsics 1,0,0", "frame vehicel: unknown; did you mean vehicle?", {}),
     ("run STREET --out out --start 900", "no scan begins in it, since the recording takes 12.0 s", {}),
