@@ -206,7 +206,7 @@ class Slam:
         edges = make_odometry_edges(odometry, motions, settings, sensors.mount)
         edges = doubt_contradicted(edges, motions) if context.is_lidar else edges
         joined = Joined(Problem(motions, edges), SensorUse(odometry=fault), odometry)
-        with self._runner.tolerate("the sensors beside the radar"):
+        with self._runner.tolerate(f"the sensors beside the {context.sensor_name}"):
             joined = Joined(
                 *join_sensors(joined.problem, odometry, sensors, context.velocities, start_us, settings, fault), odometry
             )

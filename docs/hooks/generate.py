@@ -19,7 +19,8 @@ from mkdocs.structure.pages import Page
 from origins import CONSTANTS, ORIGINS
 
 from mqslam.auditing.table import TESTS
-from mqslam.config import Config
+from mqslam.commands.lidar_settings import LIDAR_CONFIG
+from mqslam.config import Config, load_config
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -62,6 +63,8 @@ def describe_commands() -> str:
 def describe_settings() -> str:
     """Returns the page of all settings: a table for each section."""
     lines = ["# Settings", "", "`mqslam config show --all` prints these as YAML, and a file states only what differs.", ""]
+    lines += ["Where a lidar has a default of its own (`configs/lidar.yaml`), it stands beside the radar's.", ""]
+    lidar = load_config(LIDAR_CONFIG)
     for name, section in Config():
         kind = type(section)
         lines += [
@@ -72,10 +75,11 @@ def describe_settings() -> str:
             "| setting | default | what it is |",
             "|---|---|---|",
         ]
-        values = section.model_dump(mode="json")
+        values, others = section.model_dump(mode="json"), getattr(lidar, name).model_dump(mode="json")
         for key, field in kind.model_fields.items():
             description = " ".join((field.description or "").split()).replace("|", "\\|")
-            lines.append(f"| `{key}` | `{values[key]}` | {description} |")
+            default = f"`{values[key]}`" if others[key] == values[key] else f"`{values[key]}`; lidar: `{others[key]}`"
+            lines.append(f"| `{key}` | {default} | {description} |")
         lines.append("")
     return "\n".join(lines)
 
@@ -132,10 +136,11 @@ def _set(equation: str, *, is_block: bool) -> str:
 
 def describe_verdict() -> str:
     """Returns the page about the verdict: what it says, and the table of its tests."""
-    rows = []
+    rows, radar, lidar = [], Config().audit, load_config(LIDAR_CONFIG).audit
     for test in TESTS:
         name = f"{test.name} (runs only)" if test.of_run else test.name
-        cells = name, test.compares, test.describe_tolerance(Config().audit), test.blind
+        tolerated = [test.describe_tolerance(settings) for settings in (radar, lidar)]
+        cells = name, test.compares, tolerated[0], tolerated[1] if tolerated[1] != tolerated[0] else "the same", test.blind
         rows.append(f"| {' | '.join(cells)} |")
     return "\n".join([_VERDICT, *rows, "", _AFTER_TABLE])
 
@@ -153,16 +158,18 @@ sensor, and states the difference in metres and degrees.
 3. The last lines say what could *not* be judged, and the largest error that could be hidden there.
 
 A fault counts only if it is larger than chance explains *and* larger than its tolerance. The table gives the tolerances
-for the default, 0.5 m between two passes; `--tolerance METRES` scales the tolerances of windows, shaking, steps, spans,
-sums and revisits in proportion. By chance, one good map in a hundred is called bad (`--false-alarms`); all tests with a
-p-value share this rate. If a test looks at a share (of windows, of revisits), `fail` requires 95 % confidence that the
-share is above its bound, and with too few places the map is `not judged`. `fail` means that the map is not to be
-trusted: more than 20 % of its windows, spans or path or 10 % of its revisits are wrong, or it jumps by more than the
-tolerated distance of two passes. `warn` means that something smaller is wrong. A map that passes may still have the
-faults that could not be judged.
+for the defaults, 0.5 m between two passes of a radar and 0.25 m between those of a lidar; the tolerances of a lidar
+also hold for clouds that no radar made. `--tolerance METRES` scales the tolerances of windows, shaking, steps, spans,
+sums and revisits in proportion. Lengths of path are those of a radar: in a lidar's run they follow from the ranges that
+it measures, and audits of lidars' logs and of clouds use lengths of rooms (`configs/rooms.yaml`). By chance, one good
+map in a hundred is called bad (`--false-alarms`); all tests with a p-value share this rate. If a test looks at a share
+(of windows, of revisits), `fail` requires 95 % confidence that the share is above its bound, and with too few places the
+map is `not judged`. `fail` means that the map is not to be trusted: more than 20 % of its windows, spans or path or 10 %
+of its revisits are wrong, or it jumps by more than the tolerated distance of two passes. `warn` means that something
+smaller is wrong. A map that passes may still have the faults that could not be judged.
 
-| test | what it compares | what it tolerates | what it cannot see |
-|---|---|---|---|"""
+| test | what it compares | what it tolerates | of a lidar | what it cannot see |
+|---|---|---|---|---|"""
 
 _AFTER_TABLE = """*Final psi* is psi of the map divided by the best psi that the same returns can have, over windows and
 across passes; at 1.00 the map is as crisp as it can be. psi per point of a whole map can prefer the wrong map. Only a

@@ -23,6 +23,7 @@ _DIFF: Options = {
         str, ..., "NAME", "A YAML file, such as a run's config.yaml, or the name of one that ships with mqslam."
     ),
     "other": argument(str | None, None, "OTHER", "The settings to compare it with; the defaults if not given."),
+    "everything": flag("Also list the settings that follow from a lidar's recording.", "--all"),
 }
 
 
@@ -45,19 +46,31 @@ def show(terminal: Terminal, *, name: str | None, everything: bool) -> None:
 
 
 @config.command(cls=Command)
-@command("name other as_json", _DIFF)
-def diff(terminal: Terminal, *, name: str, other: str | None) -> None:
+@command("name other everything as_json", _DIFF)
+def diff(terminal: Terminal, *, name: str, other: str | None, everything: bool) -> None:
     """Show which settings a file changes.
+
+    In a lidar's run, lengths follow from the recording: with --all and with --json, these settings are listed, too.
 
     Example: mqslam config diff result/config.yaml
     """
-    from mqslam.config import list_changes, load_config
+    from mqslam.commands.lidar_settings import LIDAR_CONFIG, sort_changes
+    from mqslam.config import load_config
+    from mqslam.core.wording import count_of
 
-    changes = list_changes(load_config(other), load_config(name))
+    changes = sort_changes(load_config(other), load_config(name))
     if terminal.as_json:
-        typer.echo(json.dumps({key: {"from": before, "to": after} for key, before, after in changes}, indent=1))
+        listed = [*changes.own, *changes.followed]
+        typer.echo(json.dumps({key: {"from": before, "to": after} for key, before, after in listed}, indent=1))
         return
-    for key, before, after in changes:
+    for key, before, after in changes.own:
+        typer.echo(f"{key}: {json.dumps(before)} -> {json.dumps(after)}")
+    if changes.unit_m is None:
+        return
+    number = count_of(len(changes.followed), "more setting")
+    hint = "" if everything else "; --all lists them"
+    typer.echo(f"{number} of a lidar's run: lengths times {changes.unit_m:g}, and what {LIDAR_CONFIG}.yaml states{hint}")
+    for key, before, after in changes.followed if everything else ():
         typer.echo(f"{key}: {json.dumps(before)} -> {json.dumps(after)}")
 
 

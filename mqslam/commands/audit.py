@@ -31,7 +31,7 @@ from mqslam.auditing.verdict import Finding
 from mqslam.backend.marginals import RelativeCovariances
 from mqslam.backend.sensors.odometry import ODOMETRY
 from mqslam.commands.inputs import WHOLE, carry_to_radar, open_radar_or_lidar, read_extrinsics
-from mqslam.commands.lidar_inputs import fit_to_rooms
+from mqslam.commands.lidar_settings import fit_to_rooms
 from mqslam.commands.result import AuditResult, read_result
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta, set_tolerance, set_values

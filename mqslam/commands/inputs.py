@@ -144,7 +144,7 @@ def choose_odometry(recording: Recording, choice: str, mount: Mount | None) -> t
             raise DataError(
                 choice,
                 f"spans {track.stamps_us[0]} to {track.stamps_us[-1]} us, which does not cover the recording",
-                f"give odometry that spans {recording.start_us} to {last} us in the radar's clock",
+                f"give odometry that spans {recording.start_us} to {last} us in the {recording.sensor_name}'s clock",
             )
         return carry_to_radar(track, mount), []
     if recording.odometry is not None and not recording.odometry.covers(recording.start_us, last):

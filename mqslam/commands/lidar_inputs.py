@@ -1,25 +1,19 @@
-"""Prepares a lidar's recording for a run, and fits the settings to a lidar."""
+"""Prepares a lidar's recording for a run."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 from mqslam.commands.inputs import USUAL_INPUTS, Inputs, choose_odometry
-from mqslam.config import Config, load_config
+from mqslam.commands.lidar_settings import fit_to_lidar
+from mqslam.config import Config
 from mqslam.core.recording import LidarRecording
-from mqslam.core.scans import Scans
 from mqslam.core.sensors import RADAR
 from mqslam.core.trajectory import Trajectory
-from mqslam.core.units import fit_settings
 from mqslam.core.wording import join_words
 from mqslam.detection.surfaces import prepare
 from mqslam.errors import ConfigError
 
-LIDAR_CONFIG: Final = "lidar"
-"""Name of the shipped settings for lidars."""
-ROOMS_CONFIG: Final = "rooms"
-"""Name of the shipped settings whose lengths suit rooms; audits of lidars' logs and of finished clouds use them."""
 _OFF = ("auto", "none")  # choices of an input that name no file and no values
 
 
@@ -68,13 +62,3 @@ def prepare_lidar(
     track, unused = choose_odometry(recording, inputs.odometry, None)
     prepared = prepare(recording, track, unit_m)
     return PreparedLidar(prepared, track, fit_to_lidar(settings, prepared.scans), tuple(unused))
-
-
-def fit_to_lidar(settings: Config, scans: Scans) -> Config:
-    """Fits settings to the scans of a lidar: lengths that were left at their defaults are multiplied by the scans' unit."""
-    return fit_settings(settings, load_config(LIDAR_CONFIG), scans.unit_m or 1.0)
-
-
-def fit_to_rooms(settings: Config) -> Config:
-    """Fits settings to the audit of a lidar's log or a finished cloud: usual lengths for rooms replace the defaults."""
-    return fit_settings(fit_settings(settings, load_config(ROOMS_CONFIG), 1.0), load_config(LIDAR_CONFIG), 1.0)

@@ -19,7 +19,8 @@ from mqslam.backend.pose_graph import pose_of, scale_values
 from mqslam.backend.problem import GivenGraph, GraphProblem, Problem
 from mqslam.backend.sensors.odometry import ODOMETRY, doubt_contradicted, hold_odometry, make_odometry_edges
 from mqslam.commands.inputs import open_radar_or_lidar
-from mqslam.commands.lidar_inputs import fit_to_lidar, prepare_lidar
+from mqslam.commands.lidar_inputs import prepare_lidar
+from mqslam.commands.lidar_settings import fit_to_lidar
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, ConfigSource, load_config, set_doppler_beta
 from mqslam.core import se2

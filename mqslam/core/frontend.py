@@ -23,6 +23,7 @@ from mqslam.core.sensors import NO_SENSORS, KnownTurning, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.units import scale_settings, scale_track
 from mqslam.core.velocity import Velocities
+from mqslam.core.wording import name_sensor
 from mqslam.errors import ConfigError, EstimationError, FrontEndError, Remedy, suggest
 
 _FILE = ".py"  # suffix of a front end that is a file
@@ -96,6 +97,11 @@ class Context:
             sensors=sensors,
             is_resolution_assumed=recording.is_resolution_assumed,
         )
+
+    @property
+    def sensor_name(self) -> str:
+        """What messages call the sensor that took the recording: `radar` or `lidar`."""
+        return name_sensor(is_lidar=self.is_lidar)
 
     def scale(self, factor: float) -> Self:
         """Returns the context with all lengths of the settings and the odometry multiplied by a factor.

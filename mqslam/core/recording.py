@@ -15,6 +15,7 @@ from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.sensors import Fixes, Gyroscope, Mount
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import name_sensor
 from mqslam.errors import OfLidarError
 
 FASTEST_TURN_US = 50_000
@@ -107,6 +108,11 @@ class Recording(ABC):
 
     def __getitem__(self, k: int) -> PolarScan:
         return next(iter(self.polar_scans(k, k + 1)))
+
+    @property
+    def sensor_name(self) -> str:
+        """What messages call the sensor that took the recording: `radar` or `lidar`."""
+        return name_sensor(is_lidar=isinstance(self, LidarRecording))
 
     @property
     def start_us(self) -> int:

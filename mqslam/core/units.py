@@ -7,11 +7,13 @@ length that is shorter than a metre.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
 from mqslam.config import Config
 from mqslam.core import se2
@@ -26,6 +28,7 @@ _LENGTHS: Final = {
     *(("psi", key) for key in ("s", "beta_s", "tau")),
     ("tracker", "speed_max"),
 }
+_DIGITS: Final = 9  # ratios of lengths are rounded to so many digits after the point, since they differ by rounding errors
 _NOT_LENGTHS: Final = {"range_resolution_m", "range_offset_m", "min_range_m", "max_range_m"}  # properties of the sensor
 
 
@@ -65,10 +68,35 @@ def scale_settings(config: Config, factor: float) -> Config:
     """Multiplies by a factor all settings that are lengths or speeds, and that are set."""
     changed = {}
     for name, section in config:
-        lengths = {key for key in type(section).model_fields if key.endswith("_m") or (name, key) in _LENGTHS}
-        values = {key: getattr(section, key) for key in lengths - _NOT_LENGTHS if getattr(section, key) is not None}
-        changed[name] = section.model_copy(update={key: factor * value for key, value in values.items()})
+        values = {key: factor * value for key, value in _list_lengths(name, section).items()}
+        changed[name] = section.model_copy(update=values)
     return config.model_copy(update=changed)
+
+
+def find_unit(config: Config, usual: Config) -> float | None:
+    """Finds the unit of length that settings were fitted to: the factor by which most lengths differ from the usual ones.
+
+    Args:
+        config: settings, such as those of a lidar's run.
+        usual: settings in metres.
+
+    Returns:
+        The factor; None if no factor other than 1 is shared by most lengths.
+    """
+    ratios = Counter[float]()
+    for name, section in usual:
+        given = _list_lengths(name, getattr(config, name))
+        ratios.update(
+            round(given[key] / value, _DIGITS) for key, value in _list_lengths(name, section).items() if key in given
+        )
+    unit_m, count = ratios.most_common(1)[0]
+    return unit_m if unit_m != 1.0 and 2 * count > ratios.total() else None
+
+
+def _list_lengths(name: str, section: BaseModel) -> dict[str, float]:
+    """Returns the settings of a section, by its name, that are lengths or speeds, and that are set."""
+    lengths = {key for key in type(section).model_fields if key.endswith("_m") or (name, key) in _LENGTHS} - _NOT_LENGTHS
+    return {key: getattr(section, key) for key in lengths if getattr(section, key) is not None}
 
 
 def fit_settings(config: Config, usual: Config, unit_m: float) -> Config:

@@ -1,10 +1,15 @@
-"""Wording of messages: singular and plural, left and right, the uncertainty of a pose, and notes on sensors."""
+"""Wording of messages: what a sensor is called, singular and plural, left and right, the uncertainty of a pose, notes."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
+
+
+def name_sensor(*, is_lidar: bool) -> str:
+    """Returns what messages call the sensor that took a recording: `lidar` or `radar`."""
+    return "lidar" if is_lidar else "radar"
 
 
 def count_of(number: int, noun: str) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
+from mqslam.core.keyframes import Keyframes
 from mqslam.core.point_map import OccupancyGrid
 from mqslam.core.scans import Scans
 from mqslam.core.stored import make_stored, release
@@ -74,9 +75,31 @@ def mark_free(grid: OccupancyGrid, scans: Scans, poses: se2.Array) -> OccupancyG
     free = np.zeros(grid.occupied.shape, dtype=np.bool_)
     for scan, pose in zip(scans, poses, strict=True):
         seen = scan.returns
-        along = pose[2] + seen.azimuths
-        _pass_through(free, seen.ranges, np.column_stack([np.cos(along), np.sin(along)]), pose, grid.resolution, grid.origin)
+        starts = np.tile(pose[:2], (len(seen), 1))
+        _pass_through(free, seen.ranges, _point(pose[2] + seen.azimuths), starts, grid.resolution, grid.origin)
     return replace(grid, free=free & ~grid.occupied)
+
+
+def mark_free_by_keyframes(grid: OccupancyGrid, keyframes: Keyframes) -> OccupancyGrid:
+    """Returns a grid with the cells that beams of a lidar's keyframes passed through, and that are not occupied, as free.
+
+    Args:
+        grid: occupied cells.
+        keyframes: keyframes of the lidar's map, at their poses in the frame of the grid.
+    """
+    free = np.zeros(grid.occupied.shape, dtype=np.bool_)
+    for pose, (begin, end) in zip(keyframes.poses, keyframes.rows.tolist(), strict=True):
+        own = keyframes.points[begin:end]
+        x, y, ranges, rays = (own[name].astype(np.float64) for name in ("x", "y", "range", "ray"))
+        starts = se2.transform(pose, np.column_stack([x, y]) - ranges[:, None] * _point(rays))
+        _pass_through(free, ranges, _point(pose[2] + rays), starts, grid.resolution, grid.origin)
+    release(keyframes.points)
+    return replace(grid, free=free & ~grid.occupied)
+
+
+def _point(directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns unit vectors (N, 2) of directions (N,) [rad]."""
+    return np.column_stack([np.cos(directions), np.sin(directions)])
 
 
 @nb.njit(cache=True, nogil=True)
@@ -84,16 +107,16 @@ def _pass_through(
     free: NDArray[np.bool_],
     ranges: NDArray[np.float64],
     beams: NDArray[np.float64],
-    pose: NDArray[np.float64],
+    starts: NDArray[np.float64],
     cell_m: float,
     origin: tuple[float, float],
 ) -> None:
-    """Marks the cells along beams (N, 2), up to a cell before the end of each."""
+    """Marks the cells along beams (N, 2) from where they start (N, 2) [m], up to a cell before the end of each."""
     rows, columns = free.shape
     for i in range(len(ranges)):
         for n in range(int(2.0 * (ranges[i] / cell_m - 1.0))):
             way = 0.5 * n * cell_m
-            column = int(np.floor((pose[0] + way * beams[i, 0] - origin[0]) / cell_m))
-            row = int(np.floor((pose[1] + way * beams[i, 1] - origin[1]) / cell_m))
+            column = int(np.floor((starts[i, 0] + way * beams[i, 0] - origin[0]) / cell_m))
+            row = int(np.floor((starts[i, 1] + way * beams[i, 1] - origin[1]) / cell_m))
             if 0 <= row < rows and 0 <= column < columns:
                 free[row, column] = True

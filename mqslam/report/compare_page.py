@@ -18,6 +18,7 @@ from mqslam.comparison.comparison import Comparison
 from mqslam.comparison.judgement import JudgedRow, Place
 from mqslam.config import dump_yaml
 from mqslam.core import se2
+from mqslam.core.statistics import pick_evenly
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import list_reasons
 from mqslam.errors import tolerate
@@ -25,7 +26,20 @@ from mqslam.evaluation import Evaluation, align_positions
 from mqslam.execution.files import write_bytes
 from mqslam.mapping.render import TRAVEL_M, TRAVEL_RAD
 from mqslam.report import explorer
-from mqslam.report.canvas import PATH_SHAPE, TRUTH_GREY, Chart, Curve, Drawing, Points, View, draw_chart, draw_world, over
+from mqslam.report.canvas import (
+    OUTERMOST,
+    PATH_SHAPE,
+    TRUTH_GREY,
+    Chart,
+    Curve,
+    Drawing,
+    Points,
+    View,
+    draw_chart,
+    draw_world,
+    find_common_view,
+    over,
+)
 from mqslam.report.explorer import LEAST_M, LEVELS, Layer, explore, trace_inflation, values_of
 from mqslam.report.page import Cell, Explorer, Figure, Page, Section, Table
 from mqslam.report.words import ABSENT, format_length, list_facts, list_values, part_of
@@ -36,7 +50,11 @@ _STYLES: Final[tuple[Any, ...]] = ("-", "--", "-.", ":", (0, (6, 1.5, 1, 1.5, 1,
 _MEDIAN_OF = 15  # number of windows in the running median
 _HALF_SIDE_M = 30.0  # half the side of the interactive map's close view of a place
 _CLOSE_M, _FAR_M = 60.0, 300.0  # shortest and longest side of the picture of the place where the rows differ most
+# The shortest side of that picture is not longer than this share of the side of the maps: the maps of rooms are small.
+_CLOSE_SHARE = 0.25
 _SIDE = 20.0  # side of that picture divided by the distance between the rows
+_ENOUGH = 100_000  # largest number of points of a row from which the extent of its map is computed
+_SQUARE = (1.0, 1.0)  # least and greatest ratio of the height of the picture to its width
 
 
 def write_compare_page(
@@ -131,7 +149,8 @@ def _show_trajectories(comparison: Comparison) -> Section | None:
     if truth is not None:
         caption = "each aligned with the ground truth by the best rigid motion"
     trajectories = Figure(draw_overlay(rows, truth, opaque=False), "Trajectories", caption)
-    caption = "running median over the windows in which the radar moved: how far a window's map is from its own best"
+    moved = f"the windows in which the {comparison.recording.sensor_name} moved"
+    caption = f"running median over {moved}: how far a window's map is from its own best"
     charts = [Figure(draw_chart(_chart_inflation(comparison)), "Inflation of the windows", caption)]
     curves = []
     for k, row in enumerate(rows):
@@ -185,7 +204,7 @@ def _find_common_frame(tracks: Sequence[Trajectory], truth: Trajectory | None) -
 
 
 def _chart_inflation(comparison: Comparison) -> Chart:
-    """Returns a chart of the running median of each row's inflation over time, from the windows in which the radar moved."""
+    """Returns a chart of the running median of each row's inflation over time, from windows in which the sensor moved."""
     rows, curves = list(comparison.judged.values()), []
     for k, (row, windows) in enumerate(zip(rows, select_moving_windows(rows, comparison.recording.start_us), strict=True)):
         if windows:
@@ -262,7 +281,8 @@ def explore_comparison(comparison: Comparison) -> Explorer | None:
         [_show_place(places[k], [(r.row.name, r.crops[k], c) for r, c in zip(rows, colours, strict=True)]) for k in order],
         (
             "Click a dot to see one window under every row: the crisper map has the better motion.",
-            "A window is seen from the sensor, ahead to the right. Places where the radar stood still are left out.",
+            "A window is seen from the sensor, ahead to the right. "
+            f"Places where the {comparison.recording.sensor_name} stood still are left out.",
         ),
         lines=[] if true is None else [Curve("ground truth", TRUTH_GREY, true, width=4.0)],
         first=order.index(min(order)) if order else 0,
@@ -314,8 +334,9 @@ def draw_difference(rows: Sequence[JudgedRow], truth: Trajectory | None) -> tupl
     paths = [se2.compose(motion, track.at(stamps))[:, :2] for motion, track in zip(motions, tracks, strict=True)]
     apart_m = np.max([np.hypot(*(a - b).T) for a in paths for b in paths], axis=0)
     k = int(np.argmax(apart_m))
-    (x, y), half = np.mean([path[k] for path in paths], axis=0), 0.5 * float(np.clip(_SIDE * apart_m[k], _CLOSE_M, _FAR_M))
-    view = View(x - half, x + half, y - half, y + half)
+    maps_of = [row.map.points for row in rows]
+    some = [se2.transform(motion, own[pick_evenly(len(own), _ENOUGH)]) for motion, own in zip(motions, maps_of, strict=True)]
+    view = find_close_view(np.mean([path[k] for path in paths], axis=0), float(apart_m[k]), [*some, *paths])
     maps, lines = [], [] if true is None else [Curve("ground truth", TRUTH_GREY, true, width=5.0, alpha=0.6)]
     for n, (row, motion, path) in enumerate(zip(rows, motions, paths, strict=True)):
         colour, style = _style_of(n)
@@ -323,6 +344,21 @@ def draw_difference(rows: Sequence[JudgedRow], truth: Trajectory | None) -> tupl
         maps.append(Curve("", colour, points[view.contains(points)], ".", 2.5))
         lines.append(Curve(row.row.name, colour, path, style, 2.5))
     return draw_world([Drawing((), [*maps, *lines])], view=view)[0], float(apart_m[k]), 1e-6 * float(stamps[k] - stamps[0])
+
+
+def find_close_view(at: Points, apart_m: float, seen: Sequence[Points]) -> View:
+    """Returns the square that shows how far rows are apart at a place; it is not larger than what the rows have seen.
+
+    Args:
+        at: (2,) middle of the square [m].
+        apart_m: how far the rows are apart there [m].
+        seen: points and paths (N, 2) of the rows [m].
+    """
+    whole = find_common_view(seen, _SQUARE, OUTERMOST)
+    side_m = whole.x1 - whole.x0
+    shortest, longest = min(_CLOSE_M, _CLOSE_SHARE * side_m), min(_FAR_M, side_m)
+    half = 0.5 * float(np.clip(_SIDE * apart_m, shortest, longest))
+    return View(at[0] - half, at[0] + half, at[1] - half, at[1] + half)
 
 
 def _answer_sceptic(comparison: Comparison) -> list[tuple[str, str]]:

@@ -110,7 +110,7 @@ def write_run_page(folder: Path, run: Run, recording: Recording, summary: Mappin
     page.add_explorer(
         lambda: explore_run(run, summary, truth),
         [
-            ("the pictures of the maps", lambda: _show_maps(run)),
+            ("the pictures of the maps", lambda: _show_maps(run, recording.sensor_name)),
             ("the pictures of the trajectory", lambda: _show_trajectories(run, truth)),
         ],
     )
@@ -120,7 +120,7 @@ def write_run_page(folder: Path, run: Run, recording: Recording, summary: Mappin
 
 
 def _stood_still(run: Run) -> bool:
-    """Returns whether the radar never moved, so that the maps hold one scan only."""
+    """Returns whether the sensor never moved, so that the maps hold one scan only."""
     moved = select_moving(run.optimised.poses)
     return len(moved) > 1 and moved.sum() == 1
 
@@ -140,15 +140,15 @@ def _show_verdict(run: Run) -> Section:
     return Section("", figures=[Figure(picture, "Map", caption)])
 
 
-def _show_maps(run: Run) -> Section:
+def _show_maps(run: Run, sensor: str) -> Section:
     notes = [
         "Every return of the run, darker where more of them lie; both maps have the same extent and scale, and "
         f"up to {100.0 * OUTERMOST:g} % of the points may lie beyond each edge."
     ]
     if _stood_still(run):
         notes = [
-            "The radar stood still, so the optimised map holds the returns of one scan only. No other scan can match them, "
-            "and ψ, which charges every point without a match, is not judged."
+            f"The {sensor} stood still, so the optimised map holds the returns of one scan only. "
+            "No other scan can match them, and ψ, which charges every point without a match, is not judged."
         ]
     a, b = run.odometry, run.optimised
     if np.array_equal(a.stamps_us, b.stamps_us) and np.all(np.abs(a.poses - b.poses)[:, :2] < _SAME_PATH_M):

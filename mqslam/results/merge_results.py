@@ -17,7 +17,7 @@ from mqslam.formats.maps.keyframe_folder import FOLDER, write_keyframes
 from mqslam.formats.maps.nav2_map import write_nav2_map
 from mqslam.formats.ply import MapClock, write_ply
 from mqslam.formats.tum import write_tum
-from mqslam.mapping.occupancy_grid import make_occupancy_grid
+from mqslam.mapping.occupancy_grid import make_occupancy_grid, mark_free_by_keyframes
 from mqslam.merging.changes import SURE_M, Change
 from mqslam.merging.merge import Merged
 from mqslam.merging.sessions import Recognition
@@ -123,6 +123,8 @@ def write_merge(folder: Path, merged: Merged, summary: dict[str, Any]) -> None:
         write_ply(folder / "map.ply", merged.map, MapClock(min(recording.start_us for recording in recordings), turn_us))
     with tolerate("map.pgm", failures):
         grid = make_occupancy_grid(merged.map.points, merged.config.map.cell_m)
+        if merged.kept.keyframes.unit_m is not None:
+            grid = mark_free_by_keyframes(grid, merged.kept.keyframes)
         write_nav2_map(folder, grid, merged.kept.keyframes.georeference)
     summary["warnings"] += failures
     lines = list_notes(summary)

@@ -12,9 +12,11 @@ from mqslam.auditing.findings import judge_windows
 from mqslam.auditing.odometry_check import is_wrong_scale, measure_speed_ratio, name_unit
 from mqslam.auditing.table import sort_tests
 from mqslam.auditing.verdict import Cause, Finding, Share, VerdictStatus
+from mqslam.backend.range_scale import NOT_OF_RADAR
 from mqslam.backend.sensors.gnss import FixUse
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.recording import Recording
+from mqslam.core.sensors import RADAR
 from mqslam.core.wording import join_words
 from mqslam.detection.stage import warn_of_unread
 from mqslam.errors import Remedy
@@ -79,7 +81,7 @@ def _judge_direction(run: Run) -> list[Finding]:
 def list_warnings(run: Run, recording: Recording) -> list[str]:
     """Returns the warnings about a run that a reader of its results should know first."""
     warnings = [*recording.faults, *warn_of_unread(run.unread), *run.warnings]
-    warnings += _warn_of_gaps(recording.gaps(), LONGEST_COAST_S)
+    warnings += _warn_of_gaps(recording.gaps(), LONGEST_COAST_S, recording.sensor_name)
     warnings += warn_of_lost(run.measurements)
     remark = _SEEN_BY_CHIRPS if _has_velocities(run, Status.DEGENERATE) else ""
     unobserved = find_stretches(run.measurements, Status.DEGENERATE)
@@ -219,24 +221,25 @@ def _compare_psi(run: Run, before: float | None, after: float | None) -> list[tu
     return [(status, f"is {ratio:.2f} times its value before optimisation")]
 
 
-def _warn_of_gaps(gaps: list[tuple[int, float]], longest_coast_s: float) -> list[str]:
+def _warn_of_gaps(gaps: list[tuple[int, float]], longest_coast_s: float, sensor: str = RADAR) -> list[str]:
     """Returns warnings of the first gaps and, if there are more, of the time that is missing in all.
 
     Args:
         gaps: number of the scan before each gap, and the missing time [s].
         longest_coast_s: longest gap that the tracker bridges [s].
+        sensor: what the warnings call the sensor.
     """
     warnings = []
     for scan, missing_s in gaps[:_LISTED]:
         where = f"of {missing_s:.2f} s after scan {scan} (counted from 0)"
         if missing_s < longest_coast_s:
-            warnings.append(f"radar gap {where}")
+            warnings.append(f"{sensor} gap {where}")
         else:
             guess = "the poses beyond it are a guess unless a loop closure ties them"
             warnings.append(f"jump of the clock or pause {where}: {guess}")
     if len(gaps) > _LISTED:
         missing_s = sum(missing for _, missing in gaps)
-        warnings.append(f"{len(gaps) - _LISTED} more radar gaps; {missing_s:.2f} s are missing in all")
+        warnings.append(f"{len(gaps) - _LISTED} more {sensor} gaps; {missing_s:.2f} s are missing in all")
     return warnings
 
 
@@ -246,6 +249,8 @@ def _judge_scale(run: Run) -> list[Finding]:
     stretch = None if fixes is None else fixes.stretch
     if ratio is not None and is_wrong_scale(ratio):
         remedy = f"or range bins {1.0 / ratio:.3g} times as long would fit: {Remedy.GIVE_RANGE_RESOLUTION}"
+        if run.range_scale == NOT_OF_RADAR:
+            remedy = "or the ranges of the lidar are"
         if _shows_scale(fixes) and not (stretch and is_wrong_scale(stretch)):
             remedy = "mend odometry's speeds, since GNSS agrees with the radar"
         reasons.append(

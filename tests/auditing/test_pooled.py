@@ -21,7 +21,7 @@ from mqslam.auditing.spans.pooled import _LEVER_TURNS, Delay, Pooled, measure_tw
 from mqslam.auditing.sweeps import place_sweeps
 from mqslam.auditing.table import share_of_false_alarms
 from mqslam.auditing.verdict import VerdictStatus
-from mqslam.commands.lidar_inputs import fit_to_rooms
+from mqslam.commands.lidar_settings import fit_to_rooms
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory

@@ -12,7 +12,7 @@ from mqslam.auditing.sizes import WINDOW
 from mqslam.auditing.sources import divide_cloud, is_cloud, make_lidar_source, place_source
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.inflation import fit_bend
-from mqslam.commands.lidar_inputs import fit_to_rooms
+from mqslam.commands.lidar_settings import fit_to_rooms
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.point_map import TimedCloud

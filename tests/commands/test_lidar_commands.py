@@ -20,6 +20,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError
 from mqslam.formats.lidars import read_lidar
 from mqslam.formats.maps.keyframe_folder import read_keyframes
+from mqslam.formats.maps.nav2_map import read_nav2_map
 from mqslam.formats.tum import read_tum, write_tum
 
 ROUND_S = 60.0  # the robot drives two rounds, each as long as this
@@ -91,6 +92,11 @@ def test_two_rounds_of_a_lidar_become_one_map(
     spread = [np.ptp(keyframes.poses[:, :2], axis=0) for keyframes in (own, both)]
     np.testing.assert_allclose(*spread, atol=0.3)
     assert (tmp_path / "out" / "report.html").stat().st_size > 0
+    made = read_nav2_map(tmp_path / "out" / "map.yaml")
+    for track in merged.read_trajectories():
+        columns, rows = ((track.poses[:, :2] - made.origin[:2]) / made.resolution).astype(int).T
+        assert np.mean(made.cells[rows, columns] == 0) > 0.95
+    assert set(np.unique(made.cells)) == {-1, 0, 100}
 
 
 def test_maps_of_lidars_and_radars_are_not_mixed(rounds: Sequence[Path], tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +9,16 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
+from mqslam.config import Config
+from mqslam.core import se2
+from mqslam.core.keyframes import MappedRecording
+from mqslam.core.recording import stamp_scans
+from mqslam.core.scans import Returns
 from mqslam.formats.maps.nav2_map import write_nav2_map
 from mqslam.mapping import occupancy_grid as module
-from mqslam.mapping.occupancy_grid import make_occupancy_grid
+from mqslam.mapping.keyframing import make_keyframes
+from mqslam.mapping.occupancy_grid import make_occupancy_grid, mark_free, mark_free_by_keyframes
+from mqslam.psi.place import beam_of
 
 CELL_M = 0.2
 
@@ -67,3 +75,21 @@ def test_a_grid_that_would_be_too_long_gets_coarser(monkeypatch: pytest.MonkeyPa
 def test_an_empty_map_is_one_unknown_cell(tmp_path: Path) -> None:
     write_nav2_map(tmp_path, make_occupancy_grid(np.empty((0, 2)), CELL_M))
     assert np.asarray(Image.open(tmp_path / "map.pgm")).tolist() == [[205]]
+
+
+def test_keyframes_of_a_lidar_free_the_cells_that_its_scans_free() -> None:
+    azimuths = np.linspace(-1.5, 1.5, 301)
+    returns = Returns(4.0 / np.cos(azimuths / 2.0), azimuths, np.zeros(301), np.ones(301))
+    scans = stamp_scans(np.array([0, 1_000_000]), [returns, replace(returns, times=np.ones(301))])
+    poses = np.array([[0.0, 0.0, 0.3], [3.0, 1.0, 0.8]])
+    beam = beam_of(Config().estimator, 0.0)
+    keyframes = make_keyframes(scans, poses, None, MappedRecording("log", 0, 1_000_000, 1.0, 0.0, 1.0), beam)
+    ends = [
+        se2.transform(pose, np.column_stack([np.cos(azimuths), np.sin(azimuths)]) * returns.ranges[:, None])
+        for pose in poses
+    ]
+    grid = make_occupancy_grid(np.concatenate(ends), CELL_M)
+    by_scans, by_keyframes = mark_free(grid, scans, poses), mark_free_by_keyframes(grid, keyframes)
+    assert by_scans.free is not None and by_keyframes.free is not None
+    assert by_scans.free.sum() > 500 and not np.any(by_keyframes.free & grid.occupied)
+    assert np.mean(by_scans.free != by_keyframes.free) < 0.01

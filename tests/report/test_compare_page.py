@@ -33,6 +33,7 @@ from mqslam.evaluation import Evaluation
 from mqslam.report.compare_page import (
     draw_difference,
     draw_overlay,
+    find_close_view,
     rank_rows,
     select_moving_places,
     select_moving_windows,
@@ -76,6 +77,24 @@ def test_the_rows_stand_in_one_picture_where_they_are_the_farthest_apart(pages: 
     _, apart_m, time_s = drawn
     assert apart_m == pytest.approx(19.9, abs=0.3) and time_s == pytest.approx(49.75)
     assert draw_difference([judged_row("one", bow(0.0))], None) is None
+
+
+@pytest.mark.parametrize(
+    ("side_m", "apart_m", "expected_m"),
+    [
+        (2000.0, 0.5, 60.0),
+        (2000.0, 5.0, 100.0),
+        (2000.0, 90.0, 300.0),
+        (40.0, 0.1, 10.6),
+        (40.0, 1.0, 20.0),
+        (40.0, 13.0, 42.4),
+    ],
+)
+def test_the_picture_of_the_difference_fits_streets_and_rooms(side_m: float, apart_m: float, expected_m: float) -> None:
+    edge = np.linspace(0.0, side_m, 500)
+    view = find_close_view(np.array([3.0, 4.0]), apart_m, [np.column_stack([edge, edge])])
+    assert view.x1 - view.x0 == pytest.approx(expected_m, rel=0.02) == view.y1 - view.y0
+    assert (view.x0 + view.x1, view.y0 + view.y1) == pytest.approx((6.0, 8.0))
 
 
 def test_a_sceptic_reads_who_judges_and_by_what(pages: dict[str, Path], tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from support.reported import judged_window, swept_walls
 
 from mqslam.auditing.findings import judge_windows
 from mqslam.auditing.verdict import VerdictStatus, verdict_of
+from mqslam.backend.range_scale import NOT_OF_RADAR, RangeScale
 from mqslam.backend.sensor_use import SensorUse
 from mqslam.backend.sensors.chirps import VelocityUse
 from mqslam.backend.sensors.gnss import FixUse
@@ -82,6 +83,7 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others)
             "refined": Refined([], []),
             "unoptimised": None,
             "unread": {},
+            "range_scale": RangeScale(1.0, 0.01, 0.01, ()),
             **others,
         },
     )
@@ -161,7 +163,7 @@ def test_stretches_that_are_near_each_other_are_one_warning() -> None:
 @pytest.mark.parametrize(("edges", "carried"), [(range(3), True), (range(2), False), (None, False)])
 def test_velocities_by_chirps_are_said_to_carry_what_psi_does_not_observe(edges, carried):
     velocities = VelocityUse("chirps", (), None if edges is None else dict.fromkeys(edges))
-    recording = SimpleNamespace(faults=[], gaps=list, start_times=np.arange(20.0), duration_s=20.0)
+    recording = SimpleNamespace(faults=[], gaps=list, start_times=np.arange(20.0), duration_s=20.0, sensor_name="radar")
     poses = SimpleNamespace(poses=np.c_[5.0 * np.arange(20.0), np.zeros((20, 2))])
     driven = run(20, degenerate=3, sensors=SensorUse(velocities=velocities), warnings=(), optimised=poses)
     (warning,) = list_warnings(driven, recording)
@@ -174,6 +176,7 @@ def test_of_many_gaps_the_first_are_named_and_the_others_counted() -> None:
     assert len(named) == 6
     assert named[0] == "radar gap of 0.25 s after scan 0 (counted from 0)"
     assert named[-1] == "7 more radar gaps; 3.00 s are missing in all"
+    assert _warn_of_gaps([(4, 0.25)], 60.0, "lidar") == ["lidar gap of 0.25 s after scan 4 (counted from 0)"]
 
 
 @pytest.mark.parametrize("step_m", [0.25, 0.85, 1.0, 1.05, 4.0])
@@ -196,6 +199,12 @@ def test_odometry_in_another_unit_is_told_and_range_bins_are_not_blamed_where_gn
     found = run(240, odometry=driven(240, 3.6), sensors=agreeing)
     (said,) = [reason for reason in verdict_of(judge_run(found)).reasons if "as fast as odometry" in reason]
     assert "in km/h, mend odometry's speeds, since GNSS agrees with the radar" in said and "range bins" not in said
+
+
+def test_no_range_bins_are_blamed_for_the_scale_of_a_lidars_map() -> None:
+    found = run(240, odometry=driven(240, 3.6), range_scale=NOT_OF_RADAR)
+    (said,) = [reason for reason in verdict_of(judge_run(found)).reasons if "as fast as odometry" in reason]
+    assert said.endswith("in km/h, or the ranges of the lidar are") and "bins" not in said
 
 
 @pytest.mark.parametrize("stretch", [None, 0.8, 0.95, 1.05, 1.3])

@@ -149,7 +149,7 @@ TRUTH = Trajectory(circle(40.0).stamps_us, se2.compose(np.array([500.0, 300.0, 1
 def write_run(
     folder: Path, summary: dict[str, Any] = RUN_SUMMARY, truth: Trajectory | None = TRUTH, notes: Any = (), **changed: Any
 ) -> list[str]:
-    recording: Any = SimpleNamespace(path=Path("/data/<run>"), ground_truth=truth, notes=notes)
+    recording: Any = SimpleNamespace(path=Path("/data/<run>"), ground_truth=truth, notes=notes, sensor_name="radar")
     return write_run_page(folder, a_run(**changed), recording, summary)
 
 
@@ -171,7 +171,9 @@ ROWS = (judged_row("psi", bow(0.01)), judged_row("_kiss_$icp$ <icp>", bow(0.012,
 
 
 def a_comparison(shown_rows: tuple[JudgedRow, ...] = ROWS, truth: Trajectory | None = None, **changed: Any) -> Comparison:
-    recording: Any = SimpleNamespace(path=Path("/data/<run>"), ground_truth=truth, notes=(), start_us=START_US)
+    recording: Any = SimpleNamespace(
+        path=Path("/data/<run>"), ground_truth=truth, notes=(), start_us=START_US, sensor_name="radar"
+    )
     shown = {
         "rows": (*(row.row for row in shown_rows), Row("odometry", failure="no odometry; give <FILE>")),
         "places": (Place(6, 12, 1.5, 3.0, 1.25), Place(30, 36, 7.5, 9.0, 0.04)),

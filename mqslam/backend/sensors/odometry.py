@@ -28,7 +28,7 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scans
-from mqslam.core.sensors import Gyroscope, Mount, Turning
+from mqslam.core.sensors import RADAR, Gyroscope, Mount, Turning
 from mqslam.core.trajectory import Trajectory
 from mqslam.psi.tracking.plausibility import FEWEST_RETURNS
 
@@ -39,10 +39,11 @@ _BEYOND: Final = 5.0  # a turn of fewer standard deviations of odometry's yaw ra
 _CONTRARY: Final = 0.7  # two turns contradict each other if they differ by more than this share of the larger
 _FEWEST: Final = 3  # with fewer turns than this, contradictions may be slip or errors of psi
 _MEANINGS: Final = {
-    -1.0: "it turns the other way than the radar: mend its yaw, or set sensor.clockwise: false if the radar is mirrored",
-    np.pi / 180.0: "its turns are those of the radar if they are in degrees: convert its yaw rates to rad/s",
-    -np.pi / 180.0: "its turns are those of the radar, mirrored, if they are in degrees: convert its yaw rates to rad/s",
+    -1.0: "it turns the other way than the {sensor}: mend its yaw{or_mirror}",
+    np.pi / 180.0: "its turns are those of the {sensor} if they are in degrees: convert its yaw rates to rad/s",
+    -np.pi / 180.0: "its turns are those of the {sensor}, mirrored, if they are in degrees: convert its yaw rates to rad/s",
 }
+_OR_MIRROR: Final = {RADAR: ", or set sensor.clockwise: false if the radar is mirrored"}  # no setting mirrors a lidar
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +62,7 @@ class OdometryFault:
 
 
 def find_odometry_fault(
-    odometry: Trajectory, start_us: int, measured: Sequence[Measurement], stated: OdometryConfig
+    odometry: Trajectory, start_us: int, measured: Sequence[Measurement], stated: OdometryConfig, sensor: str = RADAR
 ) -> OdometryFault | None:
     """Finds how odometry contradicts the turns of the motions that psi found itself; None if it agrees with them.
 
@@ -70,6 +71,7 @@ def find_odometry_fault(
         start_us: stamp [us] of the recording's time zero.
         measured: motions of the front end.
         stated: the errors that odometry states.
+        sensor: what the statement calls the sensor whose motions these are.
     """
     rows = [(m.t0, m.t1, m.pose[2]) for m in measured if m.status is Status.CONVERGED]
     begins, ends, yaws = np.array(rows, dtype=np.float64).reshape(-1, 3).T
@@ -87,10 +89,10 @@ def find_odometry_fault(
     for factor, meaning in _MEANINGS.items():
         off, seen = _count_contrary(turned, factor * stated_turns, least)
         if seen >= _FEWEST and 2 * off <= seen:
-            meant, opposite = meaning, factor < 0.0
+            meant, opposite = meaning.format(sensor=sensor, or_mirror=_OR_MIRROR.get(sensor, "")), factor < 0.0
             break
     where = f"in {contrary} of the {turns} seconds in which one of the two turns"
-    return OdometryFault(f"the odometry is not used: it contradicts the radar {where}; {meant}", opposite, where)
+    return OdometryFault(f"the odometry is not used: it contradicts the {sensor} {where}; {meant}", opposite, where)
 
 
 def _count_contrary(turned: NDArray[np.float64], stated_turns: NDArray[np.float64], least: float) -> tuple[int, int]:
@@ -157,7 +159,7 @@ def hold_odometry(
     """
     if context.odometry is None or frontend == ODOMETRY:
         return [], None
-    fault = find_odometry_fault(context.odometry, context.start_us, measured, context.config.odometry)
+    fault = find_odometry_fault(context.odometry, context.start_us, measured, context.config.odometry, context.sensor_name)
     gyroscope = context.sensors.gyroscope
     if fault is not None and (gyroscope is None or not fault.is_opposite):
         return [], fault

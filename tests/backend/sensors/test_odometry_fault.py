@@ -56,6 +56,13 @@ def test_odometry_that_turns_otherwise_is_not_used_and_says_why(factor: float, s
     assert "the odometry is not used: it contradicts the radar in" in found.statement and said in found.statement
 
 
+def test_a_lidar_is_called_a_lidar_and_no_setting_mirrors_it() -> None:
+    found = find_odometry_fault(drive(-yaw_at(TIMES)), START_US, measured(COUNT), STATED, "lidar")
+    assert found is not None and "radar" not in found.statement
+    assert "it contradicts the lidar in" in found.statement
+    assert found.statement.endswith("it turns the other way than the lidar: mend its yaw")
+
+
 def test_odometry_of_another_time_is_not_used() -> None:
     found = fault(drive(yaw_at(TIMES + 40.0)))
     assert found is not None and "another drive, another clock" in found.statement

@@ -1,0 +1,64 @@
+"""Fits settings to lidars, and sorts out which settings of a run follow from a lidar's recording."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+from mqslam.config import Config, list_changes, load_config, set_doppler_beta
+from mqslam.core.scans import Scans
+from mqslam.core.units import find_unit, fit_settings, scale_settings
+
+LIDAR_CONFIG: Final = "lidar"
+"""Name of the shipped settings for what a lidar's recording does not tell."""
+ROOMS_CONFIG: Final = "rooms"
+"""Name of the shipped settings with lengths for audits of lidars' logs and of finished clouds."""
+
+
+def fit_to_lidar(settings: Config, scans: Scans) -> Config:
+    """Fits settings to the scans of a lidar: those that were left at their defaults follow its unit of length."""
+    return fit_settings(settings, load_config(LIDAR_CONFIG), scans.unit_m or 1.0)
+
+
+def fit_to_rooms(settings: Config) -> Config:
+    """Fits settings to the audit of a lidar's log or a finished cloud: usual lengths for rooms replace the defaults."""
+    return fit_settings(fit_settings(settings, load_config(ROOMS_CONFIG), 1.0), load_config(LIDAR_CONFIG), 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Changes:
+    """The settings that differ from others, each as its name with both values as in JSON.
+
+    Args:
+        own: settings that somebody has changed.
+        followed: settings that follow from a lidar's recording, and those that a lidar's recording does not tell.
+        unit_m: unit of length of this recording [m], or its ratio to that of another lidar's; None where lengths do
+            not differ by a common factor, as in settings of radars.
+    """
+
+    own: list[tuple[str, Any, Any]]
+    followed: list[tuple[str, Any, Any]]
+    unit_m: float | None
+
+
+def sort_changes(before: Config, after: Config) -> Changes:
+    """Finds the settings that differ from others, and sorts out those that differ because they are of a lidar's run."""
+    changes, unit_m = list_changes(before, after), find_unit(after, before)
+    if unit_m is None:
+        return Changes(changes, [], None)
+    if find_unit(before, Config()) is None:
+        fitted = set_doppler_beta(
+            fit_settings(before, load_config(LIDAR_CONFIG), unit_m), 0.0
+        )  # a lidar's ranges do not shift
+    else:  # both are of lidars' runs
+        fitted = scale_settings(before, unit_m)
+    expected = {name: value for name, _, value in list_changes(before, fitted)}
+    follows = [name in expected and _is_same(value, expected[name]) for name, _, value in changes]
+    own = [change for change, is_followed in zip(changes, follows, strict=True) if not is_followed]
+    return Changes(own, [change for change, is_followed in zip(changes, follows, strict=True) if is_followed], unit_m)
+
+
+def _is_same(one: Any, other: Any) -> bool:
+    """Returns whether two values of a setting are the same but for rounding."""
+    return bool(one == other or (isinstance(one, float) and isinstance(other, float) and math.isclose(one, other)))
