@@ -62,7 +62,7 @@ _BESIDE_TURN = 0.08
 _BESIDE_TURNS = 4
 # Half width of the search for a scan around its prediction, in the prediction's standard deviations.
 _SEARCH_SIGMAS = 2.0
-# Number of starts, among those at all yaws, from which a search is minimised. In a tight room the best start was always right.
+# Number of starts, among those at all yaws, from which a search is minimised; in a tight room the best was always right.
 _STARTS = 3
 # Step of the annealing at which psi ranks these starts, and the most returns of the scan for which psi is computed then: the
 # ranking only chooses where minimisations begin.
