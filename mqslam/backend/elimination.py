@@ -29,10 +29,10 @@ from numpy.typing import NDArray
 from mqslam.errors import EstimationError
 
 _Array = NDArray[np.float64]
-Derivative = tuple[tuple[int, _Array], ...]  # of a vector (3,) with respect to some variables: key and block (3, d) of each
-UNDETERMINED: Final = "the graph leaves a direction undetermined"  # the reason why covariances are not known
+Derivative = tuple[tuple[int, _Array], ...]  # derivative of a vector (3,): the key of each variable and its block (3, d)
+UNDETERMINED: Final = "the graph leaves a direction undetermined"  # states why covariances cannot be computed
 # numerical tolerance, which changes no exact result
-_LAST_DIGITS: Final = 8.0 * float(np.finfo(np.float64).eps)  # relative change of numbers that makes rounding errors visible
+_LAST_DIGITS: Final = 8.0 * float(np.finfo(np.float64).eps)  # size of the random relative changes that show rounding errors
 
 
 class Blocks(NamedTuple):
@@ -286,7 +286,9 @@ def project_all(
 
 
 class _Conditional(NamedTuple):
-    """A variable x given other variables x_s: own x + others x_s is a constant plus noise of unit variance.
+    """The distribution of a variable x given other variables x_s.
+
+    own x + others x_s is a constant plus noise of unit variance.
 
     Args:
         given: numbers of the other variables x_s, increasing; all are eliminated later.
@@ -300,11 +302,11 @@ class _Conditional(NamedTuple):
 
 
 class Elimination:
-    """A linearised graph whose variables, of any kind, have been eliminated one after the other.
+    """A linearised graph whose variables have been eliminated one after the other; it computes covariances of variables.
 
     Args:
-        linear: the linearised graph.
-        values: values at which it was linearised.
+        linear: the linearised graph; its variables may be of any kind.
+        values: values at which the graph was linearised.
         last: key of the variable that is eliminated last.
         noise: random numbers that change the last digits of all coefficients; None leaves them as they are.
 
@@ -362,7 +364,8 @@ class Elimination:
     def _extend(self, known: tuple[int, ...], root: _Array, variable: int) -> _Array:
         """Extends a square root of a joint covariance by a variable.
 
-        The result covers this variable and the variables that it depends on, which are all among the `known` variables.
+        The result is a square root of the joint covariance of this variable and the variables that it depends on. All of
+        these are among the `known` variables.
         """
         conditional, width = self._conditionals[variable], self._widths[variable]
         ends = np.cumsum([0, *(self._widths[one] for one in known)])

@@ -1,4 +1,4 @@
-"""Computes covariances of an optimised graph: of its poses, and of one pose in the frame of another."""
+"""Computes marginal covariances of the poses of an optimised graph, and covariances of one pose relative to another."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class PoseCovariances:
     """Marginal covariances of some poses.
 
     Args:
-        indices: (K,) numbers of the poses; empty where the covariances cannot be computed.
+        indices: (K,) numbers of the poses; empty if the covariances cannot be computed.
         covariances: (K, 3, 3) in the poses' own frames [m, m, rad].
         failure: why the covariances cannot be computed; None if they are computed.
     """
@@ -45,7 +45,11 @@ class PoseCovariances:
         return cls(np.empty(0, dtype=np.int64), np.empty((0, 3, 3)), why)
 
     def carry(self, mount: se2.Array) -> PoseCovariances:
-        """Converts the covariances of a sensor to those of the vehicle that carries it at a pose (3,) [m, m, rad]."""
+        """Converts covariances of the sensor's poses to covariances of the vehicle's poses.
+
+        Args:
+            mount: (3,) pose of the sensor in the vehicle's frame [m, m, rad].
+        """
         lever = se2.adjoint(mount)
         return replace(self, covariances=lever @ self.covariances @ lever.T)
 
@@ -54,14 +58,14 @@ class PoseCovariances:
         """Warnings for the user: one line if the covariances cannot be computed; else an empty list."""
         if self.failure is None:
             return []
-        return [f"the covariances of the poses are not known ({self.failure}): the results and the report go without them"]
+        return [f"the covariances of the poses are not known ({self.failure}): results and report do not contain them"]
 
 
 def compute_all_marginals(graph: PoseGraph, values: gtsam.Values) -> PoseCovariances:
     """Computes the covariances of all poses in their own frames, given all factors.
 
     Args:
-        graph: the graph, whose factors may involve other variables than the poses, too.
+        graph: the graph; its factors may also involve variables other than the poses.
         values: the values at which the graph is linearised.
     """
     keys = [graph.key(k) for k in range(graph.size)]
@@ -74,10 +78,10 @@ def compute_all_marginals(graph: PoseGraph, values: gtsam.Values) -> PoseCovaria
 
 
 class Uncertainty:
-    """The uncertainty of the poses of a graph. The graph is eliminated only when a covariance is first asked for.
+    """Computes covariances of the poses of a graph. The graph is eliminated once the first covariance is asked for.
 
     Args:
-        graph: the graph, whose factors may involve other variables than the poses, too.
+        graph: the graph; its factors may also involve variables other than the poses.
         values: the values at which the graph is linearised.
     """
 
@@ -87,10 +91,11 @@ class Uncertainty:
     def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
         """Computes the covariances (K, 3, 3) of poses in the frames of other poses, given all factors [m, m, rad].
 
-        An error that both poses of a pair share does not count: the covariance is that of the motion from one to the other.
+        An error that both poses of a pair share cancels: the result is the covariance of the motion from one pose to the
+        other.
 
         Args:
-            pairs: numbers (a, b) of K pairs of poses; the covariance is that of x, y and yaw of pose b in the frame of a.
+            pairs: numbers (a, b) of K pairs of poses; each covariance belongs to x, y and yaw of pose b in the frame of a.
 
         Raises:
             EstimationError: the graph does not determine a pose, or its edges are too unequal for floating-point precision.
@@ -154,10 +159,11 @@ _SCALE: Final = S(0)  # key of the relative error that all distances of the rada
 def measure_scale_error(graph: PoseGraph, values: gtsam.Values) -> tuple[float, float]:
     """Measures the relative error that all distances of the radar have in common, from a graph with other sensors.
 
-    At the optimum without the error, only the derivative by the error pulls; the error is one step of Gauss-Newton.
+    The graph was optimised without this error. At the optimum only the derivative by the error differs from zero, so that
+    one step of Gauss-Newton gives the error.
 
     Args:
-        graph: the graph, with the standard deviation of the error beforehand.
+        graph: the graph; its `scale_sigma` is the prior standard deviation of the error.
         values: the optimised values of the graph.
 
     Returns:
@@ -180,15 +186,15 @@ def measure_scale_error(graph: PoseGraph, values: gtsam.Values) -> tuple[float, 
 def _add_scale(
     graph: PoseGraph, linear: gtsam.GaussianFactorGraph, values: gtsam.Values
 ) -> tuple[gtsam.GaussianFactorGraph, gtsam.Values]:
-    """Adds the relative error of all distances of the radar to a linearised graph, as a variable after its prior.
+    """Adds the relative error of all distances of the radar, as a variable with a prior, to a linearised graph.
 
     Args:
         graph: the graph; each of its between-factors of two scans or submaps measures a distance of the radar.
-        linear: the graph linearised.
-        values: the values at which it was linearised.
+        linear: the linearised graph.
+        values: the values at which the graph was linearised.
 
     Returns:
-        The linearised graph, which begins with the prior, and the values with the error, which is zero there.
+        The linearised graph, whose first factor is the prior of the error, and the values with an error of zero.
     """
     scaled = gtsam.GaussianFactorGraph()
     unit = gtsam.noiseModel.Isotropic.Sigma(1, graph.scale_sigma)
@@ -219,7 +225,7 @@ def _differentiate_motion(a: int, b: int, motion: se2.Array, widths: Mapping[int
 
 
 class RelativeCovariances(Protocol):
-    """A source of the covariances of poses of a trajectory relative to other poses of it."""
+    """A source of the covariance of one pose of a trajectory relative to another pose of the same trajectory."""
 
     def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64] | None:
         """Computes the covariance of the second pose of each pair relative to the first.
@@ -234,10 +240,10 @@ class RelativeCovariances(Protocol):
 
 @dataclass(frozen=True)
 class GraphCovariances:
-    """The exact relative covariances of a trajectory whose graph is known.
+    """Relative covariances of a trajectory whose graph is known; they are exact.
 
     Args:
-        graph: the graph whose optimum the trajectory is.
+        graph: the graph; the trajectory is its optimum.
         values: the optimised values.
         numbers: (S,) number of each pose in the graph.
         poses: (S, 3) poses of the trajectory [m, m, rad].
@@ -262,14 +268,14 @@ class GraphCovariances:
 
 @dataclass(frozen=True)
 class SingleCovariances:
-    """Relative covariances, too large ones, of a trajectory of which only the covariances of the single poses are known.
+    """Relative covariances of a trajectory for which only the marginal covariance of each pose is known; they are too large.
 
-    The correlation of two poses is then unknown, and their errors are taken as independent. In truth both errors have grown
-    from the same first pose, and the error of the relative pose is smaller. A trajectory is therefore never taken to be more
+    The correlation of two poses is unknown, and their errors are taken as independent. In truth both errors have grown from
+    the same first pose, and the error of the relative pose is smaller. The trajectory is thus never taken to be more
     accurate than it states.
 
     Args:
-        covariances: (S, 3, 3) covariances of the single poses in the poses' own frames [m, m, rad].
+        covariances: (S, 3, 3) marginal covariance of each pose in the pose's own frame [m, m, rad].
         poses: (S, 3) poses of the trajectory [m, m, rad].
     """
 

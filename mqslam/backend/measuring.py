@@ -1,4 +1,4 @@
-"""The stage of a run that measures the front end's motions, keeps and shows them, and may measure them a second time."""
+"""The stage of a run in which the front end measures the motions between scans; they are stored and shown as they come."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from mqslam.psi.place import Beam
 
 
 def find_doppler(scans: Scans, config: Config, runner: Runner) -> Doppler:
-    """Returns the Doppler shift: from kept measurements, else from the settings, else as psi measures it.
+    """Returns the Doppler shift: from the measurements of an earlier run, else from the settings, else as psi measures it.
 
     Args:
         scans: scans of the recording.
         config: all settings.
-        runner: does the work, and may have kept the measurements of an earlier run.
+        runner: does the work, and may hold the measurements of an earlier run.
     """
     with runner.time_stage("windows"):
         kept = runner.find(MEASURED)
@@ -39,17 +39,17 @@ def find_doppler(scans: Scans, config: Config, runner: Runner) -> Doppler:
 
 
 def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runner) -> list[Measurement]:
-    """Returns a front end's motions between successive scans, or the motions that an earlier run has kept.
+    """Returns a front end's motions between successive scans, or the motions that an earlier run has stored.
 
-    If the front end does not find all motions, it measures a second time: without the odometry if the odometry contradicts
-    the motions that were found, and with the gyroscope if the gyroscope agrees with them.
+    If the front end does not find all motions, it measures all of them a second time: without the odometry if the odometry
+    contradicts the motions that were found, and with the gyroscope if the gyroscope agrees with them.
 
     Args:
         name: name of the front end.
         scans: scans of the recording.
         context: what the front end may know besides the scans.
         beam: the sensor's errors, for the live view of the growing map.
-        runner: keeps the motions and shows them.
+        runner: stores the motions and shows them.
 
     Raises:
         EstimationError: no motion can be estimated from the data.
@@ -89,9 +89,10 @@ def _find_help(name: str, scans: Scans, context: Context, measurements: Sequence
 
 
 class LiveMap:
-    """A live view of a run: reports each motion as progress, and hands the scan at the motion's start to the runner's watch.
+    """The live view of a run: it reports each motion as progress, and passes the scan at the motion's start to the watch.
 
-    The watch is the function that shows scans. If it fails, it is not called again: the run goes on, and a warning says so.
+    The watch is the user's function that shows scans. If it fails, it is not called again: the run goes on, and a warning
+    says so.
 
     Args:
         scans: scans of the recording.

@@ -18,7 +18,7 @@ from mqslam.factors.between import CAUCHY, hold_firmly, measure_loop_offset, pri
 _RELATIVE_ERROR: Final = 1e-9  # relative change of the graph's error below which the optimiser stops
 _ITERATIONS: Final = 100  # largest number of iterations; the optimiser converges in far fewer
 
-# A loop that is off by more than this many times the offset beyond which its pull becomes weaker is as good as left out.
+# A loop is as good as left out if its offset is more than this many times CAUCHY, beyond which its pull becomes weaker.
 _LEFT_OUT = 3.0
 
 
@@ -31,8 +31,8 @@ class PoseGraph:
         initial: starting values.
         size: number of scans n.
         key: returns the key of a scan, given its number; by default x0 .. x(n-1).
-        scale_sigma: standard deviation of the relative error that all measured distances between scans and submaps have in
-            common, since the radar's ranges have it. The optimum does not change with it, but the covariances contain it.
+        scale_sigma: standard deviation of the relative error that all distances of the radar have in common. It does not
+            change the optimum, but the covariances contain it.
     """
 
     factors: gtsam.NonlinearFactorGraph
@@ -122,7 +122,7 @@ def _leaves_loops_out(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values)
 
 
 def _pull_firmly(factors: gtsam.NonlinearFactorGraph) -> gtsam.NonlinearFactorGraph:
-    """Returns the factors with Huber's loss for loops: however far off a loop is, it pulls as strongly as a nearer one."""
+    """Returns the factors with Huber's loss for loops, with which a loop far off pulls as strongly as a nearer one."""
     firm = gtsam.NonlinearFactorGraph()
     for k in range(factors.size()):
         firm.push_back(hold_firmly(factors.at(k)))

@@ -24,11 +24,11 @@ from mqslam.factors.between import loop_between, psi_between
 
 
 class GraphProblem(ABC):
-    """Base of trajectories that are optimised, with the methods that the search for loops and the refinement call."""
+    """Base class of trajectories that can be optimised; the search for loops and the refinement call its methods."""
 
     @abstractmethod
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> PoseGraph:
-        """Returns the graph with the given loops and with the given ties, which the refinement measures."""
+        """Returns the graph with the given loops and with the given ties, which the refinement has measured."""
 
     def optimise(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> tuple[PoseGraph, Optimum]:
         """Returns the graph with the given loops and ties, and its optimum."""
@@ -41,11 +41,11 @@ class GraphProblem(ABC):
         return graph.poses_at(optimum.values)
 
     def estimate_own_covariances(self) -> NDArray[np.float64]:
-        """Estimates the covariance (N, 3, 3) of each scan's pose among its neighbours, in the scan's frame [m, m, rad].
+        """Estimates the covariance (N, 3, 3) of each scan's own pose error, without drift, in the scan's frame [m, m, rad].
 
-        The estimate is half of the covariance of the pose relative to a neighbour, since both scans err. The scan before or
-        the scan after is chosen, whichever gives the smaller covariance: in a graph of submaps, the drift of the map lies
-        between some successive scans and not between others.
+        The estimate is half of the covariance of the scan's pose relative to a neighbouring scan, since both scans err. The
+        neighbour is the scan before or the scan after, whichever gives the smaller covariance: in a graph of submaps, the
+        drift of the map lies between some successive scans and not between others.
 
         Raises:
             EstimationError: the graph does not determine the covariances.
@@ -62,7 +62,7 @@ class GraphProblem(ABC):
 
 @dataclass(frozen=True)
 class Problem(GraphProblem):
-    """A trajectory that is optimised from the measurements along it.
+    """A trajectory that is optimised from the measurements between its scans.
 
     Args:
         measurements: the front end's motions between successive scans.
@@ -133,7 +133,7 @@ class Problem(GraphProblem):
 
     @property
     def yaw_drift(self) -> float:
-        """Random walk of the yaw of the front end's map [rad/sqrt(s)], as the ties between the submaps state it."""
+        """Random walk of the yaw of the front end's map [rad/sqrt(s)], from the covariances of the ties between submaps."""
         lasts = self.measurements[-1].t1 - self.measurements[0].t0
         return float(np.sqrt(sum(tie.covariance[2, 2] for tie in self.submaps.ties) / lasts))
 
@@ -159,7 +159,7 @@ class GivenGraph(GraphProblem):
     lift: Callable[[gtsam.BetweenFactorPose2], gtsam.NonlinearFactor]
 
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Tie] = ()) -> PoseGraph:
-        """Returns the graph with the given loops and ties; its starting values are those of this problem."""
+        """Returns the graph with the given loops and ties; its starting values are `values`."""
         factors = gtsam.NonlinearFactorGraph()
         given = [self.factors.at(k) for k in range(self.factors.size()) if self.factors.exists(k)]  # skips removed ones
         for factor in (*given, *self.make_loop_factors(loops), *self.make_tie_factors(ties)):

@@ -1,10 +1,10 @@
-"""The scale of the radar's ranges: what other sensors show of it, and how well the lengths of a trajectory are known.
+"""Estimates the scale of the radar's ranges and its uncertainty, from the stated bin length, psi and other sensors.
 
-psi shows nothing of the scale: bins that are longer than stated stretch map and motion alike. Two things are known of it
-beforehand. The length of a bin is stated to a few digits, or assumed from the format of the recording. psi measures the
-range offset, and an error of the offset changes all lengths by a share that each recording shows. GNSS fixes measure
-lengths themselves, and so does odometry as far as `odometry.sigma_travel` trusts its scale. If they contradict what is
-known beforehand, the ranges are scaled. Otherwise the ranges stay as they are.
+psi does not show the scale: bins that are longer than stated stretch map and motion alike. Before other sensors are used,
+the uncertainty of the scale has two sources. The length of a bin is stated to a few digits, or assumed from the format of
+the recording. And psi measures the range offset, whose error changes all lengths by a share that each recording shows. GNSS
+fixes measure lengths, and so does odometry, with the relative error `odometry.sigma_travel`. If these sensors contradict the
+radar's scale, the ranges are multiplied by a factor. Otherwise the ranges stay as they are.
 """
 
 from __future__ import annotations
@@ -23,11 +23,12 @@ from mqslam.core.measurement import Measurement
 from mqslam.execution.runner import Runner
 from mqslam.psi.ranging import RangeErrors
 
-# Standard deviation of the relative error of a stated length of the bins: three or four digits are usual.
+# Standard deviation of the relative error of a stated bin length: three or four digits are usual.
 STATED: Final = 0.0005
-# The same where the length is assumed: lengths published for Navtech's radars differ by up to 1.4 % (0.0432 and 0.0438 m).
+# Standard deviation of the relative error of an assumed bin length: the lengths published for Navtech's radars differ by up
+# to 1.4 % (0.0432 and 0.0438 m).
 ASSUMED: Final = 0.005
-# The same where nothing but other sensors shows the scale; a larger error would be a wrong unit.
+# Standard deviation of the relative error if only other sensors show the scale; a larger error would be a wrong unit.
 UNKNOWN: Final = 0.05
 # Standard deviation of the range offset [m] where psi does not measure it: Navtech's radars have -0.3 m.
 _OFFSET_M: Final = 0.3
@@ -35,7 +36,7 @@ _OFFSET_M: Final = 0.3
 _LENGTHENING: Final = 0.02
 # Other sensors contradict the radar's scale from this many standard deviations.
 _CONTRADICTION: Final = 3.0
-_ROUNDS: Final = 2  # rounds in which other sensors are joined at the scale that they showed before; it settles in them
+_ROUNDS: Final = 2  # rounds in which other sensors are added at the scale that they have shown so far; two suffice
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +44,9 @@ class RangeScale:
     """The scale of the radar's ranges, as a run uses it.
 
     Args:
-        factor: what the recording's ranges are multiplied by; 1 where no other sensor contradicts them.
+        factor: factor by which the recording's ranges are multiplied; 1 if no other sensor contradicts them.
         sigma: standard deviation of the factor.
-        prior: standard deviation of the factor without the sensors of the graph, with which the graph computes covariances.
+        prior: standard deviation of the factor without the sensors in the graph; the graph computes covariances with it.
         statements: sentences for the user.
     """
 
@@ -56,7 +57,7 @@ class RangeScale:
 
     @classmethod
     def beforehand(cls, is_assumed: bool, errors: RangeErrors | None) -> RangeScale:
-        """Returns what is known of the scale before other sensors are asked.
+        """Returns a scale of 1 with its uncertainty before other sensors are used.
 
         Args:
             is_assumed: whether the length of a range bin is assumed and not stated by the recording or the settings.
@@ -65,7 +66,7 @@ class RangeScale:
         bins = ASSUMED if is_assumed else STATED
         offset = _OFFSET_M * _LENGTHENING
         if errors is not None:
-            unused = errors.offset if errors.contradicts else 0.0  # psi shows it, but a run does not use it
+            unused = errors.offset if errors.contradicts else 0.0  # psi shows an offset that the run does not correct
             offset = abs(errors.lengthening) * float(np.hypot(errors.sigmas[0], unused))
         sigma = float(np.hypot(bins, offset))
         word = "assumed" if is_assumed else "stated"
@@ -74,36 +75,37 @@ class RangeScale:
             sigma,
             sigma,
             (
-                f"the radar alone knows lengths to ± {sigma:.2%}: ± {bins:.2%} by the {word} length of the range bins and "
-                f"± {offset:.2%} by the range offset",
+                f"the radar alone measures lengths to ± {sigma:.2%}: ± {bins:.2%} from the {word} length of the range "
+                f"bins and ± {offset:.2%} from the range offset",
             ),
         )
 
     def replace_by(self, shown: ShownScale, factor: float) -> RangeScale:
-        """Returns the scale with a factor that other sensors show if it contradicts what is known, else this scale.
+        """Returns the scale that other sensors show if it contradicts this scale, else this scale.
 
         Args:
-            shown: what other sensors show of the ranges once they are multiplied by the factor.
-            factor: what the ranges are to be multiplied by.
+            shown: the scale error that other sensors still show once the ranges are multiplied by the factor.
+            factor: the factor by which other sensors scale the ranges.
         """
         if abs(factor - 1.0) <= _CONTRADICTION * np.hypot(shown.sigma, self.sigma):
             return self
         said = (
-            f"by {shown.sensors}, true lengths are {factor:.4f} (± {shown.sigma:.4f}) times those of the radar, and all "
-            "ranges are multiplied by this; sensor.range_resolution_m, multiplied by it, does so in other commands"
+            f"according to {shown.sensors}, true lengths are {factor:.4f} (± {shown.sigma:.4f}) times the radar's lengths, "
+            "and this run multiplies all ranges by this factor; to do so in other commands, multiply "
+            "sensor.range_resolution_m by it"
         )
         return RangeScale(factor, shown.sigma, shown.trust, (said,))
 
 
 @dataclass(frozen=True, slots=True)
 class ShownScale:
-    """What other sensors show of the scale of the radar's ranges.
+    """The error of the scale of the radar's ranges, as other sensors show it.
 
     Args:
         sensors: names of the sensors.
         error: true length over the radar's length, minus 1.
         sigma: standard deviation of the error.
-        trust: standard deviation of the error by odometry alone, whose lengths the graph does not use.
+        trust: standard deviation of the error from odometry alone, whose lengths are not in the graph.
     """
 
     sensors: str
@@ -113,11 +115,11 @@ class ShownScale:
 
     @classmethod
     def by(cls, joined: Joined, sigma_travel: float) -> ShownScale | None:
-        """Returns what other sensors show; None if none of them measures lengths.
+        """Returns the error that other sensors show; None if none of them measures lengths.
 
         Args:
-            joined: the trajectory that the sensors have joined.
-            sigma_travel: standard deviation of odometry's travel, as a share of it.
+            joined: the trajectory, with the other sensors in its graph.
+            sigma_travel: standard deviation of odometry's travel, as a share of the travel.
         """
         problem = joined.problem
         stated, trust = _compare_odometry(problem.measurements, joined.odometry, sigma_travel)
@@ -135,7 +137,7 @@ NOT_OF_RADAR: Final = RangeScale(1.0, 0.0, 0.0, ())
 
 
 class Joined(NamedTuple):
-    """A trajectory that the other sensors have joined.
+    """A trajectory with the other sensors in its graph.
 
     Args:
         problem: the trajectory.
@@ -151,11 +153,11 @@ class Joined(NamedTuple):
 def join_at_scale(
     join: Callable[[float], Joined], scale: RangeScale, settings: OdometryConfig, runner: Runner
 ) -> tuple[Joined, RangeScale]:
-    """Joins other sensors to the radar's motions, at the scale that they show if it contradicts what is known beforehand.
+    """Adds other sensors to the radar's graph, and scales the radar's distances if these sensors contradict its scale.
 
     Args:
-        join: joins the sensors to the motions with all distances multiplied by a factor.
-        scale: what is known of the scale beforehand.
+        join: adds the sensors to the radar's motions, whose distances it first multiplies by a given factor.
+        scale: the scale before other sensors are used.
         settings: settings of the odometry.
         runner: tolerates that the sensors cannot show the scale.
     """
@@ -164,7 +166,7 @@ def join_at_scale(
         shown = None if scale == NOT_OF_RADAR else ShownScale.by(joined, settings.sigma_travel)
         if shown is not None:
             factor, again = 1.0, joined
-            for _ in range(_ROUNDS):  # how much a sensor errs is seen only at the right scale
+            for _ in range(_ROUNDS):  # only at the right scale do the residuals show the noise of a sensor
                 factor *= 1.0 + shown.error
                 again = join(factor)
                 shown = ShownScale.by(again, settings.sigma_travel) or shown
@@ -177,7 +179,7 @@ def join_at_scale(
 def _compare_odometry(
     motions: Sequence[Measurement], odometry: Sequence[Measurement], sigma_travel: float
 ) -> tuple[float, float]:
-    """Returns odometry's travel over the radar's, minus 1, and how far odometry's scale is trusted (standard deviation)."""
+    """Returns odometry's travel divided by the radar's, minus 1, and the standard deviation of this error of the scale."""
     pairs = [(seen.pose[:2], said.pose[:2]) for seen, said in zip(motions, odometry, strict=False) if seen.on_map]
     if sigma_travel >= UNKNOWN or not pairs:
         return 0.0, UNKNOWN

@@ -5,8 +5,8 @@ rendered anew at the pose that it has once the loops are closed, and registered 
 which are held fixed. The result becomes a factor between the scan and the nearest scan of the earlier passes. The graph is
 solved again, and the scans are registered once more at their new poses.
 
-Only passes that a loop ties are looked at: the refinement makes loops more accurate and does not find new ones. Its factors
-replace these loops, since a factor and the loop that it replaces measure the same returns.
+Only passes that a loop ties are registered: the refinement makes loops more accurate and does not find new ones. Its factors
+replace these loops, since a factor and the loop that it replaces are measured from the same returns.
 
 psi of a whole map depends mostly on neighbours in time, and hardly shows whether two passes of a place lie on each other.
 psi across passes does show this: it is the score of one pass against the points of other passes alone.
@@ -52,7 +52,7 @@ _SPACING_M = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """A place of several passes: successive scans of one pass, and scans of earlier passes that saw the same place.
+    """A place that was passed several times: successive scans of one pass, and scans of earlier passes nearby.
 
     Args:
         later: indices of the scans of the later pass.
@@ -126,7 +126,7 @@ def _score_crossing(shared: tuple[TrackedRun, EstimatorConfig, Beam], crossing: 
 
 
 EVERY_SCAN_M: Final = 1e-3
-"""Path between the scans that are registered [m]: so short that scans are left out only while the radar stands still."""
+"""Path between the scans that are registered [m]: so short that only scans of a standing radar are left out."""
 # A scan that psi moves farther than this [m] away from its pose with the loops is not used.
 _ASIDE_M = 0.5
 # The rounds end once no scan moves relative to the earlier pass by more than this many standard deviations.
@@ -139,11 +139,11 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class _Setting:
-    """The inputs with which the scans of a crossing are registered.
+    """The data and settings with which the scans of a crossing are registered.
 
     Args:
         drive: scans under the trajectory so far.
-        own: (N, 3, 3) covariance of each scan's pose among its neighbours, in the scan's frame [m, m, rad].
+        own: (N, 3, 3) covariance of each scan's own pose error, without drift, in the scan's frame [m, m, rad].
         estimator: settings of the score.
         beam: the sensor's errors.
     """
@@ -164,7 +164,7 @@ def refine(
     beam: Beam,
     runner: Runner,
 ) -> Refined:
-    """Refines a trajectory by registering its passes on each other, as long as psi across passes becomes no larger.
+    """Refines a trajectory by registering its passes on each other, until psi across passes would increase.
 
     Args:
         before: the trajectory before optimisation, whose psi across passes is measured for comparison.
@@ -196,7 +196,7 @@ def refine(
         left = drop_replaced(loops, ties, drive.travelled, SUBMAP_M)
         poses = problem.solve_poses(left, ties)
         psi = psi_under(poses)
-        _log.info("round %d lays %d scans into earlier passes: psi across passes %s", number, len(ties), psi)
+        _log.info("round %d registers %d scans on earlier passes: psi across passes %s", number, len(ties), psi)
         if psi is None or best.psi_across is None or psi > best.psi_across:
             best = replace(best, refused=number == 0)
             break
@@ -209,10 +209,10 @@ def refine(
 
 
 def select_tied(crossings: Sequence[Crossing], drive: TrackedRun, loops: Sequence[Loop], reach_m: float) -> list[Crossing]:
-    """Returns the crossings that loops tie, each with only those earlier scans that a loop ties to the later pass.
+    """Returns the crossings whose passes a loop ties, reduced to the earlier scans that a loop ties to the later pass.
 
     Args:
-        crossings: where passes meet.
+        crossings: places that were passed several times.
         drive: scans under a trajectory.
         loops: loops in the graph of the trajectory.
         reach_m: path [m] along both passes within which a loop ties their scans.
@@ -229,7 +229,7 @@ def select_tied(crossings: Sequence[Crossing], drive: TrackedRun, loops: Sequenc
 
 
 def drop_replaced(loops: Sequence[Loop], ties: Sequence[Loop], travelled: NDArray[np.float64], reach_m: float) -> list[Loop]:
-    """Returns the loops that the refinement does not replace: their returns take part in none of its factors.
+    """Returns the loops that the refinement does not replace: none of its factors was measured from their returns.
 
     Args:
         loops: loops in the graph of the trajectory.
@@ -274,7 +274,7 @@ def _measure_scan(setting: _Setting, references: References, anchor: int, later:
     covariance = _SHARED * estimate_covariance(minimum.evaluation, points.points, estimator.cluster_m)
     in_anchor = se2.rotate_covariance(covariance, -drive.poses[anchor, 2])
     pose = se2.between(drive.poses[anchor], minimum.state)
-    # the registration refers to all scans of the earlier passes, but the factor to one of them, whose own error is added
+    # the scan was registered on all scans of the earlier passes, but the factor ties it to one, whose own error is added
     lever = se2.adjoint([-pose[0], -pose[1], 0.0])
     return Loop(
         anchor,

@@ -28,7 +28,7 @@ _SUBJECTS: Final = {"gyroscope": "the gyroscope", "gnss": "GNSS", "chirps": "the
 
 @dataclass(frozen=True, slots=True)
 class Contribution:
-    """How far a sensor moves a trajectory.
+    """How far a sensor moves the trajectory, compared with the trajectory that is optimised without the sensor.
 
     Args:
         moved_m: RMS distance [m] of the poses from the poses without the sensor, after alignment.
@@ -39,7 +39,7 @@ class Contribution:
     turned_rad: float
 
     def describe(self, name: str) -> str:
-        """Describes in a sentence how far the sensor called `name` in the contributions moves the trajectory."""
+        """Describes the contribution in a sentence; `name` is the sensor's key in `SensorUse.contributions`."""
         turned = math.degrees(self.turned_rad)
         return f"{_SUBJECTS[name]} moves the trajectory by {self.moved_m:.2g} m (RMS) and turns its end by {turned:+.2g} deg"
 
@@ -68,7 +68,7 @@ class SensorUse:
     def opposite(self) -> list[str]:
         """Names of the sensors that turn the other way than the radar, if they are two or more and the majority; else empty.
 
-        A gyroscope that is mounted on its side does not show the direction and is left out.
+        A gyroscope that is mounted on its side does not show which way the vehicle turns, and is left out.
         """
         ways = {}
         if self.odometry is not None:
@@ -99,7 +99,7 @@ class SensorUse:
         return [use for use in (self.gyroscope, self.fixes, self.velocities) if use is not None]
 
     def weigh(self, problem: Problem, refined: Refined, poses: se2.Array) -> SensorUse:
-        """Returns this use with how far each used sensor moves the trajectory, measured by optimising without that sensor.
+        """Measures how far each used sensor moves the trajectory, by optimising without the sensor; fills `contributions`.
 
         Args:
             problem: the trajectory with all sensors.
@@ -145,7 +145,7 @@ def join_sensors(
         joined |= {} if turning.edges is None else {"gyroscope": turning.edges}
         if turning.edges is not None and takes_turns_of(sensors.gyroscope, start_us, odometry):
             problem = replace(problem, odometry=leave_turns_out(problem.odometry))
-            once = "the odometry was made with this gyroscope: of the odometry, only the travel is used"
+            once = "the odometry was made with this gyroscope: only the odometry's travel is used"
             turning = replace(turning, statements=(*turning.statements, once))
     if sensors.fixes is not None and motions:
         antenna = None if mount is None else se2.inverse(mount.pose)[:2]  # at the origin of the vehicle's frame

@@ -1,4 +1,4 @@
-"""Divides a drive into submaps, the pieces of the running map in which scans are measured, and learns how fast it drifts.
+"""Divides the running map of a drive into submaps, on which scans were measured, and estimates how fast the map drifts.
 
 A front end that matches scans to a running map makes two kinds of errors. Each scan's pose in the map has an error of its
 own; such errors do not add up along the drive. The map itself drifts as it grows; this error does add up. The graph
@@ -6,9 +6,9 @@ therefore holds a pose for each piece of the map. Scans are tied to their piece 
 tied to the piece before it. A piece ends where the map takes its next keyframe, which brings the error of its own scan into
 the map.
 
-If the errors of scans were independent, the next piece would be off by the error of its first scan alone. They are not quite
-independent: a scan may correct or repeat the error of the scan before it. Where a recording was tracked forward and
-backward, the two maps drift apart along the way. This shows how much more or less a map drifts than by independent errors.
+If the errors of scans were independent, the next piece would be off by the error of its first scan alone. In truth a scan
+may correct or repeat the error of the scan before it. Where a recording was tracked both forward and backward, the two maps
+drift apart along the way. This shows how much more or less a map drifts than independent errors would explain.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ class Submaps:
     """All submaps of a drive, with the ties between scans and submaps.
 
     Args:
-        first_scans: (J,) number of each submap's first scan; the radar's pose when this scan begins is the submap's frame.
+        first_scans: (J,) number of each submap's first scan; the radar's pose at the start of this scan is the submap's
+            frame.
         placements: ties of all scans that were matched to a map, each to its submap.
         ties: ties of submaps to the submaps before them, where both belong to the same running map.
     """
@@ -92,11 +93,11 @@ def _estimate_errors(measurements: Sequence[Measurement]) -> list[NDArray[np.flo
 
 # Number of successive submaps over which both directions of time are compared to learn how a map drifts.
 _DRIFT_SUBMAPS = 16
-# Weight of the assumption that a map drifts by the errors of its scans, in spans: it counts as much as this many spans of
-# _DRIFT_SUBMAPS submaps.
+# Weight of the prior assumption that a map drifts only by the independent errors of its scans: it counts as much as this
+# many spans of _DRIFT_SUBMAPS submaps.
 _DRIFT_TRUSTED = 2.0
-# Squared differences over these spans are limited to this many times their median: a scan that one direction misplaced shows
-# nothing about the other scans.
+# Squared differences over these spans are limited to this many times their median: one misplaced scan shows nothing about
+# the other scans.
 _DRIFT_GROSS = 20.0
 
 
@@ -104,7 +105,7 @@ def widen_ties(submaps: Submaps, measurements: Sequence[Measurement]) -> Submaps
     """Returns the submaps with the covariances of their ties adapted to the drift that the run shows.
 
     Args:
-        submaps: submaps of the drive, tied by the errors of their first scans.
+        submaps: submaps of the drive; the covariances of their ties are those of their first scans.
         measurements: the motions between successive scans.
     """
     factors = learn_drift(submaps, measurements)
@@ -113,10 +114,10 @@ def widen_ties(submaps: Submaps, measurements: Sequence[Measurement]) -> Submaps
 
 
 def learn_drift(submaps: Submaps, measurements: Sequence[Measurement]) -> NDArray[np.float64]:
-    """Returns the likeliest factors (3,) on the variances of ties between submaps, in x, y and yaw.
+    """Estimates the likeliest factors (3,) on the variances of the ties between submaps, in x, y and yaw.
 
     Args:
-        submaps: submaps of the drive, tied by the errors of their first scans.
+        submaps: submaps of the drive; the covariances of their ties are those of their first scans.
         measurements: the motions between successive scans.
     """
     by_ties, by_ends, seen = _sum_spans(submaps, measurements, _DRIFT_SUBMAPS)
@@ -127,7 +128,7 @@ def learn_drift(submaps: Submaps, measurements: Sequence[Measurement]) -> NDArra
     def cost(logs: NDArray[np.float64]) -> float:
         """Returns the negative log-likelihood of factors, with the prior's part, given their logarithms (3,)."""
         variances = by_ends + by_ties @ np.exp(logs)
-        rows = np.sum(np.log(variances) + seen / variances) / _DRIFT_SUBMAPS  # each submap is in that many spans
+        rows = np.sum(np.log(variances) + seen / variances) / _DRIFT_SUBMAPS  # each submap is part of _DRIFT_SUBMAPS spans
         return float(rows + _DRIFT_TRUSTED * np.sum(logs + np.exp(-logs)))
 
     return np.asarray(np.exp(minimize(cost, np.zeros(3), method="L-BFGS-B").x))
@@ -139,9 +140,9 @@ def _sum_spans(
     """Compares both directions of time over spans of `length` successive submaps that were tracked in both.
 
     Returns:
-        Variances of x, y and yaw at the end of each of K overlapping spans: (K, 3, 3) expected from the ties, with a column
-        for the errors of the ties in x, y and yaw each; (K, 3) expected from the scans at both ends; and (K, 3) observed, as
-        the squared error of the mean of both directions.
+        Variances of x, y and yaw at the end of each of K overlapping spans: (K, 3, 3) expected from the ties, where the
+        three columns are the parts from the ties' errors in x, y and yaw; (K, 3) expected from the scans at both ends; and
+        (K, 3) observed, as the squared error of the mean of both directions.
     """
     poses = se2.chain(m.pose for m in measurements)
     half = [np.where(np.isfinite(m.apart), 0.5 * m.apart, 0.0) for m in measurements]

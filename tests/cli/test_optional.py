@@ -130,7 +130,7 @@ def test_covariances_that_cannot_be_had_are_a_warning(drive: Path, tmp_path: Pat
     monkeypatch.setattr("mqslam.commands.run.write_run_page", write_indices)
     shown = run(drive, tmp_path / "out")
     assert shown.code == 0
-    said = f"the covariances of the poses are not known ({failure}): the results and the report go without them"
+    said = f"the covariances of the poses are not known ({failure}): results and report do not contain them"
     assert {path.name for path in (tmp_path / "out").iterdir()} == (ESSENTIAL | OTHERS) - {"covariances.csv"}
     assert_said(shown, tmp_path / "out", said)
     assert failure in (tmp_path / "out" / "report.html").read_text()
