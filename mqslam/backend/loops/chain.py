@@ -1,12 +1,13 @@
 """The chain: a trajectory with its optimised graph, which gives the covariance of one pose relative to another.
 
-It also gives the uncertainty of a submap's layout. A submap lies in the frame of its central scan. If the trajectory
-misplaces the scans before and after the central scan in this frame, the submap as a whole is off by the mean of these
-errors, which the score of two passes does not show. The mean is small where the trajectory's motions are certain, or where
-the errors of both sides cancel. They do not cancel at the beginning of a recording, or where the vehicle stands while its
-yaw drifts.
+The graph also gives the uncertainty of a submap's layout, the poses of its scans in the frame of its central scan. If the
+trajectory misplaces the scans before and after the central scan, the submap as a whole is off by the mean of these errors,
+which the score of two passes does not show. The mean is small where the trajectory's motions are certain, or where the
+errors before and after the central scan cancel. They do not cancel at the beginning of a recording, or where the vehicle
+stands while its yaw drifts.
 
-Loops that lie close to each other must agree through the trajectory between them (pairwise consistency).
+Two loops that lie close to each other must agree: one of them, carried along the trajectory, must predict the other
+(pairwise consistency).
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class Chain:
 
     Args:
         drive: scans under the trajectory.
-        graph: the graph whose optimum the trajectory is.
+        graph: the graph; the trajectory is its optimum.
         values: the optimised values.
     """
 
@@ -71,7 +72,7 @@ class Chain:
 
 
 class SubmapLayout(NamedTuple):
-    """The uncertainty of a pair of submaps that comes from their layout.
+    """The uncertainty of a pair of submaps from the errors of the scans' poses within each submap.
 
     Args:
         earlier, later: (3, 3) covariance of each submap as a whole in its own frame [m, m, rad].
@@ -81,17 +82,22 @@ class SubmapLayout(NamedTuple):
     later: NDArray[np.float64]
 
     def widen(self, pose: se2.Array, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Adds the layouts' uncertainty to the covariance (3, 3) of the later submap's pose (3,) in the earlier's frame."""
+        """Adds the layouts' uncertainty to the covariance of a registration.
+
+        Args:
+            pose: (3,) pose of the later submap in the frame of the earlier one [m, m, rad].
+            covariance: (3, 3) covariance of this pose [m, m, rad].
+        """
         turn = se2.adjoint(pose)
         return np.asarray(covariance + self.earlier + turn @ self.later @ turn.T)
 
 
 def compute_layouts(chain: Chain, pairs: Sequence[tuple[int, int]]) -> list[SubmapLayout]:
-    """Computes the uncertainty of the layouts of submaps for pairs of an earlier and a later scan.
+    """Computes the layout uncertainty of both submaps for pairs of an earlier and a later scan.
 
     Args:
-        chain: the trajectory that lays out the submaps.
-        pairs: numbers of the central scans of both submaps.
+        chain: the trajectory along which the submaps are rendered.
+        pairs: numbers of the central scans of the two submaps of each pair.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.
@@ -102,7 +108,7 @@ def compute_layouts(chain: Chain, pairs: Sequence[tuple[int, int]]) -> list[Subm
 
 
 def _compute_layouts(chain: Chain, centres: Sequence[int], reach_m: float) -> dict[int, NDArray[np.float64]]:
-    """Returns the covariance (3, 3) of the submap around each central scan, by the number of the scan.
+    """Returns the layout covariance (3, 3) of the submap around each central scan, by the number of the scan.
 
     Each side of the central scan is weighted by its share of the submap's scans, as if all scans of the side had the
     uncertainty of the farthest one.
@@ -128,27 +134,27 @@ LARGEST_CHI_SQUARE: Final = float(chi2.ppf(PROBABILITY, 3))
 
 
 def compute_chi_square(one: Relative, other: Relative) -> float:
-    """Returns the squared difference of two independent statements about one pose, in units of its covariance."""
+    """Returns the squared difference of two independent estimates of one pose, in units of its covariance."""
     off = se2.subtract(one.motion, other.motion)
     return float(off @ np.linalg.solve(one.covariance + other.covariance, off))
 
 
 def as_relative(loop: Loop) -> Relative:
-    """Converts a loop to the pose of its later scan in the frame of its earlier scan, with the bend of submaps added."""
+    """Converts a loop to a relative pose, and adds the covariance by which submaps are bent."""
     return Relative(loop.pose, add_bend(loop.covariance))
 
 
 def keep_consistent(loops: Sequence[Loop], chain: Chain, least_path_m: float) -> list[Loop]:
     """Returns the loops that agree with their neighbours.
 
-    Two loops are neighbours if their earlier scans lie close to each other on the path, and their later scans, too. They
+    Two loops are neighbours if both their earlier scans and their later scans lie close to each other on the path. They
     agree if the first loop, carried along the path at both ends, predicts the second one. As long as loops disagree, the
-    loops that disagree with the most neighbours are left out, all at once. Of two sets of equal size that contradict each
-    other none stays, since nothing shows which one is right.
+    loops that disagree with the most neighbours are left out, all at once. If two sets of equal size contradict each other,
+    both are left out, since nothing shows which one is right.
 
     Args:
         loops: the loops.
-        chain: the trajectory between them, without these loops.
+        chain: the trajectory without these loops.
         least_path_m: largest length of path [m] between the ends of two neighbours.
 
     Raises:
@@ -164,7 +170,7 @@ def keep_consistent(loops: Sequence[Loop], chain: Chain, least_path_m: float) ->
 
 
 def _find_disagreements(loops: Sequence[Loop], chain: Chain, least_path_m: float) -> NDArray[np.bool_]:
-    """Returns a matrix (K, K) of which loops contradict each other."""
+    """Returns a symmetric matrix (K, K) that is True for each pair of loops that contradict each other."""
     neighbours = _find_neighbours(loops, chain.drive.travelled, least_path_m)
     ends = sorted({pair for i, k in neighbours for pair in _ends(loops[i], loops[k])})
     along = dict(zip(ends, chain.relate(ends), strict=True))
@@ -204,7 +210,7 @@ def _ends(one: Loop, other: Loop) -> tuple[tuple[int, int], tuple[int, int]]:
 
 
 def compose_relatives(a: Relative, b: Relative) -> Relative:
-    """Composes motion a with motion b, which is given in the frame at the end of a."""
+    """Composes motion a with motion b, which starts at the end of a; their errors are independent."""
     motion = se2.compose(a.motion, b.motion)
     x, y, _ = a.motion - motion
     lever = se2.adjoint([x, y, 0.0])
@@ -212,5 +218,5 @@ def compose_relatives(a: Relative, b: Relative) -> Relative:
 
 
 def invert_relative(a: Relative) -> Relative:
-    """Returns the inverse of a motion."""
+    """Returns the inverse of a motion, with its covariance."""
     return Relative(se2.inverse(a.motion), se2.covariance_of_inverse(a.motion, a.covariance))

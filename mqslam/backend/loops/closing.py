@@ -1,4 +1,4 @@
-"""Loop closure in rounds: each round searches around the trajectory as corrected by the loops of the rounds before.
+"""Loop closure in rounds: each round searches around the trajectory that the loops of the rounds before have corrected.
 
 The graph gives the relative pose of two scans and its covariance. Pairs of scans that may show the same place, given this
 pose and covariance, are registered by psi. Where the trajectory stays too uncertain for registration, places are recognised
@@ -43,10 +43,10 @@ from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam
 from mqslam.psi.score import make_references
 
-# Largest distance [m] at which two passes still see the same things.
+# Largest distance [m] between two passes at which they still see the same objects.
 _REACH_M = 12.0
-# Least half width of the search for the later pass's position [m]. It is wider than most trajectories need, so that a street
-# whose structure repeats shows this within the search, however sure the trajectory is.
+# Least half width of the search for the later pass's position [m]. It is wider than most trajectories need: in a street
+# whose structure repeats, the search then finds several poses, however certain the trajectory is.
 _SEARCH_M = 15.0
 # Least half width of the search in yaw [rad].
 _SEARCH_RAD = 0.03
@@ -57,10 +57,10 @@ _GATE_RAD = 0.3
 # Half width of the search in standard deviations of the relative pose of the two passes, as the trajectory states it. If
 # this is more than GATE_M or _GATE_RAD, the passes are not compared.
 _SIGMAS = 3.0
-# Largest number of earlier passes that a scan is tied to; the nearest ones are taken.
+# Largest number of earlier passes with which a scan is compared; the nearest ones are taken.
 _PASSES = 1
-# After a pair of scans has been compared, another pair is not compared if its earlier scan lies within LEAST_PATH_M of path
-# from the first pair's, and its later scan within LEAST_PATH_M divided by this factor.
+# After a pair of scans has been compared, a neighbouring pair is not: one whose earlier scan lies within LEAST_PATH_M of
+# path from the earlier scan of the first pair, and whose later scan lies within LEAST_PATH_M divided by this factor.
 _TRIED_FACTOR = 20.0
 # A loop that does not lower psi of its two passes stays if psi in the optimised map is at most this many times the smaller
 # of two values: psi before the loops, and psi with the passes registered on each other.
@@ -96,7 +96,7 @@ def find_candidates(
     """Finds pairs of scans that may show one place.
 
     A pair is a candidate if the distance of its scans, less the uncertainty of this distance, is so short that both passes
-    see the same things. Only the nearest scan of each of the nearest earlier passes is taken, and a pair is left out if a
+    see the same objects. Of each of the nearest earlier passes only the nearest scan is taken. A pair is left out if a
     neighbouring pair has been tried.
 
     Args:
@@ -120,7 +120,7 @@ def find_candidates(
     relatives = dict(zip(pairs, chain.relate(pairs), strict=True))
 
     def stretch(pair: tuple[int, int]) -> tuple[float, float]:
-        """Returns the lengths of path up to both scans; that of the later scan is multiplied by _TRIED_FACTOR."""
+        """Returns the lengths of path up to both scans; the length to the later scan is multiplied by _TRIED_FACTOR."""
         return float(drive.travelled[pair[0]]), float(drive.travelled[pair[1]]) * _TRIED_FACTOR
 
     known = cKDTree(np.array([stretch(pair) for pair in sorted(tried)]).reshape(-1, 2))
@@ -142,7 +142,7 @@ def find_candidates(
 
 
 def compute_reach(relative: Relative) -> tuple[float, float]:
-    """Returns the half widths [m], [rad] of the search that the uncertainty of a relative pose needs."""
+    """Returns the half widths [m], [rad] of a search that covers the uncertainty of a relative pose."""
     sigma_m = float(np.sqrt(np.linalg.eigvalsh(relative.covariance[:2, :2])[-1]))
     sigma_rad = float(np.sqrt(relative.covariance[2, 2]))
     return max(_SEARCH_M, _SIGMAS * sigma_m), max(_SEARCH_RAD, _SIGMAS * sigma_rad)
@@ -166,10 +166,10 @@ def may_meet(relative: Relative, slack_m: float = 0.0) -> bool:
 
 
 def find_out_of_reach(chain: Chain, places: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Finds the earlier places that each place may show, for the places whose search cannot cover all of these.
+    """Finds the earlier places that each place may show, for places whose earlier places the search cannot all reach.
 
-    The uncertainty of the trajectory is computed for pairs of scans that are GATE_M apart. If the pose of each of these
-    scans relative to the first one is certain enough for the search, the other pairs are not looked at.
+    The uncertainty of the trajectory is computed between scans that are GATE_M apart on the path. If each of these scans is
+    certain enough relative to the first scan, the search reaches every place, and no other pairs are examined.
 
     Args:
         chain: the trajectory, with its uncertainty.
@@ -177,7 +177,7 @@ def find_out_of_reach(chain: Chain, places: NDArray[np.int64]) -> NDArray[np.boo
 
     Returns:
         (P, P) whether the place of a row may show the earlier place of a column; all False in the row of a place whose
-        search covers all of them.
+        search reaches all earlier places that it may show.
 
     Raises:
         EstimationError: the uncertainty of the trajectory cannot be computed.
@@ -264,7 +264,7 @@ def confirm_by_map(
     beam: Beam,
     engine: Engine,
 ) -> list[Loop]:
-    """Returns the loops that make the map of their own two passes better.
+    """Returns the loops that improve the map of the two passes that they tie.
 
     Args:
         loops: all loops in the graph.
@@ -290,7 +290,7 @@ def score_loop(
 ) -> list[float]:
     """Returns psi per point of a loop's two passes under each of several trajectories.
 
-    The submaps are rendered once, so that only their relative pose differs.
+    The submaps are rendered only once, so that the trajectories differ only in the relative pose of the submaps.
 
     Args:
         drive: scans under the trajectory with which the submaps are rendered.
@@ -306,11 +306,11 @@ def score_loop(
 
 
 class LoopCloser:
-    """A search for loops: it keeps those that psi confirms, that the trajectory allows, that agree and that improve the map.
+    """A search for loops. It keeps the loops that psi confirms, that the trajectory allows, that agree and improve the map.
 
     Args:
-        problem: the trajectory that the loops join.
-        place: returns the scans under poses (N, 3) of the trajectory.
+        problem: the trajectory to which loops are added.
+        place: returns the scans under given poses (N, 3).
         estimator: settings of the score.
         beam: the sensor's errors.
         runner: gives the engine that compares scans, and reports progress.
@@ -318,7 +318,7 @@ class LoopCloser:
         groups: (N,) group of each scan, if only loops between different groups are wanted; None searches for all loops.
 
     Attributes:
-        loops: the loops that have joined the trajectory.
+        loops: the loops that have been added to the trajectory.
     """
 
     def __init__(
@@ -344,10 +344,10 @@ class LoopCloser:
         """Searches for loops around the trajectory, in rounds.
 
         Args:
-            asking: whether to compute the return value, which takes time; otherwise it is False.
+            asking: whether to compute the return value, which takes time; otherwise False is returned.
 
         Returns:
-            Whether the trajectory of the last round allows loops that this search cannot reach.
+            Whether, by the trajectory of the last round, there may be loops that this search cannot reach.
 
         Raises:
             EstimationError: the uncertainty of the trajectory cannot be computed.
@@ -366,7 +366,7 @@ class LoopCloser:
         return out_of_reach
 
     def look_everywhere(self) -> bool:
-        """Recognises places that the search around the trajectory does not reach; returns whether loops have joined.
+        """Recognises places that the search around the trajectory does not reach; returns whether loops were added.
 
         Raises:
             EstimationError: the uncertainty of the trajectory cannot be computed.
@@ -424,7 +424,7 @@ class LoopCloser:
         return LoopSearch(self.loops, tried, ambiguous, implausible, self._unsure)
 
     def _compare(self, chain: Chain) -> list[Loop]:
-        """Searches around a trajectory; returns the new loops that psi confirms and the trajectory allows."""
+        """Compares passes around a trajectory; returns the new loops that psi confirms and the trajectory allows."""
         runner = self._runner
         candidates, unsure = find_candidates(chain, self._decided, self._groups)
         scores = compare_passes(chain.drive, candidates, self._estimator, self._beam, runner.engine, runner.progress)
@@ -453,11 +453,11 @@ def find_loops(
     *,
     recognising: bool = True,
 ) -> LoopSearch:
-    """Returns the loops of a run, as `LoopCloser` finds them.
+    """Searches the loops of a run by a `LoopCloser`.
 
     Args:
         scans: scans of the recording.
-        problem: the trajectory that the loops join.
+        problem: the trajectory to which loops are added.
         estimator: settings of the score.
         beam: the sensor's errors.
         runner: gives the engine that compares scans, and reports progress.

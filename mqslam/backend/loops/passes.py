@@ -1,4 +1,4 @@
-"""Passes of places: renders submaps from scans under a trajectory, and finds pairs of scans that may show the same place."""
+"""Renders submaps from scans under a trajectory, and finds pairs of scans in which two passes may show the same place."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mqslam.mapping.keyframing import pick_spaced, place_keyframes
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam, PointSet
 
-# Path [m] between the scans of a submap, and between the scans for which earlier passes of the same place are looked for.
+# Path [m] between the scans of a submap, and between the scans for which earlier passes of the same place are searched.
 SPACING_M = 5.0
 # The submap of the earlier pass holds the returns of the scans within this path [m] to either side of its central scan.
 SUBMAP_M = 15.0
@@ -27,7 +27,7 @@ _FAR_M: Final = 1e6  # added path [m] between two recordings: by definition long
 
 
 class Passes(Protocol):
-    """Scans under a trajectory, from which submaps are rendered."""
+    """Scans under a trajectory, from which submaps can be rendered."""
 
     @property
     def poses(self) -> se2.Array:
@@ -43,13 +43,13 @@ class Passes(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class MappedDrive:
-    """The keyframes of a map as scans under a trajectory.
+    """The keyframes of a map, as scans under a trajectory.
 
     Args:
         keyframes: keyframes of the map.
-        poses: (K, 3) their poses.
-        travelled: (K,) length of the path up to each keyframe [m]; from one recording to the next it grows by more than any
-            real path, so that no path seems to join them.
+        poses: (K, 3) poses of the keyframes [m, m, rad].
+        travelled: (K,) length of the path up to each keyframe [m]. Between two recordings it grows by more than any real
+            path, so that keyframes of different recordings are never near each other on the path.
     """
 
     keyframes: Keyframes
@@ -71,7 +71,7 @@ class MappedDrive:
 
 @dataclass(frozen=True, slots=True)
 class TrackedRun:
-    """The scans of a run under a trajectory, in which loops are looked for.
+    """The scans of a run under a trajectory, in which loops are searched.
 
     Args:
         scans: scans of the recording.
@@ -136,7 +136,7 @@ def render_passes(earlier: tuple[Passes, int], later: tuple[Passes, int], beam: 
     return render_submap(*earlier, SUBMAP_M, beam), render_submap(*later, LATER_SHARE * SUBMAP_M, beam)
 
 
-# Two scans with less path [m] than this between them do not belong to two passes: odometry ties them already.
+# Two scans with less path [m] than this between them belong to the same pass: odometry ties them already.
 LEAST_PATH_M = 60.0
 # Least share of the later pass's returns that must lie on the earlier pass.
 MATCHED = 0.45
@@ -149,12 +149,12 @@ def find_passes(
     least_path_m: float,
     reach_m: Callable[[NDArray[np.float64]], NDArray[np.float64]],
 ) -> list[list[tuple[int, int]]]:
-    """Finds, for poses along a path, the nearest pose of every earlier pass, as pairs of indices (earlier, later).
+    """Finds, for poses along a path, the nearest pose of each earlier pass, as pairs of indices (earlier, later).
 
     Args:
         travelled: (N,) length of the path up to each pose [m].
         poses: (N, 3) poses along the path.
-        spacing_m: path [m] between the poses for which earlier passes are looked for.
+        spacing_m: path [m] between the poses for which earlier passes are searched.
         least_path_m: two poses belong to different passes if the path [m] between them is longer than this.
         reach_m: returns the largest distance [m] of two poses of a pair, given the path between them [m]; it never decreases
             as the path grows.
@@ -179,7 +179,7 @@ def find_passes(
 
 
 def _split_passes(nodes: NDArray[np.int64], gap: float) -> list[NDArray[np.int64]]:
-    """Splits increasing node indices where they increase by more than a gap: every part is one earlier pass."""
+    """Splits increasing node indices where successive ones differ by more than a gap: each part is one earlier pass."""
     if len(nodes) == 0:
         return []
     return list(np.split(nodes, np.flatnonzero(np.diff(nodes) > gap) + 1))

@@ -1,8 +1,8 @@
 """Recognition of places: finds the place that a submap shows by its appearance, confirmed by psi and neighbouring submaps.
 
 A place is described by the numbers of returns in rings and sectors around it. A single place may look like another one by
-chance. It is unlikely that several successive submaps match successive places by chance, except where streets repeat. There
-a submap matches several places, and all of these matches are rejected.
+chance. It is unlikely that several successive submaps match successive places by chance, except in streets that look alike.
+There a submap matches several places, and all of these matches are rejected.
 
 Source: Scan Context (Kim and Kim, IROS 2018), with numbers of returns in place of heights, which a radar does not measure.
 From another lane, returns lie in other rings and sectors; a submap is therefore described from several positions beside its
@@ -41,7 +41,7 @@ RINGS = 40
 # Number of sectors around a place in which returns are counted. Each sector is 3 degrees wide.
 SECTORS = 120
 PLACE_SPACING_M: Final = 10.0
-"""Path [m] between the places that are described and looked up."""
+"""Path [m] between the places that are described, and between the submaps that are looked up."""
 PLACE_SUBMAP_M: Final = 15.0
 """A place is described by the returns of scans within this path [m] to either side."""
 DESCRIBED_WITH: Final = {
@@ -51,7 +51,7 @@ DESCRIBED_WITH: Final = {
     "rings": RINGS,
     "sectors": SECTORS,
 }
-"""The constants that descriptors depend on, which are stored with the descriptors."""
+"""The constants that descriptors depend on; they are stored with the descriptors."""
 
 
 def describe_places(drive: Passes, beam: Beam, engine: Engine) -> PlaceTable:
@@ -69,7 +69,7 @@ def describe_places(drive: Passes, beam: Beam, engine: Engine) -> PlaceTable:
 
 
 def describe_map(made: KeyframeMap, beam: Beam, engine: Engine) -> KeyframeMap:
-    """Returns a map with the descriptors of this version of mqslam; computed again if the map has other descriptors."""
+    """Returns the map with descriptors made by this version of mqslam; descriptors of another version are replaced."""
     if made.places.made_with == DESCRIBED_WITH:
         return made
     return replace(made, places=describe_places(MappedDrive.of(made.keyframes), beam, engine))
@@ -80,7 +80,14 @@ def _describe(shared: tuple[Passes, Beam], place: int) -> NDArray[np.float32]:
 
 
 def render_places(drive: Passes, places: Sequence[int], beam: Beam, engine: Engine) -> list[PointSet]:
-    """Renders the submaps of some places, each in its own frame; the arguments are those of `describe_places`."""
+    """Renders the submaps of some places, each in its own frame.
+
+    Args:
+        drive: scans under a trajectory.
+        places: numbers of the scans at the places.
+        beam: the sensor's errors.
+        engine: engine that renders the submaps; the result does not depend on it.
+    """
     return engine.map(_render, (drive, beam), list(places))
 
 
@@ -118,15 +125,15 @@ def _count(points: NDArray[np.float64], aside_m: float, range_m: float, rings: i
     return counts
 
 
-# A place is also recognised from a position up to this far to either side [m], such as from another lane. Without this, half
-# of the places that are passed in the opposite direction are not found.
+# A place is also recognised from a position up to this far to either side [m], such as from another lane. Without such
+# shifts, half of the places that are passed in the opposite direction are not found.
 ASIDE_M = 9.0
-# Number of places that psi compares with a submap: the places that look most like it.
+# Number of places, the most similar ones, that psi compares with a submap.
 _GUESSES = 3
 # Distance [m] between the sideways shifts that are tried.
 _ASIDE_STEP_M = 3.0
 
-_COMPARED: Final = 4_000_000  # correlations of sectors that are in memory at the same time: it only affects memory and speed
+_COMPARED: Final = 4_000_000  # correlations of sectors that are in memory at a time: affects memory and speed only
 
 
 class Guess(NamedTuple):
@@ -165,8 +172,8 @@ class PlaceIndex:
         Args:
             queries: (N, 2) points of each submap, in its own frame [m].
             allowed: (Q, P) whether a place may be an answer to a query.
-            apart: for each place, the numbers of the places that count as the same place, itself included: only the
-                likeliest of these is returned.
+            apart: for each place, the numbers of the places that count as the same place, itself included; of these, only
+                the likeliest is returned.
         """
         steps = int(ASIDE_M / _ASIDE_STEP_M)
         asides = _ASIDE_STEP_M * np.arange(-steps, steps + 1, dtype=np.float64)
@@ -183,7 +190,7 @@ class PlaceIndex:
     def _compare(
         self, queries: Sequence[NDArray[np.float64]], asides: NDArray[np.float64]
     ) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64]]:
-        """Compares Q submaps, each described from centres that are shifted sideways by `asides` [m], with all P places.
+        """Compares Q submaps with all P places; each submap is described from centres shifted sideways by `asides` [m].
 
         Returns:
             Three arrays (Q, P): the largest correlation, the index of its shift, and the number of sectors by which the
@@ -227,17 +234,17 @@ _SEARCH = (10.0, 0.1)
 ROW = 3
 # Longest path [m] between successive matches of a row.
 _GAP_M = 25.0
-# Largest distance [m] by which two matches may disagree, in addition to a share of the path between them.
+# Largest distance [m] by which two matches may disagree; a share of the path between them is added to it.
 _AGREE_M = 0.5
 # Largest yaw [rad] by which two matches may disagree.
 _AGREE_RAD = 0.03
-# Share of the path between two matches that is added to the distance by which they may disagree, for errors of the odometry.
+# Share of the path between two matches that is added to _AGREE_M, for errors of the odometry.
 _AGREE_SHARE = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Recognition:
-    """The recognised places. A match is a loop from the scan at a place of the map to the central scan of a submap.
+    """The result of a recognition. A match is a loop from the scan at a place of the map to the central scan of a submap.
 
     Args:
         rows: groups of successive matches that agree, in each group in the order of the drive.
@@ -252,7 +259,7 @@ class Recognition:
 
 @dataclass(frozen=True, slots=True)
 class PlaceDatabase:
-    """The places that can be recognised.
+    """The places of a map that can be recognised.
 
     Args:
         drive: the scans of the places, under the trajectory of the map.
@@ -270,7 +277,7 @@ class PlaceDatabase:
         return cls(drive, table.keyframes, PlaceIndex(table.descriptors))
 
     def find_same(self) -> list[NDArray[np.int64]]:
-        """Returns for each place the places that lie so near to it on the path that they show the same."""
+        """Returns for each place the numbers of the places so near to it on the path that they show the same returns."""
         along = self.drive.travelled[self.places]
         order = np.argsort(along, kind="stable")
         firsts = np.searchsorted(along[order], along - PLACE_SUBMAP_M)
@@ -279,7 +286,7 @@ class PlaceDatabase:
 
 
 class _Pair(NamedTuple):
-    """A scan, and a place that the submap around the scan may show.
+    """A hypothesis of the recognition: a scan, and a place that the submap around the scan may show.
 
     Args:
         earlier: number of the place's scan in the map.
@@ -322,7 +329,7 @@ def recognise(
         for query, listed in zip(queries, guesses, strict=True)
         for guess in listed
     ]
-    i, k = _find_agreeing(pairs, drive, database.drive, _SEARCH)  # a guess needs the support of another submap's guess
+    i, k = _find_agreeing(pairs, drive, database.drive, _SEARCH)  # each guess must agree with the guess of another submap
     pairs = [pairs[n] for n in np.union1d(i, k)]
     found = engine.map(_register, (drive, database.drive, estimator, beam), pairs)
     best, ambiguous = _choose([match for match in found if match is not None], database.drive, estimator)
@@ -337,7 +344,7 @@ def _place(pairs: Sequence[_Pair | Loop], mapped: Passes) -> se2.Array:
 def _find_agreeing(
     pairs: Sequence[_Pair | Loop], drive: Passes, mapped: Passes, slack: tuple[float, float]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Finds pairs that agree: the drive's motion between their later scans fits the poses that the pairs give these scans.
+    """Finds pairs that agree: the drive's motion between their later scans fits the poses of these scans by the pairs.
 
     Args:
         pairs: the pairs, in the order of their later scans.
@@ -382,7 +389,7 @@ def _register(shared: tuple[Passes, Passes, EstimatorConfig, Beam], pair: _Pair)
 def _choose(
     matches: Sequence[tuple[Loop, bool]], mapped: Passes, estimator: EstimatorConfig
 ) -> tuple[list[Loop], list[int]]:
-    """Chooses the best match of each query that fits one place only; also returns the queries that fit several."""
+    """Chooses the best match of each query that fits only one place; also returns the queries that fit several places."""
     chosen, ambiguous = [], []
     for query in sorted({match.later for match, _ in matches}):
         own = sorted(((match, alone) for match, alone in matches if match.later == query), key=lambda one: one[0].psi)
@@ -397,7 +404,7 @@ def _choose(
 
 
 def _find_rows(matches: Sequence[Loop], drive: Passes, mapped: Passes) -> list[list[Loop]]:
-    """Returns groups of at least `ROW` matches that agree; `matches` holds at most one match per query."""
+    """Groups matches that agree, at most one per query, and returns the groups of at least `ROW` matches."""
     if not matches:
         return []
     i, k = _find_agreeing(matches, drive, mapped, (_AGREE_M, _AGREE_RAD))

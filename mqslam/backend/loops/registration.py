@@ -1,6 +1,6 @@
 """Registers one submap on another by psi: searches all poses near a guess, then minimises psi and estimates the covariance.
 
-The search correlates the two submaps as blurred images at several yaws, which is the widest and cheapest form of the score.
+The search correlates the two submaps as blurred images at several yaws, which is the cheapest form of the score.
 psi is then minimised from the guess and from the best peaks of the correlation, and the pose with the lowest psi is chosen.
 """
 
@@ -32,7 +32,7 @@ _BEYOND_M = 1.0
 _BEYOND_RAD = 0.05
 # A submap with fewer returns than this is not registered.
 _FEWEST = 300
-# A registration whose position has a larger standard deviation than this [m] along an axis is dropped.
+# A registration is dropped if its position has a larger standard deviation than this [m] along an axis.
 _SURE_M = 0.3
 
 TOLERANCES: Final = np.array([1e-3, 1e-3, 2e-5])
@@ -51,7 +51,7 @@ class Alignment:
         rival: psi per point at the best other pose in the searched region; infinite if there is no other pose.
         observed: whether the submaps determine the pose in every direction.
         rivals: (R, 3) other poses that fit about as well as the best one: their score is worse by less than the factor
-            RIVAL, or by less than chance explains. It is empty if rivals were not asked for.
+            RIVAL, or by less than chance explains. Empty if rivals were not asked for.
     """
 
     pose: se2.Array
@@ -79,14 +79,14 @@ def align(
         guess: (3,) pose of the query's frame in the reference's frame [m, m, rad].
         reach: how far the guess may be off in position [m] and in yaw [rad].
         config: settings of the score.
-        rival_sigmas: number of standard deviations by which another pose must score worse than the best one to be no rival;
-            None if rivals need not be known.
+        rival_sigmas: another pose is a rival unless it scores worse than the best one by this many standard deviations; None
+            if rivals need not be known.
     """
     reach_m, reach_rad = reach
     minima = []
     peaks = find_correlation_peaks(references.points, query.points, guess, reach_m, reach_rad, config)
-    others = [peak for peak in peaks if not np.array_equal(peak, guess)]  # the guess is added below
-    for start in [guess, *others]:  # the guess itself is a hypothesis, too
+    others = [peak for peak in peaks if not np.array_equal(peak, guess)]
+    for start in [guess, *others]:
         minimum = minimise_rigidly(start, query, references, config, TOLERANCES)
         off = se2.between(guess, minimum.state)
         if np.hypot(off[0], off[1]) <= reach_m + _BEYOND_M and abs(off[2]) <= reach_rad + _BEYOND_RAD:
@@ -118,12 +118,12 @@ def _pick_rivals(
     sigmas: float,
     config: EstimatorConfig,
 ) -> se2.Array:
-    """Returns the poses (R, 3) of those other minima that fit about as well as the best minimum.
+    """Returns the poses (R, 3) of the minima that fit about as well as the best minimum.
 
-    The scores of two poses are sums over the same points. Their differences are summed by object, as in psi's covariance. If
-    both poses fit equally well, the total is about zero in units of its standard deviation (Vuong, 1989). Points that have
-    no reference in reach at one of the two poses, such as points beyond the end of a pass, do not show which pose is right
-    and are left out.
+    The scores of two poses are sums over the same points. The differences of the points' scores are summed by object, as in
+    psi's covariance. If both poses fit equally well, the total is about zero in units of its standard deviation (Vuong,
+    1989). Points without a reference in reach at one of the two poses, such as points beyond the end of a pass, do not show
+    which pose is right and are left out.
     """
     references, query = submaps
 
@@ -150,12 +150,19 @@ def score_at_pose(references: References, query: PointSet, pose: se2.Array, conf
 def score_among(
     references: References, points: PointSet, config: EstimatorConfig, scale: Scale | None = None
 ) -> PsiEvaluation:
-    """Returns the score of points among references, whatever their times, at given widths or the annealing's last widths."""
+    """Returns the score of points among references, regardless of times.
+
+    Args:
+        references: fixed points.
+        points: the points to score, in the references' frame.
+        config: settings of the score.
+        scale: widths of the score; None takes the annealing's last widths.
+    """
     return evaluate(points, references, scale or final_scale(config), kernel_of(config, ANY_TIME))
 
 
 def observes_all(references: References, points: PointSet, config: EstimatorConfig) -> bool:
-    """Returns whether psi observes every direction in which the points can move, at the annealing's first widths."""
+    """Returns whether psi, at the annealing's first widths, observes every direction in which the points can move."""
     return len(find_weak_directions(score_among(references, points, config, annealed_scale(config, 0)), 3)) == 0
 
 
@@ -170,7 +177,7 @@ def does_match(alignment: Alignment, matched: float) -> bool:
 
 
 def is_unrivalled(alignment: Alignment, matched: float) -> bool:
-    """Returns whether two passes match and no other pose fits about as well; the arguments are those of `does_match`."""
+    """Returns whether two passes match and no other pose fits about as well; takes the arguments of `does_match`."""
     return does_match(alignment, matched) and alignment.psi * RIVAL <= alignment.rival
 
 

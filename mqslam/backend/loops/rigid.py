@@ -1,7 +1,7 @@
-"""Minimises psi of a rigid submap among fixed points, whatever their times, in one compiled call.
+"""Minimises psi of a rigid submap among fixed points, regardless of their times, in one compiled call.
 
-Submaps are registered on each other very often: to close loops, to refine a trajectory and to judge a map. The Jacobians of
-a rigid motion and the rotated covariances follow from a few numbers, so that no arrays of them are made.
+Submaps are registered on each other very often: to close loops, to refine a trajectory and to judge a map. To save time, the
+Jacobians of the rigid motion and the rotated covariances are computed point by point and never stored as arrays.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from mqslam.psi.score import (
 
 _NO_PULLS: Final = np.empty((0, 2, 3))
 ANY_TIME: Final = 0.0
-"""Duration of a revolution of the radar [s] for `kernel_of`: zero, so that the score of two submaps ignores their times."""
+"""Duration of a revolution [s] that is passed to `kernel_of`: zero, so that the score of two submaps ignores their times."""
 
 
 def move_rigidly(points: PointSet, pose: se2.Array) -> PointSet:
@@ -65,15 +65,15 @@ def minimise_rigidly(
     tolerances: NDArray[np.float64],
     first: int = 0,
 ) -> Minimum:
-    """Minimises psi over the pose of a rigid submap; `minimise` with `move_rigidly` does the same and is easier to read.
+    """Minimises psi over the pose of a rigid submap; the plain twin of this function is `minimise` with `move_rigidly`.
 
     Args:
         start: (3,) pose at which the search begins.
         points: the submap in its own frame.
         references: fixed points.
         config: settings of the score and of its minimiser.
-        tolerances: as for `minimise`.
-        first: step of the annealing with which the search begins.
+        tolerances: (3,) the search ends once a step is smaller than this in every component [m, m, rad].
+        first: number of the annealing step with which the search begins.
     """
     scales = [annealed_scale(config, step) for step in range(first, first + STEPS)]
     kernel, last = kernel_of(config, ANY_TIME), final_scale(config)
