@@ -1,10 +1,10 @@
-"""Finds changes: objects that one recording shows, and another recording does not, although it looks past the place.
+"""Finds changes: objects that one recording shows, and that another recording does not show although it sees beyond them.
 
-A keyframe shows a cell if one of its returns lies near the cell. It misses the cell if it sees beyond the cell: nothing
+A keyframe shows a cell if one of its returns lies near the cell. It looks past the cell if it sees beyond the cell: nothing
 nearer hides the cell, and the keyframe is no farther away than the keyframes that showed the cell from the same side. A cell
-counts as changed if several keyframes of one recording show it, and the other recording shows it in so small a share of its
-looks that chance does not explain it. A single return says little: traffic and noise leave some in almost every cell of a
-street.
+counts as changed under two conditions. Several keyframes of one recording show it. And so few keyframes of the other
+recording show it, compared with the number that look past it, that chance does not explain this. A single return proves
+little: traffic and noise leave some returns in almost every cell of a street.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ REACH_M = 60.0
 CELL_M = 1.0
 # Number of sectors around a keyframe, one per degree. The first return in each sector is kept.
 _RAYS = 360
-# A ray passes a cell if the first return on the ray lies at least this far [m] behind the cell.
+# A ray passes a cell if its first return lies at least this far [m] behind the cell.
 _MARGIN_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Views:
-    """The first return in each sector around some keyframes. Sectors of rays count counter-clockwise from straight ahead.
+    """The first return in each sector around some keyframes. Sectors are numbered counter-clockwise from straight ahead.
 
     Args:
         poses: (K, 3) poses of the keyframes, in the map's frame.
         firsts: (K, S) range of the first return in each sector [m]; infinite if there is none.
-        origins: (K, S, 2) position of the moving sensor when it saw the sector, in the keyframe's frame [m].
+        origins: (K, S, 2) position of the moving sensor when its beam passed the sector, in the keyframe's frame [m].
     """
 
     poses: se2.Array
@@ -82,13 +82,14 @@ def make_views(keyframes: Keyframes, chosen: NDArray[np.int64]) -> Views:
 def count_visible(cells: NDArray[np.float64], farthest: NDArray[np.float64], views: Views) -> NDArray[np.int64]:
     """Returns the number (C,) of keyframes that look past each of C cells.
 
-    A keyframe looks past a cell under three conditions. The cell is within reach. The cell was shown from the keyframe's
-    direction, from as far or farther. In the sectors of the cell, all first returns lie behind it, and there is at least
-    one.
+    A keyframe looks past a cell under three conditions. The cell is within reach. Another keyframe showed the cell from the
+    same direction and from at least the same distance. In the keyframe's sectors that the cell covers there is at least one
+    return, and all first returns lie behind the cell.
 
     Args:
         cells: (C, 2) m, in the map's frame.
-        farthest: (C, A) largest distance from which each cell was shown [m], by the direction from the cell to the keyframe.
+        farthest: (C, A) largest distance from which each cell was shown [m], for each of A directions from the cell to the
+            keyframe.
         views: views of the keyframes.
     """
     sizes = REACH_M, _MARGIN_M, CELL_M
@@ -104,7 +105,7 @@ def _count(
     origins: NDArray[np.float64],
     sizes: tuple[float, float, float],
 ) -> NDArray[np.int64]:
-    """Does the counting of `count_visible`; `sizes` are REACH_M, _MARGIN_M and CELL_M."""
+    """Counts for `count_visible`; `sizes` are REACH_M, _MARGIN_M and CELL_M."""
     reach_m, margin_m, cell_m = sizes
     sectors, aspects, turn = firsts.shape[1], farthest.shape[1], 2.0 * np.pi
     looks = np.zeros(len(cells), np.int64)
@@ -135,44 +136,44 @@ def _count(
     return looks
 
 
-# Changes are looked for only where the relative pose of the recordings is known to within this standard deviation [m], half
-# of _NEAR_M. Far from all links, the recordings may be misplaced by more than a parked car.
+# Changes are searched only where the standard deviation of the relative pose of the recordings is at most this [m], half of
+# _NEAR_M. Far from all links, the recordings may be misplaced by more than the length of a parked car.
 SURE_M = 0.5
-# A cell counts as changed only if the keyframes of the other recording that show it are at most this share of the number of
-# keyframes of the first recording that show it.
+# A cell counts as changed only if the number of the other recording's keyframes that show it is at most this share of the
+# number of the first recording's keyframes that show it.
 _ALSO = 0.3
-# This many keyframes of a recording must show a return in a cell, so that traffic, which moves on, and noise do not count.
+# At least this many keyframes of a recording must show a cell, so that noise and moving traffic do not count.
 _SEEN = 3
-# This many keyframes of the other recording must look past the cell at something behind it.
+# At least this many keyframes of the other recording must look past the cell.
 _LOOKS = 3
-# Probability that chance alone makes any cell of a recording count as changed, if looks were independent. Divided by the
-# number of cells, it limits for each cell the probability that the other recording shows it in so few looks by chance.
+# Probability that any unchanged cell of a recording counts as changed by chance, if keyframes were independent. Divided by
+# the number of cells, it bounds the probability for each cell that so few keyframes of the other recording show it by
+# chance.
 _CHANCE = 0.05
-# Number of directions from which a cell may be seen and that are kept separate: a surface that shows from one side need not
-# show from the other.
+# Number of directions of view that are kept separate: a surface that is seen from one side need not be seen from the other.
 _ASPECTS = 12
-# An object has at least this many changed cells.
+# An object consists of at least this many changed cells.
 _CELLS = 2
 # A return within this distance [m] of a cell shows it.
 _NEAR_M = 1.0
-# Changed cells this near to each other [m] are one object.
+# Changed cells at most this far from each other [m] belong to one object.
 _OBJECT_M = 2.5
 
-_AROUND: Final = 4  # most cells that one return may show: about as many as fit within a cell's length
+_AROUND: Final = 4  # number of cells, the nearest ones, that one return may show
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """An object that one recording shows and another contradicts.
+    """An object that one recording shows and that another recording does not show although it sees beyond it.
 
     Args:
-        shown_by, missed_by: numbers of the recording that shows the object and of the one that contradicts it.
-        place: (2,) centre of the rectangle around its cells [m], in the map's frame.
-        size_m: (2,) its extent along x and y [m], at least the side of a cell.
-        cells: number of its cells.
-        seen: number of keyframes that show it, in the cell where this number is largest.
-        looks: number of keyframes of the other recording that look past it, in the cell where this number is largest.
-        chance: probability that the other recording shows it in so few looks by chance, in the cell where this
+        shown_by, missed_by: numbers of the recording that shows the object and of the recording that misses it.
+        place: (2,) centre of the rectangle around the object's cells [m], in the map's frame.
+        size_m: (2,) extent of this rectangle along x and y [m], at least the side of a cell.
+        cells: number of the object's cells.
+        seen: number of keyframes that show the object, in the cell where this number is largest.
+        looks: number of keyframes of the other recording that look past the object, in the cell where it is largest.
+        chance: probability that so few keyframes of the other recording show the object by chance, in the cell where this
             probability is smallest.
     """
 
@@ -206,7 +207,7 @@ class _Seen:
 def find_changes(keyframes: Keyframes, sigmas: NDArray[np.float64]) -> list[Change]:
     """Finds the objects that changed between each pair of recordings of a map, the largest ones first.
 
-    Only keyframes take part whose pose relative to the other recording is known to within SURE_M.
+    Only keyframes are used whose pose relative to the other recording has a standard deviation of at most SURE_M.
 
     Args:
         keyframes: keyframes of the map.
@@ -229,8 +230,8 @@ def measure_relative_uncertainty(keyframes: Keyframes, chain: Chain) -> NDArray[
         chain: the keyframes as one trajectory with its uncertainty.
 
     Returns:
-        (R, K) standard deviation [m] of a place at the end of keyframe k's reach, relative to the same place as recording r
-        sees it; zero for the keyframe's own recording, infinite if keyframe and recording see nothing in common.
+        (R, K) standard deviation [m], relative to recording r, of a place at distance REACH_M from keyframe k; zero for the
+        keyframe's own recording, infinite if keyframe and recording see nothing in common.
 
     Raises:
         EstimationError: the uncertainty cannot be computed.
@@ -272,13 +273,13 @@ def _collect(keyframes: Keyframes, chosen: NDArray[np.int64]) -> _Seen:
 
 
 def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int]) -> Iterator[Change]:
-    """Yields the objects that one recording shows and another contradicts; `numbers` are those of these recordings."""
+    """Yields the objects that `one` recording shows and the `other` misses; `numbers` are their numbers in the map."""
     if not len(one.cells) or not len(other.points):
         return
     shown = _find_shown(one, one.cells, _NEAR_M)
     also = np.bincount(_find_shown(other, one.cells, _NEAR_M)[:, 0], minlength=len(one.cells))
     hits = np.bincount(shown[:, 0], minlength=len(one.cells))
-    rare = np.flatnonzero(also <= _ALSO * hits)  # both recordings show most cells; only the others are examined in full
+    rare = np.flatnonzero(also <= _ALSO * hits)  # most cells are shown by both recordings; only the rest is examined in full
     number = np.full(len(hits), -1)
     number[rare] = np.arange(len(rare))
     shown = shown[number[shown[:, 0]] >= 0]
@@ -287,7 +288,7 @@ def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int]) -> Iterator[Cha
     farthest = find_farthest(cells, shown, one.views)
     misses = count_visible(cells, farthest, one.views)
     looks = count_visible(cells, farthest, other.views)
-    share = (hits + 1.0) / (hits + misses + 2.0)  # Laplace's rule: one look of each kind is added
+    share = (hits + 1.0) / (hits + misses + 2.0)  # Laplace's rule of succession
     chance = binom.cdf(also, also + looks, share)
     changed = np.flatnonzero((looks >= _LOOKS) & (chance <= _CHANCE / len(one.cells)))
     if not len(changed):
@@ -329,8 +330,8 @@ def find_farthest(cells: NDArray[np.float64], shown: NDArray[np.int64], views: V
         views: views of the keyframes.
 
     Returns:
-        (C, A) for A directions, counter-clockwise from the map's x; zero where no keyframe showed the cell from there. Each
-        distance also counts for the two directions beside that from which the cell was shown.
+        (C, A) for A directions, counter-clockwise from the map's x axis; zero where no keyframe showed the cell from this
+        direction or from one of the two directions beside it.
     """
     towards = views.poses[shown[:, 1], :2] - cells[shown[:, 0]]
     turn = np.arctan2(towards[:, 1], towards[:, 0]) / (2.0 * np.pi)

@@ -58,7 +58,7 @@ def join_graphs(sessions: Sequence[Session], frames: Sequence[se2.Array]) -> Giv
 
     Args:
         sessions: the sessions.
-        frames: (3,) pose of each session's frame in the frame of the first one, from which the optimisation starts.
+        frames: (3,) starting value of the pose of each session's frame in the frame of the first session [m, m, rad].
 
     Returns:
         The graph over the poses of all keyframes. Vertices are numbered from 0: first all scans, session by session, and
@@ -78,9 +78,9 @@ def join_graphs(sessions: Sequence[Session], frames: Sequence[se2.Array]) -> Giv
 
 
 def join_keyframes(sessions: Sequence[Session]) -> Keyframes:
-    """Joins the keyframes of all sessions; their poses stay in the frame of their own session.
+    """Joins the keyframes of all sessions; the poses of each session stay in the frame of this session.
 
-    Their scans are numbered as the vertices of the joint graph. The georeference is that of the first session.
+    The scan numbers become vertex numbers of the joint graph. The georeference is the first session's.
     """
     own = [session.map.keyframes for session in sessions]
     firsts = np.cumsum([0, *(len(k.recordings) for k in own)])
@@ -105,7 +105,7 @@ def join_keyframes(sessions: Sequence[Session]) -> Keyframes:
 
 
 def join_places(sessions: Sequence[Session]) -> PlaceTable:
-    """Joins the places of all sessions, which must have been described with the same settings."""
+    """Joins the place tables of all sessions, whose descriptors must have been made with the same constants."""
     firsts = np.cumsum([0, *(len(session.map.keyframes) for session in sessions)])
     return PlaceTable(
         np.concatenate([session.map.places.keyframes + first for session, first in zip(sessions, firsts, strict=False)]),
@@ -114,8 +114,8 @@ def join_places(sessions: Sequence[Session]) -> PlaceTable:
     )
 
 
-# If a result's graph, optimised with its edges alone, moves a pose farther than this [m], a warning says that data beyond
-# the edges, such as GNSS, has held the result.
+# A session's graph is optimised with the edges in its file alone. If this moves a pose farther than this [m], a warning says
+# that other data, such as GNSS, has held the pose in the session's run.
 _MOVED_M = 0.5
 
 
@@ -127,18 +127,18 @@ class Merged:
         config: all settings.
         sessions: the sessions that were merged.
         recognitions: the result of recognition for each pair of sessions.
-        links: the links between keyframes of different sessions that the map keeps, with the counts of the search for them.
-        psi: (L, 2) psi per point of the two passes that each link joins: with the sessions as recognition places them, and
-            at the optimum.
+        links: the links between keyframes of different sessions that the map keeps, with the counts of their search.
+        psi: (L, 2) psi per point of the two passes that each link ties: before the links, with the sessions placed by
+            recognition, and at the optimum.
         residuals: (L,) residuals of the links at the optimum, in standard deviations.
         trajectories: the trajectory of each recording, all in one frame.
-        kept: keyframes and places of the map.
+        kept: keyframes and places of the map, in the form in which they are stored.
         graph: the joint graph, with the links among its factors.
         values: poses of the graph's vertices, which are numbered from 0.
         map: the points of all keyframes.
-        changes: objects that one recording shows and another contradicts.
+        changes: objects that one recording shows and another one misses.
         sigmas: (R, K) uncertainty of each keyframe relative to each recording [m], see `measure_relative_uncertainty`.
-        moved_m: for each session, the farthest that its graph, optimised with its edges alone, moves a pose [m].
+        moved_m: for each session, the largest distance [m] by which a pose moves if its graph is optimised alone.
         warnings: messages on steps that failed or were left out, with the reasons.
     """
 
@@ -160,14 +160,14 @@ class Merged:
 
     @property
     def unit_m(self) -> float:
-        """The unit in which the map was made [m]: that of the first recording if a lidar took it, else a metre."""
+        """The unit in which the map was made [m]: the unit of the first recording if it is a lidar's, else a metre."""
         return self.kept.keyframes.unit_m or 1.0
 
     def scale(self, factor: float, config: Config, sessions: Sequence[Session]) -> Merged:
         """Returns the result with all lengths multiplied by a factor.
 
         Args:
-            factor: length of the present unit in the new one.
+            factor: length of the present unit, in the new unit.
             config: all settings in the new unit.
             sessions: the sessions in the new unit.
         """
@@ -267,7 +267,7 @@ def merge_sessions(sessions: Sequence[Session], config: Config, runner: Runner) 
 
 
 def merge_in_unit(sessions: Sequence[Session], config: Config, runner: Runner) -> Merged:
-    """Makes one map of several sessions of lidars, in the unit of the first one; takes the arguments of `merge_sessions`.
+    """Makes one map of several lidar sessions, in the unit of the first session; takes the arguments of `merge_sessions`.
 
     Raises:
         EstimationError: a session shares no place with the others that is recognised with certainty.
@@ -292,11 +292,11 @@ def _measure_move(session: Session, chain: Chain) -> float:
 
 
 def _warn_of_moves(sessions: Sequence[Session], moved_m: Sequence[float]) -> list[str]:
-    """Returns a warning for each session whose poses were held by data that its graph file lacks."""
+    """Returns a warning for each session whose graph file lacks data, such as GNSS fixes, that has held its poses."""
     return [
-        f"{session.folder}: with the edges in its graph.g2o alone, its poses move by up to "
+        f"{session.folder}: with only the edges in its graph.g2o, its poses move by up to "
         f"{far * (session.map.keyframes.unit_m or 1.0):.2f} m; the gyroscope or "
-        "GNSS that has held them is not in that file, and takes no part in the merge"
+        "GNSS that has held them is not in this file, and the merge does without it"
         for session, far in zip(sessions, moved_m, strict=True)
         if far > _MOVED_M
     ]
@@ -306,14 +306,14 @@ def _warn_of_ambiguity(sessions: Sequence[Session], recognitions: Sequence[Recog
     """Returns a warning for each pair of sessions where more submaps match several places than match a single one."""
     return [
         f"several places fit: {m.ambiguous} submaps of {sessions[m.later].folder} match more than one place of "
-        f"{sessions[m.earlier].folder} about as well, and {m.matches} match one; submaps of the first kind were not used"
+        f"{sessions[m.earlier].folder} about as well and were not used; {m.matches} submaps match only one place"
         for m in recognitions
         if m.ambiguous > m.matches
     ]
 
 
 def _check_joined(sessions: Sequence[Session], links: Sequence[Loop], groups: NDArray[np.int64]) -> None:
-    """Raises EstimationError unless the links that the map has kept still join all sessions."""
+    """Raises EstimationError if the links that the map keeps do not join all sessions."""
     joined = {0}
     for _ in sessions:
         for link in links:
@@ -322,7 +322,8 @@ def _check_joined(sessions: Sequence[Session], links: Sequence[Loop], groups: ND
     apart = [str(sessions[n].folder) for n in range(len(sessions)) if n not in joined]
     if apart:
         raise EstimationError(
-            f"{', '.join(apart)}: links at places that it seems to share with other recordings do not make the map better",
+            f"{', '.join(apart)}: the places that it seems to share with other recordings do not fit: linked, they make the "
+            "map worse",
             "give recordings that pass through the same streets",
         )
 
@@ -348,13 +349,13 @@ def _list_trajectories(sessions: Sequence[Session], values: gtsam.Values) -> tup
 
 
 def _render(keyframes: Keyframes, estimator: EstimatorConfig, beam: Beam, engine: Engine) -> PointMap:
-    """Renders all keyframes. Times are seconds since the start of the recording that starts first.
+    """Renders the points of all keyframes as one map. Times are seconds since the start of the earliest recording.
 
     Args:
         keyframes: keyframes of all recordings.
         estimator: settings of the score.
         beam: the sensor's errors.
-        engine: where the points are scored; the result does not depend on it.
+        engine: engine that scores the points; the result does not depend on it.
     """
     count = int(np.diff(keyframes.rows, axis=1).sum())
     points, covariances = make_stored((count, 2)), make_stored((count, 3))
@@ -384,8 +385,8 @@ def _render(keyframes: Keyframes, estimator: EstimatorConfig, beam: Beam, engine
 def _space_out(recordings: tuple[MappedRecording, ...], turn_s: float) -> list[float]:
     """Returns an offset for the times of each recording [s], so that no two recordings overlap in time.
 
-    psi tells by the times which returns were seen in the same turn of the radar, and recordings of two days may have the
-    same stamps.
+    psi uses the times to find returns of the same turn of the radar, and recordings of different days may have the same
+    stamps.
     """
     lengths = [1e-6 * (recording.end_us - recording.start_us) + 2.0 * turn_s for recording in recordings]
     return [0.0, *accumulate(lengths)][:-1]

@@ -1,4 +1,4 @@
-"""Makes the sessions of a merge, and finds their poses relative to each other by the places that they share."""
+"""Makes the sessions of a merge, and finds the relative poses of sessions from the places that they share."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from mqslam.formats.graphs.g2o import StoredGraph, list_edges
 from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam
 
-_OFF_M: Final = 0.01  # by this much [m] the poses of keyframes and graph may differ: they are the same numbers, rounded
+_OFF_M: Final = 0.01  # largest difference [m] of poses of keyframes and graph, which are the same but for rounding
 _REMEDY: Final = "give the folder of a result as `mqslam run` or `mqslam merge` has written it"
 
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """One of the results that are merged: its keyframes and its graph, as its files hold them.
+    """One of the results that are merged, with its keyframes and its graph as read from its files.
 
     Args:
         folder: folder of the result.
-        map: its keyframes and places.
-        stamps_us: for each of its recordings, the stamps (N,) of all scans [us].
-        graph: its graph; the scans of its recordings are the first vertices, in order.
+        map: keyframes and places of the result.
+        stamps_us: for each recording of the result, the stamps (N,) of all scans [us].
+        graph: graph of the result; the scans of all recordings are the first vertices, in order.
         frame: (3,) pose of the graph's frame in the frame of the keyframes.
     """
 
@@ -50,12 +50,12 @@ class Session:
 
     @property
     def scans(self) -> int:
-        """Number of scans of all its recordings."""
+        """Number of scans of all recordings of the session."""
         return sum(len(stamps) for stamps in self.stamps_us)
 
     @property
     def poses(self) -> se2.Array:
-        """Poses (V, 3) of all vertices, in the frame of the keyframes."""
+        """Poses (V, 3) of all vertices of the graph, in the frame of the keyframes."""
         poses = np.array([pose_of(self.graph.values, key) for key in self.graph.keys])
         return se2.compose(self.frame, poses)
 
@@ -66,8 +66,8 @@ def scale_session(session: Session, factor: float, *, same_places: bool) -> Sess
     Args:
         session: the session, whose graph is planar.
         factor: factor on all lengths.
-        same_places: whether the descriptors of its places, which were made in a unit of their own, hold for the new lengths;
-            otherwise they are made again when they are needed.
+        same_places: whether the descriptors of the places stay valid at the new lengths; if not, they are made again when
+            they are needed.
     """
     kept = session.map.scale(factor)
     if not same_places:
@@ -81,10 +81,10 @@ def make_session(folder: Path, kept: KeyframeMap, stamps_us: Sequence[NDArray[np
     """Makes a session from the content of a result's files, and checks that they fit together.
 
     Args:
-        folder: the result, for messages.
-        kept: its keyframes and places.
-        stamps_us: for each of its recordings, the stamps (N,) of all scans [us].
-        graph: its graph.
+        folder: folder of the result, for messages.
+        kept: keyframes and places of the result.
+        stamps_us: for each recording of the result, the stamps (N,) of all scans [us].
+        graph: graph of the result.
 
     Raises:
         DataError: the files do not fit together.
@@ -99,7 +99,7 @@ def make_session(folder: Path, kept: KeyframeMap, stamps_us: Sequence[NDArray[np
         problem = f"holds {len(graph.keys)} poses, which do not fit the {count} scans of the trajectories"
         raise DataError(folder / "graph.g2o", problem, _REMEDY)
     if not (keyframes.scans < count).all():
-        raise DataError(folder / "keyframes", "names scans that graph.g2o does not have", _REMEDY)
+        raise DataError(folder / "keyframes", "names scans that graph.g2o does not hold", _REMEDY)
     try:
         vertices = np.array([pose_of(graph.values, int(key)) for key in keyframes.scans])
     except RuntimeError as error:
@@ -107,14 +107,14 @@ def make_session(folder: Path, kept: KeyframeMap, stamps_us: Sequence[NDArray[np
     frame = se2.compose(keyframes.poses[0], se2.inverse(vertices[0]))
     off = se2.compose(frame, vertices) - keyframes.poses
     if np.hypot(off[:, 0], off[:, 1]).max() > _OFF_M:
-        raise DataError(folder, "has keyframes that do not lie where its graph.g2o has them", _REMEDY)
+        raise DataError(folder, "has keyframes whose poses differ from the poses in its graph.g2o", _REMEDY)
     return Session(folder, kept, tuple(stamps_us), graph, frame)
 
 
 def list_factors(session: Session, keys: Sequence[int]) -> list[gtsam.BetweenFactorPose2]:
-    """Returns the edges of a session with new keys, and with the robust losses of a run, which its file does not state.
+    """Returns the edges of a session with new keys and with the robust losses of a run, which graph files do not store.
 
-    Edges between scans that do not follow each other are loops; all others are motions.
+    Edges between scans that do not follow each other are loops; all other edges are motions.
 
     Args:
         session: the session.
@@ -136,8 +136,8 @@ def list_factors(session: Session, keys: Sequence[int]) -> list[gtsam.BetweenFac
 
 # Least number of matches of places that must agree on the relative pose of two recordings.
 _FEWEST = 5
-# The relative pose of two recordings needs this many times as many agreeing matches as any other one. With fewer, several
-# places fit, and nothing is linked.
+# The likeliest relative pose of two recordings needs at least this many times the agreeing matches of any other relative
+# pose. Otherwise several places fit, and the recordings are not linked.
 _RIVAL = 2.0
 
 Row = Sequence[Loop]
@@ -145,12 +145,12 @@ Row = Sequence[Loop]
 
 @dataclass(frozen=True, slots=True)
 class Relation:
-    """The relation of two recordings: the matches of places that show their relative pose.
+    """The relation of two recordings: matches of places that agree on the relative pose of the recordings.
 
     Args:
-        matches: the matches that agree; empty if the recordings share no place, or if several relations fit.
-        agreeing: number of matches that agree on the likeliest relation.
-        rivals: number of matches that agree on the likeliest other relation.
+        matches: the matches that agree; empty if the recordings share no place, or if several relative poses fit.
+        agreeing: number of matches that agree on the likeliest relative pose.
+        rivals: number of matches that agree on the second likeliest relative pose.
     """
 
     matches: list[Loop]
@@ -162,7 +162,7 @@ def find_relation(rows: Sequence[Row], earlier: Chain, later: Chain) -> Relation
     """Finds the matches that agree on the relative pose of two recordings, given both trajectories.
 
     Args:
-        rows: rows of matches of the later recording in the earlier one.
+        rows: rows of matches of submaps of the later recording with places of the earlier one.
         earlier: the trajectory of the earlier recording, optimised by itself.
         later: the trajectory of the later recording, optimised by itself.
 
@@ -183,7 +183,7 @@ def find_relation(rows: Sequence[Row], earlier: Chain, later: Chain) -> Relation
 
 
 def find_heaviest(agree: NDArray[np.bool_], weights: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Grows, from each row, a set of rows that all agree with each other; returns the row numbers of the heaviest set.
+    """Grows from each row a set of rows that all agree with each other; returns the row numbers of the heaviest set.
 
     Args:
         agree: (N, N) whether two rows agree; every row agrees with itself.
@@ -204,7 +204,7 @@ def find_heaviest(agree: NDArray[np.bool_], weights: NDArray[np.int64]) -> NDArr
 
 
 def _compare_rows(rows: Sequence[Row], earlier: Chain, later: Chain) -> NDArray[np.bool_]:
-    """Returns which pairs of rows (N, N) agree: one row and the motions along both paths give the pose of the other."""
+    """Returns which pairs of rows (N, N) agree: one row, carried along both paths, predicts the other row."""
     middles = [row[len(row) // 2] for row in rows]
     pairs = [(i, k) for i in range(len(rows)) for k in range(i + 1, len(rows))]
     before = earlier.relate([(middles[i].earlier, middles[k].earlier) for i, k in pairs])
@@ -217,7 +217,7 @@ def _compare_rows(rows: Sequence[Row], earlier: Chain, later: Chain) -> NDArray[
 
 @dataclass(frozen=True, slots=True)
 class Recognition:
-    """The result of searching the places of one session in another one.
+    """The result of recognising places of one session in another session.
 
     Args:
         earlier, later: numbers of the sessions.
@@ -240,7 +240,7 @@ class Recognition:
 def introduce(
     sessions: Sequence[Session], chains: Sequence[Chain], estimator: EstimatorConfig, beam: Beam, runner: Runner
 ) -> list[Recognition]:
-    """Searches the places of each session in every session before it; returns the result for each pair of sessions."""
+    """Recognises places of each session in every session before it; returns the result for each pair of sessions."""
     recognitions = []
     pairs = [(a, b) for b in range(len(sessions)) for a in range(b)]
     for a, b in runner.follow("recognise", pairs, len(pairs)):
@@ -257,10 +257,10 @@ def introduce(
 def lay_out(
     sessions: Sequence[Session], chains: Sequence[Chain], recognitions: Sequence[Recognition]
 ) -> tuple[list[se2.Array], list[Loop]]:
-    """Places the sessions in one frame, at each step the session with the most agreeing matches.
+    """Places the sessions in one frame, one after the other, the session with the most agreeing matches first.
 
     Returns:
-        the pose (3,) of each session's frame in the frame of the first one, and links between keyframes of all sessions.
+        The pose (3,) of each session's frame in the frame of the first session, and links between keyframes of all sessions.
 
     Raises:
         EstimationError: a session shares no place with the others.
@@ -290,11 +290,11 @@ def lay_out(
 
 
 def _find_middle(recognition: Recognition, lies: se2.Array, poses: se2.Array) -> int:
-    """Returns the number of the match whose relation agrees best with the places at which all matches put their keyframes.
+    """Returns the number of the match whose relative pose of the two sessions fits the keyframes of all matches best.
 
     Args:
-        recognition: the matches, N of which agree.
-        lies: (N, 3) pose of the later session's frame in the earlier one's frame, as each match shows it.
+        recognition: the recognition, with N matches that agree.
+        lies: (N, 3) pose of the later session's frame in the earlier session's frame, from each match.
         poses: poses of the later session's keyframes in its own frame.
     """
     at = poses[[match.later for match in recognition.relation.matches]]
@@ -310,12 +310,12 @@ def _explain(sessions: Sequence[Session], joined: set[int], recognitions: Sequen
     names = ", ".join(str(sessions[n].folder) for n in apart)
     ambiguous, matches = sum(m.ambiguous for m in own), sum(m.matches for m in own)
     rivals = max((m.relation.rivals for m in own), default=0)
-    why = "no place of it is recognised in the others" if not matches else f"only {matches} matches of places were found"
+    why = "none of its places is recognised in the others" if not matches else f"only {matches} matches of places were found"
     if ambiguous or rivals:
         why = f"several places fit: {ambiguous} submaps match more than one place about as well"
         if rivals:
             agreeing = max(m.relation.agreeing for m in own)
-            why += f", and {agreeing} matches agree on one relation and {rivals} on another"
+            why += f", and {agreeing} matches agree on one relative pose and {rivals} on another"
     return EstimationError(
         f"{names}: shares no place with the other recordings that is recognised with certainty; {why}",
         "give recordings that pass through the same streets",

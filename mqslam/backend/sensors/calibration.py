@@ -6,13 +6,13 @@ Systematic errors are the same in all motions. For the motion of odometry betwee
 
 The parameters are the error of the travel's scale, the delay of odometry's clock, the position of the radar on the vehicle
 (ahead, to the left) and its yaw, and the bias of the yaw rate. The bias may walk: it has a value at certain times, called
-knots, and is interpolated between two knots. If the mount of the radar is known, the motions of odometry are first converted
-to motions of the radar; position and yaw then are the radar's offset from this mount, in the mount's frame. Other sensors
-have fewer parameters.
+knots, and is interpolated between two knots. If the pose of the radar on the vehicle (its mount) is known, the motions of
+odometry are first converted to motions of the radar; the estimated position and yaw are then offsets from this mount, in the
+mount's frame. Other sensors have fewer parameters.
 
-Noise that is independent from motion to motion adds up along a span, while psi errs only at the two ends of the span. The
-noise of a motion is estimated from spans of several lengths, and the largest estimate is taken: a bias that walks faster
-than the calibration can follow shows over long spans, a wrong clock over short ones.
+The sensor's noise, which is independent from motion to motion, adds up along a span of motions, while psi errs only at the
+two ends of the span. The noise of a motion is estimated from spans of several lengths, and the largest estimate is taken: a
+bias that walks faster than the calibration can follow shows over long spans, a wrong clock shows over short spans.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.statistics import MEDIAN_OF_CHI2, MEDIAN_SPREAD
 
-# If psi found fewer motions than this itself, odometry is not calibrated and keeps the errors that it states.
+# If psi found fewer motions than this itself, odometry is not calibrated and keeps its stated errors.
 FEWEST = 20
-# If psi found fewer motions than this itself, a gyroscope is not used, and velocities keep the errors that they state.
+# If psi found fewer motions than this itself, a gyroscope is not used, and velocities keep their stated errors.
 FEWEST_MOTIONS = 40
 # A sensor whose scale is off by more than this factor is not used: its unit or its Doppler shift is wrong, or it is broken.
 # Smaller errors of the scale are corrected.
@@ -42,13 +42,13 @@ LARGEST_SCALE = 1.25
 # Largest share of motions in which a calibrated sensor may contradict psi by more than WILD standard deviations. psi itself
 # is wrong in a few motions.
 MOST_WILD, WILD = 0.1, 3.0
-# A delay, an error of the scale, or the scale itself (which shows that sensor and radar turn together at all) is significant
-# from this many standard deviations.
+# A delay, a scale error, or the scale itself (which shows that sensor and radar turn together at all) is significant if it
+# is larger than this many standard deviations.
 TOLD_SIGMAS = 5.0
-# A smaller error of the scale is corrected without telling the user.
+# A smaller scale error is corrected without a message to the user.
 SCALE_TOLERANCE = 0.01
-# Longest span [s] over which odometry is compared with psi to find its noise, and the time between two values of its yaw
-# rate's bias.
+# Longest span [s] over which odometry is compared with psi to find its noise, and also the time between two knots of the
+# bias of its yaw rate.
 SPAN_S = 10.0
 # Standard deviation [rad/s] by which the bias of odometry's yaw rate may change in a second; it grows with the root of
 # time.
@@ -57,15 +57,14 @@ _ODOMETRY_BIAS_WALK = 0.001
 # Standard deviation of a stated position of the radar on the vehicle along each axis [m]. The point that the wheels move
 # without slip lies between the rear wheels, and a tape measure locates it no better than this.
 SIGMA_MOUNT_M = 0.05
-# Standard deviation of a stated yaw of the radar on the vehicle [rad]: MulRan's calibration differs from straight ahead by
-# as much.
+# Standard deviation of a stated yaw of the radar on the vehicle [rad]: the yaw in MulRan's calibration is about as large.
 SIGMA_MOUNT_RAD = 0.01
 
 AT_ORIGIN: Final = np.zeros(3)
 """The mount of a radar whose mount is unknown: the motions of odometry are then taken as the radar's own motions."""
-_COMMON: Final = 5  # number of parameters with one value for the whole run; the biases follow them
-DELAY_S: Final = 0.1  # standard deviation of the prior of a delay [s]: no usable clock is much later
-MOUNT_M: Final = 2.0  # standard deviation of the prior of the radar's distance from the point that odometry follows [m]
+_COMMON: Final = 5  # number of parameters with one value for the whole run; the biases come after them
+DELAY_S: Final = 0.1  # prior standard deviation of a delay [s]: no usable clock is off by much more
+MOUNT_M: Final = 2.0  # prior standard deviation of the radar's distance from the point that odometry tracks [m]
 _MOST_KNOTS: Final = 1000  # numerical: keeps the matrices of the fit small, however long the run is
 _UNKNOWN: Final = 1e6  # numerical: variance of a motion that psi did not find, so that it has no effect
 _AT_ONCE: Final = 64  # numerical: number of parameters solved for at once, which bounds the memory of a long run
@@ -76,10 +75,14 @@ class SensorEdges(Protocol):
     """The factors and variables that a sensor adds to the pose graph."""
 
     def list_factors(self, chain: se2.Array) -> Iterable[gtsam.NonlinearFactor]:
-        """Returns the factors, given poses `chain` (N, 3) of the scans, whose yaws are right to within pi [rad]."""
+        """Returns the sensor's factors.
+
+        Args:
+            chain: (N, 3) poses of the scans [m, m, rad], whose yaws are right to within pi.
+        """
 
     def insert_into(self, values: gtsam.Values) -> None:
-        """Inserts the starting values of the sensor's own variables."""
+        """Inserts the starting values of the variables that the sensor adds to the graph."""
 
 
 E_co = TypeVar("E_co", bound=SensorEdges, covariant=True)
@@ -101,12 +104,12 @@ class Use(Generic[E_co]):
 
 
 class Motions(NamedTuple):
-    """Motions between scans as arrays.
+    """Motions between successive scans, as arrays.
 
     Args:
         poses: (N, 3) pose at each motion's end in the frame of the pose at its start [m, m, rad].
         lasts: (N,) duration of each motion [s].
-        variances: (N, 3) variances of x, y and yaw.
+        variances: (N, 3) variances of x, y and yaw [m^2, m^2, rad^2].
         converged: (N,) whether psi found each motion itself.
     """
 
@@ -131,8 +134,8 @@ class Design:
     """The design matrix of a calibration: the derivatives of a sensor's motions by the parameters.
 
     Args:
-        jacobians: (N, 3, 7) derivatives of each motion by the parameters that act on it: the common ones and the biases at
-            two knots.
+        jacobians: (N, 3, 7) derivatives of each motion by the parameters that act on it: the common parameters, and the
+            biases at the knots before and after the motion.
         columns: (N, 7) numbers of these parameters among all parameters.
         knots_s: (K - 1,) time from each of the K knots to the next one [s].
     """
@@ -172,7 +175,7 @@ def make_design(motions: Sequence[Measurement], span: int, mount: se2.Array = AT
     Args:
         motions: two or more successive motions of the radar by odometry.
         span: number of motions from a knot of the bias to the next one.
-        mount: (3,) pose of the radar on the vehicle, with which the vehicle's motions were converted to the radar's.
+        mount: (3,) pose of the radar on the vehicle, with which odometry was converted to motions of the radar.
     """
     known = Motions.of(motions)
     # a rotation of the vehicle bends its travel, and swings the radar about the vehicle's origin at the motion's end
@@ -187,7 +190,7 @@ def make_design(motions: Sequence[Measurement], span: int, mount: se2.Array = AT
 def spread_bias(
     by_common: NDArray[np.float64], by_bias: NDArray[np.float64], span: int, knots_s: NDArray[np.float64]
 ) -> Design:
-    """Returns the design for parameters that are common to all motions and a bias that is interpolated between knots.
+    """Returns the design for common parameters of all motions and for a bias that is interpolated between knots.
 
     Args:
         by_common: (N, 3, C) derivatives of the motions by the common parameters.
@@ -206,13 +209,13 @@ def spread_bias(
 def make_walking_prior(
     sigmas: Sequence[float], knots_s: NDArray[np.float64], walk: float, least: float = 0.0
 ) -> NDArray[np.float64]:
-    """Returns the prior information (P, P) about common parameters and a bias that walks from knot to knot.
+    """Returns the prior information matrix (P, P) of the common parameters and of a bias that walks from knot to knot.
 
     Args:
         sigmas: standard deviations of the C common parameters and of the first bias.
         knots_s: (K - 1,) time from each knot to the next one [s].
-        walk: standard deviation of the walk of the bias in a second.
-        least: variance that is added to the variance of each step.
+        walk: standard deviation by which the bias walks in a second; it grows with the root of time.
+        least: variance that is added to the variance of the walk from each knot to the next.
     """
     common = len(sigmas) - 1
     information = np.zeros((common + len(knots_s) + 1,) * 2)
@@ -227,9 +230,9 @@ def differentiate_motions(poses: se2.Array, lasts: NDArray[np.float64], mount: s
     """Returns the derivatives (N, 3, 5) of the radar's motions by scale, delay, and the radar's offset: ahead, left, yaw.
 
     Args:
-        poses: (N, 3) the motions [m, m, rad].
+        poses: (N, 3) motions of the radar by odometry [m, m, rad].
         lasts: (N,) duration of each motion [s].
-        mount: (3,) pose of the radar on the vehicle, with which the vehicle's motions were converted to the radar's.
+        mount: (3,) pose of the radar on the vehicle, with which odometry was converted to motions of the radar.
     """
     x, y, yaw = poses.T
     jacobians = np.zeros((len(poses), 3, _COMMON))
@@ -249,12 +252,12 @@ def _find_travel(poses: se2.Array, mount: se2.Array) -> NDArray[np.float64]:
 
 
 def make_prior_information(design: Design, stated: OdometryConfig, *, mounted: bool = False) -> NDArray[np.float64]:
-    """Returns the prior information (P, P) about the parameters, whose prior means are zero.
+    """Returns the prior information matrix (P, P) of odometry's parameters, whose prior means are zero.
 
     Args:
         design: design of the motions.
-        stated: the errors that odometry states.
-        mounted: whether the mount of the radar is known.
+        stated: the settings of odometry, which state its errors.
+        mounted: whether the pose of the radar on the vehicle is known.
     """
     place_m = SIGMA_MOUNT_M if mounted else MOUNT_M
     turned = SIGMA_MOUNT_RAD if mounted else stated.sigma_travel
@@ -271,15 +274,15 @@ def fit(
 ) -> Calibration:
     """Fits the parameters by generalised least squares.
 
-    A scan that psi places too far ahead makes the motion to it too long and the next one too short by as much. Such errors
-    cancel over a stretch, so that a stretch shows the scale far better than the same number of independent motions.
+    If psi places a scan too far ahead, the motion to this scan is too long, and the next motion is too short by as much.
+    Such errors cancel along the path, so that successive motions show the scale far better than independent motions would.
 
     Args:
         design: design of all motions.
         misses: (N, 3) the radar's motions minus odometry's motions; NaN where psi did not find the motion itself.
         measured: (N, 3) variances of psi's motions, which include the errors of both scans of a motion.
         noise: (N, 3) variances of odometry's own noise, which is independent from motion to motion.
-        prior: (P, P) information about the parameters.
+        prior: (P, P) prior information matrix of the parameters.
     """
     information, right = prior.copy(), np.zeros(len(prior))
     rows = np.repeat(np.arange(len(misses)), design.columns.shape[1])
@@ -299,7 +302,7 @@ def fit(
 
 
 _FEWEST: Final = 5  # the median of fewer independent spans may be small by chance
-_BEYOND: Final = 3.0  # a miss of a span by more standard deviations than this is not noise
+_BEYOND: Final = 3.0  # a residual of more standard deviations than this is not noise
 
 
 def measure_noise(residuals: NDArray[np.float64], measured: NDArray[np.float64], longest: int) -> NDArray[np.float64]:
@@ -326,10 +329,10 @@ def measure_noise(residuals: NDArray[np.float64], measured: NDArray[np.float64],
 def measure_disagreement(
     residuals: NDArray[np.float64], measured: NDArray[np.float64], noise: NDArray[np.float64], longest: int
 ) -> NDArray[np.float64]:
-    """Returns the variances (N, 3) by which motions disagree with psi more than noise explains; zero where they agree.
+    """Returns extra variances (N, 3) for motions that disagree with psi by more than noise explains; zero for the others.
 
-    Wheels that slip, for instance, err by more, and always in one direction. If the sum of the residuals of a span is larger
-    than noise explains, the square of the sum is shared out equally as variance of the span's motions.
+    Slipping wheels, for instance, err by more than noise, and in one direction. If the sum of the residuals of a span is
+    larger than noise explains, its square is divided equally among the variances of the span's motions.
 
     Args:
         residuals: (N, 3) residuals as for `measure_noise`.
@@ -349,7 +352,7 @@ def measure_disagreement(
 
 
 def _sum_spans(residuals: NDArray[np.float64], longest: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
-    """Yields the span lengths 1, 2, 4 and so on, each with the sums (N - length + 1, 3) of residuals over all such spans."""
+    """Yields the span lengths 1, 2, 4 and so on, each with the sums (N - length + 1, 3) of residuals over the spans."""
     sums, count = residuals, 1
     while len(sums) and count <= max(1, longest):
         yield count, sums

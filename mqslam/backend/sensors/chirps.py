@@ -1,4 +1,4 @@
-"""Makes edges of the pose graph from velocities that chirps measured, after a comparison with psi and a calibration.
+"""Makes edges of the pose graph from velocities that the radar's chirps measured, once psi has calibrated them.
 
     travel by psi = (1 + scale error) travel by the velocity + bias x time + noise
 
@@ -37,10 +37,10 @@ from mqslam.core.statistics import MEDIAN_OF_CHI2
 from mqslam.core.velocity import Velocities, make_twists
 from mqslam.factors.between import psi_between
 
-# Shortest stretch over which errors of the calibration are taken as common to all motions [s].
+# Shortest stretch [s] over which the errors of the calibration add up as a common error of all its motions.
 _SPAN_S = 10.0
 
-# Prior standard deviation of a velocity's bias [m/s]; the bias of Boreas-RT is as large.
+# Prior standard deviation of a velocity's bias [m/s]; the bias in Boreas-RT is about as large.
 _SIGMA_BIAS_MPS = 0.1
 # Prior standard deviation of the scale [1]: the Doppler shift of a radar's chirps is known to a few percent.
 SIGMA_SCALE = 0.05
@@ -52,7 +52,7 @@ _LEAST: Final = 1e-12  # numerical: variance that keeps a fit without noise from
 
 
 class TravelEdges(dict[int, Measurement]):
-    """Motions that hold no information about their yaw, by the number of the scan at which each starts."""
+    """Motions without information about their yaw; each key is the number of the scan at which the motion starts."""
 
     def list_factors(self, chain: se2.Array) -> Iterator[gtsam.NonlinearFactor]:
         """Yields the factors of the motions."""
@@ -60,15 +60,15 @@ class TravelEdges(dict[int, Measurement]):
             yield psi_between(X(k), X(k + 1), motion.pose, motion.covariance)
 
     def insert_into(self, values: gtsam.Values) -> None:
-        """Inserts nothing: the motions have no variables of their own."""
+        """Inserts nothing: the motions add no variables to the graph."""
 
 
 @dataclass(frozen=True, slots=True)
 class VelocityUse(Use[TravelEdges]):
-    """How the velocities that chirps measure are used; the edges are the motions that they measure.
+    """How the velocities that the radar's chirps measure are used; the edges are motions made from the velocities.
 
     Args:
-        scale: travel by psi per travel by the velocity; NaN if it could not be found.
+        scale: travel by psi divided by travel by the velocity; NaN if it could not be found.
         sigma_scale: standard deviation of the scale.
         bias: (2,) velocity by psi minus the measured velocity, forward and left [m/s].
     """
@@ -81,8 +81,8 @@ class VelocityUse(Use[TravelEdges]):
 def join_velocities(velocities: Velocities, motions: Sequence[Measurement]) -> VelocityUse:
     """Compares velocities with psi's motions, and converts them to motions if they agree.
 
-    If psi found too few motions to show whether the velocities agree, the velocities keep the errors that they state; their
-    scale and bias are then fitted to these few motions and the prior.
+    If psi found too few motions to show whether the velocities agree, the velocities keep their stated errors. Their scale
+    and bias are then fitted to these few motions and the prior.
 
     Args:
         velocities: one velocity per scan.

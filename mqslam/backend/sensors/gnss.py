@@ -41,12 +41,12 @@ LARGEST_SHARE = 0.05
 LEAST_SPREAD = 5.0
 
 _MOST_FIXES: Final = 400  # numerical: largest number of fixes that are tried, enough to show whether they fit
-_BETTER: Final = 0.5  # a mistake is named if it leaves at most this share of the differences
+_BETTER: Final = 0.5  # a mistake is named if its correction reduces the residuals to at most this share
 SWAPPED: Final = "they fit if their latitudes and longitudes are swapped: swap the two"
 
 
 def find_mistake(fixes: Fixes, times: NDArray[np.float64], starts: NDArray[np.float64], chain: se2.Array) -> str:
-    """Returns in words the usual mistake that explains why fixes do not fit a trajectory; "" if no usual mistake does.
+    """Names the usual mistake, such as swapped coordinates, that explains why fixes do not fit; "" if there is none.
 
     Args:
         fixes: one or more fixes of the receiver.
@@ -57,7 +57,7 @@ def find_mistake(fixes: Fixes, times: NDArray[np.float64], starts: NDArray[np.fl
     path_m = float(se2.step_lengths(chain).sum())
 
     def misfit(times: NDArray[np.float64], positions: NDArray[np.float64], *, must_fit: bool = True) -> float:
-        """Returns the median distance [m] of fixes from the trajectory; inf if they do not fit although `must_fit`."""
+        """Returns the median distance [m] of fixes from the trajectory; inf if it is too large and `must_fit` is set."""
         inside = np.flatnonzero((starts[0] <= times) & (times <= starts[-1]))
         if len(inside) < FEWEST:
             return np.inf
@@ -80,14 +80,14 @@ def find_mistake(fixes: Fixes, times: NDArray[np.float64], starts: NDArray[np.fl
 
 
 def describe_clock(late_s: float) -> str:
-    """Describes in words that fixes fit once this delay [s] of their clock is corrected."""
+    """Describes in words a delay [s] of the receiver's clock whose correction makes the fixes fit."""
     return f"they fit if their stamps are {describe_offset(late_s)}: add {-late_s:.0f} s to them"
 
 
-# Largest error of the receiver's clock, late or early, that is looked for [s].
+# Largest error of the receiver's clock, late or early, that is searched [s].
 _LONGEST_DELAY_S = 3.0
-# Largest share of fixes that may be jumps. With more jumps the fixes are not used: fixes of another drive, or mirrored ones,
-# also agree with a part of a drive by chance.
+# Largest share of fixes that may be jumps. With more jumps the fixes are not used: even mirrored fixes, or fixes of another
+# drive, agree with a part of the trajectory by chance.
 _MOST_JUMPS = 0.25
 # Longest time over which fixes are averaged to learn how their errors wander [s]. Over longer times the trajectory itself
 # drifts as much.
@@ -99,13 +99,13 @@ _ALIKE_S = 60.0
 _FIXES_OF_KNOT = 5
 # Fixes that wander about the trajectory by more than this [m] in a second are not used: no receiver's error wanders so fast.
 _LARGEST_WALK_M = 3.0
-# If the position of the antenna is not stated, the fixes show it where the vehicle turns. It is used if it is farther away
-# from the radar than this many standard deviations. Else the antenna is taken to be at the radar.
+# If the position of the antenna is not stated, it is estimated from the fixes. The estimate is used if it is farther away
+# from the radar than this many standard deviations. Otherwise the antenna is taken to be at the radar.
 _ANTENNA_APART = 3.0
 
-MIRRORED: Final = "the radar is: set sensor.clockwise: false if it is mounted upside down"
+MIRRORED: Final = "the radar is mirrored: set sensor.clockwise: false if it is mounted upside down"
 _ROUNDS: Final = 3  # rounds of antenna and noise; they settle in fewer
-_LEAST_WALK_M: Final = 1e-4  # numerical: poses of a plane that does not wander would be tied without error
+_LEAST_WALK_M: Final = 1e-4  # numerical: without it, poses of a plane that does not wander would be tied without error
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,11 +113,11 @@ class FixEdges:
     """GNSS fixes as edges of the pose graph: positions of scans in the tangent plane.
 
     Args:
-        scans: (F,) number of the scan to which each fix is carried.
+        scans: (F,) number of the scan whose pose each fix measures.
         poses: (F, 3) poses of these scans in the tangent plane: positions by the fixes, yaws by the trajectory [m, m, rad].
-        knots: (F,) number of the tangent plane's pose that each fix refers to.
+        knots: (F,) number of the pose of the tangent plane that applies to each fix.
         noise: noise of the fixes.
-        walks_m: (K - 1,) standard deviation by which the plane wanders from each of its poses to the next [m].
+        walks_m: (K - 1,) standard deviation of the change from each pose of the plane to the next [m].
         plane: the tangent plane.
         origin: (3,) approximate pose of the tangent plane in the map.
     """
@@ -143,7 +143,7 @@ class FixEdges:
             values.insert(E(j), gtsam.Pose2(*self.origin))
 
     def find_place(self, values: gtsam.Values) -> Georeference:
-        """Returns where an optimised map lies on the Earth, by the mean pose of the tangent plane, which hardly turns."""
+        """Returns where an optimised map lies on the Earth, by the tangent plane's mean pose, since it hardly turns."""
         poses = poses_of(values, len(self.walks_m) + 1, E)
         return Georeference(self.plane, se2.inverse(poses.mean(axis=0)))
 
@@ -158,13 +158,13 @@ class FixEdges:
 
 @dataclass(frozen=True, slots=True)
 class FixUse(Use[FixEdges]):
-    """How a GNSS receiver's fixes are used. Once jumps have been judged, the first statement says whether they are used.
+    """How the fixes of a GNSS receiver are used. After `judge_jumps`, the first statement says whether they are used.
 
     Args:
         antenna: position of the antenna as the fixes show it; None if it is stated, or if the fixes are not used.
         stretch: ratio of the fixes' distances to the trajectory's distances; None if another scale does not fit far better.
-        is_mirrored: whether the fixes fit the mirror image of the trajectory far better, so that they turn the other way.
-        mistake: the usual mistake that explains why the fixes do not fit, in words; "" if there is none.
+        is_mirrored: whether the fixes fit the mirror image of the trajectory far better, as if they turned the other way.
+        mistake: a sentence on the usual mistake that explains why the fixes do not fit; "" if there is none.
     """
 
     antenna: Antenna | None = None
@@ -177,11 +177,11 @@ class FixUse(Use[FixEdges]):
         hint = ""
         if self.stretch is not None:
             hint = (
-                f"; they lie {self.stretch:.3g} times as far apart as the trajectory has them, so that the "
+                f"; their distances are {self.stretch:.3g} times as long as in the trajectory, so the "
                 f"length of a range bin may be wrong, not the fixes: {Remedy.GIVE_RANGE_RESOLUTION}"
             )
         if self.is_mirrored:
-            swapped = "as they are if latitude and longitude are swapped"
+            swapped = "as if latitude and longitude were swapped"
             hint = f"; they fit the mirror image of the trajectory: they are mirrored, {swapped}, or {MIRRORED}"
         if self.mistake:
             hint = f"; {self.mistake}"
@@ -194,7 +194,7 @@ class FixUse(Use[FixEdges]):
             return self
         number, jumps = len(self.edges.scans), self.edges.count_rejected(values)
         if jumps > _MOST_JUMPS * number:
-            why = f"{jumps} of {number} contradict the radar's motion, wherever the map lies"
+            why = f"{jumps} of {number} contradict the radar's motion at every pose of the map"
             return self.refuse(why)
         said = f"the GNSS fixes ({self.source}) are used, {number} of them"
         rejected = "1 is a jump and hardly counts" if jumps == 1 else f"{jumps} are jumps and hardly count"
@@ -205,10 +205,9 @@ class FixUse(Use[FixEdges]):
 def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], antenna: NDArray[np.float64] | None) -> FixUse:
     """Compares fixes with the chained motions, and converts them to positions of scans if they agree.
 
-    Jumps are judged afterwards by `FixUse.judge_jumps`, in the graph that the fixes have joined.
+    Jumps are judged afterwards by `FixUse.judge_jumps`, in the graph with the fixes.
 
-    If the position of the antenna is not stated, and the fixes do not show that it is elsewhere, it is taken to be at the
-    radar.
+    If the position of the antenna is not stated, and the fixes do not show it, the antenna is taken to be at the radar.
 
     Args:
         fixes: fixes of the receiver.
@@ -218,7 +217,7 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
     """
     use = FixUse(fixes.source, ())
     if not motions or not len(fixes):
-        return use.refuse("there is no motion that they could be compared with" if not motions else "there are no fixes")
+        return use.refuse("the radar shows no motion to compare them with" if not motions else "there are no fixes")
     chain, starts = se2.chain(m.pose for m in motions), np.array([*(m.t0 for m in motions), motions[-1].t1])
     times: NDArray[np.float64] = np.asarray((fixes.stamps_us - start_us) * 1e-6)
     plane = TangentPlane.at_middle(fixes)
@@ -230,7 +229,7 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
         use = replace(use, is_mirrored=is_mirrored(own, positions[there]))
     delay_s = find_fix_delay(times, positions, starts, chain, _LONGEST_DELAY_S)
     if fixes.own_clock and not delay_s:
-        return use.refuse("their clock is not that of the radar, and the drive does not show by how much it is off")
+        return use.refuse("they have another clock than the radar, and the drive does not show its offset")
     times = times - delay_s
     inside = (starts[0] <= times) & (times <= starts[-1])
     if np.count_nonzero(inside) < FEWEST:
@@ -256,8 +255,8 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
                 noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside], _ALIKE_S)
     if noise.walk_m > _LARGEST_WALK_M:
         return use.refuse(
-            f"they wander about the trajectory by {noise.walk_m:.1f} m in a second, so that they are of another drive, or "
-            "their clock is not that of the recording"
+            f"they wander about the trajectory by {noise.walk_m:.1f} m in a second: they belong to another drive, or "
+            "their clock is not the recording's clock"
         )
     knot_s = max(_FIXES_OF_KNOT * float(np.median(np.diff(times))), float(np.median(np.diff(starts))))
     knots = np.unique(np.floor(times / knot_s), return_inverse=True)[1]  # no knot for times without a fix
@@ -282,7 +281,17 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
 def _lay(
     sensor: se2.Array, antenna: NDArray[np.float64], positions: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], se2.Array, NDArray[np.float64]]:
-    """Returns the antenna's positions (F, 2) in the map, the map's pose (3,) in the tangent plane, and residuals (F, 2)."""
+    """Aligns the trajectory with the fixes.
+
+    Args:
+        sensor: (F, 3) poses of the radar at the times of the fixes, in the map's frame.
+        antenna: (2,) position of the antenna in the radar's frame [m].
+        positions: (F, 2) fixes in the tangent plane [m].
+
+    Returns:
+        The positions (F, 2) of the antenna in the map [m]; the pose (3,) of the map in the tangent plane; and the residuals
+        (F, 2) of the fixes [m].
+    """
     on_map = sensor[:, :2] + _turn(antenna, sensor[:, 2])
     lies = align(on_map, positions)
     return on_map, lies, positions - se2.transform(lies, on_map)

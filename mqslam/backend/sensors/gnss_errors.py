@@ -1,13 +1,13 @@
-"""Compares GNSS fixes with a trajectory: estimates their alignment, clock and noise, and where the antenna sits.
+"""Compares GNSS fixes with a trajectory: estimates their alignment, clock and noise, and the position of the antenna.
 
-The delay of the clock shows in the distance that the vehicle covers in a few seconds. This distance, in a straight line,
-does not depend on the pose of the map or on the drift of its heading. It changes as the vehicle speeds up, brakes and turns.
-A drive at constant speed shows no delay, and the clock is left as it is.
+The delay of the receiver's clock is found from the straight-line distance that the vehicle covers in a few seconds. This
+distance does not depend on the pose of the map or on the drift of its heading. It changes as the vehicle speeds up, brakes
+and turns. A drive at constant speed shows no delay, and the clock is left as it is.
 
-Errors of successive fixes are alike, since satellites, atmosphere and reflections change slowly. The fixed positions
-therefore wander about the true positions, and the mean of many fixes is not much better than the mean of a few. How much
-they wander shows if fixes are compared with the trajectory, in the differences of successive means over one, two, four and
-more fixes: for white noise the differences fall with the number of fixes in a mean, for a random walk they rise with it (as
+Errors of successive fixes are correlated, since satellites, atmosphere and reflections change slowly. The fixes therefore
+wander about the true positions, and the mean of many fixes is not much better than the mean of a few. To measure how much
+they wander, residuals from the trajectory are averaged over one, two, four and more fixes, and successive means are
+compared: for white noise their differences fall with the number of fixes in a mean, for a random walk they rise with it (as
 in the Allan variance, IEEE Std 952). The drift of the trajectory itself in this time is attributed to the receiver. A
 receiver that smooths its positions hides over short times how far it wanders over long times. If means over longer times
 differ by more than the walk that fits all times explains, the walk is therefore fitted to the longer times.
@@ -41,12 +41,12 @@ _LEAST_RESIDUAL_M: Final = 1e-6  # numerical: keeps the scale of residuals above
 
 
 def align(points: _Array, fixes: _Array) -> se2.Array:
-    """Finds the pose (3,) of a map in the tangent plane, by least squares with weights that leave jumps out.
+    """Finds the pose (3,) of a map in the tangent plane by robust least squares, which leaves jumps out.
 
-    The scale of the weights is the median residual, so that up to half of the fixes may be wrong (Geman-McClure).
+    The scale of the robust weights (Geman-McClure) is the median residual, so that up to half of the fixes may be wrong.
 
     Args:
-        points: (N, 2) m, positions that the trajectory gives the antenna at the times of the fixes, in the map's frame.
+        points: (N, 2) m, positions of the antenna at the times of the fixes, by the trajectory, in the map's frame.
         fixes: (N, 2) m, the fixes in the tangent plane.
     """
     weights, pose = np.ones(len(points)), np.zeros(3)
@@ -66,12 +66,12 @@ def align(points: _Array, fixes: _Array) -> se2.Array:
 
 
 def measure_residual(points: _Array, fixes: _Array) -> float:
-    """Measures the median distance [m] between fixes (N, 2) and a trajectory's points (N, 2) that are aligned with them."""
+    """Measures the median distance [m] between fixes and the trajectory aligned with them; arguments as for `align`."""
     return float(np.median(np.hypot(*(fixes - se2.transform(align(points, fixes), points)).T)))
 
 
 def measure_stretch(points: _Array, fixes: _Array) -> float | None:
-    """Measures the ratio of the fixes' distances to the trajectory's distances; the arguments are those of `align`.
+    """Measures the ratio of the fixes' distances to the trajectory's distances; takes the arguments of `align`.
 
     Returns:
         The median ratio of pairs of fixes that are far apart; None if scaling the trajectory by this ratio does not halve
@@ -99,18 +99,18 @@ def is_mirrored(points: _Array, fixes: _Array) -> bool:
 _SPAN_S: Final = 4.0  # time in which a distance is driven [s]: far longer than a search step, too short for much drift
 _STEP_S: Final = 0.05  # step between the delays that are tried [s]; a parabola refines the best one
 _FEWEST_DISTANCES: Final = 20  # least number of distances that show a delay
-_BETTER: Final = 0.5  # a delay is believed if it leaves at most this share of the differences
+_BETTER: Final = 0.5  # a delay is accepted if it reduces the differences to at most this share
 
 
 def find_fix_delay(times: _Array, positions: _Array, starts: _Array, chain: se2.Array, longest_s: float) -> float:
-    """Finds how late the stamps of fixes are [s]; 0 if nothing shows a delay.
+    """Finds by how much the stamps of fixes are late [s]; 0 if the drive shows no delay.
 
     Args:
         times: (F,) times of the fixes [s], increasing.
         positions: (F, 2) fixed positions [m].
         starts: (N,) start times of the scans [s], increasing.
         chain: (N, 3) poses of the scans.
-        longest_s: longest delay, late or early, that is looked for [s].
+        longest_s: longest delay, late or early, that is searched [s].
     """
     ends = starts + _SPAN_S
     whole = ends <= starts[-1]
@@ -139,7 +139,7 @@ def find_fix_delay(times: _Array, positions: _Array, starts: _Array, chain: se2.
     return float(delays[best] + (0.5 * _STEP_S * (before - after) / curvature if np.isfinite(curvature) else 0.0))
 
 
-_FEWEST_DIFFERENCES: Final = 9  # least number of differences for each fix in a mean; the median of fewer says nothing
+_FEWEST_DIFFERENCES: Final = 9  # least number of differences per fix in a mean; the median of fewer says nothing
 _OUTAGE: Final = 2.0  # if the fixes of two successive means span more usual times than this, an outage is among them
 _CONTRADICTION: Final = 2.0  # a difference of more standard deviations than this is not chance
 _AROUND: Final = 31  # number of fixes among which jumps are detected; fewer than half of them may be jumps
@@ -164,7 +164,7 @@ def measure_fix_noise(times: _Array, residuals: _Array, stated_m: _Array, longes
 
     Args:
         times: (F,) times of the fixes [s], increasing.
-        residuals: (F, 2) residuals from the trajectory that is aligned with the fixes [m].
+        residuals: (F, 2) fixes minus the trajectory that is aligned with them [m].
         stated_m: (F,) standard deviations that the receiver states [m], or NaN.
         longest_s: longest time over which means are taken [s].
     """
@@ -190,11 +190,11 @@ def measure_fix_noise(times: _Array, residuals: _Array, stated_m: _Array, longes
 
 
 def _compare_means(times: _Array, residuals: _Array, longest_s: float) -> tuple[_Array, _Array, _Array]:
-    """Compares successive means over one, two, four and more fixes; K is the number of such lengths.
+    """Compares successive means over 1, 2, 4, 8 and more fixes; K is the number of these lengths.
 
     Returns:
-        For half the squared difference of two successive means: (K, 2) its value for white noise and for a walk, each of
-        variance one; (K,) the measured values [m^2]; and (K,) the standard deviations of the measured values.
+        For half the squared difference of two successive means: (K, 2) its expected value for white noise and for a walk,
+        each of variance one; (K,) its measured value [m^2]; and (K,) the standard deviation of the measured value.
     """
     usual_s = float(np.median(np.diff(times)))
     sums = np.vstack([np.zeros(2), np.cumsum(residuals, axis=0)])
@@ -216,18 +216,18 @@ def _compare_means(times: _Array, residuals: _Array, longest_s: float) -> tuple[
 
 
 def _fit_variances(columns: _Array, measured: _Array, sigmas: _Array) -> _Array:
-    """Returns the variances (C,) with which columns (N, C) explain measured values (N,) of these sigmas (N,) best."""
+    """Fits variances (C,) of zero or more, so that columns (N, C) @ variances is near measured (N,) by the sigmas (N,)."""
     return np.asarray(nnls(columns / sigmas[:, None], measured / sigmas)[0])
 
 
-_ANTENNA_ROUNDS: Final = 5  # rounds of fit and choice of the differences that are no jumps; they settle in fewer
+_ANTENNA_ROUNDS: Final = 5  # rounds of fit and rejection of jumps; they settle in fewer
 _TURNED_RAD: Final = 1.0  # numerical: prior sigma of the map's yaw, far larger than its error, as the map lies on the fixes
 _SCALED: Final = 0.1  # numerical: prior sigma of the error of the trajectory's scale, which is far smaller
 
 
 @dataclass(frozen=True, slots=True)
 class Antenna:
-    """The position of an antenna, as its fixes show it.
+    """The position of a GNSS antenna on the vehicle, as its fixes show it.
 
     Args:
         place: (2,) position in the radar's frame, forward and left [m].
@@ -249,7 +249,7 @@ class Antenna:
 
 
 def estimate_antenna(times: _Array, sensor: se2.Array, positions: _Array, noise: FixNoise) -> Antenna:
-    """Estimates where an antenna sits, from the differences of successive fixes.
+    """Estimates the position of an antenna on the vehicle from the differences of successive fixes.
 
     Args:
         times: (F,) times of three or more fixes [s], increasing.

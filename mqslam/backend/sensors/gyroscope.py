@@ -1,15 +1,16 @@
 """Calibrates a gyroscope by psi's turns, refuses it if it contradicts them, and makes edges of the pose graph from it.
 
-    turn by psi = (1 + scale error) turn by the gyroscope, read later by its delay, - bias x time + noise
+    turn by psi = (1 + scale error) turn by the gyroscope, with its delay corrected, - bias x time + noise
 
 A turn is the angle by which the radar rotates between two successive scans. The bias may walk: it has a value at certain
 times, called knots, and is interpolated between two knots.
 
 The difference of psi's turn and the gyroscope's turn between two scans has three parts: the errors of the two scans' poses,
 which do not add up over time; white noise of the rate, by which the angle walks at random; and the random walk of the
-gyroscope's bias. In the Allan variance of the rate, the first part falls with the square of the time, the second falls with
-the time, and the third rises with it (IEEE Std 952). The motion of the vehicle is in both turns and cancels. The drift of
-psi's own map is white noise of the rate, too; the part of it that the graph states is not attributed to the gyroscope.
+gyroscope's bias. In the Allan variance of the rate, the first part falls with the square of the averaging time, the second
+falls with this time, and the third rises with it (IEEE Std 952). The motion of the vehicle is in both turns and cancels. The
+drift of psi's own map also acts as white noise of the rate; the drift that the graph states is not attributed to the
+gyroscope.
 """
 
 from __future__ import annotations
@@ -49,8 +50,8 @@ from mqslam.factors.gyroscope_turn import GyroscopeTurn, bias_walk, gyroscope_tu
 _LEAST_CORRELATION = 0.5
 # Largest delay of the gyroscope's clock, late or early, that needs no further evidence [s].
 _USUAL_DELAY_S = 0.3
-# A gyroscope with a larger delay is used only if its turns correlate with psi's turns by at least this. Among many delays
-# some fit by chance.
+# A gyroscope with a larger delay is used only if its turns correlate with psi's turns by at least this: among many tried
+# delays, some fit by chance.
 _FAR_CORRELATION = 0.8
 
 _STEP_S: Final = 0.05  # step between the delays that are tried [s]; the calibration refines the best one
@@ -96,19 +97,19 @@ class Start(NamedTuple):
     correlation: float
 
     def is_convincing(self) -> bool:
-        """Returns whether the correlation is too large for chance; a large delay of the clock asks for more correlation."""
+        """Returns whether the correlation is too large for chance; a large delay needs a larger correlation."""
         is_far = abs(self.delay_s) > _USUAL_DELAY_S
         return abs(self.correlation) >= (_FAR_CORRELATION if is_far else _LEAST_CORRELATION)
 
 
 def find_start(gyroscope: Gyroscope, start_us: int, turns: Turns, longest_s: float) -> Start | None:
-    """Finds the axis and the delay at which a gyroscope's turns correlate best with psi's; None without a correlation.
+    """Finds the axis and the delay at which a gyroscope's turns correlate best with psi's turns; None without correlation.
 
     Args:
-        gyroscope: its readings.
+        gyroscope: readings of the gyroscope.
         start_us: stamp [us] of the recording's time zero.
-        turns: as psi measured them.
-        longest_s: longest delay, late or early, that is looked for [s].
+        turns: turns of the motions that psi measured.
+        longest_s: longest delay, late or early, that is searched [s].
     """
     if len(gyroscope) < 2:
         return None
@@ -137,7 +138,7 @@ def _correlate(angles: NDArray[np.float64], turns: Turns) -> float | None:
     return float(np.sum(weights * a * b) / size) if size > 0.0 else None
 
 
-_FEWEST: Final = 9  # least number of second differences for each motion in a span; the median of fewer says nothing
+_FEWEST: Final = 9  # least number of second differences per motion in a span; the median of fewer says nothing
 _SECOND_DIFFERENCE: Final = 6.0  # variance of second differences of white noise, relative to the variance of the noise
 
 
@@ -162,10 +163,10 @@ def measure_rate_noise(
     drift: float,
     most_walk: float,
 ) -> RateNoise:
-    """Measures the noise of the yaw rate.
+    """Measures the noise of a gyroscope's yaw rate.
 
     Args:
-        gyroscope: its readings.
+        gyroscope: readings of the gyroscope.
         axis: number of the axis that is the radar's vertical.
         residuals: (N,) psi's turns minus the gyroscope's turns between successive scans, with scale and clock corrected
             [rad]; NaN where either is unknown.
@@ -190,7 +191,7 @@ def compute_allan_variances(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Computes the Allan variances of a rate from its integrals (N,) between times (N + 1,); unknown integrals are NaN.
 
-    Spans overlap, and each variance is computed from a median, so that a few wrong integrals do not count.
+    Spans overlap, and each variance is computed from a median, so that a few wrong integrals have no effect.
 
     Returns:
         The averaging times (T,) [s], each twice the one before it; the variances (T,); and the number of independent
@@ -221,7 +222,7 @@ def _measure_white(gyroscope: Gyroscope, axis: int) -> float:
     return float(np.sqrt(np.median(second**2) / MEDIAN_OF_CHI2 / _SECOND_DIFFERENCE / gyroscope.rate_hz))
 
 
-# Largest delay of the gyroscope's clock, late or early, that is looked for [s]. The delay in RADIATE is 1.8 s.
+# Largest delay of the gyroscope's clock, late or early, that is searched [s]. The delay in RADIATE is 1.8 s.
 LONGEST_DELAY_S = 3.0
 # Time between two values of the gyroscope's bias in the graph [s].
 KNOT_S = 1.0
@@ -268,7 +269,7 @@ class Calibrated(NamedTuple):
     Args:
         rotation: the calibration.
         raw: (N,) the gyroscope's turns in psi's motions, with sign and delay corrected [rad]; NaN where they are unknown.
-        residuals: (N,) psi's turns minus these turns with scale and bias corrected, too [rad]; NaN where either is unknown.
+        residuals: (N,) psi's turns minus the fully calibrated turns of the gyroscope [rad]; NaN where either is unknown.
     """
 
     rotation: Rotation
@@ -280,9 +281,9 @@ def calibrate(gyroscope: Gyroscope, start: Start, turns: Turns, some: slice = sl
     """Calibrates a gyroscope by psi's turns.
 
     Args:
-        gyroscope: its readings.
+        gyroscope: readings of the gyroscope.
         start: the gyroscope's axis and approximate delay.
-        turns: as psi measured them.
+        turns: turns of the motions that psi measured.
         some: slice of the motions that are used.
     """
     turns = turns.take(some)
@@ -321,8 +322,8 @@ def calibrate(gyroscope: Gyroscope, start: Start, turns: Turns, some: slice = sl
     return Calibrated(rotation, raw, residuals)
 
 
-_LEAST_WALK: Final = 1e-8  # numerical: the variables of a bias that does not walk would be tied without error [rad/s]
-_CONSTANT: Final = 1e-8  # numerical: the same for the scale, which is constant
+_LEAST_WALK: Final = 1e-8  # numerical: least walk [rad/s], so that the noise model is not singular
+_CONSTANT: Final = 1e-8  # numerical: walk of the constant scale error, for the same reason
 
 
 @dataclass(frozen=True, slots=True)
@@ -374,13 +375,13 @@ class TurnEdges:
             values.insert(C(j), np.array([self.bias, self.scale_error]))
 
 
-# A smaller delay of the clock [s] is corrected without telling the user.
+# A smaller delay of the clock [s] is corrected without a message to the user.
 DELAY_TOLERANCE_S = 0.01
 # A gyroscope is not used if the standard deviation of its estimated scale is larger than this: a rotation by a right angle
 # would be off by half a degree.
 _LARGEST_SCALE_SIGMA = 0.005
 
-_LEAST_VARIANCE: Final = 1e-14  # numerical: a turn is never taken to be without error, even if psi states it so
+_LEAST_VARIANCE: Final = 1e-14  # numerical: least variance of a turn, for turns that psi states without error
 
 
 @dataclass(frozen=True, slots=True)
@@ -388,7 +389,7 @@ class GyroscopeUse(Use[TurnEdges]):
     """How a gyroscope is used; the edges are its turns.
 
     Args:
-        rotation: how the readings become turns of the radar; None if this could not be found.
+        rotation: the calibration that converts readings to turns of the radar; None if it could not be found.
     """
 
     rotation: Rotation | None = None
@@ -398,7 +399,7 @@ def join_gyroscope(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measur
     """Compares a gyroscope with psi's motions and calibrates it; the result holds its turns if the two agree.
 
     Args:
-        gyroscope: its readings.
+        gyroscope: readings of the gyroscope.
         start_us: stamp [us] of the recording's time zero.
         motions: motions between successive scans, as the front end measured them.
         drift: random walk of the yaw of the front end's map [rad/sqrt(s)], as the graph states it.
@@ -414,11 +415,11 @@ def join_gyroscope(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measur
     if len(gyroscope) and not np.ptp(gyroscope.rates, axis=0).any():
         return refuse("its readings never change")
     if start is None:
-        return refuse("it covers none of the motions that the radar shows")
+        return refuse("it has no readings during the motions that the radar shows")
     found = calibrate(gyroscope, start, turns)
     both = int(np.isfinite(found.residuals).sum())
     if both < FEWEST_MOTIONS:
-        return refuse(f"only {both} motions show both the radar's turn and its own, and {FEWEST_MOTIONS} are needed")
+        return refuse(f"both it and the radar measured only {both} turns, and {FEWEST_MOTIONS} are needed")
     why = _find_fault(gyroscope, start, turns, found)
     if why is not None:
         return refuse(why, found.rotation)
@@ -427,7 +428,7 @@ def join_gyroscope(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measur
 
 
 def find_turning(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float) -> KnownTurning | None:
-    """Returns the radar's turning by a gyroscope; None if the gyroscope does not agree with psi's motions.
+    """Returns the radar's turns by a calibrated gyroscope; None if the gyroscope does not agree with psi's motions.
 
     The arguments are those of `join_gyroscope`.
     """
@@ -444,15 +445,15 @@ def _find_fault(gyroscope: Gyroscope, start: Start, turns: Turns, found: Calibra
     rotation = found.rotation
     is_told = rotation.scale > TOLD_SIGMAS * rotation.scale_sigma
     if not is_told or not start.is_convincing():
-        return "the radar turned too little, or the gyroscope too differently, to tell that both turn together"
+        return "its turns do not follow the radar's turns, or the radar turned too little to show whether they do"
     if not 1.0 / LARGEST_SCALE <= rotation.scale <= LARGEST_SCALE:
         is_degrees = abs(np.rad2deg(rotation.scale) - 1.0) < 0.25
         unit = ", as if it were in degrees per second; convert its rates to rad/s" if is_degrees else ""
         return f"the radar turns {rotation.scale:.3g} times as far as it says{unit}"
     if rotation.scale_sigma > _LARGEST_SCALE_SIGMA:
         return (
-            f"its scale is known to {rotation.scale_sigma:.1%} only, since the turns that the front end measured are too "
-            "few or too unsure"
+            f"its scale is known only to {rotation.scale_sigma:.1%}, since the turns that the front end measured are too "
+            "few or too uncertain"
         )
     if abs(rotation.delay_s) > LONGEST_DELAY_S:
         return f"its clock is {describe_delay(rotation.delay_s)} or more; correct its stamps"

@@ -1,12 +1,12 @@
-"""Finds where the radar sits on the vehicle: as it is stated, and as odometry shows it, in numbers and in words.
+"""Estimates the pose of the radar on the vehicle from odometry, compares it with the stated pose, and describes it in words.
 
-The radar and the vehicle turn by the same angle, so that psi's yaw, which is far better than the yaw of wheels, is used for
-both. The radar's position shows while the vehicle turns: a radar ahead of the point whose motion odometry reports moves
-sideways, and a radar to the left of this point moves slower in a left turn. The radar's yaw shows wherever the vehicle
-drives, since the vehicle moves along its own x axis. The point whose motion the wheels report is usually halfway between the
-rear wheels. If the tyres slip sideways in fast turns, this point seems to lie elsewhere.
+The radar and the vehicle turn by the same angle, so that psi's yaw, which is far more accurate than wheel odometry, is used
+for both. Turns show the radar's position: a radar ahead of the point whose motion odometry reports moves sideways in a turn,
+and a radar to the left of this point moves slower in a left turn. Any drive shows the radar's yaw, since the vehicle moves
+along its own x axis. The point whose motion wheel odometry reports is usually halfway between the rear wheels. If the tyres
+slip sideways in fast turns, the estimate of this point shifts.
 
-    travel of the radar = rotation back by the mount's yaw (scale * travel of the vehicle + swing of the mount's position)
+    travel of the radar = rotation by minus the mount's yaw (scale * travel of the vehicle + swing of the mount's position)
 """
 
 from __future__ import annotations
@@ -40,11 +40,10 @@ from mqslam.core.sensors import Mount
 from mqslam.core.wording import left_or_right
 from mqslam.errors import Remedy
 
-# Psi has errors that are the same whenever the vehicle turns. They give an estimate of the radar's position this standard
-# deviation [m]: 0.015 to 0.028 was found in simulated streets. It is added in quadrature to the standard deviation by errors
-# that scatter from motion to motion.
+# Standard deviation [m] of the estimated position of the radar by errors of psi that are the same whenever the vehicle
+# turns: 0.015 to 0.028 was found in simulated streets. It is added in quadrature to the standard deviation by random errors.
 _COMMON_M = 0.03
-# The same for an estimate of the radar's yaw [rad]: 0.0001 to 0.0005 was found in these streets.
+# Standard deviation [rad] of the estimated yaw of the radar by such errors: 0.0001 to 0.0005 was found in these streets.
 _COMMON_RAD = 0.0005
 
 _ROUNDS: Final = 10  # rounds of fit and noise; they settle in fewer
@@ -53,11 +52,11 @@ _LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the weights finite for motion
 
 @dataclass(frozen=True, slots=True)
 class MountEstimate:
-    """The mount of the radar as odometry shows it.
+    """The pose of the radar on the vehicle, as odometry shows it.
 
     Args:
-        pose: (3,) of the radar in the vehicle's frame [m, m, rad].
-        sigmas: (3,) standard deviations along the vehicle's axes and of the yaw [m, m, rad].
+        pose: (3,) pose of the radar in the vehicle's frame [m, m, rad].
+        sigmas: (3,) standard deviations of its components, along the vehicle's axes and in yaw [m, m, rad].
     """
 
     pose: se2.Array
@@ -70,14 +69,14 @@ def estimate_mount(
     stated: OdometryConfig,
     mount: se2.Array = AT_ORIGIN,
 ) -> MountEstimate | None:
-    """Estimates where the radar sits from motions that psi found itself; None if there are too few of them.
+    """Estimates the pose of the radar on the vehicle from motions that psi found itself; None if these are too few.
 
-    A stated mount does not enter the estimate, so that the two can be compared.
+    A stated mount does not influence the estimate, so that the two can be compared.
 
     Args:
         odometry: motions of odometry, converted to motions of the radar.
         measured: motions of the front end over the same scans.
-        stated: the errors that odometry states.
+        stated: the settings of odometry, which state its errors.
         mount: (3,) pose of the radar on the vehicle, with which odometry's motions were converted.
     """
     (seen, _, variances, converged), (given, lasts, noise, _) = Motions.of(measured), Motions.of(odometry)
@@ -86,17 +85,17 @@ def estimate_mount(
     variances = variances + _LEAST_VARIANCE
     twists = se2.log(se2.compose(se2.compose(mount, given), se2.inverse(mount)))
     twists[:, 2] = seen[:, 2]
-    vehicle = se2.exp(twists)  # the vehicle's motions with psi's turns, which bend the travel, too
+    vehicle = se2.exp(twists)  # the vehicle's motions with psi's turns, which also bend the travel
     span = max(1, min(len(odometry), round(len(odometry) * SPAN_S / max(float(lasts.sum()), 1e-9))))
     prior = np.diag(1.0 / np.square([max(stated.sigma_travel, _LEAST_VARIANCE), DELAY_S, MOUNT_M, MOUNT_M, np.pi]))
     aside = np.sum((seen[:, 0] * vehicle[:, 1] - seen[:, 1] * vehicle[:, 0])[converged])
     pose = np.array([0.0, 0.0, np.arctan2(aside, np.sum((vehicle[:, :2] * seen[:, :2])[converged]))])
-    for _ in range(_ROUNDS):  # the motions are not linear in the mount, and motions that do not fit lose weight
+    for _ in range(_ROUNDS):  # motions are not linear in the mount, and a motion that does not fit loses weight
         carried = se2.compose(se2.compose(se2.inverse(pose), vehicle), pose)
         design = Design(differentiate_motions(carried, lasts, pose), np.tile(np.arange(5), (len(vehicle), 1)), np.empty(0))
         usual = np.array([0.0, 0.0, *se2.inverse(pose)[:2], 0.0])  # mean of the prior of the parameters
         misses = seen - carried
-        misses[:, 2] = 0.0  # both yaws are psi's
+        misses[:, 2] = 0.0  # both motions have psi's yaw
         misses[~converged] = np.nan
         found = fit(design, misses - design.jacobians @ usual, variances, noise, prior)
         parameters = found.parameters + usual
@@ -110,22 +109,22 @@ def estimate_mount(
     return MountEstimate(pose, np.hypot(np.sqrt(np.diag(turned)), alike))
 
 
-# The radar's position is stated as an estimate if its standard deviation along each axis is smaller than this [m]. On a
-# drive without turns it is larger.
+# The estimated position is used if its standard deviation along each axis is smaller than this [m]. On a drive without turns
+# it is larger.
 _MOUNT_KNOWN_M = 0.5
-# The same for the yaw at which the radar is mounted [rad], for which driving straight suffices.
+# The estimated yaw is used if its standard deviation is smaller than this [rad]; a straight drive suffices for that.
 _MOUNT_KNOWN_RAD = 0.02
 
-_BEYOND: Final = 3.0  # two statements disagree if they differ by more standard deviations than this
+_BEYOND: Final = 3.0  # a stated and an estimated value that differ by more sigmas contradict each other
 
 
 @dataclass(frozen=True, slots=True)
 class MountUse:
-    """Where the radar sits on the vehicle.
+    """The pose of the radar on the vehicle as a run reports it, stated or estimated.
 
     Args:
         pose: (3,) pose of the radar in the vehicle's frame [m, m, rad]; NaN for unknown components.
-        sigmas: (3,) standard deviations of an estimate; NaN for components that are stated or unknown.
+        sigmas: (3,) standard deviations of estimated components [m, m, rad]; NaN for stated or unknown components.
         source: `given`, `recording` or `estimated from odometry`.
         statements: sentences for the user.
         contradiction: sentence on how odometry contradicts a stated mount, or None.
@@ -144,13 +143,13 @@ def find_mount(
     measured: Sequence[Measurement],
     stated: OdometryConfig,
 ) -> MountUse | None:
-    """Finds where the radar sits: as stated, or else as odometry shows it; None if neither is known.
+    """Returns the stated pose of the radar on the vehicle, or else odometry's estimate; None if there is neither.
 
     Args:
         mount: the stated mount, or None.
         odometry: motions of odometry, converted to motions of the radar with the stated mount.
         measured: motions of the front end over the same scans.
-        stated: the errors that odometry states.
+        stated: the settings of odometry, which state its errors.
     """
     estimate = estimate_mount(odometry, measured, stated, AT_ORIGIN if mount is None else mount.pose)
     limits = np.array([_MOUNT_KNOWN_M, _MOUNT_KNOWN_M, _MOUNT_KNOWN_RAD])
@@ -170,26 +169,26 @@ def find_mount(
 
 
 def _find_contrary(mount: Mount, estimate: MountEstimate, limits: NDArray[np.float64]) -> str | None:
-    """Describes the mount by odometry where it is known and contradicts a stated mount; None if they agree."""
+    """Describes odometry's estimate if it contradicts the stated mount; None if they agree."""
     own = np.array([SIGMA_MOUNT_M, SIGMA_MOUNT_M, SIGMA_MOUNT_RAD])
     known = estimate.sigmas < limits
     if not np.any(known & (np.abs(se2.subtract(estimate.pose, mount.pose)) > _BEYOND * np.hypot(own, estimate.sigmas))):
         return None
     place = _describe_pose(np.where(known, estimate.pose, np.nan), np.where(known, estimate.sigmas, np.nan))
-    return f"odometry says {place}: one of the two is wrong, or the odometry is of another point than the vehicle's origin"
+    return f"odometry says {place}: one of the two is wrong, or the odometry tracks another point than the vehicle's origin"
 
 
 def _tell_estimate(pose: se2.Array, sigmas: NDArray[np.float64]) -> str:
     """Describes in a sentence where the radar sits according to odometry."""
     if np.isnan(pose).all():
-        return "where the radar sits cannot be told from the odometry: the vehicle drives too little where psi finds motions"
+        return "odometry does not show where the radar sits: the vehicle drives too little where psi finds motions"
     if np.isnan(pose[0]):
         turned = _describe_pose(pose, sigmas)
-        return f"odometry says that the radar is {turned}; where it sits cannot be told, since the drive turns too little"
+        return f"odometry says that the radar is {turned}; the drive turns too little to show the radar's position"
     is_off = bool(np.any(np.abs(pose) > _BEYOND * sigmas))
     statement = f"odometry says that the radar sits {_describe_pose(pose, sigmas) if is_off else _describe_origin(sigmas)}"
     if np.isnan(pose[2]):
-        return f"{statement}; its yaw cannot be told"
+        return f"{statement}; it does not show the radar's yaw"
     if not is_off:
         return statement
     x, y, yaw = pose[0], pose[1], np.degrees(pose[2])

@@ -1,4 +1,4 @@
-"""Odometry besides the radar: refuses it if it contradicts the turns that psi found, else makes calibrated edges of it."""
+"""Refuses odometry of other sensors if it contradicts the turns that psi found; else calibrates it and makes graph edges."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ LEAST_SPEED: Final = 1.0
 _SPAN_S: Final = 1.0  # time over which turns are compared [s]: long enough for turns to exceed the errors of motions
 _BEYOND: Final = 5.0  # a turn of fewer standard deviations of odometry's yaw rate may be an error of the odometry
 _CONTRARY: Final = 0.7  # two turns contradict each other if they differ by more than this share of the larger
-_FEWEST: Final = 3  # with fewer turns than this, contradictions may be slip or errors of psi
+_FEWEST: Final = 3  # contradictions in fewer turns than this may be slip or errors of psi
 _MEANINGS: Final = {
     -1.0: "it turns the other way than the {sensor}: mend its yaw{or_mirror}",
-    np.pi / 180.0: "its turns are those of the {sensor} if they are in degrees: convert its yaw rates to rad/s",
-    -np.pi / 180.0: "its turns are those of the {sensor}, mirrored, if they are in degrees: convert its yaw rates to rad/s",
+    np.pi / 180.0: "its turns agree with the {sensor}'s if they are in degrees: convert its yaw rates to rad/s",
+    -np.pi / 180.0: "its turns agree with the {sensor}'s if they are mirrored and in degrees: convert its yaw rates to rad/s",
 }
 _OR_MIRROR: Final = {RADAR: ", or set sensor.clockwise: false if the radar is mirrored"}  # no setting mirrors a lidar
 
@@ -52,8 +52,9 @@ class OdometryFault:
 
     Args:
         statement: sentence for the user.
-        is_opposite: whether the odometry turns the other way than the radar, and is a witness besides the gyroscope.
-        where: how often the odometry contradicts the radar, in words.
+        is_opposite: whether the odometry turns the other way than the radar; False if it was made with the gyroscope, which
+            then shows this already.
+        where: describes how often the odometry contradicts the radar.
     """
 
     statement: str
@@ -64,13 +65,13 @@ class OdometryFault:
 def find_odometry_fault(
     odometry: Trajectory, start_us: int, measured: Sequence[Measurement], stated: OdometryConfig, sensor: str = RADAR
 ) -> OdometryFault | None:
-    """Finds how odometry contradicts the turns of the motions that psi found itself; None if it agrees with them.
+    """Finds out whether and why odometry contradicts the turns that psi found itself; None if it agrees with them.
 
     Args:
         odometry: poses of the odometry, which cover the recording.
         start_us: stamp [us] of the recording's time zero.
         measured: motions of the front end.
-        stated: the errors that odometry states.
+        stated: the settings of odometry, which state its errors.
         sensor: what the statement calls the sensor whose motions these are.
     """
     rows = [(m.t0, m.t1, m.pose[2]) for m in measured if m.status is Status.CONVERGED]
@@ -84,7 +85,7 @@ def find_odometry_fault(
     contrary, turns = _count_contrary(turned, stated_turns, least)
     if turns < _FEWEST or 2 * contrary <= turns:
         return None
-    meant = "they have little in common, as if it were of another drive, another clock or quaternions in another order"
+    meant = "the two have little in common; it may be from another drive, or have another clock or order of quaternions"
     opposite = False
     for factor, meaning in _MEANINGS.items():
         off, seen = _count_contrary(turned, factor * stated_turns, least)
@@ -96,11 +97,16 @@ def find_odometry_fault(
 
 
 def _count_contrary(turned: NDArray[np.float64], stated_turns: NDArray[np.float64], least: float) -> tuple[int, int]:
-    """Counts spans by the turns (N,) [rad] of radar and odometry in them.
+    """Counts the spans in which radar and odometry turn differently.
+
+    Args:
+        turned: (N,) turn of the radar in each span [rad].
+        stated_turns: (N,) turn of odometry in each span [rad].
+        least: smaller turns are not compared [rad].
 
     Returns:
-        The number of spans in which the two turns contradict each other and one of them is larger than `least` [rad]; and
-        the number of all spans in which one of them is larger than `least`.
+        The number of spans in which the two turns contradict each other and one of them is larger than `least`, and the
+        number of all spans in which one of them is larger than `least`.
     """
     larger = np.maximum(np.abs(turned), np.abs(stated_turns))
     contrary = np.abs(turned - stated_turns) > _CONTRARY * larger
@@ -112,12 +118,12 @@ _UNKNOWN: Final = 1e6  # numerical: variance of a turn that has no effect
 
 
 def takes_turns_of(gyroscope: Gyroscope, start_us: int, odometry: Sequence[Measurement]) -> bool:
-    """Returns whether odometry was made with a gyroscope, since their turns are equal between any two scans.
+    """Returns whether odometry was made with a gyroscope: their turns are then equal between any two scans.
 
-    Two sensors never agree so closely, even on a straight road: each has noise of its own.
+    Two independent sensors never agree so closely, even on a straight road, since both have noise.
 
     Args:
-        gyroscope: the gyroscope, of which the rates about z are compared.
+        gyroscope: the gyroscope, whose rates about z are compared.
         start_us: stamp [us] of the recording's time zero.
         odometry: motions of odometry before calibration; empty if there is no odometry.
     """
@@ -130,15 +136,15 @@ def takes_turns_of(gyroscope: Gyroscope, start_us: int, odometry: Sequence[Measu
 
 
 def leave_turns_out(edges: Sequence[Measurement]) -> list[Measurement]:
-    """Returns odometry's edges with turns that have no effect, for turns that are in the graph already."""
+    """Returns odometry's edges with turns that have no effect, since the gyroscope adds the same turns to the graph."""
     return [replace(edge, covariance=np.diag([*np.diag(edge.covariance)[:2], _UNKNOWN])) for edge in edges]
 
 
 ODOMETRY = "odometry"
-# Covariance [m^2, m^2, rad^2] that is as good as no measurement between two successive scans.
+# Variances [m^2, m^2, rad^2] so large that a motion between two successive scans has no effect in the graph.
 _WORTHLESS = np.diag([100.0, 100.0, 10.0])
-# Squared difference over covariance beyond which a motion of odometry contradicts the scans, as one in a thousand right ones
-# does by chance.
+# A motion of odometry contradicts the scans if the squared difference, in units of its covariance, is larger than this. One
+# in a thousand right motions is so by chance.
 _CHANCE: Final = float(chi2.ppf(0.999, 3))
 _ROUNDS: Final = 10  # rounds of fit and noise; they settle in fewer
 _LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the covariance of exact motions from being singular
@@ -147,9 +153,10 @@ _LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the covariance of exact motio
 def hold_odometry(
     scans: Scans, context: Context, frontend: str, measured: Sequence[Measurement]
 ) -> tuple[list[Measurement], OdometryFault | None]:
-    """Returns odometry's motions between successive scans and None; or no motions and the reason if they are not used.
+    """Returns odometry's motions between successive scans, and the reason if they are not used.
 
-    If there is no odometry, or if the front end is the odometry itself, there are no motions, and None is the reason.
+    If odometry is used, the reason is None. If it is not used, there are no motions. If there is no odometry, or if the
+    front end is the odometry itself, there are no motions and no reason.
 
     Args:
         scans: scans of the recording.
@@ -167,7 +174,7 @@ def hold_odometry(
     if fault is None:
         return motions, None
     if gyroscope is not None and takes_turns_of(gyroscope, context.start_us, motions):
-        fault = replace(fault, is_opposite=False)  # the gyroscope says so itself: one sensor does not say it twice
+        fault = replace(fault, is_opposite=False)  # the gyroscope shows this already
     return [], fault
 
 
@@ -182,21 +189,21 @@ def make_odometry_edges(
     stated: OdometryConfig,
     mount: Mount | None = None,
 ) -> list[Measurement]:
-    """Returns the motions of odometry, calibrated by the motions that psi found itself, with covariances to match.
+    """Calibrates odometry by the motions that psi found itself; returns its motions with the covariances that remain.
 
     The graph takes the errors of its edges as independent, while an error of the calibration is common to all edges. Over a
     stretch of n edges a common error grows with n, but independent errors grow only with the root of n. Each edge therefore
-    states a larger variance, so that the whole stretch gets the right uncertainty. A stretch lasts for as long as psi finds
-    all motions itself, or finds none, and for at least `SPAN_S`.
+    gets a larger variance, so that the whole stretch has the right uncertainty. A stretch lasts for as long as psi finds all
+    motions itself, or finds none, and for at least `SPAN_S`.
 
-    Where psi did not find a motion, psi used odometry's motion, so that such a motion shows nothing about odometry. If psi
-    found too few motions, odometry keeps the errors that it states.
+    Where psi did not find a motion itself, it used odometry's motion, which shows nothing about odometry's errors. If psi
+    found too few motions, odometry keeps its stated errors.
 
     Args:
         odometry: motions of odometry, converted to motions of the radar if its mount is known.
         measured: motions of the front end over the same scans.
-        stated: the errors that odometry states.
-        mount: the mount with which the motions were converted; None if they were not.
+        stated: the settings of odometry, which state its errors.
+        mount: pose of the radar on the vehicle with which the motions were converted; None if they were not converted.
     """
     if not odometry:
         return []
@@ -212,22 +219,22 @@ def make_odometry_edges(
     misses[:, 2] = se2.wrap(misses[:, 2])
     misses[~converged] = np.nan
     variances, noise = seen.variances + _LEAST_VARIANCE, given.variances
-    for _ in range(_ROUNDS):  # motions that do not fit the calibration lose their weight
+    for _ in range(_ROUNDS):  # motions that do not fit the calibration lose weight
         calibration = fit(design, misses, variances, noise, prior)
         residuals = misses - calibration.correct(design)
         alike = measure_noise(residuals, variances, span)
         disagreement = measure_disagreement(residuals, variances, alike, span)
         noise = alike + disagreement
-    disagreement[~converged] = disagreement[converged].mean(axis=0)  # odometry errs as often there, but unseen
+    disagreement[~converged] = disagreement[converged].mean(axis=0)  # there, odometry errs as much but this cannot be seen
     common = spread_common(calibration.list_sigmas(design), converged, span)
     return _state(odometry, calibration.correct(design), alike + disagreement + common)
 
 
 def doubt_contradicted(odometry: Sequence[Measurement], measured: Sequence[Measurement]) -> list[Measurement]:
-    """Returns the motions of odometry; those that a front end contradicts that follows odometry are unsure as a whole.
+    """Gives odometry's motions that the front end contradicts such large covariances that they have no effect in the graph.
 
-    A motion is contradicted if the scan holds many returns and fits nowhere near, or if it fits far from where odometry puts
-    it: farther than the errors explain that motions of this odometry usually have.
+    A motion is contradicted if the scan holds many returns but matches the map at no pose near odometry's, or if it matches
+    at a pose farther away than the usual errors of this odometry explain.
 
     Args:
         odometry: motions of odometry; there may be none.
@@ -252,7 +259,7 @@ def doubt_contradicted(odometry: Sequence[Measurement], measured: Sequence[Measu
 
 
 def spread_common(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], span: int) -> NDArray[np.float64]:
-    """Returns variances (N, 3) of motions. Their sum over a stretch is the square of the sum of `sigmas` over the stretch.
+    """Returns variances (N, 3) of motions, whose sum over a stretch is the square of the sum of `sigmas` over the stretch.
 
     Args:
         sigmas: (N, 3) standard deviations of motions by errors that are common to all motions.
@@ -270,7 +277,7 @@ def spread_common(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], spa
 def _state(
     odometry: Sequence[Measurement], corrections: NDArray[np.float64], variances: NDArray[np.float64]
 ) -> list[Measurement]:
-    """Returns the motions with corrections (N, 3) added and with these variances (N, 3)."""
+    """Returns the motions with corrections (N, 3) added and with new variances (N, 3)."""
     return [
         replace(motion, pose=motion.pose + correction, covariance=np.diag(variance + _LEAST_VARIANCE))
         for motion, correction, variance in zip(odometry, corrections, variances, strict=True)

@@ -88,7 +88,7 @@ def test_without_turns_the_place_is_not_told_but_the_yaw_is() -> None:
     use = find_mount(None, wheels(STRAIGHT, np.zeros(3), 1), psi(STRAIGHT, mount, 1), STATED)
     assert use is not None and np.isnan(use.pose[:2]).all() and np.isnan(use.sigmas[:2]).all()
     assert abs(use.pose[2] - AHEAD[2]) < 3.0 * use.sigmas[2] < np.deg2rad(1.0)
-    assert use.statements[0].endswith("where it sits cannot be told, since the drive turns too little")
+    assert use.statements[0].endswith("the drive turns too little to show the radar's position")
 
 
 def test_an_estimate_is_told_with_the_extrinsics_that_would_use_it() -> None:
