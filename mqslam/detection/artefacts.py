@@ -1,7 +1,7 @@
-"""Drops returns that do not move with the world: reflections of mount and vehicle, which repeat in the sensor's frame.
+"""Drops returns of the mount and of the vehicle itself, which repeat at the same place in the sensor's frame.
 
-Such returns would pull every motion to zero. They lie in the polar cells that have returns in most scans of a recording. If
-the sensor hardly moved, the returns of the world repeat as well; then nothing is dropped.
+Such returns would pull every estimated motion to zero. They lie in polar cells that have returns in most scans of a
+recording. If the sensor hardly moved, the returns of the world repeat as well; then nothing is dropped.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mqslam.core.scans import Returns
 
-# Fewest scans that show which returns are the vehicle's own; with fewer scans, all returns are kept.
+# With fewer scans than this, all returns are kept: too few scans do not show which returns are the vehicle's own.
 _FIXED_SCANS = 8
 # Length of the polar cells in which repeating returns are counted [m], and number of cells around the full circle.
 _FIXED_RANGE_M, _FIXED_SECTORS = 0.5, 180
@@ -24,19 +24,19 @@ _FIXED_MOST = 0.2
 
 
 def drop_fixed(scans: Sequence[Returns]) -> list[Returns]:
-    """Drops from all scans the returns that repeat in the sensor's own frame; returns the other returns of each scan."""
+    """Drops from all scans the returns that repeat in the sensor's frame; returns the remaining returns of each scan."""
     fixed = find_fixed(scans)
     return list(scans) if fixed is None else [drop_cells(returns, fixed) for returns in scans]
 
 
 def find_fixed(scans: Iterable[Returns]) -> NDArray[np.bool_] | None:
-    """Finds the polar cells whose returns repeat in the sensor's own frame.
+    """Finds the polar cells whose returns repeat in the sensor's frame.
 
     Args:
         scans: the returns of each scan; one scan is held in memory at a time.
 
     Returns:
-        A mask of the cells whose returns repeat, up to the last cell with a return; None if nothing is to be dropped.
+        A mask (C,) of the cells whose returns repeat, up to the last cell with a return; None if nothing is to be dropped.
     """
     scans_in, returns_in = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)  # numbers of scans and returns per cell
     count, filled = 0, 0
@@ -56,7 +56,7 @@ def find_fixed(scans: Iterable[Returns]) -> NDArray[np.bool_] | None:
 
 
 def drop_cells(returns: Returns, fixed: NDArray[np.bool_]) -> Returns:
-    """Drops the returns of a scan in the fixed cells that `find_fixed` has found; returns the scan's other returns."""
+    """Drops the returns of a scan that lie in the cells that `find_fixed` has found; returns the scan's other returns."""
     return returns.take(~fixed[_find_cells(returns)])
 
 

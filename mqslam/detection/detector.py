@@ -1,16 +1,19 @@
 """The detector: finds the returns of a polar scan in its power.
 
-Per azimuth the strongest local maxima of the smoothed power are kept, with sub-bin range. A target is wider than one
-azimuth, so peaks of neighbouring azimuths at nearly the same range are one target: the strongest of them stays, moved to the
-intensity-weighted centroid of itself and its neighbours, in range, azimuth and time (2-D non-maximum suppression).
+In each azimuth the strongest local maxima of the smoothed power are found, with a range finer than a bin. A target is wider
+than one azimuth, so peaks of neighbouring azimuths at nearly the same range are one target. Only the strongest of them is
+kept. Its range, azimuth and time are replaced by the intensity-weighted means of this peak and its neighbours (2-D
+non-maximum suppression).
 
-Rejected: azimuths marked invalid, saturated azimuths (a whole row lifted), and rings (one range seen at many azimuths at
-once, far more often than the ranges beside it). Rings come from the sensor itself and would pull the motion to zero.
+Three kinds of data are left out: azimuths that are marked invalid, saturated azimuths, in which the power of the whole row
+is raised, and rings, ranges that have peaks at far more azimuths than the ranges beside them. Rings come from the sensor
+itself and would pull the estimated motion to zero.
 
-Where the threshold lies in the noise, as it does on real radars, many returns are speckle. Then only the strongest returns
-of a scan are kept. Returns that stand out of the noise are objects, even weak ones far away, so all of them are kept.
+Where the threshold lies in the noise, as it does with real radars, many returns are speckle. Then only the strongest returns
+of a scan are kept. All returns that stand out of the noise are kept, since they are objects, even if they are weak and far.
 
-Lengths that depend on the objects of the world are set in metres, those that depend on the sensor's sampling in range bins.
+Lengths that depend on the objects of the world are given in metres; lengths that depend on the sensor's sampling are given
+in range bins.
 """
 
 from __future__ import annotations
@@ -26,9 +29,9 @@ from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan
 from mqslam.core.scans import PeakCounts, Returns
 
-# Number of peaks that are kept per azimuth. More of them are mostly speckle, and the beam seldom meets as many objects.
+# Number of peaks that are kept per azimuth. Weaker peaks are mostly speckle, and a beam seldom meets as many objects.
 _PEAKS_PER_AZIMUTH = 12
-# An azimuth is saturated where its median power exceeds that of the polar scan by this much [0..255].
+# An azimuth is saturated if its median power exceeds the median of the polar scan's azimuths by this much [0..255].
 _SATURATION = 12.0
 # A range counts as a ring of the sensor itself if more than this share of all azimuths has a peak there, and more than
 # _RING_CONTRAST times the share at the ranges around it. A wall seldom surrounds so much of the sensor at one range.
@@ -37,8 +40,8 @@ _RING_SHARE = 0.3
 _SMOOTHING_M = 0.2
 # Peaks of neighbouring azimuths that are this close in range are one target [m].
 _JOIN_M = 0.6
-# Least value of _JOIN_M in range bins. A peak's range is known to half a bin on either side, so neighbours of one target
-# differ by up to a bin.
+# Least distance in range bins at which such peaks are joined. The range of a peak is known to half a bin, so that the peaks
+# of one target differ by up to a bin.
 _JOIN_BINS = 1.5
 # In a ring, the share of azimuths with a peak is more than this many times the share at the ranges around it.
 _RING_CONTRAST = 2.0
@@ -49,11 +52,11 @@ _SATURATION_BINS = 4
 # Step between the azimuths from which the spread of the noise is taken; a larger step saves time.
 _NOISE_AZIMUTHS = 8
 
-_SPREAD = (10.0, 50.0)  # the percentiles between which the spread of the noise lies: the definition of detector.contrast
+_SPREAD = (10.0, 50.0)  # the spread of the noise is the difference of these percentiles, as detector.contrast defines it
 
 
 def detect(polar_scan: PolarScan, range_resolution: float, config: DetectorConfig, range_offset: float = 0.0) -> Returns:
-    """Finds the returns of a polar scan, as `detect_and_count` does."""
+    """Finds the returns of a polar scan; `detect_and_count` without the counts, with the same arguments."""
     return detect_and_count(polar_scan, range_resolution, config, range_offset)[0]
 
 
@@ -111,7 +114,7 @@ def detect_and_count(
 
 
 def _find_saturated(power: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Returns which azimuths (A,) have their whole row of power lifted above the rest of the polar scan."""
+    """Returns whether each azimuth (A,) is saturated: its power is raised as a whole above the rest of the polar scan."""
     floor = np.median(power[:, ::_SATURATION_BINS], axis=1)
     return np.asarray(floor > np.median(floor) + _SATURATION)
 
@@ -119,8 +122,8 @@ def _find_saturated(power: NDArray[np.uint8]) -> NDArray[np.bool_]:
 def _threshold_above_noise(power: NDArray[np.uint8], half: int, config: DetectorConfig) -> float:
     """Returns the smoothed power above which a return stands out of the noise.
 
-    The spread of the noise is measured below the median power, because targets lie above it. Power is smoothed over
-    2 half + 1 bins.
+    The spread of the noise is measured below the median power, since targets only raise the power above it. Power is
+    smoothed over 2 half + 1 bins.
     """
     if power.size == 0:
         return 0.0
@@ -177,9 +180,9 @@ def _find_peaks(
 
 @nb.njit(cache=True, nogil=True)
 def _sum_around(values: NDArray[np.float64], half: int, out: NDArray[np.float64]) -> None:
-    """Writes running sums over 2 half + 1 bins into `out`, 0 where the bins of a sum leave the row.
+    """Writes running sums over 2 half + 1 bins into `out`; a sum is 0 if some of its bins lie outside the row.
 
-    Two such sums, one after the other, smooth with weights that have no flat top.
+    If two such sums are taken one after the other, the weights fall from the centre to both sides, with hardly a flat top.
     """
     width = 2 * half + 1
     out[:] = 0.0
@@ -193,12 +196,15 @@ def _sum_around(values: NDArray[np.float64], half: int, out: NDArray[np.float64]
 
 
 def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width: float) -> None:
-    """Sets the powers (A, K) of peaks on rings to 0: at a ring, many azimuths have a peak within a width [bins] in range.
+    """Sets the powers of peaks on rings to 0.
 
-    The ranges (A, K) are in bins.
+    At a ring, many azimuths have a peak. Where peaks are dense, as they are if range bins are long, many azimuths may have a
+    peak at any range; so a ring must also have more peaks than the ranges around it.
 
-    Where peaks are dense, as they are in long range bins, many azimuths may peak at any range. So a ring must have more
-    peaks than the ranges around it.
+    Args:
+        ranges: (A, K) ranges of the peaks [bins].
+        values: (A, K) powers of the peaks, which are changed; 0 without a peak.
+        width: width of a ring in range [bins].
     """
     is_peak = values > 0.0
     if not is_peak.any():

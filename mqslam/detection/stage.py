@@ -1,4 +1,4 @@
-"""The first stage of a run: detects each polar scan's returns and the sensor's velocity, then drops the scan."""
+"""The first stage of a radar's run: detects the returns of each polar scan and measures the sensor's velocity from it."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from mqslam.errors import DataError
 from mqslam.execution.kept import describe_kept_stretch
 from mqslam.execution.runner import Runner
 
-# A recording of which more than this share cannot be read is refused.
+# A recording is refused if more than this share of its polar scans cannot be read.
 _MOST_UNREAD = 0.5
 _CHUNK = 40  # polar scans that a worker takes at a time; no result depends on this number
-_LISTED = 3  # files that a warning of unread polar scans names
+_LISTED = 3  # number of files that the warning of unread polar scans names
 
 _log = logging.getLogger(__name__)
 
@@ -37,14 +37,14 @@ def detect_stretch(
     strict: bool = True,
     with_velocities: bool = False,
 ) -> Detected:
-    """Reads the polar scans start <= k < stop, and detects their returns and the sensor's velocities.
+    """Reads the polar scans start <= k < stop, detects their returns and measures the sensor's velocities.
 
     Args:
         recording: the recording.
         config: settings of the detector.
         start: number of the first polar scan.
         stop: number of the first polar scan after the stretch.
-        strict: whether a polar scan that cannot be read is an error; else it counts as a scan without returns.
+        strict: whether a polar scan that cannot be read is an error; else it becomes a scan without returns.
         with_velocities: whether the sensor's velocity is measured, which needs alternating chirps.
 
     Raises:
@@ -89,7 +89,7 @@ def detect_stretch(
 
 
 def read_polar_scans(recording: Recording, start: int, stop: int) -> Iterator[tuple[int, PolarScan | DataError]]:
-    """Yields, for start <= k < stop, k and polar scan k, or k and the error with which reading it failed."""
+    """Yields, for start <= k < stop, the number k and polar scan k, or k and the error with which reading it failed."""
     k = start
     while k < stop:
         try:  # reading ends with the first error, and begins again after it
@@ -109,14 +109,13 @@ def detect_all(
     strict: bool = False,
     with_velocities: bool = False,
 ) -> tuple[Scans, Detected]:
-    """Detects the returns of all polar scans; returns the scans, empty ones where reading failed, and the other results.
+    """Detects the returns of all polar scans; returns the scans and the other results. Scans that cannot be read are empty.
 
     Args:
         recording: the recording.
         config: settings of the detector.
-        runner: reads polar scans and detects their returns on its workers; None does so in this process, one
-            after the other.
-        strict: whether one polar scan that cannot be read is an error.
+        runner: reads polar scans and detects their returns on its workers; with None, this process does so, scan by scan.
+        strict: whether a single polar scan that cannot be read is an error.
         with_velocities: whether the sensor's velocity is measured, which needs alternating chirps.
 
     Raises:
@@ -164,7 +163,7 @@ def detect_all(
 
 
 def _join(stretches: list[Velocities]) -> Velocities | None:
-    """Joins the velocities of all stretches; None where they were not asked for, or chirps do not alternate."""
+    """Joins the velocities of all stretches; None if they were not asked for, or if the chirps do not alternate."""
     velocities = Velocities.join(stretches) if stretches else None
     if velocities is None or not velocities.alternating:
         return None
@@ -179,7 +178,7 @@ def _detect_span(shared: tuple[Recording, DetectorConfig, bool, bool], span: tup
 
 
 def warn_of_unread(unread: dict[int, DataError]) -> list[str]:
-    """Returns a warning of one line about the polar scans that could not be read; an empty list if all could be."""
+    """Returns a warning of one line about the polar scans that could not be read; an empty list if there are none."""
     if not unread:
         return []
     several = "1 polar scan" if len(unread) == 1 else f"{len(unread)} polar scans"
@@ -189,7 +188,7 @@ def warn_of_unread(unread: dict[int, DataError]) -> list[str]:
 
 
 def make_scans(recording: Recording, returns: list[Returns] | None = None, begin: int = 0) -> Scans:
-    """Makes one scan per polar scan: it lasts until the next one starts or, before a gap and at the end, for one revolution.
+    """Makes one scan per polar scan; it lasts until the next scan starts or, before a gap or at the end, for one turn.
 
     Args:
         recording: the recording.

@@ -1,8 +1,9 @@
-"""The first stage of a lidar's run: turns ranges along beams into points that lie evenly on the surfaces that were seen.
+"""The first stage of a lidar's run: resamples each scan, so that its points lie at equal distances along surfaces.
 
-Beams are spread evenly over angles, not over surfaces: a wall beside the sensor takes hundreds of beams, and a wall far away
-a few. Two scans of one wall from different places therefore hold different points of it. Between two beams that hit the same
-surface the surface is known, too; points at equal distances along it are the same from wherever it is seen.
+Beams are spread evenly over angles, not over surfaces: hundreds of beams hit a wall beside the sensor, and a few hit a wall
+far away. Two scans of one wall from different places therefore hold different points of the wall. Between two neighbouring
+beams that hit the same surface, the surface is taken as straight. Points at equal distances along it lie equally dense,
+whatever place the scan was taken from.
 """
 
 from __future__ import annotations
@@ -19,25 +20,27 @@ from mqslam.core.recording import LidarRecording
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 
-# Angle between a beam and the surface's normal up to which two neighbouring beams that hit it are taken to hit one surface.
+# Two neighbouring beams hit one surface if the line between their returns has at most this angle between its normal and a
+# beam.
 _STEEPEST_RAD: Final = np.radians(75.0)
-# Steps between beams that are wider than this many usual steps have a beam without a return between them.
+# If two successive returns are more than this many usual steps between beams apart, a beam between them had no return.
 _WIDEST_STEP = 1.5
-# Two neighbouring beams always hit the same surface if their returns are this near to each other, in units of the spacing.
+# Two neighbouring beams also hit one surface if their returns are at most this far apart, in units of the points' spacing.
 _NEAR = 1.0
-# Usual range of what a radar sees in a street [m].
+# Usual range of the objects that a radar sees in a street [m].
 _USUAL_RANGE_M = 20.0
 _LEAST_M: Final = 0.01  # least unit [m], to which it is rounded
-# Distance between points, and way after which a scan is taken, in the recording's unit; turn after which one is taken.
+# Distance between points, and path after which a scan is kept, both in the recording's unit; turn after which a scan is
+# kept.
 _SPACING, _PATH, _TURN_RAD = 0.25, 0.5, np.radians(5.0)
-_CHANGED = 0.4  # share of ranges that differ once the sensor has moved
-# Scans that follow each other within this share of the usual time were held up on their way: odometry at their stamps does
-# not tell whether the sensor moved between them. This share of ranges that differ is then enough.
+_CHANGED = 0.4  # the sensor has moved if more than this share of the ranges differ
+# A scan that follows the scan before it within the first share of the usual time arrived late: odometry at its stamp does
+# not show whether the sensor moved. It has then moved if more than the second share of the ranges differ.
 _HURRIED, _CHANGED_IN_HURRY = 0.5, 0.1
 
 
 def spread_evenly(scan: Scan, step_rad: float, spacing_m: float) -> Scan:
-    """Returns a scan whose returns lie at equal distances along the surfaces that its beams hit.
+    """Returns a scan whose returns lie at equal distances along the surfaces that the lidar's beams hit.
 
     Args:
         scan: a lidar's scan, whose returns are in the order of their azimuths or of their times.
@@ -59,7 +62,7 @@ def _spread(table: NDArray[np.float64], widest: float, steepest: float, spacing:
     kept = np.empty((n + 1, 4))
     rows = [kept[0]]
     rows.clear()
-    left = 0.0  # way along the surface to the next point
+    left = 0.0  # distance along the surface to the next point
     for i in range(n):
         joined = False
         if i:
@@ -97,18 +100,18 @@ def _turn(azimuth: float, x: float, y: float) -> float:
 
 
 def find_step(scans: Scans) -> float:
-    """Returns the angle between neighbouring beams [rad]: the usual angle between successive returns of a scan."""
+    """Returns the angle between neighbouring beams [rad]: the median angle between successive returns of a scan."""
     steps = [np.abs(np.diff(scan.returns.azimuths)) for scan in scans if len(scan.returns) > 1]
     return float(np.median(np.concatenate(steps))) if steps else 0.0
 
 
 def prepare(recording: LidarRecording, odometry: Trajectory | None, unit_m: float | None = None) -> LidarRecording:
-    """Returns a lidar's recording as it is solved: points lie evenly, and scans at rest are left out.
+    """Prepares a lidar's recording for a run: resamples its points along surfaces, and leaves out scans at rest.
 
     Args:
         recording: the recording as it was read.
-        odometry: poses of the sensor, or None: all scans are kept then.
-        unit_m: length [m] that is to what the lidar sees as a metre is to what a radar sees in a street; None measures it.
+        odometry: poses of the sensor; None keeps all scans.
+        unit_m: unit of length of the recording [m], as `measure_unit` returns it; None measures it.
     """
     unit_m, step = measure_unit(recording.scans) if unit_m is None else unit_m, find_step(recording.scans)
     kept = recording
@@ -120,9 +123,10 @@ def prepare(recording: LidarRecording, odometry: Trajectory | None, unit_m: floa
 
 
 def measure_unit(scans: Scans) -> float:
-    """Returns the length [m] that is to what a lidar sees as a metre is to what a radar sees in a street.
+    """Measures a lidar's unit of length [m]: in this unit its surroundings are as large as a street in metres.
 
-    It follows from the usual range of what is seen. Every beam counts by the length of surface that it stands for.
+    The unit is the median range, divided by the usual range in a street. Each return is weighted by its range, since the
+    length of surface that a beam stands for grows with the range.
     """
     ranges = np.sort(np.concatenate([scan.returns.ranges for scan in scans]))
     surface = np.cumsum(ranges)
@@ -131,16 +135,19 @@ def measure_unit(scans: Scans) -> float:
 
 
 def pick_moving(scans: Scans, odometry: Trajectory, path_m: float, turn_rad: float) -> list[int]:
-    """Picks the scans between which a robot has moved or turned; scans at rest add nothing.
+    """Picks the scans between which a robot has moved or turned; scans at rest add no information.
 
-    Odometry tells where the robot has moved. Where wheels slip or stamps are wrong, the ranges themselves tell it. Stamps of
-    scans that were held up are wrong: such scans arrive in a burst, in which odometry seems to stand still.
+    Odometry shows whether the robot has moved. If wheels slip or stamps are wrong, changed ranges show it. The stamps of
+    scans that arrived late are wrong: such scans arrive in a burst, during which odometry seems to stand still.
 
     Args:
         scans: all scans.
         odometry: poses of the sensor.
-        path_m: a scan is taken after this distance [m] from the last one that was taken.
-        turn_rad: or after this turn [rad].
+        path_m: a scan is picked at this distance [m] from the last picked scan, or if ranges have changed by more than this.
+        turn_rad: a scan is also picked if the sensor has turned by this much [rad] since the last picked scan.
+
+    Returns:
+        Numbers of the picked scans, which include the first and the last scan.
     """
     poses, apart = odometry.at(scans.stamps_us), np.diff(scans.stamps_us)
     hurried = apart < _HURRIED * np.median(apart)

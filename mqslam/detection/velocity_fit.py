@@ -1,12 +1,13 @@
 """Measures the sensor's velocity from the shifts between up-chirps and down-chirps of a polar scan, without a map.
 
 An echo of an object at rest lies 2 beta (vx cos a + vy sin a) farther in a down-chirp than in an up-chirp at azimuth a. The
-velocity at which the correlations of all azimuths add up best is the first estimate. Near it, the shift of every azimuth is
-read, weighted by the curvature of its correlation, and a robust fit leaves out traffic and chance peaks. The covariance
-comes from a jackknife over sectors of the revolution, so it shows the errors of this scan itself.
+first estimate is the velocity at which the sum of all azimuths' correlations is largest. Near this velocity, the shift of
+each azimuth is read off its correlation and weighted by the correlation's curvature; a robust fit leaves out traffic and
+chance peaks. The covariance is estimated by a jackknife over sectors of the revolution, so that it reflects the errors of
+this scan.
 
-Source: the measurement is that of Lisus et al., "Are Doppler Velocity Measurements Useful for Spinning Radar Odometry?",
-RA-L 2025; the estimator is our own.
+Source: the measurement was published by Lisus et al., "Are Doppler Velocity Measurements Useful for Spinning Radar
+Odometry?", RA-L 2025; the estimator is our own.
 
 The Doppler effect shifts echoes of up-chirps and of down-chirps in opposite directions. From azimuth to azimuth the beam
 moves on, and the range of an oblique wall changes. This also shifts echoes, by as much from an up-chirp to a down-chirp as
@@ -29,66 +30,64 @@ from mqslam.core.velocity import CHIRP_BETA, Outcome
 
 # Largest speed that is searched [m/s]: 160 km/h.
 FASTEST_MPS = 45.0
-# Power nearer than this [m] is of the vehicle itself, which stands still in the sensor's frame.
+# Power nearer than this [m] is reflected by the vehicle itself, which is at rest in the sensor's frame, and is left out.
 _MIN_RANGE_M = 2.5
 # Power farther than this [m] is left out, because noise outweighs it.
 _MAX_RANGE_M = 150.0
-# Power is averaged over as many range bins as fit into this length [m]. It is shorter than an echo is wide, so that only
-# computing time is saved.
+# To save computing time, power is averaged over the range bins that fit into this length [m], which is shorter than an echo.
 _CELL_M = 0.09
 # Standard deviation of the Gaussian that smooths power along range [m]: half the width of an echo.
 _SMOOTHING_M = 0.1
 # Power counts as an echo if it exceeds the azimuth's median by more than this many spreads of the noise (median minus 10th
 # percentile).
 _CONTRAST = 2.0
-# Standard deviation [m] of the Gaussian average that is subtracted from the echoes. Wider shapes, such as haze behind
-# strong targets, keep their range whatever the speed is.
+# Standard deviation [m] of the Gaussian average that is subtracted from the echoes. It removes wider shapes, such as haze
+# behind strong targets, whose range does not change with the speed.
 _BACKGROUND_M = 0.5
 
-# The best velocity must fit the echoes better than the median of the velocities tried, by this many spreads of their fits
-# (median absolute deviation, scaled to a standard deviation). In noise, the best of thousands of velocities fits better by
+# The score of the best velocity must exceed the median score of all tried velocities by this many spreads of these scores
+# (median absolute deviation, scaled to a standard deviation). In noise, the best of thousands of velocities exceeds it by
 # four.
 _CLEAR = 8.0
-# Standard deviation of the acceleration during a revolution of the radar, along each axis [m/s^2]. A vehicle seldom brakes
-# harder than this. If the fit left acceleration out, 1 m/s^2 would shift the velocity measured in a quarter second by
-# 0.02 m/s.
+# Prior standard deviation of the acceleration during a revolution of the radar, along each axis [m/s^2]. A vehicle seldom
+# brakes harder than this. If acceleration were not fitted, 1 m/s^2 would shift the velocity that is measured in a quarter of
+# a second by 0.02 m/s.
 _ACCELERATION = 3.0
-# Number of sectors of a revolution that are left out, one at a time, to find the covariance. They are wider than the beam,
-# so that their errors are independent.
+# Number of sectors of the jackknife. Sectors are wider than the beam, so that the errors of different sectors are
+# independent.
 _SECTORS = 20
-# A scan measures no velocity if fewer of its azimuths than this share hold echoes.
+# A scan measures no velocity if less than this share of its azimuths holds echoes.
 _FEWEST_AZIMUTHS = 0.1
-# Residual at which the weight of an azimuth's shift falls to a quarter (Geman-McClure), in units of the residuals' spread
-# in the scan. Traffic and chance peaks lie beyond it.
+# Residual at which the weight of an azimuth's shift falls to a quarter (Geman-McClure), in units of the spread of the scan's
+# residuals. Traffic and chance peaks have larger residuals.
 _OUTLIER_SPREADS = 3.0
 
-# Step between the velocities that are tried at first [m/s]. At a beta of 0.05 s it shifts echoes by 0.15 m, which is less
-# than their width.
+# Step between the velocities that are tried first [m/s]. At a beta of 0.05 s it shifts echoes by 0.15 m, less than their
+# width.
 _STEP_MPS = 1.5
-# The closing speed at an azimuth is sought within this distance [m/s] of the one that the best velocity so far predicts.
-# Traffic outside this window does not disturb.
+# The closing speed at an azimuth is searched within this difference [m/s] from the speed that the velocity so far predicts.
+# Traffic outside this window has no influence.
 _WINDOW_MPS = 2.5
-_ROUNDS = 2  # number of times that shifts are read near the velocity so far; after the second they no longer change
-_STEPS, _SETTLED_MPS = 50, 1e-6  # most steps of the robust fit, and the change of velocity at which it ends
-_LEAST_SPREAD_MPS = 1e-3  # a numerical floor for data without noise
-_TO_DEVIATION = 1.4826  # from the median of absolute residuals to the standard deviation of Gaussian ones
+_ROUNDS = 2  # number of times that shifts are read near the latest velocity; after the second time they no longer change
+_STEPS, _SETTLED_MPS = 50, 1e-6  # largest number of steps of the robust fit; change of velocity [m/s] at which it ends
+_LEAST_SPREAD_MPS = 1e-3  # numerical: least spread, for data without noise
+_TO_DEVIATION = 1.4826  # ratio of the standard deviation of Gaussian residuals to the median of their absolute values
 
 Array = NDArray[np.float64]
 
-_SPREAD = (10.0, 50.0)  # the percentiles between which the spread of the noise lies: the definition of _CONTRAST
-_NEAR = 1.5  # azimuths farther apart than this many usual steps are no neighbours: one between them is missing
+_SPREAD = (10.0, 50.0)  # the spread of the noise in _CONTRAST is the difference of these percentiles
+_NEAR = 1.5  # azimuths more than this many usual steps apart are no neighbours: an azimuth between them is missing
 _EVERY = 4  # step between the cells from which an azimuth's noise is taken, which saves time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChirpCorrelation:
-    """Correlations of up-chirps with the down-chirps beside them.
+    """Correlations of up-chirps with the down-chirps at neighbouring azimuths.
 
     Args:
         azimuths: (K,) [rad] directions of the correlations.
         times: (K,) [s] since the recording's start.
-        values: (K, 2 L + 1) correlation -1..1 where down-chirps lie -L to L cells farther than up-chirps; 0 where there are
-            no echoes.
+        values: (K, 2 L + 1) correlation, -1 to 1, for down-chirps shifted by -L to L cells; 0 without echoes.
         cell: length of a cell [m].
     """
 
@@ -109,7 +108,7 @@ class ChirpCorrelation:
 
 
 def correlate_chirps(polar_scan: PolarScan, range_resolution: float) -> ChirpCorrelation | None:
-    """Correlates the up-chirps of a polar scan with the down-chirps beside them; None if there are no such pairs.
+    """Correlates up-chirps of a polar scan with down-chirps at neighbouring azimuths; None if there are no such pairs.
 
     Args:
         polar_scan: power of the up-chirps, and of the down-chirps in `down`.
@@ -146,7 +145,7 @@ def find_echoes(power: NDArray[np.uint8], range_resolution: float, cells: int) -
     Args:
         power: (A, B) uint8.
         range_resolution: length of a range bin [m].
-        cells: range bins in a cell.
+        cells: number of range bins in a cell.
     """
     length = cells * range_resolution
     count = min(power.shape[1] // cells, math.ceil(_MAX_RANGE_M / length))
@@ -168,7 +167,7 @@ def find_echoes(power: NDArray[np.uint8], range_resolution: float, cells: int) -
 def _correlate_neighbours(echoes: NDArray[np.float32], rising: NDArray[np.bool_], reach: int) -> NDArray[np.float64]:
     """Returns the correlations (A - 1, 2 L + 1) of the echoes (A, C) of successive azimuths at shifts of -L to L cells.
 
-    One azimuth of a pair is an up-chirp, marked by `rising` (A,), the other a down-chirp. L is the reach.
+    One azimuth of a pair is an up-chirp, marked by `rising` (A,), and the other is a down-chirp. L is `reach`.
     """
     size = fft.next_fast_len(echoes.shape[1] + reach, real=True)
     spectra = fft.rfft(echoes, size, axis=1)
@@ -188,7 +187,7 @@ class Velocity:
     Args:
         velocity: (2,) forward and left [m/s]; NaN without a measurement.
         covariance: (2, 2) [m^2/s^2]; NaN without a measurement.
-        outcome: whether it was measured, or why not.
+        outcome: whether the velocity was measured, or the reason why it was not.
     """
 
     velocity: Array
@@ -203,10 +202,10 @@ class Velocity:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shifts:
-    """Radial speeds of the world that the azimuths of a scan show.
+    """Radial speeds of the world relative to the sensor, one per azimuth of a scan.
 
     Args:
-        speeds: (K,) closing speed of the world [m/s].
+        speeds: (K,) closing speed at each azimuth [m/s].
         weights: (K,) curvature of the correlation at its peak [s^2/m^2]; 0 where there is no peak.
     """
 
@@ -215,7 +214,7 @@ class Shifts:
 
 
 def measure_velocity(polar_scan: PolarScan, range_resolution: float, middle: float) -> Velocity:
-    """Measures the sensor's velocity from a polar scan whose chirps go up and down alternately.
+    """Measures the sensor's velocity from a polar scan whose up-chirps and down-chirps alternate.
 
     Args:
         polar_scan: power of the up-chirps, and of the down-chirps in `down`.
@@ -233,7 +232,7 @@ def measure_velocity(polar_scan: PolarScan, range_resolution: float, middle: flo
 
 
 def read_shifts(correlation: ChirpCorrelation, expected: Array) -> Shifts:
-    """Reads the radial speed of every azimuth off the highest peak of its correlation near an expected speed (K,) [m/s]."""
+    """Reads each azimuth's radial speed off the highest peak of its correlation near its expected speed (K,) [m/s]."""
     per_cell = correlation.cell_mps
     half = max(2, math.ceil(_WINDOW_MPS / per_cell))
     reach, rows = correlation.reach, np.arange(len(expected))
@@ -249,7 +248,7 @@ def read_shifts(correlation: ChirpCorrelation, expected: Array) -> Shifts:
 
 
 def _search(correlation: ChirpCorrelation) -> Array | None:
-    """Searches for the velocity (2,) [m/s] at which correlations add up best; None if no velocity stands out clearly."""
+    """Searches the velocity (2,) [m/s] with the largest sum of correlations; None if no velocity stands out clearly."""
     per_cell = correlation.cell_mps
     line = np.arange(-FASTEST_MPS, FASTEST_MPS + _STEP_MPS, _STEP_MPS)
     tried = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -267,7 +266,7 @@ def _search(correlation: ChirpCorrelation) -> Array | None:
 def _fit(correlation: ChirpCorrelation, first: Array, middle: float) -> Velocity:
     """Fits velocity and acceleration to the shifts of all azimuths, starting from a first velocity (2,) [m/s].
 
-    If the acceleration were left out, it would pass for a sideways velocity, since the beam looks ahead and to the side at
+    If acceleration were not fitted, it would look like a sideways velocity, since the beam points ahead and to the side at
     different times.
     """
     rays = np.column_stack([np.cos(correlation.azimuths), np.sin(correlation.azimuths)])
@@ -286,9 +285,16 @@ def _fit(correlation: ChirpCorrelation, first: Array, middle: float) -> Velocity
 
 
 def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array) -> tuple[Array, float]:
-    """Fits a state (4,) to shifts by Geman-McClure's loss; returns it and the loss's width [m/s], found from the residuals.
+    """Fits a state to shifts with Geman-McClure's loss, whose width follows from the residuals.
 
-    The jacobian (K, 4) holds the derivatives of radial speeds. The prior is an information matrix (4, 4) with mean zero.
+    Args:
+        jacobian: (K, 4) derivatives of the radial speeds by the state, which is velocity [m/s] and acceleration [m/s^2].
+        shifts: the radial speeds.
+        state: (4,) state from which the fit starts.
+        prior: (4, 4) information matrix of the state, with mean zero.
+
+    Returns:
+        The state (4,), and the width of the loss [m/s].
     """
     width = 0.0
     for _ in range(_STEPS):
@@ -304,10 +310,10 @@ def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array) -
 
 
 def _leave_out_sectors(jacobian: Array, shifts: Shifts, state: Array, width: float, prior: Array) -> Array | None:
-    """Returns the covariance (4, 4) of a state by a jackknife over sectors; None if the state depends on one sector alone.
+    """Returns the covariance (4, 4) of a state by a jackknife over sectors; None if the state depends on a single sector.
 
-    Leaving out a sector moves the state by one Newton step. A sector consists of successive azimuths, whose errors are
-    correlated. The arguments are those of `_fit_robustly` and its results.
+    A sector consists of successive azimuths, whose errors are correlated. One Newton step gives the state without a sector.
+    The arguments are the arguments and results of `_fit_robustly`.
     """
     residuals = shifts.speeds - jacobian @ state
     certain, square = _normalise(shifts.weights, width / _OUTLIER_SPREADS), (residuals / width) ** 2
@@ -328,7 +334,7 @@ def _leave_out_sectors(jacobian: Array, shifts: Shifts, state: Array, width: flo
 
 
 def _measure_spread(residuals: Array, weights: Array) -> float:
-    """Returns the spread [m/s] of residuals (K,) by the weighted median of their sizes; up to half may be outliers."""
+    """Returns the spread [m/s] of residuals (K,): the scaled weighted median of their sizes. Half may be outliers."""
     order = np.argsort(np.abs(residuals), kind="stable")
     sums = np.cumsum(weights[order])
     middle = order[int(np.searchsorted(sums, 0.5 * sums[-1]))]
@@ -336,8 +342,10 @@ def _measure_spread(residuals: Array, weights: Array) -> float:
 
 
 def _normalise(weights: Array, spread: float) -> Array:
-    """Scales the weights (K,) of shifts to information [s^2/m^2].
+    """Scales the weights (K,) of shifts to information [s^2/m^2], such that their self-weighted mean is 1 / spread^2.
 
-    The mean of the weights, weighted by themselves, becomes 1 / spread^2, with the spread in [m/s].
+    Args:
+        weights: (K,) weights in any unit.
+        spread: spread of the residuals [m/s].
     """
     return np.asarray(weights / (spread**2 * np.average(weights, weights=weights)))

@@ -1,11 +1,11 @@
-"""Localises a recording in a map: recognises places, follows the scans from there, and predicts the scans off the map.
+"""Localises a recording in a map: recognises places, tracks the scans from there, and predicts the scans off the map.
 
-The whole recording is available before the work begins. Scans are therefore followed from a recognised place both forward
-and backward in time, so that a place that is recognised late also serves the scans before it. Each scan is predicted by the
-motion from its neighbour, and registered on the map by psi.
+The whole recording is available before the work begins. From a recognised place, scans are tracked both forward and backward
+in time, so that a place that is recognised late also serves the scans before it. The pose of each scan is predicted from a
+neighbouring scan by the front end's motion, and then registered on the map by psi.
 
-The covariance from psi's curvature is too small by a factor that depends on the world: the returns of an object move
-together when it is seen from elsewhere, and keyframes have errors within the map. To measure the factor, two scans some
+The covariance from psi's curvature is too small by a factor that depends on the world: the returns of an object shift
+together when it is seen from another place, and the keyframes of the map have errors. To measure the factor, two scans some
 metres apart are registered, each on a different half of the keyframes around them. Their poses differ by the errors of both
 registrations, and by the small error of the motion between them. Poor motions of the front end make the factor too large
 rather than too small.
@@ -39,22 +39,22 @@ from mqslam.localisation.registering import ON_MAP, REACH_M, MapAround, PlaceSta
 from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam, PointSet
 
-# After this path [m] without a scan that lies on the map, scans are no longer followed. The recording beyond it is then
-# looked up again.
+# Tracking ends after this path [m] without a scan that lies on the map. Beyond it, places of the recording are searched
+# again.
 _GIVE_UP_M = 30.0
-# Path [m] between the pairs of scans that show by which factors the covariances are too small.
+# Path [m] between the pairs of scans from which the factors on the covariances are measured.
 _SAMPLE_M = 20.0
-# Path [m] between the two scans of such a pair, which are registered on different keyframes. On a shorter path both see the
-# same side of everything and have the same errors; on a longer path the error of the motion between them counts, too.
+# Path [m] between the two scans of such a pair, which are registered on different keyframes. On a shorter path both scans
+# see the same sides of objects and have the same errors; on a longer path the error of the motion between them is not small.
 _APART_M = 5.0
-# If a recording has fewer such pairs, they do not show these factors.
+# With fewer pairs than this, the usual factor is used.
 FEWEST_PAIRS = 20
-# Factor on the variances of psi's curvature where the recording is too short to show the factor. Drives through cities have
-# shown 6 to 13.
+# Factor on the variances from psi's curvature if the recording is too short to measure it. Drives through cities have shown
+# 6 to 13.
 _USUAL_SCALE = 10.0
-# Least share of the scans along a row of recognised places that must lie on the map for the row to count.
+# A row of recognised places is accepted if at least this share of the scans along it lies on the map.
 _CONFIRMED = 0.7
-# Number of submaps that are looked up at a time, until a row of them is recognised.
+# Number of successive submaps whose places are searched at a time.
 _BLOCK = 6
 
 _BATCH: Final = 64  # pairs that one call compares: a matter of speed only
@@ -73,14 +73,14 @@ class Localised:
         statuses: (N,) how far each pose can be trusted.
         psi: (N,) score per return on the map; NaN where a scan does not lie on it.
         matched: (N,) share of the returns that lie on the map; NaN where the scan was not compared with it.
-        rows: number of rows of recognised places from which scans were followed.
-        looked_up: number of submaps of the recording that were looked up.
+        rows: number of rows of recognised places from which scans were tracked.
+        looked_up: number of submaps of the recording whose places were searched.
         ambiguous: number of these submaps that fit several places of the map about equally well.
-        scale: (3,) factors on the variances of psi's curvature, as the recording itself shows them, or the usual factors if
-            it is too short.
-        samples: number of pairs of scans that show these factors.
-        conflicts: number of times that scans which were followed from two sides met with conflicting poses.
-        is_scale_measured: whether the recording itself shows the factors.
+        scale: (3,) factors on the variances from psi's curvature, measured in this recording, or the usual factor if the
+            recording is too short.
+        samples: number of pairs of scans from which these factors were measured.
+        conflicts: number of times that tracking from one side met scans tracked from the other side at conflicting poses.
+        is_scale_measured: whether the factors were measured in this recording.
     """
 
     stamps_us: NDArray[np.int64]
@@ -116,7 +116,7 @@ class _Setting:
     """The data and settings that all steps of the localisation use.
 
     Args:
-        drive: the scans under their chained motions.
+        drive: the scans under the front end's motions, chained without optimisation.
         motions: N - 1 motions between N successive scans.
         keyframes: keyframes of the map.
         estimator: settings of the score.
@@ -134,7 +134,7 @@ class _Setting:
         return self.drive.render(k, np.array([k]), self.beam)
 
     def register(self, around: MapAround, k: int, expected: Registered) -> Registered:
-        """Registers scan k on the map, from its expected pose; returns its pose in the map's frame and a status."""
+        """Registers scan k on the map, starting from its expected pose; returns its pose in the map's frame and a status."""
         return register(around, self.render(k), expected, self.estimator)
 
     def predict(self, known: Registered, k: int, n: int) -> Registered:
@@ -149,7 +149,7 @@ class _Setting:
 
 
 class _LocalisedScans:
-    """The poses of a recording's scans in the map, as far as they are known yet.
+    """The poses of a recording's scans in the map that have been found so far.
 
     Args:
         count: number of scans.
@@ -158,7 +158,7 @@ class _LocalisedScans:
     Attributes:
         poses, covariances, psi, matched, statuses: as in `Localised`.
         tried: (N,) whether the scan was compared with the map.
-        on_map: (N,) whether it lies on the map.
+        on_map: (N,) whether the scan lies on the map.
     """
 
     def __init__(self, count: int, progress: Progress = ignore_progress) -> None:
@@ -193,7 +193,8 @@ def localise(
     Args:
         scans: N scans of the recording.
         motions: N - 1 motions between successive scans.
-        made: the map. A lidar's is in its unit (`KeyframeMap.scale`), and so are scans, motions and settings.
+        made: the map. If it is a lidar's, all lengths of map, scans, motions and settings are in the map's unit (see
+            `KeyframeMap.scale`).
         estimator: settings of the score.
         beam: the sensor's errors.
         runner: does the work, and times it.
@@ -244,17 +245,17 @@ def localise(
 def _look_up(
     setting: _Setting, made: KeyframeMap, engine: Engine, wanted: NDArray[np.bool_]
 ) -> Iterator[tuple[list[list[Loop]], int, int]]:
-    """Looks up the submaps of a recording in the map, block by block, and skips blocks without wanted scans.
+    """Recognises places of the map in a recording, block by block; blocks without wanted scans are skipped.
 
-    It yields for each block the rows of recognised places, the number of submaps that were looked up, and how many of these
-    fit several places about equally well. The last submaps of a block are looked up again in the next one, so that a row
-    that reaches from one into the other is found.
+    It yields for each block the rows of recognised places, the number of submaps that were compared with the map, and how
+    many of these fit several places about equally well. The last submaps of a block are part of the next block, too, so that
+    a row that crosses the border between two blocks is found.
 
     Args:
         setting: the scans and the map.
         made: the map with its places.
-        engine: where submaps are compared; the result does not depend on it.
-        wanted: (N,) which scans are still to be found. The caller may change it between blocks.
+        engine: engine that compares the submaps; the result does not depend on it.
+        wanted: (N,) which scans have no pose yet. The caller may change it between blocks.
     """
     places = describe_map(made, setting.beam, engine).places
     database = PlaceDatabase.of(MappedDrive.of(made.keyframes), places)
@@ -268,9 +269,9 @@ def _look_up(
 
 
 def _seed(setting: _Setting, table: _LocalisedScans, row: Sequence[Loop]) -> bool:
-    """Follows the scans along a row of recognised places, and returns whether enough of these scans lie on the map.
+    """Tracks the scans along a row of recognised places, and returns whether enough of these scans lie on the map.
 
-    If too few lie on the map, or if some were tried before, the table is left as it was.
+    If too few scans lie on the map, or if some of them were tried before, the table stays unchanged.
     """
     first, last = row[0].later, row[-1].later
     if table.tried[first : last + 1].any():
@@ -290,26 +291,26 @@ def _seed(setting: _Setting, table: _LocalisedScans, row: Sequence[Loop]) -> boo
 
 
 def _follow_on(setting: _Setting, table: _LocalisedScans, row: Sequence[Loop]) -> int:
-    """Follows scans onward from both ends of a row; returns at how many ends they meet scans with a conflicting pose."""
+    """Tracks scans onward from both ends of a row; returns at how many ends this meets scans with conflicting poses."""
     along = row[0].later + np.flatnonzero(table.on_map[row[0].later : row[-1].later + 1])
     ends = ((int(along[-1]), 1, len(table.tried) - 1), (int(along[0]), -1, 0))
     return sum(_follow(setting, table, start, way, limit) for start, way, limit in ends)
 
 
 def _follow(setting: _Setting, table: _LocalisedScans, start: int, way: int, limit: int) -> bool:
-    """Follows scans until `_GIVE_UP_M` of path holds no scan on the map, or until a scan is reached that was tried before.
+    """Tracks scans until no scan on `_GIVE_UP_M` of path lies on the map, or until a scan was tried before.
 
-    Scans after the last one on the map are left as not tried, so that they can be followed from the other side.
+    Scans after the last scan on the map stay marked as not tried, so that they can be tracked from the other side.
 
     Args:
         setting: the scans and the map.
-        table: the poses of the scans, which are filled in.
-        start: the scan to begin from, which lies on the map.
-        way: 1 follows the recording forward in time, -1 backward.
-        limit: the last scan to follow.
+        table: the poses of the scans; the new poses are added to it.
+        start: number of the first scan, which lies on the map.
+        way: 1 tracks forward in time, -1 backward.
+        limit: number of the last scan to track.
 
     Returns:
-        Whether a scan was reached that was followed from the other side and has a conflicting pose.
+        Whether tracking met a scan that was tracked from the other side and has a conflicting pose.
     """
     around = MapAround(setting.keyframes, setting.beam)
     travelled = setting.drive.travelled
@@ -330,7 +331,7 @@ def _follow(setting: _Setting, table: _LocalisedScans, start: int, way: int, lim
 
 
 def _measure_scale(setting: _Setting, table: _LocalisedScans, engine: Engine) -> tuple[NDArray[np.float64], int]:
-    """Measures the factors (3,) by which psi's variances are too small; returns them and the number of pairs used."""
+    """Measures the factors (3,) by which psi's variances are too small; also returns the number of pairs of scans used."""
     travelled = setting.drive.travelled
     converged = np.array([status is PlaceStatus.CONVERGED for status in table.statuses], dtype=np.bool_)
     pairs = []
@@ -344,7 +345,7 @@ def _measure_scale(setting: _Setting, table: _LocalisedScans, engine: Engine) ->
 
 
 def _compare(setting: _Setting, pairs: list[list[tuple[int, Registered]]]) -> NDArray[np.float64]:
-    """Returns the squared differences (K, 3) of pairs of registered scans, in units of the variances of psi's curvature."""
+    """Returns squared differences (K, 3) of pairs of registered scans, in units of the variances from psi's curvature."""
     even = np.arange(len(setting.keyframes)) % 2 == 0
     halves = [MapAround(setting.keyframes, setting.beam, chosen) for chosen in (even, ~even)]
     squares = []
@@ -363,7 +364,7 @@ def _compare(setting: _Setting, pairs: list[list[tuple[int, Registered]]]) -> ND
 
 
 def _fill_in(setting: _Setting, table: _LocalisedScans, covariances: NDArray[np.float64]) -> None:
-    """Stores the scaled covariances (N, 3, 3), and predicts scans off the map from the nearest scan that lies on the map."""
+    """Stores the scaled covariances (N, 3, 3), and predicts each scan off the map from the nearest scan on the map."""
     travelled, known = setting.drive.travelled, table.on_map.copy()
     table.covariances[:] = covariances
     nearest = np.full(len(known), np.inf)
@@ -387,7 +388,7 @@ def _fill_in(setting: _Setting, table: _LocalisedScans, covariances: NDArray[np.
 
 
 def _say_what_was_tried(drive: TrackedRun, made: KeyframeMap, looked_up: int, ambiguous: int) -> tuple[str, str]:
-    """Returns the error text for a recording that was not found in a map, with what was tried, and what the user can do."""
+    """Returns why a recording was not found in a map, with what was tried, and what the user can do about it."""
     unit_m = made.keyframes.unit_m or 1.0
     path_m = float(drive.travelled[-1]) * unit_m
     if looked_up < ROW:

@@ -20,27 +20,27 @@ from mqslam.psi.minimiser import annealed_scale
 from mqslam.psi.place import Beam, PointSet
 from mqslam.psi.score import References, make_references
 
-# The keyframes around the vehicle are chosen again once it has moved this far [m]. A longer distance is faster, but
-# registers scans on keyframes that are less well centred around them.
+# The keyframes around the vehicle are selected again once it has moved this far [m]. A longer distance saves time, but then
+# scans are registered on keyframes that are less well centred around them.
 _RENEW_M = 2.5
 
-# A scan is compared with the keyframes within this distance of its place [m].
+# A scan is compared with the keyframes within this distance of its pose [m].
 REACH_M = 15.0
-# Least share of a scan's returns that must lie on the map. Parked cars and traffic that have changed since the map was made
-# lower the share.
+# Least share of a scan's returns that must lie on the map. Traffic and parked cars, which change after the map was made,
+# lower this share.
 _MATCHED = 0.5
-# A registration that psi moves farther than this [m] from the prediction is rejected. The uncertainty of the prediction is
-# added to this limit.
+# A registration that ends farther than this [m] from the prediction is rejected. The uncertainty of the prediction is added
+# to this limit.
 _ASIDE_M = 0.5
 # Number of the prediction's standard deviations that are added to _ASIDE_M and to _ASIDE_RAD.
 _SIGMAS = 3.0
-# The same limit as _ASIDE_M, for the yaw [rad].
+# Like _ASIDE_M, for the yaw [rad].
 _ASIDE_RAD = 0.03
 
-_FIRST_STEP: Final = 2  # first step of the annealing: the wider steps before it are for poses farther off than predictions
+_FIRST_STEP: Final = 2  # first annealing step: the wider steps before it serve poses that are farther off than predictions
 
 _LEAST: Final = np.diag(TOLERANCES**2)
-"""Covariance of the numerical error of a minimum: the search ends once its steps are smaller than the tolerances."""
+"""Covariance of the numerical error of psi's minimum: the search ends once its steps are smaller than the tolerances."""
 
 
 class PlaceStatus(StrEnum):
@@ -60,8 +60,8 @@ class Registered(NamedTuple):
     """The pose of a scan in the map, registered or predicted.
 
     Args:
-        pose: (3,) in the map's frame [m, m, rad].
-        covariance: (3, 3) of the pose in its own frame.
+        pose: (3,) pose in the map's frame [m, m, rad].
+        covariance: (3, 3) covariance of the pose in its own frame [m, m, rad].
         status: how far the pose can be trusted.
         psi: score per return; NaN where the scan does not lie on the map.
         matched: share of the returns that lie on the map; NaN where the scan was not compared with it.
@@ -75,12 +75,12 @@ class Registered(NamedTuple):
 
 
 class MapAround:
-    """The keyframes around the vehicle, as references for its scans; they are chosen again once the vehicle has moved on.
+    """The part of a map around the vehicle, on which its scans are registered; it is selected anew as the vehicle moves on.
 
     Args:
         keyframes: keyframes of the map.
         beam: the sensor's errors.
-        chosen: (K,) which keyframes are used; None takes all.
+        chosen: (K,) which keyframes may be used; None allows all.
     """
 
     def __init__(self, keyframes: Keyframes, beam: Beam, chosen: NDArray[np.bool_] | None = None) -> None:
@@ -94,7 +94,7 @@ class MapAround:
         """Returns the map's points around a scan in a local frame, or None if the map has no keyframe within reach.
 
         Args:
-            pose: (3,) of the scan in the map's frame [m, m, rad].
+            pose: (3,) pose of the scan in the map's frame [m, m, rad].
 
         Returns:
             The local frame (3,), near the scan and with axes parallel to the map's, and the points in this frame.
@@ -111,7 +111,7 @@ class MapAround:
 
 
 def register(around: MapAround, scan: PointSet, prediction: Registered, config: EstimatorConfig) -> Registered:
-    """Registers a scan on the map; if that fails, it returns the predicted pose with the status LOST or OUTSIDE.
+    """Registers a scan on the map; if this fails, returns the predicted pose with the status LOST or OUTSIDE.
 
     Args:
         around: the map around the vehicle.
@@ -155,16 +155,17 @@ def is_away(moved: se2.Array, prediction: Registered) -> bool:
 def _join(
     prediction: Registered, measured: se2.Array, covariance: NDArray[np.float64], spread: NDArray[np.float64]
 ) -> tuple[se2.Array, NDArray[np.float64]]:
-    """Fuses a measured pose with its prediction, which decides along the directions that psi does not observe.
+    """Fuses a measured pose with its prediction, which alone determines the directions that psi does not observe.
 
     Args:
-        prediction: the predicted pose, in the frame that psi has measured in.
-        measured: (3,) the pose at psi's minimum.
-        covariance: (3, 3) of the measured pose in its own frame, without the directions that psi does not observe.
-        spread: (3, 3) covariance along the directions that psi does not observe, in the frame that psi has measured in.
+        prediction: the predicted pose, in the local frame of the registration.
+        measured: (3,) pose at psi's minimum, in the same frame.
+        covariance: (3, 3) covariance of the measured pose in its own frame, without the directions that psi does not
+            observe.
+        spread: (3, 3) covariance along the directions that psi does not observe, in the local frame of the registration.
 
     Returns:
-        the fused pose (3,), and its covariance (3, 3) in its own frame.
+        The fused pose (3,), and its covariance (3, 3) in its own frame.
     """
     expected = se2.rotate_covariance(prediction.covariance + _LEAST, float(prediction.pose[2]))
     seen = se2.rotate_covariance(covariance, float(measured[2])) + spread

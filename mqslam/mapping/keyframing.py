@@ -1,4 +1,4 @@
-"""Makes keyframes of a run, and places their points again once the poses of the keyframes have changed."""
+"""Makes the keyframes of a run, and renders their points at given poses of the keyframes."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from mqslam.core.stored import make_stored, release
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam, PointSet, compute_beam_covariance
 
-# Path [m] between the keyframes of a map, in which a recording is localised later.
+# Path [m] between the keyframes of a map.
 KEYFRAME_SPACING_M = 2.5
 
 
 def pick_spaced(travelled: NDArray[np.float64], spacing_m: float) -> NDArray[np.int64]:
-    """Returns indices about spacing_m [m] apart on a path: the first index past every mark along the path.
+    """Returns indices about spacing_m [m] apart on a path: the first index past each multiple of spacing_m.
 
     Args:
-        travelled: (N,) length of the path so far [m].
-        spacing_m: distance between marks [m].
+        travelled: (N,) length of the path up to each index [m].
+        spacing_m: distance between the indices along the path [m].
     """
-    marks = np.floor(travelled / spacing_m)  # number of marks passed so far, besides the one at the beginning
+    marks = np.floor(travelled / spacing_m)  # number of multiples passed so far
     return np.flatnonzero(np.diff(marks, prepend=-1.0) > 0.0)
 
 
@@ -37,13 +37,13 @@ def make_keyframes(
     recording: MappedRecording,
     beam: Beam,
 ) -> Keyframes:
-    """Makes the keyframes of a run: some of its scans, each rendered rigidly in its own frame.
+    """Makes the keyframes of a run from scans at equal distances; each is rendered once, as a rigid set of points.
 
     Args:
         scans: scans of the recording.
         poses: (N, 3) poses of the radar at the start of each scan, in the frame of the first one.
         covariances: (N, 3, 3) covariances of these poses in their own frames, or None if they are not known.
-        recording: the recording that the scans are from.
+        recording: description of the recording that holds the scans.
         beam: the sensor's errors.
     """
     travelled, counts = se2.path_lengths(poses), scans.counts
@@ -93,8 +93,8 @@ def place_keyframes(
     Args:
         keyframes: keyframes of the map.
         chosen: numbers of the keyframes to render.
-        frame: (3,) pose of the given frame in the frame of the poses.
-        poses: (K, 3) poses of all keyframes.
+        frame: (3,) pose of the given frame, in the same frame as `poses` [m, m, rad].
+        poses: (K, 3) poses of all keyframes [m, m, rad].
         beam: the sensor's errors.
 
     Returns:

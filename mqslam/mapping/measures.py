@@ -1,6 +1,6 @@
-"""Computes published measures of map quality that need no ground truth from one window's points, to compare with psi.
+"""Computes published measures of map quality without ground truth from the points of one window, for comparison with psi.
 
-Their values depend on the place as much as on the trajectory, so that none of them can judge a map alone.
+Their values depend on the place as much as on the trajectory, so that none of them alone can judge a map.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 
-# A neighbourhood of fewer points than this has no shape and does not count in the entropies.
+# Neighbourhoods of fewer points than this have no shape and are left out of the entropies.
 _FEWEST_NEIGHBOURS = 5
 # Log odds that a return adds to its cell of the evidence grid.
 _HIT_LOG_ODDS = 0.85
@@ -25,20 +25,20 @@ _MISS_LOG_ODDS = -0.4
 # Largest absolute log odds of a cell of the evidence grid.
 _LOG_ODDS_LIMIT = 3.5
 
-_LEAST_M2: Final = 1e-6  # numerical [m^2]: added to variances, so that points on one spot have a finite entropy
-_LARGEST: Final = 2e7  # size limit [cells]: a window that is spread wider is torn far apart, and its grid says nothing
+_LEAST_M2: Final = 1e-6  # numerical [m^2]: added to variances, so that equal points have a finite entropy
+_LARGEST: Final = 2e7  # largest grid [cells]: points spread wider than this are torn apart, and their grid shows nothing
 
 
 @dataclass(frozen=True, slots=True)
 class Measures:
-    """Measures of one window's map; low is crisp.
+    """Measures of the map of one window; a low value means a crisp map.
 
     Args:
-        map_entropy: mean map entropy: mean differential entropy of the neighbourhoods [nat].
-        plane_variance: mean smallest variance of the neighbourhoods [m^2].
-        joint_entropy: mean difference between the entropies [nat] of a point's neighbourhood in all sweeps and in its own
-            sweep.
-        grid_entropy: entropy of the window's evidence grid per cell seen [nat].
+        map_entropy: mean map entropy: mean differential entropy of the points' neighbourhoods [nat].
+        plane_variance: mean plane variance: mean of the smallest variance of each neighbourhood [m^2].
+        joint_entropy: mean, over the points, of the entropy of the neighbourhood in all sweeps minus the entropy of the
+            neighbourhood in the point's own sweep [nat].
+        grid_entropy: entropy of the window's evidence grid, per cell that was seen [nat].
 
     A measure is NaN if the window holds too few points for it. The grid's entropy is also NaN if the points lie too far
     apart.
@@ -57,8 +57,8 @@ def compute_measures(
 
     Args:
         points: (N, 2) m.
-        sweeps: (N,) number of the sweep that each point is of.
-        sensors: (N, 2) m, where the sensor was when it saw each point.
+        sweeps: (N,) number of the sweep that holds each point.
+        sensors: (N, 2) m, position of the sensor when it saw each point.
         settings: settings of the audit.
 
     Source: mean map entropy and mean plane variance are from Droeschel and Behnke, "Efficient continuous-time SLAM for 3D
@@ -84,11 +84,11 @@ def compute_grid_entropy(points: NDArray[np.float64], sensors: NDArray[np.float6
 
     Args:
         points: (N, 2) m.
-        sensors: (N, 2) m, where the sensor was when it saw each point.
+        sensors: (N, 2) m, position of the sensor when it saw each point.
         cell_m: side of the grid's cells [m].
 
     Returns:
-        the entropy; NaN without points, and if the grid would need too much memory.
+        The entropy; NaN if there are no points, or if the grid would need too much memory.
     """
     if len(points) == 0:
         return float("nan")
@@ -109,12 +109,12 @@ def accumulate_evidence(
     """Accumulates the log odds that cells are occupied over all beams.
 
     Args:
-        begins: (N, 2) where the beams begin, in cells.
-        ends: (N, 2) where they end, in cells.
-        shape: columns and rows of the grid.
+        begins: (N, 2) start of each beam, in cells.
+        ends: (N, 2) end of each beam, in cells.
+        shape: numbers of columns and rows of the grid.
 
     Returns:
-        log odds (columns, rows), and which cells have been seen.
+        The log odds (columns, rows) that a cell is occupied, and whether each cell has been seen.
     """
     odds = np.zeros(shape)
     seen = np.zeros(shape, np.bool_)
@@ -136,9 +136,9 @@ def locate_sensors(turns: NDArray[np.float64], numbers: NDArray[np.float64], pos
     """Interpolates the sensor's positions between the poses of sweeps.
 
     Args:
-        turns: (N,) times at which the positions are wanted, counted in sweeps.
-        numbers: (S,) numbers of the sweeps, on the same scale.
-        poses: (S, 3) poses of the sensor at these sweeps.
+        turns: (N,) times of the wanted positions, in sweeps: 2.5 lies midway between sweeps 2 and 3.
+        numbers: (S,) numbers of the sweeps, increasing.
+        poses: (S, 3) pose of the sensor at each of these sweeps [m, m, rad].
 
     Returns:
         (N, 2) positions [m].
@@ -149,11 +149,11 @@ def locate_sensors(turns: NDArray[np.float64], numbers: NDArray[np.float64], pos
 def _measure_shapes(
     points: NDArray[np.float64], pairs: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the entropy [nat] and smallest variance [m^2] of each point with its neighbours; NaN with too few of them.
+    """Returns the entropy [nat] and smallest variance [m^2] of each point's neighbourhood; NaN if it has too few points.
 
     Args:
         points: (N, 2) m.
-        pairs: (M, 2) indices of points that are neighbours.
+        pairs: (M, 2) indices of two points that are neighbours.
     """
     a, b = pairs.T
     offset = points[b] - points[a]
@@ -178,6 +178,6 @@ def _measure_shapes(
 
 
 def _mean(values: NDArray[np.float64]) -> float:
-    """Returns the mean of the finite values; NaN where there are none."""
+    """Returns the mean of the finite values; NaN if there are none."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else float("nan")

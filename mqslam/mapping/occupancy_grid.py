@@ -14,25 +14,25 @@ from mqslam.core.point_map import OccupancyGrid
 from mqslam.core.scans import Scans
 from mqslam.core.stored import make_stored, release
 
-# Percentile of the numbers of returns per cell that stands for a well-seen cell of the nav2 map. A cell counts as occupied
-# if it holds at least the square root of that number, so that the threshold follows the speed of the drive.
+# The number of returns in a well-seen cell of the nav2 map is this percentile of the numbers in all cells. A cell counts as
+# occupied if it holds at least the square root of this number, so that the threshold follows the speed of the drive.
 _WELL_SEEN = 99.0
 
 MAX_SIDE = 20_000
-"""Longest side of a grid [cells]: a limit on memory, which single returns far away would otherwise break."""
-_BLOCK = 200_000  # points that are counted, and cells that are filled, at a time: a matter of memory only
+"""Longest side of a grid [cells]. It limits memory, since a single return far away could make the grid very large."""
+_BLOCK = 200_000  # number of points or cells that are processed at a time: affects memory only
 
 
 def make_occupancy_grid(points: NDArray[np.float64], cell_m: float) -> OccupancyGrid:
-    """Makes a grid of the points in which the cells with enough returns are occupied.
+    """Makes an occupancy grid of the points: cells with enough returns are occupied.
 
-    A cell is occupied if it holds at least sqrt(n) returns, where n is the number of returns in a well-seen cell: the
-    geometric mean of n and the single return that may be a stray one. The threshold therefore follows the speed of the
-    drive and the turn rate of the radar.
+    A cell is occupied if it holds at least sqrt(n) returns, where n is the number of returns in a well-seen cell. This is
+    the geometric mean of n and of 1, which may be a stray return. The threshold therefore follows the speed of the drive and
+    the turn rate of the radar.
 
     Args:
         points: (N, 2) [m], world frame.
-        cell_m: side of a cell [m]; cells are made larger where the grid would be over MAX_SIDE cells long.
+        cell_m: side of a cell [m]; it is enlarged if the grid would be more than MAX_SIDE cells long.
 
     Returns:
         The grid around the points; a single empty cell if there are no points.
@@ -65,7 +65,7 @@ def make_occupancy_grid(points: NDArray[np.float64], cell_m: float) -> Occupancy
 
 
 def mark_free(grid: OccupancyGrid, scans: Scans, poses: se2.Array) -> OccupancyGrid:
-    """Returns a grid with the cells that a lidar's beams passed through, and that are not occupied, as free.
+    """Marks as free the cells that a lidar's beams passed through and that are not occupied.
 
     Args:
         grid: occupied cells.
@@ -111,7 +111,7 @@ def _pass_through(
     cell_m: float,
     origin: tuple[float, float],
 ) -> None:
-    """Marks the cells along beams (N, 2) from where they start (N, 2) [m], up to a cell before the end of each."""
+    """Marks the cells along beams from their starts (N, 2) [m] in directions (N, 2), up to one cell before each end."""
     rows, columns = free.shape
     for i in range(len(ranges)):
         for n in range(int(2.0 * (ranges[i] / cell_m - 1.0))):

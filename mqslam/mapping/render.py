@@ -23,17 +23,17 @@ from mqslam.psi.neighbours import find_corner
 from mqslam.psi.place import Beam, PointSet, compute_beam_covariance
 from mqslam.psi.score import evaluate, make_references
 
-# A scan is rendered once the sensor has moved this far since the last rendered one [m], so that a parked stretch does not
-# weigh more than others in the map.
+# A scan is rendered if the sensor has moved this far [m] since the last rendered scan. Otherwise the scans of a standing
+# vehicle would outweigh all others in the map.
 TRAVEL_M = 0.1
-# A scan is rendered as well once the sensor has turned by this much [rad].
+# A scan is also rendered if the sensor has turned by this much [rad] since the last rendered scan.
 TRAVEL_RAD = 0.01
 
-# numbers of points that are in memory at a time: matters of memory and speed only
+# numbers of points or strips that are in memory at a time: they affect memory and speed only
 _PLACED = 100_000  # while points are placed, and while the points of a strip are searched
 _SCORED = 50_000  # while points are scored, not counting the points around them
 _STRIPS = 64  # strips whose scores are in memory at a time
-_LAST_COLUMN = 2**22  # column of all points that lie farther out
+_LAST_COLUMN = 2**22  # column number of all points that lie even farther out
 _Scores = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]  # numbers of points, shares, whether matched
 
 
@@ -51,7 +51,7 @@ def render(
         poses: (len(scans), 3) pose at the start of each scan.
         estimator: settings of the score.
         beam: the sensor's errors.
-        engine: where the points are scored; the result does not depend on it.
+        engine: engine that scores the points; the result does not depend on it.
 
     Raises:
         EstimationError: the scans hold no returns.
@@ -67,10 +67,10 @@ def render(
 def render_track(
     what: str, scans: Scans, track: Trajectory, estimator: EstimatorConfig, beam: Beam, runner: Runner
 ) -> PointMap:
-    """Renders the map under a trajectory. If that fails, it returns an empty map and warns: the trajectory is still of use.
+    """Renders the map under a trajectory. If this fails, returns an empty map and warns: the trajectory is still useful.
 
     Args:
-        what: names the map in the warning.
+        what: name of the map in the warning.
         scans: scans of the recording.
         track: poses at the starts of the scans.
         estimator: settings of the score.
@@ -84,7 +84,7 @@ def render_track(
 
 
 class Placed(NamedTuple):
-    """The returns of scans, placed along a trajectory; if they are many, they lie in temporary files.
+    """The returns of scans, placed along a trajectory; large arrays are kept in temporary files.
 
     Args:
         points: the points, in the order of the scans.
@@ -98,7 +98,7 @@ class Placed(NamedTuple):
 
 
 def place_scans(scans: Scans, times: NDArray[np.float64], poses: se2.Array, beam: Beam) -> Placed:
-    """Places the returns of scans along a trajectory, some scans at a time.
+    """Places the returns of scans along a trajectory, a few scans at a time to save memory.
 
     Args:
         scans: the scans to place.
@@ -124,10 +124,10 @@ def place_scans(scans: Scans, times: NDArray[np.float64], poses: se2.Array, beam
 
 
 def select_moving(poses: se2.Array) -> NDArray[np.bool_]:
-    """Selects the poses that have moved on since the last selected one, so that a parked stretch is rendered once.
+    """Selects the poses that differ from the last selected pose, so that a place where the vehicle stands is rendered once.
 
     Args:
-        poses: (N, 3).
+        poses: (N, 3) poses [m, m, rad].
 
     Returns:
         Whether each pose is selected (N,).
@@ -143,7 +143,7 @@ def select_moving(poses: se2.Array) -> NDArray[np.bool_]:
 
 
 def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, beam: Beam) -> PointSet:
-    """Places returns along a trajectory: each by the pose at its own time on a smooth curve through the given poses.
+    """Places each return by the pose at its own time, on a smooth curve through the given poses.
 
     Args:
         returns: the returns to place.
@@ -177,11 +177,11 @@ def score_points(
         points: points of the map.
         revolution_s: duration of a turn of the radar [s].
         estimator: settings of the score.
-        engine: where the points are scored.
+        engine: engine that scores the points; the result does not depend on it.
 
     Returns:
-        Each point's share of psi (N,), which includes the charges for unmatched points, and whether it was matched (N,). A
-        matched point has a neighbour that was seen at least about one turn earlier or later, in the same or in another pass.
+        Each point's share of psi (N,), including the charge for an unmatched point, and whether the point was matched
+        (N,). A matched point has a neighbour that was seen at least about one turn earlier or later.
     """
     columns = make_stored((len(points),), np.int32)
     corner, parts = _find_corner(points.points), _split(len(points), _PLACED)
@@ -218,7 +218,7 @@ def _split(count: int, size: int) -> list[slice]:
 
 
 def _split_into_strips(counts: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Splits columns into strips of about `_SCORED` points; returns each strip's first column and the one after its last.
+    """Splits columns into strips of about `_SCORED` points; returns each strip's first column and the column after its last.
 
     Args:
         counts: number of points in each column.
@@ -236,7 +236,11 @@ def _split_into_strips(counts: NDArray[np.int64]) -> list[tuple[int, int]]:
 def _score_strip(
     shared: tuple[PointSet, NDArray[np.int32], NDArray[np.float64], float, EstimatorConfig], strip: tuple[int, int]
 ) -> _Scores:
-    """Scores a strip's points against those in and beside the strip; returns indices, shares of psi, which are matched."""
+    """Scores a strip's points against the points in and beside the strip.
+
+    Returns:
+        The numbers of the strip's points, their shares of psi, and whether each was matched.
+    """
     (points, columns, corner, revolution_s, estimator), (begin, end) = shared, strip
     scale = final_scale(estimator)
     beside = math.ceil(scale.s / estimator.s)
@@ -257,7 +261,7 @@ def _score_strip(
 
 
 def _take_points(points: PointSet, chosen: NDArray[np.int64]) -> PointSet:
-    """Returns the chosen points, without rays."""
+    """Returns the chosen points, without Jacobians."""
     taken = PointSet(points.points[chosen], np.empty((len(chosen), 2, 0)), points.covariances[chosen], points.times[chosen])
     release(points.points, points.covariances, points.times)
     return taken
