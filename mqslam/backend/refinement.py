@@ -106,11 +106,6 @@ def measure_psi_across(
     return sum(psi for psi, _ in parts) / points if points else None
 
 
-def render_earlier(drive: TrackedRun, crossing: Crossing, beam: Beam) -> References:
-    """Renders the returns of a crossing's earlier passes in the world frame."""
-    return make_references(render_scans(drive, crossing.earlier, beam))
-
-
 def render_scans(drive: TrackedRun, scans: Sequence[int] | NDArray[np.int64], beam: Beam) -> PointSet:
     """Renders the returns of some scans of a drive in the world frame."""
     returns = Returns.concatenate([drive.scans[k].returns for k in scans])
@@ -120,7 +115,7 @@ def render_scans(drive: TrackedRun, scans: Sequence[int] | NDArray[np.int64], be
 def _score_crossing(shared: tuple[TrackedRun, EstimatorConfig, Beam], crossing: Crossing) -> tuple[float, int]:
     """Returns psi of a crossing's later returns among its earlier returns, and the number of the later returns."""
     drive, estimator, beam = shared
-    earlier = render_earlier(drive, crossing, beam)
+    earlier = make_references(render_scans(drive, crossing.earlier, beam))
     later = render_scans(drive, crossing.later, beam)
     return score_among(earlier, later, estimator).psi, len(later)
 
@@ -245,7 +240,7 @@ def drop_replaced(loops: Sequence[Loop], ties: Sequence[Loop], travelled: NDArra
 def measure_crossing(setting: _Setting, crossing: Crossing) -> list[Loop]:
     """Registers the scans of a crossing's later pass on the earlier passes; returns a factor for each that fits well."""
     drive, beam = setting.drive, setting.beam
-    references = render_earlier(drive, crossing, beam)
+    references = make_references(render_scans(drive, crossing.earlier, beam))
     tree = cKDTree(drive.poses[crossing.earlier, :2])
     ties = []
     for later in crossing.later:

@@ -26,6 +26,7 @@ from scipy import fft
 from scipy.ndimage import gaussian_filter1d
 
 from mqslam.core.recording import PolarScan
+from mqslam.core.statistics import SIGMAS_PER_DEVIATION
 from mqslam.core.velocity import CHIRP_BETA, Outcome
 
 # Largest speed that is searched [m/s]: 160 km/h.
@@ -71,7 +72,6 @@ _WINDOW_MPS = 2.5
 _ROUNDS = 2  # number of times that shifts are read near the latest velocity; after the second time they no longer change
 _STEPS, _SETTLED_MPS = 50, 1e-6  # largest number of steps of the robust fit; change of velocity [m/s] at which it ends
 _LEAST_SPREAD_MPS = 1e-3  # numerical: least spread, for data without noise
-_TO_DEVIATION = 1.4826  # ratio of the standard deviation of Gaussian residuals to the median of their absolute values
 
 Array = NDArray[np.float64]
 
@@ -259,7 +259,7 @@ def _search(correlation: ChirpCorrelation) -> Array | None:
         shift = (tried[:, 0] * math.cos(azimuth) + tried[:, 1] * math.sin(azimuth)) / per_cell
         sums += row[np.round(shift).astype(np.int64) + correlation.reach]
     best, median = int(np.argmax(sums)), float(np.median(sums))
-    spread = _TO_DEVIATION * float(np.median(np.abs(sums - median)))
+    spread = SIGMAS_PER_DEVIATION * float(np.median(np.abs(sums - median)))
     return tried[best] if sums[best] - median > _CLEAR * spread else None
 
 
@@ -338,7 +338,7 @@ def _measure_spread(residuals: Array, weights: Array) -> float:
     order = np.argsort(np.abs(residuals), kind="stable")
     sums = np.cumsum(weights[order])
     middle = order[int(np.searchsorted(sums, 0.5 * sums[-1]))]
-    return max(_TO_DEVIATION * float(np.abs(residuals[middle])), _LEAST_SPREAD_MPS)
+    return max(SIGMAS_PER_DEVIATION * float(np.abs(residuals[middle])), _LEAST_SPREAD_MPS)
 
 
 def _normalise(weights: Array, spread: float) -> Array:

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Final
+from typing import Final, NamedTuple
 
 import numba as nb
 import numpy as np
@@ -38,8 +38,7 @@ _RAYS = 360
 _MARGIN_M = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class Views:
+class Views(NamedTuple):
     """The first return in each sector around some keyframes. Sectors are numbered counter-clockwise from straight ahead.
 
     Args:
@@ -79,6 +78,7 @@ def make_views(keyframes: Keyframes, chosen: NDArray[np.int64]) -> Views:
     return Views(keyframes.poses[chosen], firsts, origins)
 
 
+@nb.njit(cache=True, nogil=True)
 def count_visible(cells: NDArray[np.float64], farthest: NDArray[np.float64], views: Views) -> NDArray[np.int64]:
     """Returns the number (C,) of keyframes that look past each of C cells.
 
@@ -92,28 +92,14 @@ def count_visible(cells: NDArray[np.float64], farthest: NDArray[np.float64], vie
             keyframe.
         views: views of the keyframes.
     """
-    sizes = REACH_M, _MARGIN_M, CELL_M
-    return np.asarray(_count(cells, farthest, views.poses, views.firsts, views.origins, sizes))
-
-
-@nb.njit(cache=True, nogil=True)
-def _count(
-    cells: NDArray[np.float64],
-    farthest: NDArray[np.float64],
-    poses: NDArray[np.float64],
-    firsts: NDArray[np.float64],
-    origins: NDArray[np.float64],
-    sizes: tuple[float, float, float],
-) -> NDArray[np.int64]:
-    """Counts for `count_visible`; `sizes` are REACH_M, _MARGIN_M and CELL_M."""
-    reach_m, margin_m, cell_m = sizes
+    poses, firsts, origins = views.poses, views.firsts, views.origins
     sectors, aspects, turn = firsts.shape[1], farthest.shape[1], 2.0 * np.pi
     looks = np.zeros(len(cells), np.int64)
     for k in range(len(poses)):
         c, s = np.cos(poses[k, 2]), np.sin(poses[k, 2])
         for n in range(len(cells)):
             dx, dy = cells[n, 0] - poses[k, 0], cells[n, 1] - poses[k, 1]
-            if dx * dx + dy * dy > reach_m * reach_m:
+            if dx * dx + dy * dy > REACH_M * REACH_M:
                 continue
             aspect = int(np.floor(np.arctan2(-dy, -dx) / turn * aspects)) % aspects
             if dx * dx + dy * dy > farthest[n, aspect] ** 2:
@@ -123,11 +109,11 @@ def _count(
             x, y = x - origins[k, sector, 0], y - origins[k, sector, 1]
             distance = np.hypot(x, y)
             sector = int(np.floor(np.arctan2(y, x) / turn * sectors)) % sectors
-            width = int(np.ceil(0.5 * cell_m / max(distance, cell_m) / turn * sectors))
+            width = int(np.ceil(0.5 * CELL_M / max(distance, CELL_M) / turn * sectors))
             free, behind = True, False
             for beside in range(-width, width + 1):
                 first = firsts[k, (sector + beside) % sectors]
-                if first < distance + margin_m:
+                if first < distance + _MARGIN_M:
                     free = False
                     break
                 behind = behind or first < np.inf

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mqslam.backend.loops.chain import Chain, Relative, as_relative, compute_chi_square
 from mqslam.backend.loops.closing import LoopCloser, score_loop
-from mqslam.backend.loops.passes import MappedDrive, Passes
+from mqslam.backend.loops.passes import MappedDrive
 from mqslam.backend.loops.recognition import describe_map
 from mqslam.backend.marginals import compute_all_marginals
 from mqslam.backend.pose_graph import PoseGraph, optimise, poses_of, scale_graph, scale_values
@@ -234,7 +234,7 @@ def merge_sessions(sessions: Sequence[Session], config: Config, runner: Runner) 
         keyframes = replace(keyframes, poses=poses, covariances=own)
         residuals = _measure_residuals(links.loops, poses)
         shared = MappedDrive.of(keyframes), [start, poses], config.estimator, beam
-        psi = np.array(runner.engine.map(_score, shared, links.loops)).reshape(-1, 2)
+        psi = np.array(runner.engine.map(score_loop, shared, links.loops)).reshape(-1, 2)
     with runner.time_stage("render"):
         rendered = _render(keyframes, config.estimator, beam, runner.engine)
     changes, sigmas = list[Change](), np.full((len(keyframes.recordings), len(keyframes)), np.inf)
@@ -326,11 +326,6 @@ def _check_joined(sessions: Sequence[Session], links: Sequence[Loop], groups: ND
             "map worse",
             "give recordings that pass through the same streets",
         )
-
-
-def _score(shared: tuple[Passes, Sequence[se2.Array], EstimatorConfig, Beam], link: Loop) -> list[float]:
-    drive, tracks, estimator, beam = shared
-    return score_loop(drive, link, tracks, estimator, beam)
 
 
 def _measure_residuals(links: Sequence[Loop], poses: se2.Array) -> NDArray[np.float64]:

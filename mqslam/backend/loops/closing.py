@@ -281,24 +281,21 @@ def confirm_by_map(
 def _improves(shared: tuple[Passes, se2.Array, EstimatorConfig, Beam], loop: Loop) -> bool:
     """Returns whether a loop lowers psi of its two passes, or raises it by no more than the factor _KEPT allows."""
     drive, after, estimator, beam = shared
-    before_psi, after_psi = score_loop(drive, loop, [drive.poses, after], estimator, beam)
+    before_psi, after_psi = score_loop((drive, [drive.poses, after], estimator, beam), loop)
     return after_psi < before_psi or after_psi <= _KEPT * min(before_psi, loop.psi)
 
 
-def score_loop(
-    drive: Passes, loop: Loop, tracks: Sequence[se2.Array], estimator: EstimatorConfig, beam: Beam
-) -> list[float]:
+def score_loop(shared: tuple[Passes, Sequence[se2.Array], EstimatorConfig, Beam], loop: Loop) -> list[float]:
     """Returns psi per point of a loop's two passes under each of several trajectories.
 
     The submaps are rendered only once, so that the trajectories differ only in the relative pose of the submaps.
 
     Args:
-        drive: scans under the trajectory with which the submaps are rendered.
+        shared: scans under the trajectory with which the submaps are rendered, poses (N, 3) of the scans under each of the
+            trajectories to score, settings of the score, and the sensor's errors.
         loop: the loop.
-        tracks: poses (N, 3) of the scans under each trajectory.
-        estimator: settings of the score.
-        beam: the sensor's errors.
     """
+    drive, tracks, estimator, beam = shared
     reference, query = render_passes((drive, loop.earlier), (drive, loop.later), beam)
     references = make_references(reference)
     motions = (se2.between(poses[loop.earlier], poses[loop.later]) for poses in tracks)

@@ -171,15 +171,10 @@ def find_passes(
         near = np.array(sorted(a for a in tree.query_ball_point(place, widest_m) if a < b), dtype=int)
         path = travelled[b] - travelled[near]
         apart = np.hypot(*(xy[near] - place).T)
-        groups = _split_passes(near[(path > least_path_m) & (apart <= reach_m(path))], least_path_m / spacing_m)
+        near = near[(path > least_path_m) & (apart <= reach_m(path))]
+        ends = np.flatnonzero(np.diff(near) > least_path_m / spacing_m) + 1
+        groups = np.split(near, ends) if len(near) else []  # each group is one earlier pass
         nearest = [group[np.argmin(np.hypot(*(xy[group] - place).T))] for group in groups]
         nearest.sort(key=lambda a: float(np.hypot(*(xy[a] - place))))
         passes.append([(int(nodes[a]), int(nodes[b])) for a in nearest])
     return passes
-
-
-def _split_passes(nodes: NDArray[np.int64], gap: float) -> list[NDArray[np.int64]]:
-    """Splits increasing node indices where successive ones differ by more than a gap: each part is one earlier pass."""
-    if len(nodes) == 0:
-        return []
-    return list(np.split(nodes, np.flatnonzero(np.diff(nodes) > gap) + 1))

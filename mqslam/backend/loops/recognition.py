@@ -106,21 +106,20 @@ def describe(points: NDArray[np.float64], aside_m: float = 0.0) -> NDArray[np.fl
     Returns:
         (R, S) rings from the inside out, sectors counter-clockwise from straight ahead; all zeros if no return is in range.
     """
-    counts = _count(np.asarray(points, dtype=np.float64), aside_m, RANGE_M, RINGS, SECTORS)
-    roots = np.sqrt(counts)
+    roots = np.sqrt(_count(np.asarray(points, dtype=np.float64), aside_m))
     norm = float(np.linalg.norm(roots))
     return np.asarray(roots / norm if norm > 0.0 else roots, dtype=np.float32)
 
 
 @nb.njit(cache=True, nogil=True)
-def _count(points: NDArray[np.float64], aside_m: float, range_m: float, rings: int, sectors: int) -> NDArray[np.float64]:
+def _count(points: NDArray[np.float64], aside_m: float) -> NDArray[np.float64]:
     """Counts points (N, 2) in rings and sectors (R, S) around a centre that lies `aside_m` to the left of the origin."""
-    counts = np.zeros((rings, sectors))
+    counts = np.zeros((RINGS, SECTORS))
     for i in range(len(points)):
         x, y = points[i, 0], points[i, 1] - aside_m
-        ring = int(np.hypot(x, y) / range_m * rings)
-        if ring < rings:
-            sector = int(np.floor(np.arctan2(y, x) / (2.0 * np.pi) * sectors)) % sectors
+        ring = int(np.hypot(x, y) / RANGE_M * RINGS)
+        if ring < RINGS:
+            sector = int(np.floor(np.arctan2(y, x) / (2.0 * np.pi) * SECTORS)) % SECTORS
             counts[ring, sector] += 1.0
     return counts
 

@@ -71,17 +71,15 @@ def find_mistake(fixes: Fixes, times: NDArray[np.float64], starts: NDArray[np.fl
     plane = TangentPlane.at_middle(fixes)
     positions = plane.project(fixes.latitudes, fixes.longitudes)
     otherwise = [misfit(times, positions * [1.0, side], must_fit=False) for side in (1.0, -1.0)]  # or mirrored
-    found = [(misfit(times - late_s, positions), describe_clock(late_s)) for late_s in KNOWN_S]
+    found = []
+    for late_s in KNOWN_S:
+        mistake = f"they fit if their stamps are {describe_offset(late_s)}: add {-late_s:.0f} s to them"
+        found.append((misfit(times - late_s, positions), mistake))
     if np.abs(fixes.longitudes).max() <= 90.0:
         swapped = TangentPlane(plane.longitude, plane.latitude).project(fixes.longitudes, fixes.latitudes)
         found.append((misfit(times, swapped), SWAPPED))
     least, mistake = min(found)
     return mistake if least < _BETTER * min(otherwise) else ""
-
-
-def describe_clock(late_s: float) -> str:
-    """Describes in words a delay [s] of the receiver's clock whose correction makes the fixes fit."""
-    return f"they fit if their stamps are {describe_offset(late_s)}: add {-late_s:.0f} s to them"
 
 
 # Largest error of the receiver's clock, late or early, that is searched [s].
