@@ -789,7 +789,7 @@ CONSTANTS = (
     ),
     # GNSS
     Constant(
-        "mqslam.backend.sensors.gnss",
+        "mqslam.backend.sensors.gnss_errors",
         "_ALIKE_S",
         "Longest time over which fixes show how their error wanders [s].",
         "not recorded",

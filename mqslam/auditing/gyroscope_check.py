@@ -12,7 +12,6 @@ from mqslam.auditing.verdict import Cause, Finding, VerdictStatus
 from mqslam.backend.sensors.calibration import FEWEST_MOTIONS, SCALE_TOLERANCE, TOLD_SIGMAS
 from mqslam.backend.sensors.gyroscope import (
     DELAY_TOLERANCE_S,
-    LONGEST_DELAY_S,
     Rotation,
     Turns,
     calibrate,
@@ -77,7 +76,7 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory) 
     yaws = np.diff(np.unwrap(trajectory.at(inside)[:, 2]))
     variances = np.full(len(yaws), np.median(np.abs(yaws)) ** 2 + _LEAST_VARIANCE)
     turns = Turns(times[:-1], times[1:], yaws, variances, np.ones(len(yaws), dtype=np.bool_), 0.0)
-    start = find_start(gyroscope, scans.start_us, turns, LONGEST_DELAY_S)
+    start = find_start(gyroscope, scans.start_us, turns)
     if start is None or not start.is_convincing():
         turned = float(np.sum(np.abs(yaws)))
         what = f"it shows no turn of the trajectory, which turns by {np.degrees(turned):.0f} deg in all"

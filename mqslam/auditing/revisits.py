@@ -20,7 +20,7 @@ from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.table import share_of_false_alarms
 from mqslam.auditing.verdict import Share
 from mqslam.backend.loops.passes import LATER_SHARE, find_passes, pick_around
-from mqslam.backend.loops.registration import TOLERANCES
+from mqslam.backend.loops.rigid import LEAST_COVARIANCE
 from mqslam.backend.marginals import RelativeCovariances
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
@@ -362,7 +362,7 @@ def _measure_offsets(registrations: Sequence[Registration], sweeps: Sweeps, sett
     """
     curvature = Offsets(
         offsets=np.array([one.offset for one in registrations]),
-        covariances=np.array([one.covariance for one in registrations]) + np.diag(TOLERANCES**2),
+        covariances=np.array([one.covariance for one in registrations]) + LEAST_COVARIANCE,
         poses=sweeps.poses[[one.later for one in registrations]],
         places=np.array([sweeps.travelled[[one.earlier, one.later]] for one in registrations]),
     )

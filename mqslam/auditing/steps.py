@@ -23,7 +23,8 @@ from mqslam.auditing.registration import (
     register,
 )
 from mqslam.auditing.sizes import STEP_FEWEST, STEP_SCANS
-from mqslam.backend.loops.registration import TOLERANCES, score_at_pose
+from mqslam.backend.loops.registration import score_at_pose
+from mqslam.backend.loops.rigid import LEAST_COVARIANCE
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
@@ -149,7 +150,7 @@ def compute_p_values(steps: Sequence[Registration]) -> NDArray[np.float64]:
 def scale_covariances(steps: Sequence[Registration]) -> NDArray[np.float64]:
     """Returns the covariances (N, 3, 3) of steps, scaled per axis until they explain how far off the median step is."""
     offsets = np.array([step.offset for step in steps])
-    covariances = np.array([step.covariance for step in steps]) + np.diag(TOLERANCES**2)
+    covariances = np.array([step.covariance for step in steps]) + LEAST_COVARIANCE
     return se2.scale_covariance(covariances, find_usual_scale(offsets**2 / np.einsum("kii->ki", covariances)))
 
 

@@ -26,7 +26,7 @@ from scipy.spatial import cKDTree
 
 from mqslam.backend.loops import passes
 from mqslam.backend.loops.passes import SUBMAP_M, TrackedRun
-from mqslam.backend.loops.registration import TOLERANCES, observes_all, score_among
+from mqslam.backend.loops.registration import observes_all, score_among
 from mqslam.backend.loops.rigid import minimise_rigidly, move_rigidly
 from mqslam.backend.problem import GraphProblem
 from mqslam.config import EstimatorConfig
@@ -188,7 +188,7 @@ def refine(
         ties = list(chain.from_iterable(runner.follow("refine", measured, len(crossings))))
         if not ties:
             break
-        left = drop_replaced(loops, ties, drive.travelled, SUBMAP_M)
+        left = drop_replaced(loops, ties, drive.travelled)
         poses = problem.solve_poses(left, ties)
         psi = psi_under(poses)
         _log.info("round %d registers %d scans on earlier passes: psi across passes %s", number, len(ties), psi)
@@ -223,18 +223,17 @@ def select_tied(crossings: Sequence[Crossing], drive: TrackedRun, loops: Sequenc
     return selected
 
 
-def drop_replaced(loops: Sequence[Loop], ties: Sequence[Loop], travelled: NDArray[np.float64], reach_m: float) -> list[Loop]:
+def drop_replaced(loops: Sequence[Loop], ties: Sequence[Loop], travelled: NDArray[np.float64]) -> list[Loop]:
     """Returns the loops that the refinement does not replace: none of its factors was measured from their returns.
 
     Args:
         loops: loops in the graph of the trajectory.
         ties: factors of the refinement.
-        travelled: (N,) length of the path so far [m].
-        reach_m: path [m] to either side of a scan from which a loop's submap takes returns.
+        travelled: (N,) length of the path up to each scan [m].
     """
     ends = cKDTree([(travelled[tie.earlier], travelled[tie.later]) for tie in ties])
     away, _ = ends.query(np.array([(travelled[a.earlier], travelled[a.later]) for a in loops]), p=np.inf)
-    return [loop for loop, near in zip(loops, away <= reach_m, strict=True) if not near]
+    return [loop for loop, near in zip(loops, away <= SUBMAP_M, strict=True) if not near]
 
 
 def measure_crossing(setting: _Setting, crossing: Crossing) -> list[Loop]:
@@ -258,7 +257,7 @@ def _measure_scan(setting: _Setting, references: References, anchor: int, later:
     if len(scan) == 0:
         return None
 
-    minimum = minimise_rigidly(guess, scan, references, estimator, TOLERANCES, _FIRST_STEP)
+    minimum = minimise_rigidly(guess, scan, references, estimator, _FIRST_STEP)
     moved, matched = se2.between(guess, minimum.state), float(minimum.evaluation.matched.mean())
     is_near = np.hypot(moved[0], moved[1]) <= _ASIDE_M
     if not (minimum.converged and is_near and matched >= passes.MATCHED):

@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 
 from mqslam.backend.loops.passes import MappedDrive, TrackedRun
 from mqslam.backend.loops.recognition import PLACE_SPACING_M, ROW, PlaceDatabase, describe_map, recognise
-from mqslam.backend.loops.registration import TOLERANCES
+from mqslam.backend.loops.rigid import LEAST_COVARIANCE
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2, units
 from mqslam.core.engine import Engine
@@ -37,7 +37,7 @@ from mqslam.execution.progress import Progress, ignore_progress
 from mqslam.execution.runner import Runner
 from mqslam.localisation.registering import ON_MAP, REACH_M, MapAround, PlaceStatus, Registered, is_away, register
 from mqslam.mapping.keyframing import pick_spaced
-from mqslam.psi.place import Beam, PointSet
+from mqslam.psi.place import Beam
 
 # Tracking ends after this path [m] without a scan that lies on the map. Beyond it, places of the recording are searched
 # again.
@@ -129,13 +129,9 @@ class _Setting:
     estimator: EstimatorConfig
     beam: Beam
 
-    def render(self, k: int) -> PointSet:
-        """Renders the returns of scan k in the frame of its start pose."""
-        return self.drive.render(k, np.array([k]), self.beam)
-
     def register(self, around: MapAround, k: int, expected: Registered) -> Registered:
         """Registers scan k on the map, starting from its expected pose; returns its pose in the map's frame and a status."""
-        return register(around, self.render(k), expected, self.estimator)
+        return register(around, self.drive.render(k, np.array([k]), self.beam), expected, self.estimator)
 
     def predict(self, known: Registered, k: int, n: int) -> Registered:
         """Predicts the pose of scan n from the known pose of scan k, the scan right before or after it."""
@@ -351,7 +347,7 @@ def _compare(setting: _Setting, pairs: list[list[tuple[int, Registered]]]) -> ND
     squares = []
     for pair in pairs:
         first, second = (
-            setting.register(half, k, Registered(whole.pose, whole.covariance + np.diag(TOLERANCES**2)))
+            setting.register(half, k, Registered(whole.pose, whole.covariance + LEAST_COVARIANCE))
             for half, (k, whole) in zip(halves, pair, strict=True)
         )
         if not first.status == second.status == PlaceStatus.CONVERGED:

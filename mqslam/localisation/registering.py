@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mqslam.backend.loops.registration import TOLERANCES, score_among, score_at_pose
-from mqslam.backend.loops.rigid import minimise_rigidly, move_rigidly
+from mqslam.backend.loops.registration import score_among, score_at_pose
+from mqslam.backend.loops.rigid import LEAST_COVARIANCE, minimise_rigidly, move_rigidly
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.keyframes import Keyframes
@@ -38,9 +38,6 @@ _SIGMAS = 3.0
 _ASIDE_RAD = 0.03
 
 _FIRST_STEP: Final = 2  # first annealing step: the wider steps before it serve poses that are farther off than predictions
-
-_LEAST: Final = np.diag(TOLERANCES**2)
-"""Covariance of the numerical error of psi's minimum: the search ends once its steps are smaller than the tolerances."""
 
 
 class PlaceStatus(StrEnum):
@@ -127,13 +124,13 @@ def register(around: MapAround, scan: PointSet, prediction: Registered, config: 
         return expected
     frame, references = found
     guess = se2.between(frame, prediction.pose)
-    minimum = minimise_rigidly(guess, scan, references, config, TOLERANCES, _FIRST_STEP)
+    minimum = minimise_rigidly(guess, scan, references, config, _FIRST_STEP)
     matched = float(minimum.evaluation.matched.mean())
     if matched < _MATCHED or is_away(se2.wrapped_between(guess, minimum.state), prediction):
         return expected._replace(matched=matched)
     points = move_rigidly(scan, minimum.state)
     own = estimate_covariance(minimum.evaluation, points.points, config.cluster_m)
-    own = se2.rotate_covariance(own, -float(minimum.state[2])) + _LEAST
+    own = se2.rotate_covariance(own, -float(minimum.state[2])) + LEAST_COVARIANCE
     weak = find_weak_directions(score_among(references, points, config, annealed_scale(config, 0)), 3)
     if not len(weak):
         psi = minimum.evaluation.psi / len(scan)
@@ -167,7 +164,7 @@ def _join(
     Returns:
         The fused pose (3,), and its covariance (3, 3) in its own frame.
     """
-    expected = se2.rotate_covariance(prediction.covariance + _LEAST, float(prediction.pose[2]))
+    expected = se2.rotate_covariance(prediction.covariance + LEAST_COVARIANCE, float(prediction.pose[2]))
     seen = se2.rotate_covariance(covariance, float(measured[2])) + spread
     gain = np.linalg.solve((expected + seen).T, expected.T).T
     pose = prediction.pose + gain @ se2.subtract(measured, prediction.pose)

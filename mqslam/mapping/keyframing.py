@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -144,11 +145,8 @@ class KeyframePoints(NamedTuple):
 
 def render_keyframes(keyframes: Keyframes) -> KeyframePoints:
     """Places the points of all keyframes in the frame of the map."""
-    begin = 0.0
-    begins: list[float] = []
-    for recording in keyframes.recordings:
-        begins.append(begin)
-        begin += 1e-6 * (recording.end_us - recording.start_us) + recording.revolution_s
+    lengths = (1e-6 * (one.end_us - one.start_us) + one.revolution_s for one in keyframes.recordings)
+    begins = list(accumulate(lengths, initial=0.0))[:-1]
     firsts_us = np.array([recording.start_us for recording in keyframes.recordings])
     starts = 1e-6 * (keyframes.stamps_us - firsts_us[keyframes.origins]) + np.array(begins)[keyframes.origins]
     points, times, intensities = [np.empty((0, 2))], [np.empty(0)], [np.empty(0)]

@@ -262,8 +262,8 @@ def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int]) -> Iterator[Cha
     """Yields the objects that `one` recording shows and the `other` misses; `numbers` are their numbers in the map."""
     if not len(one.cells) or not len(other.points):
         return
-    shown = _find_shown(one, one.cells, _NEAR_M)
-    also = np.bincount(_find_shown(other, one.cells, _NEAR_M)[:, 0], minlength=len(one.cells))
+    shown = _find_shown(one, one.cells)
+    also = np.bincount(_find_shown(other, one.cells)[:, 0], minlength=len(one.cells))
     hits = np.bincount(shown[:, 0], minlength=len(one.cells))
     rare = np.flatnonzero(also <= _ALSO * hits)  # most cells are shown by both recordings; only the rest is examined in full
     number = np.full(len(hits), -1)
@@ -298,9 +298,9 @@ def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int]) -> Iterator[Cha
         )
 
 
-def _find_shown(seen: _Seen, cells: NDArray[np.float64], near_m: float) -> NDArray[np.int64]:
-    """Returns pairs (P, 2) of the number of a cell and the number of a keyframe with a return at most near_m [m] away."""
-    _, near = cKDTree(cells).query(seen.points, k=range(1, _AROUND + 1), distance_upper_bound=near_m)
+def _find_shown(seen: _Seen, cells: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Returns pairs (P, 2) of the number of a cell and the number of a keyframe with a return at most `_NEAR_M` away."""
+    _, near = cKDTree(cells).query(seen.points, k=range(1, _AROUND + 1), distance_upper_bound=_NEAR_M)
     point, which = np.nonzero(near < len(cells))
     count = len(seen.views.poses)
     both = np.unique(near[point, which].astype(np.int64) * count + seen.owners[point])

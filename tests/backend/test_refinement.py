@@ -81,7 +81,7 @@ def test_a_loop_whose_returns_the_ties_use_leaves_the_graph() -> None:
     travelled = np.arange(0.0, 400.0, 2.0)
     loops = [Loop(a, b, np.zeros(3), np.eye(3), 0.7, 0.5) for a, b in ((10, 110), (40, 140), (10, 160))]
     ties = [Loop(12, 113, np.zeros(3), np.eye(3), 0.7, 0.5)]
-    assert drop_replaced(loops, ties, travelled, 15.0) == loops[1:]
+    assert drop_replaced(loops, ties, travelled) == loops[1:]
     assert refined().loops == []
 
 

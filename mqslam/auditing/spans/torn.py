@@ -17,7 +17,7 @@ from mqslam.auditing.registration import Registration
 from mqslam.auditing.spans import effects
 from mqslam.auditing.spans.pooled import OWN_DRIFT_M, OWN_DRIFT_RAD, SPAN_FEWEST
 from mqslam.auditing.table import share_of_false_alarms, tolerate_span
-from mqslam.backend.loops.registration import TOLERANCES
+from mqslam.backend.loops.rigid import LEAST_COVARIANCE
 from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.statistics import compute_p_values, correct_for_places, find_trimmed_scale
@@ -125,7 +125,7 @@ def audit_spans(
 
 def estimate_covariances(spans: Sequence[Registration]) -> NDArray[np.float64]:
     """Returns the covariances (N, 3, 3) of the offsets of N spans, scaled to explain how repeated measurements differ."""
-    stated = np.array([span.covariance for span in spans]) + np.diag(TOLERANCES**2)
+    stated = np.array([span.covariance for span in spans]) + LEAST_COVARIANCE
     variances = np.einsum("kii->ki", stated)
     squares = [_contrast(span.repeats) ** 2 / variance for span, variance in zip(spans, variances, strict=True)]
     contrasts = np.vstack([np.empty((0, 3)), *squares])

@@ -35,9 +35,6 @@ _FEWEST = 300
 # A registration is dropped if its position has a larger standard deviation than this [m] along an axis.
 _SURE_M = 0.3
 
-TOLERANCES: Final = np.array([1e-3, 1e-3, 2e-5])
-"""The minimiser ends once a step is smaller than this in every component [m, m, rad]: a numerical tolerance."""
-
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
@@ -87,7 +84,7 @@ def align(
     peaks = find_correlation_peaks(references.points, query.points, guess, reach_m, reach_rad, config)
     others = [peak for peak in peaks if not np.array_equal(peak, guess)]
     for start in [guess, *others]:
-        minimum = minimise_rigidly(start, query, references, config, TOLERANCES)
+        minimum = minimise_rigidly(start, query, references, config)
         off = se2.between(guess, minimum.state)
         if np.hypot(off[0], off[1]) <= reach_m + _BEYOND_M and abs(off[2]) <= reach_rad + _BEYOND_RAD:
             minima.append(minimum)

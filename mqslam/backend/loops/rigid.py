@@ -40,6 +40,10 @@ from mqslam.psi.score import (
     weigh_offsets,
 )
 
+TOLERANCES: Final = np.array([1e-3, 1e-3, 2e-5])
+"""The minimiser ends once a step is smaller than this in every component [m, m, rad]: a numerical tolerance."""
+LEAST_COVARIANCE: Final = np.diag(TOLERANCES**2)
+"""Covariance of the numerical error of a pose that `minimise_rigidly` returns."""
 _NO_PULLS: Final = np.empty((0, 2, 3))
 ANY_TIME: Final = 0.0
 """Duration of a revolution [s] that is passed to `kernel_of`: zero, so that the score of two submaps ignores their times."""
@@ -58,12 +62,7 @@ def move_rigidly(points: PointSet, pose: se2.Array) -> PointSet:
 
 
 def minimise_rigidly(
-    start: se2.Array,
-    points: PointSet,
-    references: References,
-    config: EstimatorConfig,
-    tolerances: NDArray[np.float64],
-    first: int = 0,
+    start: se2.Array, points: PointSet, references: References, config: EstimatorConfig, first: int = 0
 ) -> Minimum:
     """Minimises psi over the pose of a rigid submap; the plain twin of this function is `minimise` with `move_rigidly`.
 
@@ -72,14 +71,13 @@ def minimise_rigidly(
         points: the submap in its own frame.
         references: fixed points.
         config: settings of the score and of its minimiser.
-        tolerances: (3,) the search ends once a step is smaller than this in every component [m, m, rad].
         first: number of the annealing step with which the search begins.
     """
     scales = [annealed_scale(config, step) for step in range(first, first + STEPS)]
     kernel, last = kernel_of(config, ANY_TIME), final_scale(config)
     start, submap = np.asarray(start, dtype=np.float64), (points.points, points.covariances)
     damping = STABILISER, CORRELATION
-    state, converged, sums = _descend(start, submap, references, np.array(scales), last, kernel, damping, tolerances)
+    state, converged, sums = _descend(start, submap, references, np.array(scales), last, kernel, damping, TOLERANCES)
     placed = move_rigidly(points, state)
     evaluation = PsiEvaluation(*weigh_offsets(placed.covariances, placed.jacobians, sums, _NO_PULLS, last))
     return Minimum(state, evaluation, converged)

@@ -82,14 +82,9 @@ def find_mistake(fixes: Fixes, times: NDArray[np.float64], starts: NDArray[np.fl
     return mistake if least < _BETTER * min(otherwise) else ""
 
 
-# Largest error of the receiver's clock, late or early, that is searched [s].
-_LONGEST_DELAY_S = 3.0
 # Largest share of fixes that may be jumps. With more jumps the fixes are not used: even mirrored fixes, or fixes of another
 # drive, agree with a part of the trajectory by chance.
 _MOST_JUMPS = 0.25
-# Longest time over which fixes are averaged to learn how their errors wander [s]. Over longer times the trajectory itself
-# drifts as much.
-_ALIKE_S = 60.0
 # Number of fixes that share one value of a receiver's wandering error in the graph, so that they outvote a jump among them.
 # The values are at least one scan apart. Over longer times the error is not constant, and the trajectory would depend on
 # where the values happen to lie: the ATE of a real drive was 0.50 m with a value every 5.4 s and 1.02 m with a value every
@@ -225,7 +220,7 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
     if not use.mistake and np.count_nonzero(there) >= FEWEST:
         own = se2.interpolate(starts, chain, times[there])[:, :2]
         use = replace(use, is_mirrored=is_mirrored(own, positions[there]))
-    delay_s = find_fix_delay(times, positions, starts, chain, _LONGEST_DELAY_S)
+    delay_s = find_fix_delay(times, positions, starts, chain)
     if fixes.own_clock and not delay_s:
         return use.refuse("they have another clock than the radar, and the drive does not show its offset")
     times = times - delay_s
@@ -243,14 +238,14 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
             f"half of them lie more than {usual_m:.1f} m from the trajectory, whose path is {path_m:.0f} m long and "
             f"spreads over {spread_m:.0f} m"
         )
-    noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside], _ALIKE_S)
+    noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside])
     found: Antenna | None = None
     if antenna is None:
         for _ in range(_ROUNDS):  # at first, the swings of an antenna that is not at the radar look like noise
             found = estimate_antenna(times, se2.compose(lies, sensor), positions, noise)
             if found.significance > _ANTENNA_APART:
                 on_map, lies, residuals = _lay(sensor, found.place, positions)
-                noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside], _ALIKE_S)
+                noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside])
     if noise.walk_m > _LARGEST_WALK_M:
         return use.refuse(
             f"they wander about the trajectory by {noise.walk_m:.1f} m in a second: they belong to another drive, or "

@@ -96,13 +96,15 @@ def is_mirrored(points: _Array, fixes: _Array) -> bool:
     return mirrored < 0.5 * as_it_is
 
 
+# Largest error of the receiver's clock, late or early, that is searched [s].
+_LONGEST_DELAY_S = 3.0
 _SPAN_S: Final = 4.0  # time in which a distance is driven [s]: far longer than a search step, too short for much drift
 _STEP_S: Final = 0.05  # step between the delays that are tried [s]; a parabola refines the best one
 _FEWEST_DISTANCES: Final = 20  # least number of distances that show a delay
 _BETTER: Final = 0.5  # a delay is accepted if it reduces the differences to at most this share
 
 
-def find_fix_delay(times: _Array, positions: _Array, starts: _Array, chain: se2.Array, longest_s: float) -> float:
+def find_fix_delay(times: _Array, positions: _Array, starts: _Array, chain: se2.Array) -> float:
     """Finds by how much the stamps of fixes are late [s]; 0 if the drive shows no delay.
 
     Args:
@@ -110,7 +112,6 @@ def find_fix_delay(times: _Array, positions: _Array, starts: _Array, chain: se2.
         positions: (F, 2) fixed positions [m].
         starts: (N,) start times of the scans [s], increasing.
         chain: (N, 3) poses of the scans.
-        longest_s: longest delay, late or early, that is searched [s].
     """
     ends = starts + _SPAN_S
     whole = ends <= starts[-1]
@@ -124,7 +125,8 @@ def find_fix_delay(times: _Array, positions: _Array, starts: _Array, chain: se2.
         places = np.column_stack([np.interp(wanted, times, positions[:, axis]) for axis in range(2)])
         return np.where(known[:, None], places, np.nan)
 
-    delays = _STEP_S * np.arange(-np.ceil(longest_s / _STEP_S), np.ceil(longest_s / _STEP_S) + 1)
+    steps = np.ceil(_LONGEST_DELAY_S / _STEP_S)
+    delays = _STEP_S * np.arange(-steps, steps + 1)
     costs = np.full(len(delays), np.inf)
     for k, delay_s in enumerate(delays.tolist()):
         fixed = np.hypot(*(find_places(ends + delay_s) - find_places(begins + delay_s)).T)
@@ -139,6 +141,9 @@ def find_fix_delay(times: _Array, positions: _Array, starts: _Array, chain: se2.
     return float(delays[best] + (0.5 * _STEP_S * (before - after) / curvature if np.isfinite(curvature) else 0.0))
 
 
+# Longest time over which fixes are averaged to learn how their errors wander [s]. Over longer times the trajectory itself
+# drifts as much.
+_ALIKE_S = 60.0
 _FEWEST_DIFFERENCES: Final = 9  # least number of differences per fix in a mean; the median of fewer says nothing
 _OUTAGE: Final = 2.0  # if the fixes of two successive means span more usual times than this, an outage is among them
 _CONTRADICTION: Final = 2.0  # a difference of more standard deviations than this is not chance
@@ -159,25 +164,24 @@ class FixNoise(NamedTuple):
     walk_m: float
 
 
-def measure_fix_noise(times: _Array, residuals: _Array, stated_m: _Array, longest_s: float) -> FixNoise:
+def measure_fix_noise(times: _Array, residuals: _Array, stated_m: _Array) -> FixNoise:
     """Measures the noise of fixes; a receiver is never taken to be better than it states.
 
     Args:
         times: (F,) times of the fixes [s], increasing.
         residuals: (F, 2) fixes minus the trajectory that is aligned with them [m].
         stated_m: (F,) standard deviations that the receiver states [m], or NaN.
-        longest_s: longest time over which means are taken [s].
     """
     own = stated_m[np.isfinite(stated_m) & (stated_m > 0.0)]
     least_m = max(float(np.median(own)) if len(own) else 0.0, _LEAST_M)
-    columns, measured, sigmas = _compare_means(times, residuals, longest_s)
+    columns, measured, sigmas = _compare_means(times, residuals)
     if not len(measured):
         return FixNoise(least_m, 0.0)
     white = _fit_variances(columns, measured, sigmas)[0]
     usual = median_filter(residuals, size=(_AROUND, 1), mode="nearest")  # replaces a jump, which would raise every mean
     off = np.abs(residuals - usual)
     without_jumps = np.where(off > _JUMP * np.median(off), usual, residuals)
-    columns, measured, sigmas = _compare_means(times, without_jumps, longest_s)
+    columns, measured, sigmas = _compare_means(times, without_jumps)
     rest, walk = _fit_variances(columns, measured, sigmas)
     for first in range(len(measured) - 1):
         if np.all(measured[first:] - columns[first:] @ [rest, walk] < _CONTRADICTION * sigmas[first:]):
@@ -189,7 +193,7 @@ def measure_fix_noise(times: _Array, residuals: _Array, stated_m: _Array, longes
     return FixNoise(max(float(np.sqrt(white)), least_m), float(np.sqrt(walk)))
 
 
-def _compare_means(times: _Array, residuals: _Array, longest_s: float) -> tuple[_Array, _Array, _Array]:
+def _compare_means(times: _Array, residuals: _Array) -> tuple[_Array, _Array, _Array]:
     """Compares successive means over 1, 2, 4, 8 and more fixes; K is the number of these lengths.
 
     Returns:
@@ -200,7 +204,7 @@ def _compare_means(times: _Array, residuals: _Array, longest_s: float) -> tuple[
     sums = np.vstack([np.zeros(2), np.cumsum(residuals, axis=0)])
     counts, variances, sizes = list[int](), list[float](), list[float]()
     count = 1
-    while count * usual_s <= longest_s and 2 * count < len(times):
+    while count * usual_s <= _ALIKE_S and 2 * count < len(times):
         means = (sums[count:] - sums[:-count]) / count
         apart, lasts = means[count:] - means[:-count], times[2 * count - 1 :] - times[: len(times) - 2 * count + 1]
         apart = apart[lasts < _OUTAGE * 2 * count * usual_s]

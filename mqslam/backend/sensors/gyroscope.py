@@ -102,18 +102,17 @@ class Start(NamedTuple):
         return abs(self.correlation) >= (_FAR_CORRELATION if is_far else _LEAST_CORRELATION)
 
 
-def find_start(gyroscope: Gyroscope, start_us: int, turns: Turns, longest_s: float) -> Start | None:
+def find_start(gyroscope: Gyroscope, start_us: int, turns: Turns) -> Start | None:
     """Finds the axis and the delay at which a gyroscope's turns correlate best with psi's turns; None without correlation.
 
     Args:
         gyroscope: readings of the gyroscope.
         start_us: stamp [us] of the recording's time zero.
         turns: turns of the motions that psi measured.
-        longest_s: longest delay, late or early, that is searched [s].
     """
     if len(gyroscope) < 2:
         return None
-    steps = int(np.ceil(longest_s / _STEP_S))
+    steps = int(np.ceil(LONGEST_DELAY_S / _STEP_S))
     best: Start | None = None
     for axis, name in enumerate("xyz"):
         turning = Turning.integrate(gyroscope, start_us, axis)
@@ -407,7 +406,7 @@ def join_gyroscope(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measur
     known = Motions.of(motions)
     begins, ends = np.array([(m.t0, m.t1) for m in motions], dtype=np.float64).reshape(-1, 2).T
     turns = Turns(begins, ends, known.poses[:, 2], known.variances[:, 2] + _LEAST_VARIANCE, known.converged, drift)
-    start = find_start(gyroscope, start_us, turns, LONGEST_DELAY_S) if len(motions) else None
+    start = find_start(gyroscope, start_us, turns) if len(motions) else None
 
     def refuse(why: str, rotation: Rotation | None = None) -> GyroscopeUse:
         return GyroscopeUse(gyroscope.source, (f"the gyroscope ({gyroscope.source}) is not used: {why}",), None, rotation)

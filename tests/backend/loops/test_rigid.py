@@ -93,7 +93,7 @@ def test_a_step_moves_a_submap_as_far_as_its_points_are_apart_then() -> None:
 @pytest.mark.parametrize("count", [0, 1, 300])
 def test_both_minimisers_end_at_the_same_pose(count: int) -> None:
     query, references = scans(3, count)
-    slow, fast = minimise_slowly(WRONG, query, references), minimise_rigidly(WRONG, query, references, CONFIG, TOLERANCES)
+    slow, fast = minimise_slowly(WRONG, query, references), minimise_rigidly(WRONG, query, references, CONFIG)
     assert fast.converged == slow.converged
     np.testing.assert_allclose(fast.state, slow.state, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(fast.evaluation.shares, slow.evaluation.shares, rtol=1e-9, atol=1e-9)

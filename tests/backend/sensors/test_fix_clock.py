@@ -26,7 +26,7 @@ def find(late_s: float, changing: float = 5.0, every_s: float = 1.0, drift: floa
     noise = np.random.default_rng(1).normal(0.0, 0.3, (len(fixed), 2))
     positions = se2.interpolate(times, poses, fixed)[:, :2] + noise
     chain = se2.chain(se2.compose(se2.between(poses[:-1], poses[1:]), np.array([0.0, 0.0, drift])))
-    return find_fix_delay(fixed + late_s, positions, times, chain, 3.0)
+    return find_fix_delay(fixed + late_s, positions, times, chain)
 
 
 @pytest.mark.parametrize("late_s", [1.62, -2.3, 0.9])

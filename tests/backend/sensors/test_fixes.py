@@ -183,13 +183,13 @@ def test_white_noise_and_wandering_are_told_apart(white_m: float, walk_m: float)
     for seed in range(10):
         rng, times = np.random.default_rng(seed), np.arange(800.0)
         residuals = np.cumsum(rng.normal(0.0, walk_m, (800, 2)), axis=0) + rng.normal(0.0, white_m, (800, 2))
-        found.append(measure_fix_noise(times, residuals, np.full(800, np.nan), 60.0))
+        found.append(measure_fix_noise(times, residuals, np.full(800, np.nan)))
     assert np.median([noise.white_m for noise in found]) == pytest.approx(white_m, rel=0.3)
     assert np.median([noise.walk_m for noise in found]) == pytest.approx(walk_m, rel=0.5)
 
 
 def test_a_receiver_is_not_taken_to_be_better_than_it_says() -> None:
-    assert measure_fix_noise(np.arange(100.0), np.zeros((100, 2)), np.full(100, 3.0), 60.0).white_m == 3.0
+    assert measure_fix_noise(np.arange(100.0), np.zeros((100, 2)), np.full(100, 3.0)).white_m == 3.0
 
 
 def test_half_of_the_fixes_may_be_wrong() -> None:
@@ -225,7 +225,7 @@ def test_a_receiver_that_smooths_its_positions_wanders_all_the_same() -> None:
         rng, times = np.random.default_rng(seed), np.arange(0.0, 200.0, 0.05)
         wandering = np.cumsum(rng.normal(0.0, 0.3 * 0.05**0.5, (len(times), 2)), axis=0)
         smooth = gaussian_filter1d(wandering, 60.0, axis=0, mode="nearest")  # over three seconds to either side
-        found.append(measure_fix_noise(times, smooth, np.full(len(times), 0.2), 60.0).walk_m)
+        found.append(measure_fix_noise(times, smooth, np.full(len(times), 0.2)).walk_m)
     assert np.median(found) > 0.15
 
 
@@ -234,7 +234,7 @@ def test_jumps_are_not_taken_for_wandering() -> None:
     residuals = rng.normal(0.0, 1.0, (800, 2))
     for begin in range(20, 800, 40):
         residuals[begin : begin + 6] += 20.0
-    assert measure_fix_noise(np.arange(800.0), residuals, np.full(800, np.nan), 60.0).walk_m < 0.2
+    assert measure_fix_noise(np.arange(800.0), residuals, np.full(800, np.nan)).walk_m < 0.2
 
 
 def test_fixes_of_another_clock_are_refused_where_the_drive_does_not_show_how_far_it_is_off() -> None:
