@@ -127,7 +127,7 @@ _ASIDE_M = 0.5
 # The rounds end once no scan moves relative to the earlier pass by more than this many standard deviations.
 _SETTLED = 0.1
 _FIRST_STEP: Final = 2  # step at which the annealing begins: the loops leave the passes nearer than its first widths
-_SHARED: Final = 2.0  # factor on a scan's covariance: the earlier pass's returns err as much as the scan's
+_SHARED: Final = 2.0  # factor on a scan's covariance, since the earlier pass's returns have errors as large as the scan's
 
 _log = logging.getLogger(__name__)
 

@@ -105,7 +105,7 @@ def widen_ties(submaps: Submaps, measurements: Sequence[Measurement]) -> Submaps
     """Returns the submaps with the covariances of their ties adapted to the drift that the run shows.
 
     Args:
-        submaps: submaps of the drive; the covariances of their ties are those of their first scans.
+        submaps: submaps of the drive; each tie has the covariance of the first scan of its later submap.
         measurements: the motions between successive scans.
     """
     factors = learn_drift(submaps, measurements)
@@ -117,7 +117,7 @@ def learn_drift(submaps: Submaps, measurements: Sequence[Measurement]) -> NDArra
     """Estimates the likeliest factors (3,) on the variances of the ties between submaps, in x, y and yaw.
 
     Args:
-        submaps: submaps of the drive; the covariances of their ties are those of their first scans.
+        submaps: submaps of the drive; each tie has the covariance of the first scan of its later submap.
         measurements: the motions between successive scans.
     """
     by_ties, by_ends, seen = _sum_spans(submaps, measurements, _DRIFT_SUBMAPS)

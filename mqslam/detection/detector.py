@@ -6,8 +6,8 @@ kept. Its range, azimuth and time are replaced by the intensity-weighted means o
 non-maximum suppression).
 
 Three kinds of data are left out: azimuths that are marked invalid, saturated azimuths, in which the power of the whole row
-is raised, and rings, ranges that have peaks at far more azimuths than the ranges beside them. Rings come from the sensor
-itself and would pull the estimated motion to zero.
+is raised, and rings, which are ranges with peaks at far more azimuths than the neighbouring ranges. Rings come from the
+sensor itself and would pull the estimated motion to zero.
 
 Where the threshold lies in the noise, as it does with real radars, many returns are speckle. Then only the strongest returns
 of a scan are kept. All returns that stand out of the noise are kept, since they are objects, even if they are weak and far.

@@ -9,10 +9,9 @@ this scan.
 Source: the measurement was published by Lisus et al., "Are Doppler Velocity Measurements Useful for Spinning Radar
 Odometry?", RA-L 2025; the estimator is our own.
 
-The Doppler effect shifts echoes of up-chirps and of down-chirps in opposite directions. From azimuth to azimuth the beam
-moves on, and the range of an oblique wall changes. This also shifts echoes, by as much from an up-chirp to a down-chirp as
-from a down-chirp to an up-chirp. So the correlations of three successive pairs of azimuths are added with weights of 1, 2
-and 1: steady changes of range and changes of slope then cancel.
+The Doppler effect shifts echoes of up-chirps and of down-chirps in opposite directions. The range of an oblique wall also
+changes from azimuth to azimuth, which shifts echoes in the same direction at every step. So the correlations of three
+successive pairs of azimuths are added with weights of 1, 2 and 1: steady changes of range and changes of slope then cancel.
 """
 
 from __future__ import annotations

@@ -236,7 +236,7 @@ def _split_into_strips(counts: NDArray[np.int64]) -> list[tuple[int, int]]:
 def _score_strip(
     shared: tuple[PointSet, NDArray[np.int32], NDArray[np.float64], float, EstimatorConfig], strip: tuple[int, int]
 ) -> _Scores:
-    """Scores a strip's points against the points in and beside the strip.
+    """Scores a strip's points against all points in the strip and next to it.
 
     Returns:
         The numbers of the strip's points, their shares of psi, and whether each was matched.

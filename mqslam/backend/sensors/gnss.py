@@ -209,8 +209,8 @@ def join_fixes(fixes: Fixes, start_us: int, motions: Sequence[Measurement], ante
         antenna: (2,) stated position of the antenna in the radar's frame [m], or None.
     """
     use = FixUse(fixes.source, ())
-    if not motions or not len(fixes):
-        return use.refuse("the radar shows no motion to compare them with" if not motions else "there are no fixes")
+    if not len(fixes):
+        return use.refuse("there are no fixes")
     chain, starts = se2.chain(m.pose for m in motions), np.array([*(m.t0 for m in motions), motions[-1].t1])
     times: NDArray[np.float64] = np.asarray((fixes.stamps_us - start_us) * 1e-6)
     plane = TangentPlane.at_middle(fixes)

@@ -429,7 +429,7 @@ def join_gyroscope(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measur
 def find_turning(gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float) -> KnownTurning | None:
     """Returns the radar's turns by a calibrated gyroscope; None if the gyroscope does not agree with psi's motions.
 
-    The arguments are those of `join_gyroscope`.
+    It takes the arguments of `join_gyroscope`.
     """
     use = join_gyroscope(gyroscope, start_us, motions, drift)
     rotation = use.rotation

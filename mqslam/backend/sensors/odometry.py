@@ -113,7 +113,7 @@ def _count_contrary(turned: NDArray[np.float64], stated_turns: NDArray[np.float6
     return int(np.count_nonzero(contrary & (larger > least))), int(np.count_nonzero(larger > least))
 
 
-_SAME_RAD: Final = 1e-6  # only rounding separates the turns of odometry from those of the gyroscope that it was made with
+_SAME_RAD: Final = 1e-6  # turns of odometry and of the gyroscope that it was made with differ by rounding only
 _UNKNOWN: Final = 1e6  # numerical: variance of a turn that has no effect
 
 
@@ -225,7 +225,7 @@ def make_odometry_edges(
         alike = measure_noise(residuals, variances, span)
         disagreement = measure_disagreement(residuals, variances, alike, span)
         noise = alike + disagreement
-    disagreement[~converged] = disagreement[converged].mean(axis=0)  # there, odometry errs as much but this cannot be seen
+    disagreement[~converged] = disagreement[converged].mean(axis=0)  # there the errors are as large, but psi does not show them
     common = spread_common(calibration.list_sigmas(design), converged, span)
     return _state(odometry, calibration.correct(design), alike + disagreement + common)
 
