@@ -225,7 +225,7 @@ def make_odometry_edges(
         alike = measure_noise(residuals, variances, span)
         disagreement = measure_disagreement(residuals, variances, alike, span)
         noise = alike + disagreement
-    disagreement[~converged] = disagreement[converged].mean(axis=0)  # there the errors are as large, but psi does not show them
+    disagreement[~converged] = disagreement[converged].mean(axis=0)  # there odometry errs as much, but psi does not show it
     common = spread_common(calibration.list_sigmas(design), converged, span)
     return _state(odometry, calibration.correct(design), alike + disagreement + common)
 
