@@ -451,7 +451,7 @@ def _find_fault(gyroscope: Gyroscope, start: Start, turns: Turns, found: Calibra
         return f"the radar turns {rotation.scale:.3g} times as far as it says{unit}"
     if rotation.scale_sigma > _LARGEST_SCALE_SIGMA:
         return (
-            f"its scale is known only to {rotation.scale_sigma:.1%}, since the turns that the front end measured are too "
+            f"its scale is known to {rotation.scale_sigma:.1%} only, since the turns that the front end measured are too "
             "few or too uncertain"
         )
     if abs(rotation.delay_s) > LONGEST_DELAY_S:
