@@ -10,13 +10,14 @@ Public names, all typed; none of them prints anything:
 - `run`, `audit`, `compare` and `localise` take the path of a recording and a folder for the results, and return the results
   that they have written there.
 - `merge` makes one map from the results of several recordings; `read_result` reads any result again from its folder.
+- `RunResult`, `AuditResult`, `CompareResult`, `LocaliseResult` and `MergeResult` are what these functions return.
 - `open_recording` opens a recording; `load_config` reads settings into a `Config`.
 - `Slam` is the method: it makes the optimised map of an open recording, in memory.
 - `psi_factors` and `loop_factors` return measurements and loop closures as factors for a GTSAM graph of your own; `refine`
   adds factors of single scans that are registered on earlier passes of the same place.
 - `Work`, `Runner` and `LocalEngine` define where the computations run and what reports on their progress.
-- `Recording`, `Scan` with its `Returns`, `Trajectory` and `Measurement` with its `Status` are the types of inputs and
-  results; `MqslamError` is the base of all errors.
+- `Recording`, `Scans` of `Scan` with its `Returns`, `Trajectory` and `Measurement` with its `Status` are the types of
+  inputs and results; `MqslamError` is the base of all errors.
 """
 
 from __future__ import annotations
@@ -34,6 +35,11 @@ if TYPE_CHECKING:  # importing a name as itself marks it as public for type chec
     from mqslam.commands.own_graph import loop_factors as loop_factors
     from mqslam.commands.own_graph import psi_factors as psi_factors
     from mqslam.commands.own_graph import refine as refine
+    from mqslam.commands.result import AuditResult as AuditResult
+    from mqslam.commands.result import CompareResult as CompareResult
+    from mqslam.commands.result import LocaliseResult as LocaliseResult
+    from mqslam.commands.result import MergeResult as MergeResult
+    from mqslam.commands.result import RunResult as RunResult
     from mqslam.commands.result import read_result as read_result
     from mqslam.commands.run import run as run
     from mqslam.commands.work import Work as Work
@@ -44,6 +50,7 @@ if TYPE_CHECKING:  # importing a name as itself marks it as public for type chec
     from mqslam.core.recording import Recording as Recording
     from mqslam.core.scans import Returns as Returns
     from mqslam.core.scans import Scan as Scan
+    from mqslam.core.scans import Scans as Scans
     from mqslam.core.trajectory import Trajectory as Trajectory
     from mqslam.errors import MqslamError as MqslamError
     from mqslam.execution.local_engine import LocalEngine as LocalEngine
@@ -62,6 +69,11 @@ _MODULES = {
     "loop_factors": "commands.own_graph",
     "psi_factors": "commands.own_graph",
     "refine": "commands.own_graph",
+    "AuditResult": "commands.result",
+    "CompareResult": "commands.result",
+    "LocaliseResult": "commands.result",
+    "MergeResult": "commands.result",
+    "RunResult": "commands.result",
     "read_result": "commands.result",
     "run": "commands.run",
     "Work": "commands.work",
@@ -72,6 +84,7 @@ _MODULES = {
     "Recording": "core.recording",
     "Returns": "core.scans",
     "Scan": "core.scans",
+    "Scans": "core.scans",
     "Trajectory": "core.trajectory",
     "MqslamError": "errors",
     "LocalEngine": "execution.local_engine",

@@ -14,6 +14,7 @@ from support.commands import run_in_this_process
 import mqslam
 from mqslam.commands.result import RunResult
 from mqslam.config import SensorConfig
+from mqslam.detection.stage import detect_all
 from mqslam.simulator import SensorModel, simulate
 
 SCANS = 10
@@ -41,6 +42,21 @@ def test_every_public_name_resolves_and_is_documented(name: str) -> None:
     assert name in dir(mqslam) and name in (mqslam.__doc__ or "")
     if not inspect.ismodule(value):
         assert len((inspect.getdoc(value) or "").split()) > 3
+
+
+def test_the_covariances_of_a_run_are_read_with_their_stamps(result: RunResult) -> None:
+    covariances, track = result.read_covariances(), result.read_trajectory()
+    assert covariances.covariances.shape == (len(track.stamps_us), 3, 3)
+    assert covariances.stamps_us.tolist() == track.stamps_us.tolist()
+
+
+def test_scans_that_another_program_has_made_are_measured_and_a_list_is_refused(drive: Path) -> None:
+    found, _ = detect_all(mqslam.open_recording(drive), SETTINGS.detector, mqslam.Runner())
+    own = [mqslam.Scan(scan.t0, scan.t1, scan.returns) for scan in found]
+    factors = mqslam.psi_factors(mqslam.Scans(tuple(own), found.start_us, found.revolution_s), config=SETTINGS)
+    assert len(factors.scan_keys) == SCANS
+    with pytest.raises(mqslam.MqslamError, match=r"mqslam\.Scans, not a list"):
+        mqslam.psi_factors(own)
 
 
 def test_an_unknown_name_is_refused() -> None:

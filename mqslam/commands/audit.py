@@ -182,7 +182,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             **summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, warnings, stated),
             "notes": notes,
             "gyroscope": None if turning is None else summarise_check(turning),
-            "covariances": _judge_honesty(judged, notes, work),
+            "covariances": _judge_honesty(judged, notes, work, is_stated=relative is not None),
         }
         summary["baseline"] = earlier and {"path": str(baseline), "worse": list_worse(summary, earlier)}
         mended: Mended | None = None
@@ -221,13 +221,15 @@ def _read_baseline(folder: Path) -> dict[str, Any]:
     return result.summary
 
 
-def _judge_honesty(judged: judge.Audit, notes: list[str], work: Work) -> dict[str, Any] | None:
+def _judge_honesty(judged: judge.Audit, notes: list[str], work: Work, *, is_stated: bool) -> dict[str, Any] | None:
     """Compares the covariances that a trajectory states with its revisits, and adds the outcome to the notes.
 
-    Returns None if the trajectory states no covariances.
+    Returns None if the trajectory states no covariances, or if no revisit shows how right they are.
     """
     honesty = judge_honesty(judged.revisits)
     if honesty is None:
+        if is_stated:
+            notes.append("the stated covariances were read, but no revisit shows whether they are right")
         return None
     notes.append(honesty.statement)
     work.tell(honesty.statement)

@@ -14,6 +14,7 @@ from mqslam.config import Config, load_config
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import DataError, untrusted
+from mqslam.formats.covariances import StampedCovariances, read_covariances
 from mqslam.formats.trajectories import read_trajectory
 from mqslam.results.compare_results import tabulate
 from mqslam.results.files import name_evo_command
@@ -119,6 +120,14 @@ class TrajectoryResult(Result):
 
 class RunResult(JudgedResult, TrajectoryResult):
     """The result of a run."""
+
+    def read_covariances(self) -> StampedCovariances:
+        """Reads the marginal covariances (N, 3, 3) of the poses, with their stamps, in the frame of the first pose.
+
+        Raises:
+            DataError: the file of the covariances cannot be read, or there is none, since they could not be computed.
+        """
+        return read_covariances(self.folder / "covariances.csv")
 
 
 class LocaliseResult(TrajectoryResult):

@@ -117,6 +117,8 @@ class ScanStore:
 class Scans(Sequence[Scan]):
     """The scans of a recording, or some of them in order; the input of every stage.
 
+    Returns that another program has detected become `Scans(tuple(scans), start_us, revolution_s)`, one scan per turn.
+
     Args:
         scans: the scans.
         start_us: stamp [us] of time zero, the recording's start.

@@ -381,7 +381,8 @@ def _label_figure(figure: Figure, axes: NDArray[np.object_], labels: list[str]) 
     from matplotlib.lines import Line2D
 
     if len(labels) == 1:
-        figure.suptitle(f"one window of {SCANS} scans, driven at {labels[0]}", fontsize=12, color=_INK)
+        charged = "$\\psi$ as published, with a charge for unmatched points"
+        figure.suptitle(f"one window of {SCANS} scans, driven at {labels[0]}; {charged}", fontsize=12, color=_INK)
     else:
         for axis, label in zip(axes[0], labels, strict=True):
             axis.set_title(f"driven at {label}\n{axis.get_title()}", fontsize=11, color=_INK, linespacing=1.35)
