@@ -634,7 +634,7 @@ CONSTANTS = (
         "not recorded",
     ),
     Constant(
-        "mqslam.backend.loops.registration",
+        "mqslam.backend.loops.rigid",
         "TOLERANCES",
         "Standard deviations added to those of an audit's registration [m, m, rad]: the step that ends the search.",
         "definition",

@@ -44,8 +44,8 @@ def test_odometry_that_turns_as_the_radar_does_is_used(scale: float) -> None:
     ("factor", "said", "is_opposite"),
     [
         (-1.0, "the other way than the radar: mend its yaw, or set sensor.clockwise: false", True),
-        (180.0 / np.pi, "those of the radar if they are in degrees", False),
-        (-180.0 / np.pi, "those of the radar, mirrored, if they are in degrees", True),
+        (180.0 / np.pi, "its turns agree with the radar's if they are in degrees", False),
+        (-180.0 / np.pi, "its turns agree with the radar's if they are mirrored and in degrees", True),
         (0.0, "little in common", False),
     ],
     ids=["mirrored", "degrees", "mirrored degrees", "w first"],
@@ -65,7 +65,7 @@ def test_a_lidar_is_called_a_lidar_and_no_setting_mirrors_it() -> None:
 
 def test_odometry_of_another_time_is_not_used() -> None:
     found = fault(drive(yaw_at(TIMES + 40.0)))
-    assert found is not None and "another drive, another clock" in found.statement
+    assert found is not None and "it may be from another drive" in found.statement
 
 
 def test_a_straight_drive_tells_nothing() -> None:
