@@ -367,8 +367,9 @@ def _render(keyframes: Keyframes, estimator: EstimatorConfig, beam: Beam, engine
             compute_beam_covariance(own["range"].astype(np.float64), np.cos(rays), np.sin(rays), beam)
         )
         stamp, start = int(keyframes.stamps_us[k]), keyframes.recordings[int(keyframes.origins[k])].start_us
-        times[part] = own["time"] + 1e-6 * (stamp - first_us)
-        apart[part] = own["time"] + 1e-6 * (stamp - start) + offsets[int(keyframes.origins[k])]
+        since = own["time"].astype(np.float64)  # keyframes store times as float32, which would be too coarse after hours
+        times[part] = since + 1e-6 * (stamp - first_us)
+        apart[part] = since + 1e-6 * (stamp - start) + offsets[int(keyframes.origins[k])]
         intensities[part] = own["intensity"]
         at = part.stop
     release(points, covariances, times, apart, intensities, keyframes.points)

@@ -40,8 +40,10 @@ _CONTRARY: Final = 0.7  # two turns contradict each other if they differ by more
 _FEWEST: Final = 3  # contradictions in fewer turns than this may be slip or errors of psi
 _MEANINGS: Final = {
     -1.0: "it turns the other way than the {sensor}: mend its yaw{or_mirror}",
-    np.pi / 180.0: "its turns are those of the {sensor} if they are in degrees: convert its yaw rates to rad/s",
-    -np.pi / 180.0: "its turns are those of the {sensor}, mirrored, if they are in degrees: convert its yaw rates to rad/s",
+    np.pi / 180.0: "its turns agree with the {sensor}'s if they are in degrees: convert its yaw rates to rad/s",
+    -np.pi / 180.0: (
+        "its turns agree with the {sensor}'s if they are mirrored and in degrees: convert its yaw rates to rad/s"
+    ),
 }
 _OR_MIRROR: Final = {RADAR: ", or set sensor.clockwise: false if the radar is mirrored"}  # no setting mirrors a lidar
 
