@@ -225,7 +225,7 @@ class PeakCounts:
             return f"{left_out}; check the radar's gain and which azimuths its driver marks as invalid"
         if 2 * self.ring_peaks > self.peaks:
             rings = f"{self.ring_peaks} of {self.peaks} peaks lie on rings around the radar"
-            return f"{rings}; look for an object on the radar's mount that reflects in all directions"
+            return f"{rings}; look for an object beside the radar, such as one on its mount, that reflects in all directions"
         if self.peaks_out_of_range > self.peaks:
             outside = f"{self.peaks_out_of_range} peaks lie out of range and only {self.peaks} within it"
             return f"{outside}; raise detector.max_range_m or lower detector.min_range_m"
