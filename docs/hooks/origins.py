@@ -921,27 +921,6 @@ CONSTANTS = (
         f"{_SHARED_DRIFT}, since it follows from OWN_DRIFT_RAD",
     ),
     Constant(
-        "mqslam.psi.tracking.matching",
-        "_STARTS",
-        "Number of matches of a lidar's scan that begin at the best of all yaws of a search.",
-        "tuned",
-        _LIDARS,
-    ),
-    Constant(
-        "mqslam.psi.tracking.matching",
-        "_RANKING_STEP",
-        "Step of the annealing at which psi ranks these yaws.",
-        "tuned",
-        _LIDARS,
-    ),
-    Constant(
-        "mqslam.psi.tracking.matching",
-        "_RANKING_RETURNS",
-        "Most returns of a scan by which psi ranks these yaws.",
-        "tuned",
-        _LIDARS,
-    ),
-    Constant(
         "mqslam.psi.tracking.local_map",
         "SURFACES",
         "Settings for matching a lidar's scans to their map, in the order of `Tuning`.",

@@ -70,77 +70,32 @@ def find_correlation_peaks(
     Returns:
         at most `_PEAKS` poses (3,) of the query's frame in the reference's frame, the best first.
     """
-    by_yaw = _correlate_by_yaw(reference, query, guess, reach_m, reach_rad, config)
-    peaks = sorted((peak for tops in by_yaw for peak in tops), key=lambda peak: -peak[0])
-    chosen: list[se2.Array] = []
-    for _, pose in peaks:
-        if all(np.hypot(*(pose - other)[:2]) > 2.0 * compute_same_m(config) for other in chosen):
-            chosen.append(pose)
-    return chosen[:_PEAKS]
-
-
-def find_peak_of_each_yaw(
-    reference: NDArray[np.float64],
-    query: NDArray[np.float64],
-    guess: se2.Array,
-    reach_m: float,
-    reach_rad: float,
-    config: EstimatorConfig,
-) -> list[se2.Array]:
-    """Finds the most likely pose of one point set in another for each yaw that is tried, in the order of the yaws.
-
-    Where a sensor turns among things that are near, poses at one position with different yaws are rivals, and the right one
-    need not have the highest correlation. The arguments are those of `find_correlation_peaks`.
-    """
-    by_yaw = _correlate_by_yaw(reference, query, guess, reach_m, reach_rad, config)
-    return [tops[0][1] for tops in by_yaw if tops]
-
-
-def compute_yaw_step(query: NDArray[np.float64], config: EstimatorConfig) -> float:
-    """Returns the step between the yaws that are tried for points (N, 2) [m]: it moves points halfway out by a pixel."""
     pixel_m = compute_pixel_m(config)
-    return pixel_m / (0.5 * _measure_extent(_drop_far(query, pixel_m), pixel_m))
-
-
-def _drop_far(query: NDArray[np.float64], pixel_m: float) -> NDArray[np.float64]:
-    """Returns the points (N, 2) that take part in the search."""
     x, y = np.abs(query.T)
-    return np.asarray(query[np.maximum(x, y) < _SEARCH_EXTENT * pixel_m])
-
-
-def _measure_extent(query: NDArray[np.float64], pixel_m: float) -> float:
-    """Returns half the side [m] of the image of points (N, 2)."""
-    return float(np.abs(query).max(initial=0.0)) + 1.5 * pixel_m
-
-
-def _correlate_by_yaw(
-    reference: NDArray[np.float64],
-    query: NDArray[np.float64],
-    guess: se2.Array,
-    reach_m: float,
-    reach_rad: float,
-    config: EstimatorConfig,
-) -> list[list[tuple[float, se2.Array]]]:
-    """Returns for each yaw that is tried the highest peaks of the correlation, the best first, each as (height, pose)."""
-    pixel_m = compute_pixel_m(config)
-    query = _drop_far(query, pixel_m)
+    query = query[np.maximum(x, y) < _SEARCH_EXTENT * pixel_m]
     if len(reference) == 0 or len(query) == 0:
         return []
-    extent, step = _measure_extent(query, pixel_m), compute_yaw_step(query, config)
+    extent = float(np.abs(query).max()) + 1.5 * pixel_m
+    step = pixel_m / (0.5 * extent)  # such a step of yaw moves points halfway out by a pixel
     count = int(np.ceil(reach_rad / step))
     lowest = guess[:2] - extent - reach_m
     side = next_fast_len(int(np.ceil(2.0 * (extent + reach_m) / pixel_m)) + 1, real=True)
     cells = int(np.ceil(reach_m / pixel_m))
     pixels = find_pixels(reference, lowest, side, pixel_m)
     image = Image(draw_blurred(*pixels, compute_blur(_SEARCH_BLUR)), cells)
-    peaks: list[list[tuple[float, se2.Array]]] = []
+    peaks: list[tuple[float, se2.Array]] = []
     for yaw in guess[2] + np.linspace(-count, count, 2 * count + 1) * step:
         rotated = se2.transform(np.array([guess[0], guess[1], yaw]), query)
         correlation = image.correlate(*find_pixels(rotated, lowest, side, pixel_m))
-        tops = find_tops(correlation, _PEAKS)
-        places = [guess[:2] + np.array([i - cells, k - cells]) * pixel_m for _, i, k in tops]
-        peaks.append([(top, np.array([at[0], at[1], yaw])) for (top, _, _), at in zip(tops, places, strict=True)])
-    return peaks
+        for top, i, k in find_tops(correlation, _PEAKS):
+            at = guess[:2] + np.array([i - cells, k - cells]) * pixel_m
+            peaks.append((top, np.array([at[0], at[1], yaw])))
+    peaks.sort(key=lambda peak: -peak[0])
+    chosen: list[se2.Array] = []
+    for _, pose in peaks:
+        if all(np.hypot(*(pose - other)[:2]) > 2.0 * compute_same_m(config) for other in chosen):
+            chosen.append(pose)
+    return chosen[:_PEAKS]
 
 
 class Image:

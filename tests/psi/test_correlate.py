@@ -16,10 +16,8 @@ from mqslam.psi.correlate import (
     compute_blur,
     compute_pixel_m,
     compute_same_m,
-    compute_yaw_step,
     draw_blurred,
     find_correlation_peaks,
-    find_peak_of_each_yaw,
     find_pixels,
     find_tops,
 )
@@ -48,18 +46,6 @@ def test_without_points_there_are_no_peaks() -> None:
     none, some = np.zeros((0, 2)), np.ones((3, 2))
     assert find_correlation_peaks(none, some, np.zeros(3), 5.0, 0.1, CONFIG) == []
     assert find_correlation_peaks(some, none, np.zeros(3), 5.0, 0.1, CONFIG) == []
-
-
-def test_each_yaw_has_a_peak_of_its_own_and_the_right_one_is_among_them() -> None:
-    """A few things near the sensor fit at one place with many yaws."""
-    query = np.random.default_rng(3).uniform(-12.0, 12.0, (40, 2))
-    pose, step = np.array([0.4, -0.3, 0.55]), compute_yaw_step(query, CONFIG)
-    peaks = np.array(find_peak_of_each_yaw(se2.transform(pose, query), query, np.zeros(3), 3.0, 0.8, CONFIG))
-    np.testing.assert_allclose(np.diff(peaks[:, 2]), step)
-    assert peaks[0, 2] <= -0.8 and peaks[-1, 2] >= 0.8
-    nearest = peaks[np.argmin(np.abs(peaks[:, 2] - pose[2]))]
-    assert np.hypot(*(nearest - pose)[:2]) < 1.5 * compute_pixel_m(CONFIG)
-    assert find_peak_of_each_yaw(np.zeros((0, 2)), query, np.zeros(3), 3.0, 0.8, CONFIG) == []
 
 
 def draw(points: NDArray[np.float64], corner: NDArray[np.float64], side: int, pixel_m: float) -> NDArray[np.float64]:

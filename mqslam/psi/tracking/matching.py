@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig, TrackerConfig
 from mqslam.core.scans import Scan
-from mqslam.core.statistics import pick_evenly
-from mqslam.psi.correlate import (
-    compute_pixel_m,
-    compute_same_m,
-    compute_yaw_step,
-    find_correlation_peaks,
-    find_peak_of_each_yaw,
-)
+from mqslam.psi.correlate import compute_same_m, find_correlation_peaks
 from mqslam.psi.covariance import estimate_covariance, find_weak_directions, fuse, invert, sum_by_object
 from mqslam.psi.minimiser import STABILISER, Minimum, Prior, Search, annealed_scale, final_scale, kernel_of, minimise
 from mqslam.psi.neighbours import mark_near
@@ -62,11 +55,6 @@ _BESIDE_TURN = 0.08
 _BESIDE_TURNS = 4
 # Half width of the search for a scan around its prediction, in the prediction's standard deviations.
 _SEARCH_SIGMAS = 2.0
-# Number of starts, among those at all yaws, from which a search is minimised; in a tight room the best was always right.
-_STARTS = 3
-# Step of the annealing at which psi ranks these starts, and the most returns of the scan for which psi is computed then: the
-# ranking only chooses where minimisations begin.
-_RANKING_STEP, _RANKING_RETURNS = 1, 100
 # Least and largest half width of the search for a scan in position [m] and in yaw [rad], whatever the prediction states.
 _SEARCH_M, _SEARCH_RAD = (3.0, 30.0), (0.05, 0.8)
 
@@ -164,7 +152,7 @@ class Matcher:
             The best match, and whether another place in the map fits the scan about as well.
         """
         if self.tuning.sees_part:
-            return self._choose_by_shared(scan, [known, *self._refine_turned(scan, predicted, into)], into), False
+            return self._choose_by_shared(scan, [known, *self._refine_peaks(scan, predicted, into)], into), False
         minima = sorted([known, *self._refine_peaks(scan, predicted, into)], key=lambda minimum: minimum.evaluation.psi)
         best = minima[0]
         elsewhere = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > compute_same_m(self.matching)]
@@ -289,34 +277,11 @@ class Matcher:
 
     def _refine_peaks(self, scan: Scan, predicted: Belief, into: LocalMap) -> Sequence[Minimum]:
         """Returns the minima of psi that begin at the peaks of a correlation of scan and map around the prediction."""
-        own, reach_m, reach_rad = self._bound_search(scan, predicted)
+        x, y, yaw = np.sqrt(np.diag(predicted.covariance))[:3]
+        reach_m = float(np.clip(_SEARCH_SIGMAS * np.hypot(x, y), *_SEARCH_M))
+        reach_rad = float(np.clip(_SEARCH_SIGMAS * yaw, max(self.tuning.search_rad, _SEARCH_RAD[0]), _SEARCH_RAD[1]))
+        own = self.place(scan, State.of(np.zeros(3), predicted.mean.motion)).points
         peaks = find_correlation_peaks(into.references.points, own, predicted.pose, reach_m, reach_rad, self.matching)
         information = predicted.information
         starts = [State.of(pose, predicted.mean.motion) for pose in peaks]
         return [self.minimise(scan, start, Prior(start.vector, information), into) for start in starts]
-
-    def _refine_turned(self, scan: Scan, predicted: Belief, into: LocalMap) -> Sequence[Minimum]:
-        """Returns the minima of psi that begin where psi is lowest among the best places of all yaws around the prediction.
-
-        A sensor that turns among things that are near fits at one place with several yaws. Which of them is right, psi shows
-        at its widest scale much better than the height of a correlation, which follows how many points are near at all.
-        """
-        own, reach_m, reach_rad = self._bound_search(scan, predicted)
-        peaks = find_peak_of_each_yaw(into.references.points, own, predicted.pose, reach_m, reach_rad, self.matching)
-        starts = [State.of(pose, predicted.mean.motion) for pose in peaks]
-        scale = annealed_scale(self.matching, _RANKING_STEP)
-        chosen = np.zeros(len(scan.returns), dtype=np.bool_)
-        chosen[pick_evenly(len(chosen), _RANKING_RETURNS)] = True
-        some = replace(scan, returns=scan.returns.take(chosen))
-        starts.sort(key=lambda start: self._score(self.place(some, start), scale, into).psi)
-        pixel_m, steps = compute_pixel_m(self.matching), np.zeros(SIZE)
-        steps[POSE] = pixel_m, pixel_m, compute_yaw_step(own, self.matching)  # how far a start may be from the match
-        information = replace(predicted, covariance=predicted.covariance + np.diag(steps**2)).information
-        return [self.minimise(scan, start, Prior(start.vector, information), into) for start in starts[:_STARTS]]
-
-    def _bound_search(self, scan: Scan, predicted: Belief) -> tuple[NDArray[np.float64], float, float]:
-        """Returns a scan's points (N, 2) in its own frame, and the half widths [m] and [rad] of a search for it."""
-        x, y, yaw = np.sqrt(np.diag(predicted.covariance))[:3]
-        reach_m = float(np.clip(_SEARCH_SIGMAS * np.hypot(x, y), *_SEARCH_M))
-        reach_rad = float(np.clip(_SEARCH_SIGMAS * yaw, max(self.tuning.search_rad, _SEARCH_RAD[0]), _SEARCH_RAD[1]))
-        return self.place(scan, State.of(np.zeros(3), predicted.mean.motion)).points, reach_m, reach_rad

@@ -67,23 +67,6 @@ def test_a_jump_of_odometry_does_not_lose_the_track() -> None:
     np.testing.assert_allclose([motion.pose for motion in motions], moves, atol=0.05)
 
 
-def make_closet() -> NDArray[np.float64]:
-    """Returns walls (W, 4) of a room full of things that are near."""
-    rng = np.random.default_rng(3)
-    outer = [[-3.0, -4.5, 16.0, -8.0], [16.0, -8.0, 17.0, 9.0], [17.0, 9.0, -3.0, 7.0], [-3.0, 7.0, -3.0, -4.5]]
-    middles, angles = rng.uniform([3.0, -5.0], [15.0, 7.0], (9, 2)), rng.uniform(0.0, np.pi, 9)
-    halves = rng.uniform(0.3, 1.2, (9, 1)) * np.column_stack([np.cos(angles), np.sin(angles)])
-    return np.vstack([outer, np.hstack([middles - halves, middles + halves])])
-
-
-def test_turns_on_the_spot_that_wheels_hardly_show_are_found() -> None:
-    turns = np.repeat([0.02, 0.16, 0.0, -0.16, 0.0, 0.16, 0.0], [8, 5, 3, 9, 3, 6, 4])
-    moves = np.column_stack([np.full(len(turns), 0.05), np.zeros(len(turns)), turns])
-    motions = follow(make_closet(), moves, moves * np.array([1.0, 1.0, 0.15]))
-    assert {motion.status for motion in motions} == {Status.CONVERGED}
-    np.testing.assert_allclose([motion.pose[2] for motion in motions], turns, atol=0.02)
-
-
 def test_directions_that_differ_by_chance_are_not_intersected_along_a_corridor() -> None:
     """Two strips along a corridor that differ by a small angle cross anywhere along it."""
     unseen = np.diag([100.0, 1e-4, 1e-6])
