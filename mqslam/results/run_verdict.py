@@ -90,7 +90,7 @@ def list_warnings(run: Run, recording: Recording) -> list[str]:
         warnings.append("the refinement made psi between passes larger: the poses from before the refinement are kept")
     stops = find_stops(run, recording)
     warnings += [
-        f"the radar stood still from {begin:.1f} s to {end:.1f} s: the map holds only the first scan of that time"
+        f"the {recording.sensor_name} stood still from {begin:.1f} s to {end:.1f} s: the map holds only the first scan of that time"
         for begin, end in stops
     ]
     return warnings
