@@ -88,11 +88,8 @@ def list_warnings(run: Run, recording: Recording) -> list[str]:
     warnings += [f"{line}{remark}" for line in _warn_of_stretches("did not observe every direction", unobserved)]
     if run.refined.refused:
         warnings.append("the refinement made psi between passes larger: the poses from before the refinement are kept")
-    stops = find_stops(run, recording)
-    warnings += [
-        f"the {recording.sensor_name} stood still from {begin:.1f} s to {end:.1f} s: the map holds only the first scan of that time"
-        for begin, end in stops
-    ]
+    who, holds = f"the {recording.sensor_name} stood still", "the map holds only the first scan of that time"
+    warnings += [f"{who} from {begin:.1f} s to {end:.1f} s: {holds}" for begin, end in find_stops(run, recording)]
     return warnings
 
 
