@@ -452,8 +452,9 @@ def _open_scans(recording: Source, config: ConfigSource, work: Work) -> Iterator
     settings, runner, remedy = load_config(config), Runner(work.engine, work.progress), ""
     if isinstance(recording, Path | str):
         recording = open_radar_or_lidar(Path(recording), None, None, settings)
-    if not isinstance(recording, Recording | Scans):
-        kind = type(recording).__name__
+    given: object = recording  # a caller without a type checker may give anything
+    if not isinstance(given, Recording | Scans):
+        kind = type(given).__name__
         raise ConfigError(f"a recording is a path, an open recording or mqslam.Scans, not a {kind}; make Scans of scans")
     if isinstance(recording, Recording):
         for note in (*recording.notes, *recording.faults):

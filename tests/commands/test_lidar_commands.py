@@ -121,7 +121,7 @@ def test_maps_of_lidars_and_radars_are_not_mixed(rounds: Sequence[Path], tmp_pat
 
 def test_a_radars_recording_is_not_looked_for_in_a_lidars_map(rounds: Sequence[Path], tmp_path: Path) -> None:
     drive = write_oxford(tmp_path / "drive", polar_scans=4)
-    with pytest.raises(DataError, match=r"is a radar's recording, and .*first holds no map that .* a radar's"):
+    with pytest.raises(DataError, match=r"is a radar's recording, but .*first is not the map of a radar"):
         mqslam.localise(drive, tmp_path / "out", map=rounds[0])
 
 
