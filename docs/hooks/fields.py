@@ -104,7 +104,7 @@ def _describe_errors() -> dict[str, str]:
 SUMMARY = _SHARED | {
     "frontend": "name of the front end",
     "before": "what the trajectory before optimisation is: odometry, or the front end's motions",
-    "frame": "whose poses are written: radar or vehicle",
+    "frame": "whose poses are written: radar, lidar or vehicle",
     "doppler_beta": "Doppler shift that was used: range per closing speed [s]",
     "doppler_sigma": "its standard deviation [s], 0 where it was stated",
     "range_errors": "null where fewer than five stretches of the drive show the errors of the ranges, or an object",

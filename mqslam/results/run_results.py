@@ -22,7 +22,7 @@ from mqslam.config import dump_yaml, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.recording import LidarRecording, Recording
-from mqslam.core.sensors import RADAR, VEHICLE
+from mqslam.core.sensors import VEHICLE
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import list_sensor_notes
 from mqslam.errors import tolerate
@@ -64,7 +64,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         "mqslam_version": __version__,
         "frontend": run.frontend,
         "before": run.before,
-        "frame": RADAR if run.mount is None else VEHICLE,
+        "frame": recording.sensor_name if run.mount is None else VEHICLE,
         "doppler_beta": run.doppler_beta,
         "doppler_sigma": run.doppler_sigma,
         "range_errors": None if run.range_errors is None else _summarise_ranges(run.range_errors, recording),
