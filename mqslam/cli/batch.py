@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mqslam.commands.result import Result
 
 _OWN: Options = {
-    "plan": argument(Path, ..., "RUNS.yaml", "The YAML file that lists the runs; the README shows one."),
+    "plan": argument(Path, ..., "RUNS.yaml", "The YAML file that lists the runs; docs/how-to/batch.md shows one."),
     "out": option(Path, ..., "Folder for the results; each run gets a folder in it.", "--out", "-o"),
 }
 
