@@ -30,6 +30,7 @@ class MapTest:
         rate: the tolerance in words, if it is not given in metres and radians; otherwise words to add to it.
         quantities: number of p-values by which the test may call a good map bad; all of them share the rate of false alarms.
         of_run: whether the test needs the results of a run, so that an audit cannot make it.
+        is_mendable: whether mending the trajectory corrects the faults that the test finds.
         judge: judges the points of a map under its trajectory, with the settings of the audit. Only tests that a user adds
             have this function; it is None for the tests of this table, which share their measurements.
     """
@@ -41,6 +42,7 @@ class MapTest:
     rate: str = ""
     quantities: int = 0
     of_run: bool = False
+    is_mendable: bool = False
     judge: Callable[[Sweeps, AuditConfig], Sequence[Finding]] | None = None
 
     def describe_tolerance(self, settings: AuditConfig) -> str:
@@ -135,6 +137,7 @@ TESTS: Final = (
         "each window's two middle scans, searched for each other over all plausible speeds",
         "errors that windows can measure",
         rate="what a window can correct; 5 % of the places",
+        is_mendable=True,
     ),
     MapTest(
         "windows",
@@ -142,6 +145,7 @@ TESTS: Final = (
         "faults between windows, and drift",
         tolerate_window,
         rate=", in 5 % of the windows",
+        is_mendable=True,
     ),
     MapTest(
         "shaking",
@@ -150,6 +154,7 @@ TESTS: Final = (
         tolerate_window,
         rate=" in the median",
         quantities=1,
+        is_mendable=True,
     ),
     MapTest(
         "steps",
@@ -157,6 +162,7 @@ TESTS: Final = (
         "errors that grow slowly",
         tolerate_step,
         quantities=1,
+        is_mendable=True,
     ),
     MapTest(
         "spans",
@@ -165,6 +171,7 @@ TESTS: Final = (
         tolerate_span,
         rate=", twice that where a turn moves points",
         quantities=2,
+        is_mendable=True,
     ),
     MapTest(
         "sums",
@@ -172,6 +179,7 @@ TESTS: Final = (
         "drift over more than that",
         tolerate_sum,
         quantities=1,
+        is_mendable=True,
     ),
     MapTest(
         "pooled",
@@ -179,6 +187,7 @@ TESTS: Final = (
         "whether trajectory or ranges are wrong: what is scaled or mirrored with the ranges shows nowhere",
         rate="0.2 %, 0.11°, 0.05° per 100 m, 0.05 m, 0.01 s",
         quantities=6,
+        is_mendable=True,
     ),
     MapTest(
         "revisits",
@@ -186,6 +195,7 @@ TESTS: Final = (
         "drift where no place is passed twice",
         tolerate_revisit,
         quantities=1,
+        is_mendable=True,
     ),
 )
 """All tests, in such an order that a fault that one test finds may explain the faults that later tests find."""

@@ -71,8 +71,6 @@ _OWN: Options = {
     "mend": flag("Write the trajectory with the corrections put in as mended.tum, and judge it, too.", "--mend"),
 }
 
-# The tests that find faults which --mend can mend.
-_MENDABLE = ("speeds", "windows", "shaking", "steps", "spans", "sums", "pooled", "revisits")
 _LISTED = 3  # number of the worst torn windows, and of the worst torn revisits, that are printed
 
 
@@ -153,12 +151,15 @@ def _describe_final_psi(final: dict[str, float | None]) -> str:
 
 def _format_results(summary: dict[str, Any]) -> str:
     """Returns the main results as lines: the verdict, the final psi, the worst torn places, and mending."""
+    from mqslam.auditing.table import TESTS
+
     rows = [*format_verdict(summary), ("final psi", _describe_final_psi(summary["final_psi"]))]
     if summary["verdict"]["status"] != "pass":
         rows += _list_worst(summary)
     verdict, can_mend = summary["verdict"], summary["trajectory"] is not None and "mended" not in summary
     names_remedy = not {"give", "must"}.isdisjoint(verdict["diagnosis"].split())  # a better one than --mend
-    is_mendable = any(summary["tests"].get(name, {}).get("status") in ("warn", "fail") for name in _MENDABLE)
+    found_bad = {name for name, test in summary["tests"].items() if test["status"] in ("warn", "fail")}
+    is_mendable = not found_bad.isdisjoint(test.name for test in TESTS if test.is_mendable)
     if can_mend and is_mendable and not names_remedy:
         rows.append(("to mend it", "audit it with --mend, which writes the trajectory with the corrections put in"))
     if "mended" in summary:

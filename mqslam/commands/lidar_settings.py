@@ -48,9 +48,8 @@ def sort_changes(before: Config, after: Config) -> Changes:
     if unit_m is None:
         return Changes(changes, [], None)
     if find_unit(before, Config()) is None:
-        fitted = set_doppler_beta(
-            fit_settings(before, load_config(LIDAR_CONFIG), unit_m), 0.0
-        )  # a lidar's ranges do not shift
+        fitted = fit_settings(before, load_config(LIDAR_CONFIG), unit_m)
+        fitted = set_doppler_beta(fitted, 0.0)  # a lidar's ranges do not shift
     else:  # both are of lidars' runs
         fitted = scale_settings(before, unit_m)
     expected = {name: value for name, _, value in list_changes(before, fitted)}

@@ -193,13 +193,13 @@ def _judge_whole_map(run: Run) -> list[Finding]:
         return [Finding(VerdictStatus.NOT_JUDGED, reason)]
     findings = []
     for status, ratio in _compare_psi(run, run.map_odometry.psi_per_point, run.map_optimised.psi_per_point):
-        takes = f"a ratio above {_WORSE:g} would"
-        meaning = f"optimisation blurred the map, as a ratio above {_WORSE:g} shows"
+        bound = f"a ratio above {_WORSE:g}"
+        meaning = f"optimisation blurred the map, as {bound} shows"
         if run.refined.psi_across is not None:  # the returns of two passes are neighbours only once the passes meet
             status = VerdictStatus.PASS
             meaning = "it also counts the returns of other passes once the passes meet, so psi across passes decides instead"
         elif status is VerdictStatus.PASS:
-            meaning = f"optimisation did not blur the map ({takes} show that), but drift hardly shows in this number"
+            meaning = f"optimisation did not blur the map ({bound} would show that), but drift hardly shows in this number"
         findings.append(_blame_optimisation(status, f"psi per point {ratio}: {meaning}"))
     return findings
 
