@@ -86,6 +86,8 @@ class Jump:
 def judge_track(track: Track, times: NDArray[np.float64], revolution_s: float, settings: AuditConfig) -> list[Finding]:
     """Returns the findings about a trajectory itself: missing poses and jumps; an empty list if it has no such fault.
 
+    Poses before the first scan and after the last one are not judged: they move no point.
+
     Args:
         track: the trajectory.
         times: (S,) starts of the scans that the trajectory covers [s] since the recording's start.
@@ -107,7 +109,8 @@ def judge_track(track: Track, times: NDArray[np.float64], revolution_s: float, s
             reason = f"the trajectory has a gap {where}: {why}, and windows there are left undecided"
             explanation = f"poses are missing {where}"
             findings.append(Finding(VerdictStatus.WARN, reason, cause=Cause.NO_POSES, explanation=explanation))
-    jumps = find_jumps(track, span_s, settings)
+    first, last = float(times[0]), float(times[-1]) + revolution_s
+    jumps = [jump for jump in find_jumps(track, span_s, settings) if jump.t1 > first and jump.t0 < last]
     if jumps:
         named = [f"at {jump.t0:.1f} s {_describe_jump(jump)}" for jump in jumps]
         reason = f"the trajectory jumps {_join(named)}: no vehicle moves like that"
