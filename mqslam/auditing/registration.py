@@ -31,11 +31,11 @@ class Registration:
 
     Args:
         earlier, later: the sweeps in whose frames the two stretches are given.
-        between: (3,) pose of the later sweep in the frame of the earlier one by the trajectory.
+        between: (3,) pose of the later sweep in the frame of the earlier one, as the trajectory has it [m, m, rad].
         path_m: length of the path between the two sweeps [m].
-        offset: (3,) pose of the later stretch by psi relative to its pose by the trajectory, in the frame of the later sweep
-            [m, m, rad].
-        covariance: (3, 3) covariance of the offset from psi's curvature.
+        offset: (3,) correction of the later stretch that psi finds: the pose at which it fits best, relative to the pose
+            that the trajectory gives it, in the frame of the later sweep [m, m, rad].
+        covariance: (3, 3) covariance of `offset`, which the curvature of psi gives.
         centre, spread_m: mean (2,) of the points of the later stretch, in the frame of the later sweep, and root mean square
             of their distances from it [m].
         matched: share of the points of the later stretch that lie on the earlier one.
@@ -43,7 +43,7 @@ class Registration:
         observed: whether the two stretches constrain every direction.
         unrivalled: whether `observed` holds, the two stretches match well enough, and they fit nowhere else as well.
         doubt_m: largest error of the offset that interpolation between given poses can cause [m].
-        rivals: (R, 3) other offsets at which the stretches fit about as well; empty where rivals were not asked for.
+        rivals: (R, 3) other offsets [m, m, rad] at which the stretches fit about as well; empty if none were asked for.
         repeats: (L, 3) repeated measurements of the offset with other scans; `offset` is their median. May be empty.
     """
 

@@ -51,7 +51,7 @@ class Offsets:
 
     @property
     def inflations(self) -> NDArray[np.float64]:
-        """The squared sizes (N,) of the offsets in units of their covariances."""
+        """The squared Mahalanobis distances (N,) of the offsets from zero under their covariances."""
         return se2.normalise(self.offsets, self.covariances)
 
     def take(self, chosen: NDArray[np.bool_]) -> Offsets:

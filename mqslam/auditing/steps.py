@@ -1,7 +1,8 @@
-"""Steps: the scans just after a place are registered on the scans just before it, everywhere along the path.
+"""Finds jumps of the trajectory between two successive scans, which are called steps.
 
-A jump of the trajectory within one step leaves the map whole on either side of the jump, so no twist over a window can undo
-it. But the two sides are as far off each other as the trajectory jumps.
+Everywhere along the path, the scans just after a step are registered on the scans just before it. A jump leaves the map
+crisp before and after it, so that a window's twist does not show it. The registration shows
+it, because its offset equals the jump.
 """
 
 from __future__ import annotations

@@ -119,9 +119,10 @@ def judge_track(track: Track, times: NDArray[np.float64], revolution_s: float, s
 
 
 def mark_interpolated(track: Track, times: NDArray[np.float64], revolution_s: float) -> NDArray[np.bool_]:
-    """Marks the scans (S,) in gaps: between two poses farther apart than a window is long, and close to neither pose.
+    """Returns a mask (S,) of the scans that lie in gaps of the trajectory.
 
-    A gap of the recording itself contains no scan, so no scan is marked there.
+    A scan lies in a gap if the poses before and after it are more than one window apart in time, and both are more than half
+    a revolution from the start of the scan. A gap of the recording itself contains no scan, so no scan is marked there.
 
     Args:
         track: the trajectory.

@@ -161,7 +161,7 @@ def state_topics(config: ConfigSource, topics: Sequence[str] | None) -> Config:
         if not equals:
             of, topic = "radar", text
         if of not in _TOPICS:
-            raise ConfigError(f"--topic {text}: mqslam reads no topic '{of}'; {suggest(of, _TOPICS)}")
+            raise ConfigError(f"--topic {text}: '{of}' before '=' is no topic that mqslam reads; {suggest(of, _TOPICS)}")
         if not topic or _TOPICS[of] in named:
             problem = "names the topic twice" if topic else "names no topic"
             raise ConfigError(f"--topic {text}: {problem}; give each as {of}=TOPIC, once")

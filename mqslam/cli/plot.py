@@ -17,9 +17,10 @@ _OWN: Options = {
 
 @command("result out force quiet verbose", _OWN)
 def plot(terminal: Terminal, *, result: Path, out: Path | None, force: bool) -> None:
-    """Draw a result as one figure for print: its map with the density of its points, path, error and covariance.
+    """Draw a result as one figure for print.
 
-    The error is drawn where the result holds ground truth.
+    The figure shows the path on the map, which is shaded by the density of its points. For a single trajectory it also shows
+    the covariance, and the error if the result holds ground truth.
 
     Example: mqslam plot result --out map.pdf
     """

@@ -1,4 +1,4 @@
-"""`mqslam score`: shows psi of a window of a recording under a motion, and its parts."""
+"""`mqslam score`: scores a window of a recording under a given motion, and shows psi and the parts of psi."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ S = TypeVar("S")
 T = TypeVar("T")
 R = TypeVar("R")
 
-DIED = "its process died: memory ran out, a library crashed, or the program that started it has no __main__ guard"
+DIED = "its process died; perhaps memory ran out, a library crashed, or the program that started it has no __main__ guard"
 _LARGE = 1_000_000  # bytes; a smaller array is copied with the object that holds it
 _PIECE = 1 << 24  # bytes of a mapped array that are in memory at a time while it is copied
 _WORTH_PROCESSES = 5  # for fewer items, starting processes takes longer than it saves
@@ -74,7 +74,10 @@ class LocalEngine:
         items: Sequence[T],
         done: Callable[[int, R], None] = ignore_result,
     ) -> list[R]:
-        """Calls the function as `Engine.map` does; if no worker runs yet, this process does up to four items itself."""
+        """Calls the function as `Engine.map` does.
+
+        This process does all items itself if `jobs` is 1, or if there are at most four items and no worker runs yet.
+        """
         if self._jobs == 1 or (self._workers is None and len(items) < _WORTH_PROCESSES):
             return _collect((function(shared, item) for item in items), done)
         with self._close_on_error():
@@ -109,7 +112,7 @@ class LocalEngine:
         except BaseException as error:
             self.close()
             if isinstance(error, BrokenProcessPool):
-                raise WorkerError(f"a worker is lost: {DIED}", "fewer jobs take less memory") from error
+                raise WorkerError(f"a worker is lost, because {DIED}", "fewer jobs take less memory") from error
             raise
 
     def map_apart(

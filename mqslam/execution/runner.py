@@ -36,13 +36,14 @@ class Runner:
 
     Args:
         engine: calls the functions of the stages; no result depends on the choice of the engine.
-        progress: called with a stage, the number of steps done and their total, as stages go on.
+        progress: called with the stage, the number of its steps that are done, and the number of all its steps.
         checkpoint: keeps and finds the results of stages; None keeps nothing.
-        watch: called with every scan once its motion is measured, with its pose and its points in the first scan's frame.
+        watch: called for every scan as soon as its motion is measured, with the scan, its pose (3,) [m, m, rad] and its
+            points (N, 2) [m], both in the first scan's frame.
 
     Attributes:
         runtime_s: seconds that each stage has taken so far.
-        warnings: what could not be done so far, and why.
+        warnings: what has failed so far, and why.
         crashes: error messages of results that could not be made, by the name of the result.
     """
 

@@ -37,7 +37,7 @@ def find_target(out: Path, name: str | None = None, message: Message = "image") 
         name = next((target.name for target in targets if target.suffix == out.suffix), None) if out.suffix else _FOLDER
         if name is None:
             remedy = f"end it in .bag, .mcap or .npz, or {Remedy.NAME_TARGET}"
-            raise ConfigError(f"{out}: '{out.suffix}' is the suffix of no layout; {remedy}")
+            raise ConfigError(f"{out}: no layout has the suffix '{out.suffix}'; {remedy}")
     ways = {target.message: target for target in targets if target.name == name}
     if not ways:
         names = list(dict.fromkeys(target.name for target in targets))

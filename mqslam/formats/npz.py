@@ -37,7 +37,9 @@ def open_npz(path: Path, remedy: str) -> Iterator[zipfile.ZipFile]:
     with archive:
         unpacked = sum(member.file_size for member in archive.infolist())
         if unpacked > untrusted.bound_unpacked(path.stat().st_size):
-            raise DataError(path, f"would unpack to {unpacked / 1e6:.0f} MB, too much for its size", remedy)
+            packed = path.stat().st_size
+            problem = f"would unpack to {unpacked / 1e6:.0f} MB, far too much for an archive of {packed / 1e6:.2g} MB"
+            raise DataError(path, problem, remedy)
         yield archive
 
 

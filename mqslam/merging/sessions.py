@@ -99,7 +99,7 @@ def make_session(folder: Path, kept: KeyframeMap, stamps_us: Sequence[NDArray[np
         problem = f"holds {len(graph.keys)} poses, which do not fit the {count} scans of the trajectories"
         raise DataError(folder / "graph.g2o", problem, _REMEDY)
     if not (keyframes.scans < count).all():
-        raise DataError(folder / "keyframes", "names scans that graph.g2o does not hold", _REMEDY)
+        raise DataError(folder / "keyframes", "refers to scans that the trajectories of this result do not have", _REMEDY)
     try:
         vertices = np.array([pose_of(graph.values, int(key)) for key in keyframes.scans])
     except RuntimeError as error:

@@ -304,10 +304,11 @@ def choose_move(
 def _extrapolate(
     move: NDArray[np.float64], changed: NDArray[np.float64], went: NDArray[np.float64], tolerances: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Extends a step to where the following steps would lead if each were the same share of the step before it.
+    """Returns the step (Q,) to the limit of the following steps, if each step is a constant multiple of the step before it.
 
-    The terms that keep Newton's steps safe make them too short, by a share that hardly changes from step to step. This is
-    Anderson's mixing of two steps (J. ACM 12, 1965), which needs no further evaluation of the score.
+    The step becomes longer if successive steps have the same sign, and shorter if their signs alternate. The terms that keep
+    Newton's steps safe make them too short, by a share that hardly changes from step to step. This is Anderson's
+    mixing of two steps (J. ACM 12, 1965), which needs no further evaluation of the score.
 
     Args:
         move: (Q,) Newton's step.

@@ -124,7 +124,7 @@ def _names(columns: Columns) -> list[str]:
 
 
 def _list_rows(items: Sequence[Any], columns: Columns, sweeps: Sweeps) -> list[dict[str, Any]]:
-    """Returns a row per item: its cells by the names of their columns."""
+    """Returns one row per item; a row maps the name of each column to its value."""
     names = _names(columns)
     rows = []
     for item in items:

@@ -21,7 +21,7 @@ from mqslam.execution.guards.memory import find_peak_mb
 from mqslam.formats.covariances import StampedCovariances, write_covariances
 from mqslam.formats.maps.georeferenced import write_geojson
 from mqslam.formats.tum import write_tum
-from mqslam.localisation.localise import Localised
+from mqslam.localisation.localise import FEWEST_PAIRS, Localised
 from mqslam.localisation.registering import PlaceStatus
 from mqslam.results.files import format_csv, format_log, list_notes, list_stages, write_truth
 from mqslam.version import __version__
@@ -103,8 +103,9 @@ def _list_warnings(localised: Localised) -> list[str]:
         )
     if not localised.is_scale_measured:
         warnings.append(
-            f"the recording is too short to show how sure the poses are ({count_of(localised.samples, 'comparison')}); "
-            "their covariances are scaled by the setting localisation.usual_scale"
+            "the recording is too short to measure how accurate its poses are: "
+            f"{count_of(localised.samples, 'pair')} of scans could be compared, and it takes {FEWEST_PAIRS}; "
+            "the covariances of the poses are therefore scaled by a usual factor"
         )
     return warnings
 

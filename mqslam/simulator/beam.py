@@ -211,7 +211,10 @@ def _clip(t0: float, t1: float, at_start: float, at_end: float) -> Pair:
 def _cast_pole(
     middle: Pair, radius: float, reflectivity: float, velocity: Pair, pole_echo: float, pattern: Pattern, hits: Hits
 ) -> None:
-    """Adds a pole of a radius [m] to the hits of the cell in which its centre lies."""
+    """Adds the echo of a pole with a given radius [m] to the hits of the cell of the beam in which its centre lies.
+
+    A pole outside the beam, or nearer than `NEAREST`, adds nothing.
+    """
     u, w = middle
     if u < NEAREST:
         return

@@ -128,7 +128,7 @@ def test_the_errors_against_the_truth_are_those_that_evo_computes(localised: Pat
 
 def test_a_topic_that_is_of_nothing_is_refused(street: Path, mapped: Path, tmp_path: Path) -> None:
     result = mqslam("localise", street, "--map", mapped, "--out", tmp_path / "out", "--topic", "lidar=/front")
-    assert result.code == 2 and "--topic lidar=/front: mqslam reads no topic 'lidar'" in result.err
+    assert result.code == 2 and "--topic lidar=/front: 'lidar' before '=' is no topic that mqslam reads" in result.err
 
 
 def test_topics_of_the_maps_own_bag_are_not_asked_of_another_recording(street: Path, mapped: Path, tmp_path: Path) -> None:

@@ -70,7 +70,7 @@ def test_a_disk_without_room_is_an_error_that_leaves_no_file(tmp_path: Path, mon
 
 def test_a_lost_worker_is_an_error_that_says_so_and_others_take_its_place() -> None:
     engine = LocalEngine(2)
-    with pytest.raises(WorkerError, match="its process died: memory ran out"):
+    with pytest.raises(WorkerError, match="its process died; perhaps memory ran out"):
         engine.map(fatal, [1], [-1] * 5)
     assert engine.map(slow_sum, [1, 2], range(5)) == [3, 4, 5, 6, 7]
     with pytest.raises(OSError, match="No space left"):

@@ -129,7 +129,9 @@ def test_a_worker_process_of_this_machine_that_dies(drive: Path, tmp_path: Path,
         left = at(patch, "windows", kill_workers)
         shown = run_quickly(drive, tmp_path / "out", "--jobs", "2")
     assert left and left[0] > 0
-    assert_refused(shown, "a worker is lost: its process died", "fewer jobs take less memory; continue with --resume")
+    assert_refused(
+        shown, "a worker is lost, because its process died", "fewer jobs take less memory; continue with --resume"
+    )
     assert {path.name for path in (tmp_path / "out").iterdir()} == {FOLDER}
     assert run_quickly(drive, tmp_path / "out", "--resume").code == 0
     for name in ("trajectory.tum", "map.ply"):

@@ -87,7 +87,7 @@ def test_a_single_pose_is_no_trajectory_and_left_behind(tmp_path: Path, layout: 
 
 @pytest.mark.parametrize("layout", BAGS)
 def test_a_bag_of_rows_begins_with_half_a_turn_at_least(tmp_path: Path, layout: str) -> None:
-    with pytest.raises(DataError, match="drive: its first polar scan is under half a turn"):
+    with pytest.raises(DataError, match="drive: the first polar scan covers less than half a turn"):
         convert(changed(azimuths=lambda r: r.azimuths * 0.4), tmp_path, layout)
     assert list(tmp_path.iterdir()) == []
 

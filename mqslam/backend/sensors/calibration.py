@@ -170,7 +170,7 @@ class Calibration:
 
 
 def make_design(motions: Sequence[Measurement], span: int, mount: se2.Array = AT_ORIGIN) -> Design:
-    """Returns the derivatives of odometry's motions by the parameters.
+    """Returns the derivatives of odometry's motions with respect to the parameters.
 
     Args:
         motions: two or more successive motions of the radar by odometry.
@@ -190,11 +190,11 @@ def make_design(motions: Sequence[Measurement], span: int, mount: se2.Array = AT
 def spread_bias(
     by_common: NDArray[np.float64], by_bias: NDArray[np.float64], span: int, knots_s: NDArray[np.float64]
 ) -> Design:
-    """Returns the design for common parameters of all motions and for a bias that is interpolated between knots.
+    """Returns the design matrix of parameters that all motions share and of a bias that is interpolated between knots.
 
     Args:
-        by_common: (N, 3, C) derivatives of the motions by the common parameters.
-        by_bias: (N, 3) derivatives of the motions by the bias.
+        by_common: (N, 3, C) derivatives of the motions [m, m, rad] with respect to the shared parameters.
+        by_bias: (N, 3) derivatives of the motions [m, m, rad] with respect to the bias [rad/s].
         span: number of motions from a knot to the next one.
         knots_s: (K - 1,) time from each knot to the next one [s].
     """

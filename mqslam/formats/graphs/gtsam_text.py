@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 _BEGIN: Final = b"22 serialization::archive "  # by definition of boost's text archives
 _BYTES: Final = 4 << 30  # limit against hostile files: memory of the process that reads one
-_REMEDY: Final = "give what serialize() of gtsam.NonlinearFactorGraph and of gtsam.Values returned, written by this GTSAM"
+_REMEDY: Final = (
+    "give files with the texts that serialize() of gtsam.NonlinearFactorGraph and of gtsam.Values return in this version of "
+    "GTSAM"
+)
 
 
 def recognises(path: Path) -> bool:

@@ -1,13 +1,13 @@
 """Writes and reads the keyframes of a map as a folder, so that the map can be used without the recordings.
 
-    index.json       format, version, sizes, recordings, and the settings that places are described with
+    index.json       format, version, sizes, recordings, and the settings with which places were described
     keyframes.npy    (K,) one record per keyframe
     points.npy       (M,) one record per return; the returns of a keyframe follow each other
-    places.npy       (P,) number of the keyframe at each place
+    places.npy       (P,) index of the keyframe at each place
     descriptors.npy  (P, R, S) descriptor of each place, by rings and sectors
 
-The .npy files are in NumPy's own format, so that any program that reads this format can read a map. Points are read only
-when they are needed.
+The .npy files are in NumPy's own format, so that any program that reads this format can read a map. Points and descriptors
+are checked once when a map is opened, and then loaded from the disk as they are needed.
 """
 
 from __future__ import annotations

@@ -151,7 +151,10 @@ def _find_fixes(root: Path) -> Path | None:
 
 
 def _read_mount(calibration: Path) -> Mount | None:
-    """Reads the pose of the radar in the Applanix frame, or returns None where the calibrations do not state it."""
+    """Reads the planar pose of the radar on the vehicle, converted from the Applanix frame to REP 103.
+
+    Returns None if the calibration files do not state it.
+    """
     direct = calibration / "T_applanix_radar.txt"
     to_lidar, from_lidar = calibration / "T_applanix_lidar.txt", calibration / "T_radar_lidar.txt"
     if direct.exists():

@@ -128,7 +128,10 @@ def _find_range_offset(root: Path) -> float:
 
 
 def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]:
-    """Returns the length of a range bin [m], `given` if the user states one, and a note if the length is assumed."""
+    """Returns the length of a range bin [m], and a list that holds a note for the user if the length is assumed.
+
+    If the user states a length (`given`), that length is returned.
+    """
     if given is not None:
         return given, []
     for file in _list_descriptions(root):

@@ -506,7 +506,10 @@ def make_image(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) ->
     """
     rows = make_rows(recording, k, polar_scan)
     if k == 0 and not has_metadata(rows):
-        problem = "its first polar scan is under half a turn, so that readers would not find times and angles in its rows"
+        problem = (
+            "the first polar scan covers less than half a turn, so that programs that read images would not recognise the "
+            "times and angles in its rows"
+        )
         raise DataError(recording.path, problem, "write b_scan messages, or convert it to oxford or .npz")
     return _make_mono8(bag, int(azimuth_stamps(recording, polar_scan)[0]), rows)
 

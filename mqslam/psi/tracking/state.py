@@ -330,17 +330,17 @@ def _forget_acceleration(belief: Belief, variances: NDArray[np.float64]) -> Beli
 def smooth_last(values: NDArray[np.float64], change: float) -> float:
     """Estimates a changing value at the time of the last of several noisy measurements.
 
-    The value is modelled as a random walk that is measured with noise. The ratio of the two variances is not known, so
-    Kalman filters for several ratios are averaged. Each is weighted by the likelihood of the measurements under it, and
-    by the likelihood of the steps that the walk then has. If there is nothing but noise, the result is the mean; without
-    noise it is the last measurement.
+    The value is modelled as a random walk that is measured with noise. The ratio of the walk's variance to the noise's
+    variance is not known, so Kalman filters for several ratios are averaged. Each filter is weighted by the likelihood of
+    the measurements under its ratio, and by how plausible the typical step of its walk is, given `change`. If there is
+    nothing but noise, the result is the mean; without noise it is the last measurement.
 
     Source: the local level model of Harvey, "Forecasting, Structural Time Series Models and the Kalman Filter" (1989).
 
     Args:
-        values: (N,) one or more, in the order of time.
-        change: expected size of a step of the walk. Only this can show that a few measurements that are far apart are
-            noise.
+        values: (N,) one or more measurements in the order of time, in any unit; the result has the same unit.
+        change: expected size of a step of the walk, in the unit of the values. Among few measurements, only this
+            distinguishes noise from a real change.
     """
     levels, variances = np.full(len(_WALKS), values[0]), np.ones(len(_WALKS))  # in units of the noise's variance
     squares, logs = np.full(len(_WALKS), np.finfo(float).tiny), np.zeros(len(_WALKS))
@@ -415,7 +415,10 @@ def _follow_directions(weak: NDArray[np.float64], yaw: float) -> NDArray[np.floa
 
 
 def list_motion_noise(settings: TrackerConfig) -> NDArray[np.float64]:
-    """Returns the standard deviations (5,) by which twist and accelerations change per noise period."""
+    """Returns the standard deviations (5,) of the changes of twist and accelerations within one noise period.
+
+    They are those of vx, vy [m/s], yaw rate [rad/s], forward acceleration [m/s^2] and yaw acceleration [rad/s^2].
+    """
     return np.array([_SIGMA_VX, SIGMA_VY, settings.sigma_omega, SIGMA_AX, settings.sigma_alpha])
 
 

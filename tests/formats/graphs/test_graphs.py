@@ -175,7 +175,10 @@ def test_a_variable_without_a_value_is_named(files: tuple[Path, Path]) -> None:
 def test_a_file_of_another_kind_is_refused(files: tuple[Path, Path]) -> None:
     (other := files[0].with_name("other.txt")).write_text("VERTEX_SE2 0 0 0 0\n")
     assert recognises(files[0]) and not recognises(other) and not recognises(other.with_name("none"))
-    with pytest.raises(DataError, match=r"other\.txt: is not a gtsam\.Values in GTSAM's text form; give what serialize\(\)"):
+    with pytest.raises(
+        DataError,
+        match=r"other\.txt: is not a gtsam\.Values in GTSAM's text form; give files with the texts that serialize\(\)",
+    ):
         read_gtsam(files[0], other)
     with pytest.raises(DataError, match=r"values\.txt: is not a readable gtsam\.NonlinearFactorGraph"):
         read_gtsam(files[1], files[0])

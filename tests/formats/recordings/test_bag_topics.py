@@ -105,7 +105,7 @@ def test_the_command_line_names_topics(bag: Path, oxford: Path, tmp_path: Path) 
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (["lidar=/scan"], "--topic lidar=/scan: mqslam reads no topic 'lidar'"),
+        (["lidar=/scan"], "--topic lidar=/scan: 'lidar' before '=' is no topic that mqslam reads"),
         (["odometry="], "--topic odometry=: names no topic; give each as odometry=TOPIC, once"),
         (["/rear", "radar=/front"], "--topic radar=/front: names the topic twice; give each as radar=TOPIC, once"),
     ],
