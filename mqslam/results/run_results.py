@@ -41,7 +41,7 @@ from mqslam.mapping.occupancy_grid import make_occupancy_grid, mark_free
 from mqslam.psi.ranging import RangeErrors
 from mqslam.results.audit_results import list_unjudged, share_to_numbers, summarise_audit, summarise_tests
 from mqslam.results.files import TRUTH, format_csv, format_log, list_notes, list_stages, list_verdict, write_truth
-from mqslam.results.run_verdict import judge_run, list_unknown_scale
+from mqslam.results.run_verdict import judge_run, list_unknowns
 from mqslam.solution import Run, Solution
 from mqslam.version import __version__
 
@@ -95,7 +95,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         **(summarise_audit(run.checked) if run.checked else {}),
         **summarise_tests(tests, run.config.verdict),
         "verdict": verdict._asdict(),
-        "not_judged": [*(list_unjudged(run.checked) if run.checked else []), *list_unknown_scale(run, recording)],
+        "not_judged": [*(list_unjudged(run.checked) if run.checked else []), *list_unknowns(run, recording)],
         "last_pose": _describe_last_pose(run),
         "factors": {
             "odometry": run.odometry_factors,

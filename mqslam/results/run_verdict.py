@@ -266,17 +266,20 @@ def _shows_scale(fixes: FixUse | None) -> bool:
     return fixes is not None and (fixes.edges is not None or fixes.stretch is not None)
 
 
-def list_unknown_scale(run: Run, recording: Recording) -> list[str]:
-    """Returns a line that the map's scale is unchecked, if neither odometry nor GNSS shows it; otherwise an empty list.
+def list_unknowns(run: Run, recording: Recording) -> list[str]:
+    """Returns lines on what psi cannot show of the sensor, if neither odometry nor GNSS shows it; otherwise an empty list.
 
-    Psi cannot check the scale, since it does not depend on the scale.
+    Psi depends neither on the map's scale, nor on an offset of all azimuths, nor on a delay of all stamps.
     """
     if measure_ratio(run) is not None or _shows_scale(run.sensors.fixes):
         return []
     known = "assumed" if recording.is_resolution_assumed else "stated"
     length = f"range bins of {recording.range_resolution:.4g} m, a value that is {known}"
     length = length if recording.range_resolution else "the ranges that the lidar measures"
-    return [f"the scale of the map rests on {length}: neither odometry nor GNSS shows enough to check it"]
+    return [
+        f"the scale of the map rests on {length}: neither odometry nor GNSS shows enough to check it",
+        "an offset of all azimuths and a delay of all stamps would leave the map unchanged: only another sensor shows them",
+    ]
 
 
 def measure_ratio(run: Run) -> float | None:

@@ -23,7 +23,7 @@ from mqslam.results.run_verdict import (
     _warn_of_stretches,
     find_stops,
     judge_run,
-    list_unknown_scale,
+    list_unknowns,
     list_warnings,
     measure_ratio,
 )
@@ -213,7 +213,7 @@ def test_fixes_that_lie_farther_apart_than_the_trajectory_has_them_do_not_pass(s
     status, _, reasons = verdict_of(judge_run(run(240, sensors=SensorUse(fixes=fixes))))
     said = [reason for reason in reasons if "GNSS fixes lie" in reason]
     assert (status, len(said)) == ((WARN, 1) if stretch in (0.8, 1.3) else (PASS, 0))
-    unknown = list_unknown_scale(run(240, odometry_factors=0, sensors=SensorUse(fixes=fixes)), ASSUMED)
+    unknown = list_unknowns(run(240, odometry_factors=0, sensors=SensorUse(fixes=fixes)), ASSUMED)
     assert bool(unknown) is (stretch is None)  # fixes that are refused for another reason show nothing
 
 
@@ -252,9 +252,10 @@ def test_two_sensors_that_turn_the_other_way_than_the_radar_show_that_it_is_mirr
 def test_on_what_the_scale_rests_is_said_where_nothing_is_held_against_it() -> None:
     stated = SimpleNamespace(is_resolution_assumed=False, range_resolution=0.0438)
     alone, beside = run(240, odometry_factors=0), run(240)
-    assert "range bins of 0.0438 m, a value that is assumed: neither" in list_unknown_scale(alone, ASSUMED)[0]
-    assert "range bins of 0.0438 m, a value that is stated: neither" in list_unknown_scale(alone, stated)[0]
-    assert list_unknown_scale(beside, stated) == list_unknown_scale(beside, ASSUMED) == []
+    assert "range bins of 0.0438 m, a value that is assumed: neither" in list_unknowns(alone, ASSUMED)[0]
+    assert "range bins of 0.0438 m, a value that is stated: neither" in list_unknowns(alone, stated)[0]
+    assert "an offset of all azimuths and a delay of all stamps" in list_unknowns(alone, stated)[1]
+    assert list_unknowns(beside, stated) == list_unknowns(beside, ASSUMED) == []
 
 
 def test_odometry_that_stands_or_is_short_shows_no_scale() -> None:
