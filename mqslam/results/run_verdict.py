@@ -273,11 +273,13 @@ def list_unknowns(run: Run, recording: Recording) -> list[str]:
     """
     if measure_ratio(run) is not None or _shows_scale(run.sensors.fixes):
         return []
+    unchecked = "neither odometry nor GNSS shows enough to check it"
+    if not recording.range_resolution:
+        return [f"the scale of the map rests on the ranges that the lidar measures: {unchecked}"]
     known = "assumed" if recording.is_resolution_assumed else "stated"
     length = f"range bins of {recording.range_resolution:.4g} m, a value that is {known}"
-    length = length if recording.range_resolution else "the ranges that the lidar measures"
     return [
-        f"the scale of the map rests on {length}: neither odometry nor GNSS shows enough to check it",
+        f"the scale of the map rests on {length}: {unchecked}",
         "an offset of all azimuths and a delay of all stamps would leave the map unchanged: only another sensor shows them",
     ]
 
