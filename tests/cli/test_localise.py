@@ -86,7 +86,7 @@ def test_the_summary_says_what_was_found(street: Path, mapped: Path, localised: 
     assert sum(summary["scans"].values()) == summary["dataset"]["scans"]
     assert summary["share_on_map"] == summary["scans"]["converged"] / summary["dataset"]["scans"]
     assert summary["frontend"] == "odometry" and summary["rows_recognised"] >= 1
-    assert any("too short to show how sure" in warning for warning in summary["warnings"])
+    assert any("too short to measure how accurate" in warning for warning in summary["warnings"])
     assert str(street) in (localised / "run.log").read_text()
 
 
