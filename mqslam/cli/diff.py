@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 from pathlib import Path
 from typing import Any
 
-from mqslam.cli.options import Options, argument, command
+import typer
+
+from mqslam.cli.options import OF_WORK, Options, argument, command
 from mqslam.cli.terminal import Terminal, echo, format_rows
 
 _OWN: Options = {
@@ -23,28 +26,57 @@ _CASES = {"as_they_are": "as they are", "aligned": "aligned"}
 
 @command("first second as_json quiet verbose", _OWN)
 def diff(terminal: Terminal, *, first: Path, second: Path) -> None:
-    """Show in what two results differ: settings, figures, and the distances between their trajectories.
+    """Show in what two results differ: options, settings, figures, and the distances between their trajectories.
 
     Trajectories are compared as they are, both in the frame of their first pose, and after the best rigid alignment.
+    psi is compared only if both maps are of the same returns.
 
     Example: mqslam diff earlier result
     """
     from mqslam.commands.diff import diff_results
 
-    differences = diff_results(first, second)
+    differences = diff_results(first, second, _read_options)
     terminal.print_results(differences, lambda: echo(_format(differences)))
+
+
+def _read_options(folder: Path) -> dict[str, Any] | None:
+    """Reads the options of the command that has written a result from its run.log, by their names.
+
+    Settings, which a result holds itself, and options that change no result are left out. Returns None if the folder has
+    no run.log or the result was not made by the command line.
+    """
+    from mqslam.cli import app
+    from mqslam.results.files import read_origin
+
+    commands = typer.main.get_group(app).commands
+    try:
+        words = shlex.split(dict(read_origin(folder)).get("command", ""))
+    except ValueError:  # the line is cut or was edited
+        return None
+    if len(words) < 2 or words[1] not in commands:
+        return None
+    command = commands[words[1]]
+    context = type(command).context_class(command, ignore_unknown_options=True, resilient_parsing=True)
+    given = command.make_parser(context).parse_args(words[2:])[0]
+    names = {p.name: max(p.opts, key=len).lstrip("-").replace("-", "_") for p in command.params if p.name not in OF_WORK}
+    return {name: given[key] for key, name in names.items() if given.get(key) is not None}
 
 
 def _format(differences: dict[str, Any]) -> str:
     """Returns the differences as lines, under a heading for each kind."""
     shown = {name: both for name, both in differences["figures"].items() if name.partition(".")[0] in _SHOWN}
-    parts = []
-    for kind, values in (("settings", differences["settings"]), ("figures", shown)):
+    options = differences["options"]
+    given = {name: ["not given" if value is None else value for value in both] for name, both in (options or {}).items()}
+    parts = ["options: not known, because run.log of a result holds no command of mqslam"] if options is None else []
+    kinds = {} if options is None else {"options": given}
+    for kind, values in {**kinds, "settings": differences["settings"], "figures": shown}.items():
         rows = [(name, " -> ".join(_format_value(value) for value in both)) for name, both in values.items()]
         width = max((len(name) for name, _ in rows), default=0) + 2
         parts.append(format_rows([(kind, ""), *rows], width) if rows else f"{kind}: the same")
     if len(shown) < len(differences["figures"]):
         parts.append(f"and {len(differences['figures']) - len(shown)} more figures, which --json lists")
+    if differences["psi_not_compared"] is not None:
+        parts.append(f"psi: not compared, because {differences['psi_not_compared']}; psi compares maps of the same returns")
     apart = differences["trajectories"]
     if apart is None:
         return "\n".join([*parts, "trajectories: cannot be compared"])

@@ -30,6 +30,8 @@ _PANELS: Final = {
     "Work and output": "jobs cluster resume force as_json quiet verbose",
 }
 """Headings in the help, under which options that several commands have are listed."""
+OF_WORK: Final = frozenset(f"{_PANELS['Settings']} {_PANELS['Work and output']} out plan".split())
+"""Names of the options that say nothing about a result besides its settings."""
 _TOPICS: Final = {"radar": "radar_topic", "odometry": "odometry_topic", "truth": "truth_topic"}
 
 

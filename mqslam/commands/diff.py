@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,17 +18,29 @@ from mqslam.formats.tum import read_tum
 
 _PASSING: Final = frozenset({"run_key", "runtime_s", "peak_rss_mb"})  # entries that differ whenever a command is repeated
 _REMEDY: Final = "give the folders of two results of one command"
+_OF_RETURNS: Final = ("reading", "sensor", "detector", "estimator", "audit")  # settings that choose the returns or the score
+_NOT_OF_RETURNS: Final = frozenset({"sensor.doppler_beta", "sensor.odometry_topic", "sensor.truth_topic"})
+_LENGTH_OF_BINS: Final = "range_resolution"  # the only option that changes the returns and is no setting
+_SIZES: Final = ("format", "revolutions", "sweeps", "scans", "points", "duration_s")  # entries of `dataset`
+_PSI: Final = frozenset({"psi", "psi_per_point", "psi_per_point_best"})  # entries of a summary in which psi stands
+
+Given = Mapping[str, Any]
 
 
-def diff_results(first: Path | str, second: Path | str) -> dict[str, Any]:
+def diff_results(
+    first: Path | str, second: Path | str, read_options: Callable[[Path], Given | None] = lambda folder: None
+) -> dict[str, Any]:
     """Compares two results of the same kind.
 
     Args:
         first: folder of a result.
         second: folder of another result.
+        read_options: returns the options by which a result was made, by their names; None where they are not known.
 
     Returns:
-        `settings` and `figures` hold the names whose values differ, each with both values as [first, second].
+        `options`, `settings` and `figures` hold the names whose values differ, each with both values as [first, second].
+        An option that was not given is None. `options` is None where those of a result are not known. `psi_not_compared`
+        says why `figures` leaves psi out, if the maps are of different returns; else it is None.
         `trajectories` holds the largest distance [m] and the largest rotation [rad] between the two trajectories, and when
         each occurs [s since the first pose]: without alignment (`as_they_are`) and after the best rigid alignment
         (`aligned`). It is None if a result has no trajectory.tum, or if the trajectories share fewer than 3 stamps.
@@ -40,24 +52,70 @@ def diff_results(first: Path | str, second: Path | str) -> dict[str, Any]:
     kinds = [type(result).__name__ for result in results]
     if kinds[0] != kinds[1]:
         raise DataError(Path(second), f"is the result of another command than {first} ({kinds[1]}, not {kinds[0]})", _REMEDY)
-    a, b = (dict(_list_figures(result.summary)) for result in results)
+    given = [read_options(result.folder) for result in results]
+    options = None if given[0] is None or given[1] is None else _list_changes(given[0], given[1])
+    settings = _list_settings(*results)
+    obstacle = _find_other_returns(results, settings, options or {})
+    figures = _list_changes(*(dict(_list_figures(result.summary)) for result in results))
+    if obstacle is not None:
+        figures = {name: both for name, both in figures.items() if not _is_psi(name)}
+    trajectories = _compare_trajectories(*results)
     return {
-        "settings": {name: [before, after] for name, before, after in _list_settings(*results)},
-        "figures": {name: [a.get(name), b.get(name)] for name in {**a, **b} if a.get(name) != b.get(name)},
-        "trajectories": _compare_trajectories(*results),
+        "options": options,
+        "settings": settings,
+        "figures": figures,
+        "psi_not_compared": obstacle,
+        "trajectories": trajectories,
     }
 
 
-def _list_settings(first: Result, second: Result) -> list[tuple[str, Any, Any]]:
-    """Returns the settings that differ as (name, first value, second value); the results may be of different versions.
+def _list_changes(first: Given, second: Given) -> dict[str, list[Any]]:
+    """Returns the names whose values differ, each with both values; a value that one of the two lacks is None."""
+    return {name: [first.get(name), second.get(name)] for name in {**first, **second} if first.get(name) != second.get(name)}
 
-    The list is empty if a result has no settings of its own, as the result of a batch has none.
+
+def _list_settings(first: Result, second: Result) -> dict[str, list[Any]]:
+    """Returns the settings that differ, each with both values; the results may be of different versions.
+
+    There are none if a result has no settings of its own, as the result of a batch has none.
     """
     files = [result.folder / "config.yaml" for result in (first, second)]
     if not all(file.is_file() for file in files):
-        return []
-    a, b = (dict(_flatten(read_tree(file))) for file in files)
-    return [(name, a.get(name), b.get(name)) for name in {**a, **b} if a.get(name) != b.get(name)]
+        return {}
+    return _list_changes(*(dict(_flatten(read_tree(file))) for file in files))
+
+
+def _find_other_returns(results: Sequence[Result], settings: Given, options: Given) -> str | None:
+    """Says why the psi of two results does not compare: their maps hold other returns, or are scored differently.
+
+    Args:
+        results: both results.
+        settings: the settings that differ, by their names.
+        options: the options that differ, by their names.
+
+    Returns:
+        The reason, or None if psi compares.
+    """
+    chosen = [name for name in settings if name.partition(".")[0] in _OF_RETURNS and name not in _NOT_OF_RETURNS]
+    chosen += [name for name in options if name == _LENGTH_OF_BINS]
+    if chosen:
+        return f"the maps are made or scored by different settings ({', '.join(chosen)})"
+    a, b = (_describe_scans(result) for result in results)
+    return None if a == b else "the maps are of different scans"
+
+
+def _describe_scans(result: Result) -> list[Any]:
+    """Returns what tells the scans of a result from other scans: sizes, and the stamps of a trajectory of its own."""
+    dataset = result.summary.get("dataset") or {}
+    merged = [(part.get("path"), part.get("scans")) for part in result.summary.get("recordings") or ()]
+    track = result.folder / "trajectory.tum"
+    stamps_us = read_tum(track).stamps_us.tolist() if track.is_file() else None
+    return [*(dataset.get(name) for name in _SIZES), merged, stamps_us]
+
+
+def _is_psi(name: str) -> bool:
+    """Returns whether an entry of a summary is a psi or a share of matched returns, and no number of factors of psi."""
+    return not _PSI.isdisjoint(name.split(".")) and not name.startswith("factors.")
 
 
 def _flatten(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:

@@ -108,9 +108,43 @@ def test_diff_lists_settings_figures_and_distances(finished: Path, other: Path) 
     assert f"as they are  {far.max():.3f} m apart at most" in shown and "aligned      0.000 m apart" in shown
 
 
+def test_diff_lists_the_options_that_differ(finished: Path, other: Path) -> None:
+    log = (other / "run.log").read_text()
+    assert "--frontend odometry" in log
+    (other / "run.log").write_text(log.replace("--frontend odometry", "--start 2 --extrinsics=-1,0,0 --strict -j 3"))
+    found = parse_strict_json(mqslam("diff", finished, other, "--json").out)["options"]
+    expected = {"start": [None, "2"], "extrinsics": [None, "-1,0,0"], "strict": [None, True]}
+    assert found == {"frontend": ["odometry", None], **expected}
+    assert "start       not given -> 2" in mqslam("diff", finished, other).out
+    (other / "run.log").write_text(log.replace("command: mqslam run", "command: steps.py run"))
+    assert parse_strict_json(mqslam("diff", finished, other, "--json").out)["options"] == {}
+    (other / "run.log").write_text(log.replace("command: mqslam run", "command: steps.py"))
+    assert mqslam("diff", finished, other).out.startswith("options: not known, because run.log of a result holds no ")
+
+
+def test_diff_says_why_psi_does_not_compare(finished: Path, other: Path) -> None:
+    summary = json.loads((other / "summary.json").read_text())
+    summary["psi"]["per_point_optimised"] *= 2.0
+    (other / "summary.json").write_text(json.dumps(summary))
+    shown = mqslam("diff", finished, other).out
+    assert "psi.per_point" not in shown
+    reason = "the maps are made or scored by different settings (detector.threshold)"
+    assert f"psi: not compared, because {reason}; psi compares maps of the same returns\n" in shown
+    shutil.copy(finished / "config.yaml", other)
+    found = parse_strict_json(mqslam("diff", finished, other, "--json").out)
+    assert found["psi_not_compared"] is None and "psi.per_point_optimised" in found["figures"]
+    track = read_tum(other / "trajectory.tum")
+    (other / "trajectory.tum").unlink()
+    write_tum(other / "trajectory.tum", Trajectory(track.stamps_us[1:], track.poses[1:]))
+    found = parse_strict_json(mqslam("diff", finished, other, "--json").out)
+    assert (
+        found["psi_not_compared"] == "the maps are of different scans" and "psi.per_point_optimised" not in found["figures"]
+    )
+
+
 def test_diff_of_a_result_with_itself_is_empty(finished: Path) -> None:
     shown = mqslam("diff", finished, finished).out
-    assert "settings: the same\nfigures: the same\n" in shown and "as they are  0.000 m apart" in shown
+    assert "options: the same\nsettings: the same\nfigures: the same\n" in shown and "as they are  0.000 m apart" in shown
 
 
 def test_diff_compares_results_of_versions_with_other_settings(finished: Path, other: Path) -> None:
