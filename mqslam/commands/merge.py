@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from functools import partial
+from itertools import combinations, product
 from pathlib import Path
 
 import numpy as np
@@ -137,22 +138,22 @@ def _require_distinct(folders: Sequence[Path]) -> None:
 
 
 def _check_recordings(parts: Sequence[Session]) -> None:
-    """Checks that the results are all of radars or all of lidars, and that no two hold the same recording.
+    """Checks that the results are all of radars or all of lidars, and that no two hold the same scans of a recording.
 
-    The returns of one recording would otherwise be matched with themselves.
+    The returns of these scans would otherwise be matched with themselves.
 
     Raises:
-        DataError: kinds of sensors are mixed, or two results hold the same recording.
+        DataError: kinds of sensors are mixed, or two results hold parts of the same recording that overlap in time.
     """
-    known: dict[tuple[str, int], Path] = {}
     of_lidars = [part.map.keyframes.unit_m is not None for part in parts]
     if any(of_lidars) and not all(of_lidars):
         odd = parts[of_lidars.index(not of_lidars[0])].folder
         kind, first = ("radar", "lidar") if of_lidars[0] else ("lidar", "radar")
         problem = f"is a {kind}'s map, but {parts[0].folder} is a {first}'s, and the two sensors see different things"
         raise DataError(odd, problem, "merge results of one kind of sensor")
-    for part in parts:
-        for recording in part.map.keyframes.recordings:
-            other = known.setdefault((recording.path, recording.start_us), part.folder)
-            if other != part.folder:
-                raise DataError(part.folder, f"holds {recording.path}, and so does {other}", "give every recording once")
+    for earlier, part in combinations(parts, 2):
+        for one, other in product(earlier.map.keyframes.recordings, part.map.keyframes.recordings):
+            are_same = Path(one.path).resolve() == Path(other.path).resolve()
+            if are_same and max(one.start_us, other.start_us) < min(one.end_us, other.end_us):
+                problem = f"holds {other.path}, and so does {earlier.folder} with scans of the same time"
+                raise DataError(part.folder, problem, "give every recording once, or parts of it that do not overlap")

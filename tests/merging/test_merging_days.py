@@ -196,6 +196,19 @@ def test_a_single_result_and_a_repeated_one_are_refused(days: Days, tmp_path: Pa
         mqslam.merge([days["monday"], tmp_path / "copy"], tmp_path / "out")
 
 
+def test_results_of_one_recording_that_overlap_in_time_are_refused(days: Days, tmp_path: Path) -> None:
+    shutil.copytree(days["monday"], tmp_path / "later")
+    index = tmp_path / "later" / "keyframes" / "index.json"
+    content = json.loads(index.read_text())
+    (recording,) = content["recordings"]
+    recording |= {"path": str(Path("monday.drive").absolute()), "start_us": recording["end_us"] - 1}
+    recording["end_us"] += 1_000_000
+    index.write_text(json.dumps(content))
+    shown = command("merge", days["monday"], tmp_path / "later", "--out", tmp_path / "out")
+    assert shown.code == 2 and "with scans of the same time; give every recording once, or parts of it that do" in shown.err
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [
