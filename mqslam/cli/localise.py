@@ -20,7 +20,7 @@ _OWN: Options = {
     "map": option(
         Path,
         ...,
-        "Result of an earlier run of the same streets, which keeps its map in keyframes/.",
+        "Result of an earlier run of the same place, which keeps its map in keyframes/.",
         "--map",
         "-m",
         metavar="RESULT",

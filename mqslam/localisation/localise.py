@@ -58,7 +58,8 @@ _CONFIRMED = 0.7
 _BLOCK = 6
 
 _BATCH: Final = 64  # pairs that one call compares: a matter of speed only
-_OTHER_MAP: Final = "give the map of a recording that has passed the same streets"
+_OTHER_MAP: Final = "give the map of a recording that passes the same places"
+_LARGER_MAP: Final = "give a map with more places, made from a longer recording that passes the same places"
 _LONGER: Final = "give a longer recording, or more of it"
 
 
@@ -398,4 +399,5 @@ def _say_what_was_tried(drive: TrackedRun, made: KeyframeMap, looked_up: int, am
         fit = f"{ambiguous} of {looked_up} {along} fit more than one of {places} about as well"
         return f"several places of this map fit, and nothing tells which one it is ({fit})", _LONGER
     fits = f"; {ambiguous} of them fit several places about as well" if ambiguous else ""
-    return f"not in this map: no row of places was recognised ({looked_up} {along}, {places}{fits})", _OTHER_MAP
+    remedy = _LARGER_MAP if len(made.places.keyframes) < 2 * ROW else _OTHER_MAP  # few places hardly ever form a row
+    return f"not in this map: no row of places was recognised ({looked_up} {along}, {places}{fits})", remedy

@@ -324,7 +324,7 @@ def _check_joined(sessions: Sequence[Session], links: Sequence[Loop], groups: ND
         raise EstimationError(
             f"{', '.join(apart)}: the places that it seems to share with other recordings do not fit: linked, they make the "
             "map worse",
-            "give recordings that pass through the same streets",
+            "give recordings that pass the same places",
         )
 
 

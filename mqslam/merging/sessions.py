@@ -318,5 +318,5 @@ def _explain(sessions: Sequence[Session], joined: set[int], recognitions: Sequen
             why += f", and {agreeing} matches agree on one relative pose and {rivals} on another"
     return EstimationError(
         f"{names}: shares no place with the other recordings that is recognised with certainty; {why}",
-        "give recordings that pass through the same streets",
+        "give recordings that pass the same places",
     )

@@ -75,8 +75,16 @@ def test_scans_beyond_the_end_of_the_map_are_predictions_that_grow_unsure(later:
 
 
 def test_another_town_is_refused() -> None:
-    with pytest.raises(NotInMapError, match=r"not in this map: .* submaps along .* m of path"):
+    with pytest.raises(NotInMapError, match=r"not in this map: .* submaps along .* m of path.* passes the same places"):
         localised(street_pass(2, MAPPED_S, town=5))
+
+
+def test_the_remedy_is_a_larger_map_where_the_map_has_few_places() -> None:
+    made = street_map(MAPPED_S)
+    few = replace(made.places, keyframes=made.places.keyframes[:3], descriptors=made.places.descriptors[:3])
+    other = street_pass(2, MAPPED_S, town=5)
+    with pytest.raises(NotInMapError, match=r", 3 places.*give a map with more places, made from a longer recording"):
+        localise(other.scans, other.motions, replace(made, places=few), CONFIG.estimator, BEAM, Runner())
 
 
 def test_where_two_places_of_a_map_look_the_same_none_is_chosen(later: Pass) -> None:
