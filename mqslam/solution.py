@@ -26,6 +26,7 @@ from mqslam.core.recording import Recording
 from mqslam.core.scans import Scans
 from mqslam.core.sensors import Georeference, Mount
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of
 from mqslam.errors import DataError
 from mqslam.mapping.keyframing import make_keyframes
 from mqslam.psi.place import Beam, beam_of
@@ -82,6 +83,9 @@ class Solution:
     range_scale: RangeScale
     unoptimised: str | None
     warnings: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}, {self.frontend}, {count_of(len(self.loops), 'loop')}, {self.optimised!r}>"
 
     @property
     def beam(self) -> Beam:
@@ -142,7 +146,7 @@ class Solution:
         return ODOMETRY if self.odometry_factors or self.frontend == ODOMETRY else f"{self.frontend}, chained"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Run(Solution):
     """The result of a finished run: the trajectory, its maps, and the check of the map.
 

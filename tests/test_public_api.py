@@ -59,6 +59,28 @@ def test_scans_that_another_program_has_made_are_measured_and_a_list_is_refused(
         mqslam.psi_factors(own)
 
 
+def test_inputs_and_results_in_memory_are_one_line_in_a_console(drive: Path, result: RunResult) -> None:
+    recording = mqslam.open_recording(drive)
+    track = result.read_trajectory()
+    assert repr(recording) == f"<RowImageRecording '{drive}', oxford, 10 scans, 2.5 s>"
+    scans, _ = detect_all(recording, SETTINGS.detector, mqslam.Runner())
+    assert repr(scans).startswith("<Scans, 10 scans, 0.0 s to 2.") and repr(scans[:0]) == "<Scans, 0 scans>"
+    assert repr(scans[0].returns) == f"<Returns, {len(scans[0].returns)} returns>"
+    assert repr(track) == f"<Trajectory, 10 poses, 2.2 s, {track.length_m:.1f} m>"
+    solved = mqslam.Slam(SETTINGS, "odometry").run(recording, recording.odometry)
+    others = (
+        scans[0],
+        scans.scans,
+        recording[0],
+        recording.odometry,
+        recording.gyroscope,
+        result.read_covariances(),
+        solved,
+    )
+    for thing in others:
+        assert "\n" not in repr(thing) and len(repr(thing)) < 120 and "array" not in repr(thing)
+
+
 def test_an_unknown_name_is_refused() -> None:
     with pytest.raises(AttributeError, match="module 'mqslam' has no attribute 'rnu'"):
         mqslam.rnu  # noqa: B018

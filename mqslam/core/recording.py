@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.sensors import Fixes, Gyroscope, Mount
 from mqslam.core.trajectory import Trajectory
-from mqslam.core.wording import name_sensor
+from mqslam.core.wording import count_of, name_sensor
 from mqslam.errors import OfLidarError
 
 FASTEST_TURN_US = 50_000
@@ -41,6 +41,9 @@ class PolarScan:
     power: NDArray[np.uint8]
     valid: NDArray[np.bool_]
     down: PolarScan | None = None
+
+    def __repr__(self) -> str:
+        return f"<PolarScan, {count_of(len(self.power), 'azimuth')} of {count_of(self.power.shape[1], 'bin')}>"
 
     def split(self, rising: NDArray[np.bool_]) -> PolarScan:
         """Returns the azimuths that a mask (A,) marks as having a chirp that goes up, with all others as `down`."""
@@ -95,8 +98,17 @@ class Recording(ABC):
     notes: tuple[str, ...] = field(default=())
     faults: tuple[str, ...] = field(default=())
 
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        if "__repr__" not in vars(cls):
+            cls.__repr__ = Recording.__repr__  # type: ignore[method-assign]  # else @dataclass would list all arrays
+
     def __len__(self) -> int:
         return len(self.stamps_us)
+
+    def __repr__(self) -> str:
+        length = f"{count_of(len(self), 'scan')}, {self.duration_s:.1f} s" if len(self) else "no scans"
+        return f"<{type(self).__name__} {str(self.path)!r}, {self.format}, {length}>"
 
     @abstractmethod
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.stored import StoredRows, release
+from mqslam.core.wording import count_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +31,9 @@ class Returns:
 
     def __len__(self) -> int:
         return len(self.ranges)
+
+    def __repr__(self) -> str:
+        return f"<Returns, {count_of(len(self), 'return')}>"
 
     def take(self, chosen: NDArray[np.bool_]) -> Returns:
         """Returns the returns that a mask (N,) chooses."""
@@ -59,6 +63,9 @@ class Scan:
     t1: float
     returns: Returns
 
+    def __repr__(self) -> str:
+        return f"<Scan, {self.t0:.3f} s to {self.t1:.3f} s, {count_of(len(self.returns), 'return')}>"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredScans(Sequence[Scan]):
@@ -76,6 +83,9 @@ class StoredScans(Sequence[Scan]):
 
     def __len__(self) -> int:
         return len(self.spans)
+
+    def __repr__(self) -> str:
+        return f"<StoredScans, {count_of(len(self), 'scan')}>"
 
     @overload
     def __getitem__(self, k: int) -> Scan: ...
@@ -134,6 +144,10 @@ class Scans(Sequence[Scan]):
 
     def __len__(self) -> int:
         return len(self.scans)
+
+    def __repr__(self) -> str:
+        span = f", {self[0].t0:.1f} s to {self[-1].t1:.1f} s" if len(self) else ""
+        return f"<Scans, {count_of(len(self), 'scan')}{span}>"
 
     @overload
     def __getitem__(self, k: int) -> Scan: ...

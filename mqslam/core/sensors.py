@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of
 
 
 class _Stamped:
@@ -17,9 +18,13 @@ class _Stamped:
 
     __slots__ = ()
     stamps_us: NDArray[np.int64]
+    source: str
 
     def __len__(self) -> int:
         return len(self.stamps_us)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.source!r}, {count_of(len(self), 'reading')}>"
 
     @property
     def rate_hz(self) -> float:
@@ -27,7 +32,7 @@ class _Stamped:
         return float(1e6 / np.median(np.diff(self.stamps_us))) if len(self) > 1 else float("nan")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Gyroscope(_Stamped):
     """Angular rates over time, in the clock and about the axes of the sensor that measured them.
 
@@ -112,7 +117,7 @@ class KnownTurning:
         return float(self.scale * turned / (t1 - t0) - self.bias)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Fixes(_Stamped):
     """GNSS fixes over time (WGS 84).
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
+from mqslam.core.wording import count_of
 
 # A trajectory covers a recording if it lacks at most this much time [us] at each end; there its first or last motion is
 # continued.
@@ -29,6 +30,10 @@ class Trajectory:
 
     def __len__(self) -> int:
         return len(self.stamps_us)
+
+    def __repr__(self) -> str:
+        span = f", {1e-6 * (self.stamps_us[-1] - self.stamps_us[0]):.1f} s, {self.length_m:.1f} m" if len(self) else ""
+        return f"<Trajectory, {count_of(len(self), 'pose')}{span}>"
 
     @property
     def length_m(self) -> float:

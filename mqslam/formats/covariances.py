@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
 from mqslam.formats import bags
@@ -43,6 +44,9 @@ class StampedCovariances:
     stamps_us: NDArray[np.int64]
     covariances: NDArray[np.float64]
     of_first_pose: bool = True
+
+    def __repr__(self) -> str:
+        return f"<StampedCovariances, {count_of(len(self.stamps_us), 'pose')}>"
 
 
 def write_covariances(path: Path, given: StampedCovariances) -> None:
