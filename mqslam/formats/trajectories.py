@@ -28,13 +28,16 @@ from mqslam.formats.tables import (
 )
 from mqslam.formats.text import read_lines
 from mqslam.formats.transforms import Transforms, holds_transforms, is_static
-from mqslam.formats.tum import WIDE, read_tum
+from mqslam.formats.tum import WIDE, WIDTHS, read_tum
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
     from rosbags.interfaces import Connection
 
-_KNOWN = "give TUM, KITTI with a file of times, a CSV whose header names t, x, y and yaw or qx, qy, qz, qw, or a bag"
+_KNOWN = (
+    f"give TUM ({WIDTHS}), KITTI with a file of times (12 numbers per line) or the stamp last (13 numbers), a CSV whose "
+    "header names t, x, y and yaw or qx, qy, qz, qw, or a bag"
+)
 _ODOMETRY = "give speeds as CSV with the header t,v,omega or t,v,omega,vy, or poses as TUM or t,x,y,yaw"
 _MATRICES = "give an array of pose matrices (N, 4, 4) or (N, 3, 4)"
 _NUMBERS = 12  # numbers in the upper three rows of a 4x4 matrix

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of
 from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
 from mqslam.formats.poses import make_trajectory, read_yaw, round_yaw
@@ -16,7 +17,9 @@ from mqslam.formats.text import read_lines
 WIDE = (8 + 36, 8 + 21, 8 + 12)
 """Counts of numbers in a line with a pose and its covariance: the whole matrix, its upper triangle, or the upper triangles
 of its blocks of rotation and position."""
-_REMEDY = "give a TUM trajectory"
+WIDTHS = "8 numbers per line, or {}, {} or {} with a covariance after the pose".format(*sorted(WIDE))
+"""The widths of all forms of TUM, for messages."""
+_REMEDY = f"give a TUM trajectory ({WIDTHS})"
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
@@ -58,7 +61,10 @@ def read_tum(path: Path) -> Trajectory:
             if len(values) not in (8, *WIDE) or not np.isfinite(values).all():
                 raise ValueError
         except ValueError:
-            raise DataError(path, f"line {number} is not 't x y z qx qy qz qw'", _REMEDY) from None
+            problem = f"is not 't x y z qx qy qz qw' in finite numbers, as it has {count_of(len(words), 'word')}"
+            if len(words) in (8, *WIDE):
+                problem = "is not made of finite numbers"
+            raise DataError(path, f"line {number} {problem}", _REMEDY) from None
         times.append(words[0])
         poses.append((values[1], values[2], read_yaw(path, f"line {number}", values[4:8])))
     try:
