@@ -31,7 +31,7 @@ from mqslam.core.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.units import scale_measurement
 from mqslam.detection.stage import detect_all
-from mqslam.errors import EstimationError, FewReturnsError
+from mqslam.errors import EstimationError, FewReturnsError, require_type
 from mqslam.execution.kept import LOOPS, REFINED
 from mqslam.execution.runner import Runner
 from mqslam.mapping.render import render_track
@@ -54,13 +54,14 @@ class Slam:
         strict: whether a polar scan that cannot be read stops the run instead of being left out.
 
     Raises:
-        ConfigError: there is no front end of that name.
+        ConfigError: there is no front end of that name, or the settings are no `Config`.
     """
 
     def __init__(
         self, config: Config | None = None, frontend: str = PSI, runner: Runner | None = None, *, strict: bool = False
     ) -> None:
         frontends.require(frontend)
+        require_type(config, Config | None, "config", "a Config, as mqslam.load_config returns it, or None")
         self._config, self._name, self._runner, self._strict = config or Config(), frontend, runner or Runner(), strict
 
     def run(self, recording: Recording, odometry: Trajectory | None = None, sensors: Sensors = NO_SENSORS) -> Run:
@@ -72,9 +73,11 @@ class Slam:
             sensors: the other sensors of the vehicle.
 
         Raises:
+            ConfigError: the recording is no open recording.
             DataError: more than half of the polar scans cannot be read, or any of them if strict.
             EstimationError: no motion can be estimated from the data.
         """
+        require_type(recording, Recording, "recording", "an open recording, as mqslam.open_recording returns it")
         config, runner = self._config, self._runner
         with runner.time_stage("total"):
             context = Context.of(recording, config, odometry, sensors)

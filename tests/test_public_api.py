@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support.commands import mqslam as command
 from support.commands import run_in_this_process
@@ -15,6 +16,7 @@ import mqslam
 from mqslam.commands.result import RunResult
 from mqslam.config import SensorConfig
 from mqslam.detection.stage import detect_all
+from mqslam.errors import ConfigError
 from mqslam.simulator import SensorModel, simulate
 
 SCANS = 10
@@ -79,6 +81,59 @@ def test_inputs_and_results_in_memory_are_one_line_in_a_console(drive: Path, res
     )
     for thing in others:
         assert "\n" not in repr(thing) and len(repr(thing)) < 120 and "array" not in repr(thing)
+
+
+WRONG_TYPES = {
+    "run an open recording": (lambda drive, out: mqslam.run(mqslam.open_recording(drive), out), "data must be a path, as a"),
+    "run a front end": (
+        lambda drive, out: mqslam.run(drive, out, frontend=mqslam.Slam),
+        "frontend must be a text: the name of a front end, .* but it is the class Slam",
+    ),
+    "run settings": (
+        lambda drive, out: mqslam.run(drive, out, config=3),
+        "config must be a Config, a dict of the .* but it is an object of type int",
+    ),
+    "run a section": (lambda drive, out: mqslam.run(drive, out, config={"detector": 3}), "detector"),
+    "run a time": (lambda drive, out: mqslam.run(drive, out, start_s="1"), "start and end must be a number of seconds"),
+    "run poses": (lambda drive, out: mqslam.run(drive, out, odometry=3), "odometry must be a path"),
+    "run a mount": (lambda drive, out: mqslam.run(drive, out, extrinsics=3), "extrinsics 3: are not three numbers"),
+    "audit poses": (lambda drive, out: mqslam.audit(drive, out, trajectory=[1.0]), "trajectory must be a path"),
+    "compare a front end": (
+        lambda drive, out: mqslam.compare(drive, out, frontends=[mqslam.Slam]),
+        "each of frontends must be the name of a front end",
+    ),
+    "compare a list": (
+        lambda drive, out: mqslam.compare(drive, out, trajectories=["a.tum"]),
+        "trajectories must be a dict of trajectories by the names of their rows",
+    ),
+    "localise a map": (lambda drive, out: mqslam.localise(drive, out, map=3), "map must be a path"),
+    "merge a folder": (lambda drive, out: mqslam.merge(str(drive), out), "results must be a list of folders"),
+    "merge runs": (lambda drive, out: mqslam.merge([3, 4], out), "each of results must be a path"),
+    "open": (lambda drive, out: mqslam.open_recording(3), "a recording must be a path"),
+    "read": (lambda drive, out: mqslam.read_result(None), "folder must be a path"),
+    "slam of a path": (lambda drive, out: mqslam.Slam().run(str(drive)), "recording must be an open recording, as mqslam"),
+    "slam with a name": (lambda drive, out: mqslam.Slam("oxford"), "config must be a Config, as mqslam.load_config"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_TYPES)
+def test_an_argument_of_a_wrong_type_is_refused_by_name(name: str, drive: Path, tmp_path: Path) -> None:
+    do, message = WRONG_TYPES[name]
+    with pytest.raises(ConfigError, match=message):
+        do(drive, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_returns_and_scans_of_a_wrong_shape_are_refused() -> None:
+    row = np.zeros(3)
+    for wrong in (row[:2], row[:, None], np.float64(1.0), [0.0, 0.0, 0.0]):
+        with pytest.raises(ValueError, match=r"must be NumPy arrays \(N,\) of one length, and are \(3,\), \(3,\), "):
+            mqslam.Returns(row, row, wrong, row)
+    with pytest.raises(ValueError, match=r"must be mqslam\.Returns, and are an object of type list"):
+        mqslam.Scan(0.0, 0.25, [row])
+    for span in ((row, row), ("0", "1"), (1.0, 0.5)):
+        with pytest.raises(ValueError, match="must be its start and its end in seconds"):
+            mqslam.Scan(*span, mqslam.Returns.none())
 
 
 def test_an_unknown_name_is_refused() -> None:

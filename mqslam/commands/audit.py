@@ -41,7 +41,7 @@ from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import left_or_right
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
-from mqslam.errors import ConfigError, DataError, Remedy, find_near
+from mqslam.errors import ConfigError, DataError, Remedy, find_near, to_path
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.clouds import read_cloud
@@ -129,7 +129,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         >>> audited = mqslam.audit("drive", "audited", trajectory="theirs.tum")  # doctest: +SKIP
         >>> print(audited.verdict, audited.reasons)  # doctest: +SKIP
     """
-    data, out = Path(data), Path(out)
+    data, out = to_path(data, "data"), to_path(out, "out")
     with claim_folder(out, force=force, sources=[data]):
         earlier = None if baseline is None else _read_baseline(Path(baseline))
         _set_limits(Config(), false_alarms, tolerance)  # raises for a mistake before anything is read
@@ -390,7 +390,7 @@ def _read_given(
     if isinstance(trajectory, Trajectory):
         given, notes = trajectory, list[str]()
     else:
-        given, notes = read_with_notes(Path(trajectory), times, topic, frame)
+        given, notes = read_with_notes(to_path(trajectory, "trajectory"), times, topic, frame)
     if not abs(time_offset_s) <= _LONGEST_OFFSET_S:
         raise ConfigError(f"a time offset of {time_offset_s:g} s is beyond any clock; give it in seconds")
     poses = given.poses if mount is None else se2.compose(given.poses, mount)

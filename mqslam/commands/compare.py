@@ -21,7 +21,7 @@ from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
-from mqslam.errors import ConfigError, Remedy
+from mqslam.errors import ConfigError, Remedy, require_type, to_path
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
@@ -92,11 +92,13 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         >>> compared = mqslam.compare("drive", "compared", frontends=["psi", "kiss_icp"])  # doctest: +SKIP
         >>> print(compared.table)  # doctest: +SKIP
     """
-    data, out = Path(data), Path(out)
+    data, out = to_path(data, "data"), to_path(out, "out")
     if isinstance(frontends, str):
         frontends = [name.strip() for name in frontends.split(",") if name.strip()]
+    require_type(frontends, Sequence, "frontends", "a list of names, or a text of names separated by commas")
     settings = _set_kiss_config(load_config(config), kiss_config)
     _check_names(frontends, odometry_only=odometry_only)
+    require_type(trajectories, Mapping | None, "trajectories", "a dict of trajectories by the names of their rows")
     given, understood = _make_given_rows(trajectories or {}, frontends)
     with claim_folder(out, force=force, resume=resume, sources=[data]):
         recording = open_radar_or_lidar(data, format, range_resolution, settings, span=(start_s, end_s))
@@ -182,9 +184,10 @@ def _check_names(frontends: Sequence[str], *, odometry_only: bool) -> None:
     """Raises ConfigError unless every front end exists, is named once, and has a pose graph if a gyroscope is added."""
     if not frontends or len(set(frontends)) < len(frontends):
         raise ConfigError(
-            f"front ends '{','.join(frontends)}': give at least one name and each name once, such as psi,kiss_icp"
+            f"front ends '{','.join(map(str, frontends))}': give at least one name and each name once, such as psi,kiss_icp"
         )
     for name in frontends:
+        require_type(name, str, "each of frontends", "the name of a front end as a text")
         front_end, has_gyroscope = split_row(name)
         if "+" in front_end:
             bare = front_end.split("+")[0]
@@ -217,7 +220,9 @@ def _make_given_rows(
             track = given
         else:
             track, notes = (
-                read_with_notes(Path(given[0]), Path(given[1])) if isinstance(given, tuple) else read_with_notes(Path(given))
+                read_with_notes(Path(given[0]), Path(given[1]))
+                if isinstance(given, tuple)
+                else read_with_notes(to_path(given, f"trajectory '{name}'"))
             )
             understood += [f"{name}: {note}" for note in notes]
         rows.append(make_given_row(name, track))

@@ -16,7 +16,7 @@ from mqslam.core import se2
 from mqslam.core.recording import Recording
 from mqslam.core.sensors import RADAR, VEHICLE, Fixes, Gyroscope, Mount, Sensors, describe_offset, find_offset
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import ConfigError, DataError, OfLidarError, Remedy, suggest
+from mqslam.errors import ConfigError, DataError, OfLidarError, Remedy, suggest, to_path
 from mqslam.formats.lidars import read_lidar
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.recordings.derived import clip
@@ -207,9 +207,33 @@ def read_extrinsics(given: Extrinsics | str | None) -> tuple[Extrinsics | None, 
     return given, np.array([pose[0], pose[1], np.radians(pose[2])])
 
 
+def name_inputs(
+    odometry: Path | str, imu: Path | str, gnss: Path | str, extrinsics: Extrinsics | str, frame: str = RADAR
+) -> Inputs:
+    """Returns the inputs that a caller chose, all as texts; extrinsics become X,Y,YAW.
+
+    Raises:
+        ConfigError: an argument is of another type than these.
+    """
+    return Inputs(
+        str(to_path(odometry, "odometry")),
+        str(to_path(imu, "imu")),
+        str(to_path(gnss, "gnss")),
+        name_extrinsics(extrinsics),
+        frame,
+    )
+
+
 def name_extrinsics(given: Extrinsics | str) -> str:
-    """Returns extrinsics as a text X,Y,YAW; a text, such as `auto` or `none`, is returned unchanged."""
-    return given if isinstance(given, str) else ",".join(repr(float(value)) for value in given)
+    """Returns extrinsics as a text X,Y,YAW; a text, such as `auto` or `none`, is returned unchanged.
+
+    Raises:
+        ConfigError: they are no numbers.
+    """
+    try:
+        return given if isinstance(given, str) else ",".join(repr(float(value)) for value in given)
+    except (TypeError, ValueError):
+        raise ConfigError(f"extrinsics {given!r}: are not three numbers; {_FORM}, such as (1.2, 0, -90)") from None
 
 
 def choose_sensors(recording: Recording, inputs: Inputs) -> Reading[Sensors]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mqslam.backend.loops.recognition import DESCRIBED_WITH
 from mqslam.backend.measuring import measure
-from mqslam.commands.inputs import Inputs, name_extrinsics
+from mqslam.commands.inputs import name_inputs
 from mqslam.commands.result import LocaliseResult
 from mqslam.commands.run import Job, open_job
 from mqslam.commands.work import QUIET, Work
@@ -20,7 +20,7 @@ from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.scans import PeakCounts
 from mqslam.core.velocity import Detected
 from mqslam.detection.stage import detect_all, warn_of_unread
-from mqslam.errors import DataError, EstimationError, FewReturnsError, NotInMapError, Remedy
+from mqslam.errors import DataError, EstimationError, FewReturnsError, NotInMapError, Remedy, to_path
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
@@ -83,14 +83,14 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
         >>> localised = mqslam.localise("second_drive", "localised", map="result")  # doctest: +SKIP
         >>> print(localised.read_trajectory().poses[0], localised.summary["share_on_map"])  # doctest: +SKIP
     """
-    data, out, map = Path(data), Path(out), Path(map)
+    data, out, map = to_path(data, "data"), to_path(out, "out"), to_path(map, "map")
     with claim_folder(out, force=force, sources=[data]):
         made = _open_map(map)
         settings = load_config(config, partial(read_map_settings, map))
         unit_m = made.keyframes.unit_m
         if settings.sensor.doppler_beta is None:
             settings = set_doppler_beta(settings, made.keyframes.recordings[-1].doppler_beta)
-        inputs = Inputs(str(odometry), str(imu), "none", name_extrinsics(extrinsics))
+        inputs = name_inputs(odometry, imu, "none", extrinsics)
         span = start_s, end_s
         job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=span, unit_m=unit_m)
         _check_sensor(job.recording, map, unit_m)

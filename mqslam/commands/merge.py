@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mqslam.commands.result import MergeResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, ConfigSource, load_config
-from mqslam.errors import ConfigError, DataError, untrusted
+from mqslam.errors import ConfigError, DataError, require_type, to_path, untrusted
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
@@ -61,7 +61,8 @@ def merge(
         >>> merged = mqslam.merge(["monday", "friday"], "both")  # doctest: +SKIP
         >>> print(merged.summary["links"], merged.report)  # doctest: +SKIP
     """
-    folders, out = [Path(result) for result in results], Path(out)
+    require_type(results, list | tuple, "results", "a list of folders")
+    folders, out = [to_path(result, "each of results") for result in results], to_path(out, "out")
     _require_distinct(folders)
     with claim_folder(out, force=force, sources=folders):
         parts = [read_part(folder) for folder in folders]

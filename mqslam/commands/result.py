@@ -13,7 +13,7 @@ from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config, load_config
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
-from mqslam.errors import DataError, untrusted
+from mqslam.errors import DataError, to_path, untrusted
 from mqslam.formats.covariances import StampedCovariances, read_covariances
 from mqslam.formats.trajectories import read_trajectory
 from mqslam.results.compare_results import tabulate
@@ -184,12 +184,13 @@ def read_result(folder: Path | str) -> Result:
 
     Raises:
         DataError: the folder holds no result, or its summary is damaged.
+        ConfigError: no path is given.
 
     Example:
         >>> result = mqslam.read_result("result")  # doctest: +SKIP
         >>> print(result, result.read_trajectory().length_m)  # doctest: +SKIP
     """
-    folder = Path(folder)
+    folder = to_path(folder, "folder")
     for name, kind in (("audit.json", AuditResult), ("batch.json", Result)):
         if (folder / name).is_file():
             return kind(folder, _read_summary(folder / name, ("warnings",)))

@@ -14,7 +14,7 @@ from mqslam.commands.inputs import (
     check_frame,
     choose_odometry,
     choose_sensors,
-    name_extrinsics,
+    name_inputs,
     open_radar_or_lidar,
     place_truth,
 )
@@ -22,10 +22,11 @@ from mqslam.commands.lidar_inputs import prepare_lidar
 from mqslam.commands.result import RunResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, ConfigSource, load_config, set_tolerance
+from mqslam.core import frontend as frontends
 from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.sensors import NO_SENSORS, RADAR, Sensors
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import Remedy, tolerate
+from mqslam.errors import Remedy, to_path, tolerate
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import claim_folder, write_folder_aside
@@ -98,9 +99,9 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
         >>> result = mqslam.run("drive", "result")  # doctest: +SKIP
         >>> print(result.verdict, result.report)  # doctest: +SKIP
     """
-    data, out = Path(data), Path(out)
+    data, out = to_path(data, "data"), to_path(out, "out")
     settings = set_tolerance(load_config(config), tolerance)
-    inputs = Inputs(str(odometry), str(imu), str(gnss), name_extrinsics(extrinsics), frame)
+    inputs = name_inputs(odometry, imu, gnss, extrinsics, frame)
     with claim_folder(out, force=force, resume=resume, sources=[data]):
         job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=(start_s, end_s))
         for note in job.recording.notes:
@@ -164,11 +165,12 @@ def open_job(  # noqa: PLR0913 - these are the options of a run, and the unit
     For a lidar's recording, `unit_m` is the unit of length of the computations [m]; None measures it from the scans.
 
     Raises:
-        ConfigError: the format is unknown, a lidar's recording is given what only radars use, the range resolution cannot be
-            the length of a range bin, the extrinsics are not a pose, or the frame is unknown, or it is `vehicle` while the
-            pose of the radar on the vehicle is unknown.
+        ConfigError: the format or the front end is unknown, a lidar's recording is given what only radars use, the range
+            resolution cannot be the length of a range bin, the extrinsics are not a pose, or the frame is unknown, or it is
+            `vehicle` while the pose of the radar on the vehicle is unknown.
         DataError: the recording, the odometry or a sensor's file cannot be used.
     """
+    frontends.require(frontend)
     recording = open_radar_or_lidar(data, format, range_resolution, settings, strict=strict, span=span)
     if isinstance(recording, LidarRecording):
         lidar = prepare_lidar(recording, settings, inputs, unit_m)

@@ -13,7 +13,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from mqslam.config.yaml_file import check_tree, parse_tree
-from mqslam.errors import ConfigError, suggest, untrusted
+from mqslam.errors import ConfigError, require_type, suggest, untrusted
 
 # Marks a setting that only an expert would touch; it is shown only on request, or if a file changes it.
 EXPERT: Final[dict[str, Any]] = {"expert": True}
@@ -402,6 +402,8 @@ def load_config(source: ConfigSource = None, default: Callable[[], Config] | Non
         return source
     if source is None or isinstance(source, Mapping):
         return change_config(Config() if default is None else default(), source or {})
+    expected = "a Config, a dict of the settings that differ, the path of a YAML file, the name of a shipped one, or None"
+    require_type(source, Path | str, "config", expected)
     return check_tree(Config, source, read_tree(source))
 
 

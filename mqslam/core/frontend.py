@@ -24,7 +24,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.core.units import scale_settings, scale_track
 from mqslam.core.velocity import Velocities
 from mqslam.core.wording import name_sensor
-from mqslam.errors import ConfigError, EstimationError, FrontEndError, Remedy, suggest
+from mqslam.errors import ConfigError, EstimationError, FrontEndError, Remedy, require_type, suggest
 
 _FILE = ".py"  # suffix of a front end that is a file
 _NEGATIVE = 1e-6  # a negative eigenvalue of a covariance is a rounding error if it is smaller than this share of the trace
@@ -177,8 +177,10 @@ def require(name: str) -> None:
     """Checks that a front end exists, without importing it.
 
     Raises:
-        ConfigError: no front end has that name, or there is no such file.
+        ConfigError: no front end has that name, there is no such file, or something else than a text is given.
     """
+    expected = "a text: the name of a front end, such as psi, or the path of a Python file that defines one"
+    require_type(name, str, "frontend", expected)
     if not name.endswith(_FILE):
         find_entry_point(name)
     elif not Path(name).is_file():

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import astuple, dataclass, replace
-from typing import overload
+from dataclasses import astuple, dataclass, fields, replace
+from typing import Final, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.stored import StoredRows, release
 from mqslam.core.wording import count_of
+
+_NUMBERS: Final = (float, int, np.number)
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,12 +24,26 @@ class Returns:
         azimuths: (N,) [rad] counter-clockwise from straight ahead.
         times: (N,) [s] since the recording's start.
         intensities: (N,) received power, 0..255.
+
+    Raises:
+        ValueError: these are not four arrays (N,) of one length.
     """
 
     ranges: NDArray[np.float64]
     azimuths: NDArray[np.float64]
     times: NDArray[np.float64]
     intensities: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        try:
+            shape = self.ranges.shape
+            if len(shape) == 1 and shape == self.azimuths.shape == self.times.shape == self.intensities.shape:
+                return
+        except AttributeError:  # something is no array
+            pass
+        columns = (getattr(self, one.name) for one in fields(self))
+        given = ", ".join(str(getattr(column, "shape", type(column).__name__)) for column in columns)
+        raise ValueError(f"ranges, azimuths, times and intensities must be NumPy arrays (N,) of one length, and are {given}")
 
     def __len__(self) -> int:
         return len(self.ranges)
@@ -57,11 +73,26 @@ class Returns:
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """The returns of one revolution of the radar, whose times lie in [t0, t1) [s since the recording's start]."""
+    """The returns of one revolution of the radar, whose times lie in [t0, t1) [s since the recording's start].
+
+    Raises:
+        ValueError: t0 and t1 are no numbers in this order, or `returns` are no `Returns`.
+    """
 
     t0: float
     t1: float
     returns: Returns
+
+    def __post_init__(self) -> None:
+        returns: object = self.returns  # a caller without a type checker may give anything
+        t0: object = self.t0
+        t1: object = self.t1
+        if not isinstance(returns, Returns):
+            raise ValueError(
+                f"the returns of a scan must be mqslam.Returns, and are an object of type {type(returns).__name__}"
+            )
+        if not isinstance(t0, _NUMBERS) or not isinstance(t1, _NUMBERS) or self.t1 < self.t0:
+            raise ValueError("t0 and t1 of a scan must be its start and its end in seconds")
 
     def __repr__(self) -> str:
         return f"<Scan, {self.t0:.3f} s to {self.t1:.3f} s, {count_of(len(self.returns), 'return')}>"

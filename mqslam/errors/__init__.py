@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import difflib
 import logging
+import os
 import re
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
+from types import UnionType
 
 _log = logging.getLogger(__name__)
 _COMMANDS = r"\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ufff9-\ufffb\ud800-\udfff"
@@ -114,6 +116,37 @@ class OfLidarError(DataError):
 
 class ConfigError(MqslamError):
     """Raised if a setting or an option is unknown or out of range."""
+
+
+def require_type(given: object, kinds: type | UnionType, name: str, expected: str) -> None:
+    """Checks the type of an argument, which a caller without a type checker may give as anything.
+
+    Args:
+        given: the argument.
+        kinds: the types that it may have.
+        name: name of the argument, for the error.
+        expected: what the argument may be, for the error.
+
+    Raises:
+        ConfigError: the argument is of another type.
+    """
+    if not isinstance(given, kinds):
+        what = f"the class {given.__name__}" if isinstance(given, type) else f"an object of type {type(given).__name__}"
+        raise ConfigError(f"{name} must be {expected}, but it is {what}")
+
+
+def to_path(given: str | os.PathLike[str], name: str) -> Path:
+    """Converts what a caller gave as a path.
+
+    Args:
+        given: the path, as a text or as a path of any library.
+        name: name of the argument, for the error.
+
+    Raises:
+        ConfigError: it is neither.
+    """
+    require_type(given, str | os.PathLike, name, "a path, as a text or a pathlib.Path")
+    return Path(given)
 
 
 class OutputError(MqslamError):

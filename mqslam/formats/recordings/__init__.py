@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import cast
 
 from mqslam.core.recording import Recording
-from mqslam.errors import ConfigError, DataError, OfLidarError, Remedy, suggest, untrusted
+from mqslam.errors import ConfigError, DataError, OfLidarError, Remedy, suggest, to_path, untrusted
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.formats.bags import explain_packed
 from mqslam.formats.lidars import carmen
@@ -70,7 +70,7 @@ def open_recording(
         DataError: the path does not exist, is in no known layout, or holds a recording that cannot be used.
         OfLidarError: the path holds a recording of a planar lidar.
     """
-    path = Path(path)
+    path = to_path(path, "a recording")
     if range_resolution is not None and not is_bin_length(range_resolution):
         raise ConfigError(f"range resolution {range_resolution}: is no length of a range bin; give metres, such as 0.0438")
     if format is not None and format not in FORMATS:

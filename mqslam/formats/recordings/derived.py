@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
+from numbers import Real
 from typing import Any
 
 import numpy as np
 
 from mqslam.core.recording import LidarRecording, PolarScan, Recording
-from mqslam.errors import ConfigError, DataError
+from mqslam.errors import ConfigError, DataError, require_type
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,10 +58,13 @@ def clip(recording: Recording, start_s: float | None, end_s: float | None) -> Re
         end_s: end of the span [s] since the recording's start; None takes the recording's end.
 
     Raises:
-        ConfigError: the span ends before it begins, or no polar scan, or only one scan of a lidar, begins in it.
+        ConfigError: a time is no number, the span ends before it begins, or no polar scan, or only one scan of a lidar,
+            begins in it.
     """
     if start_s is None and end_s is None:
         return recording
+    for given in (start_s, end_s):
+        require_type(given, Real | None, "each of start and end", "a number of seconds")
     start = 0.0 if start_s is None else start_s
     end = np.inf if end_s is None else end_s
     span = f"{start:g} s to {'the end' if end_s is None else f'{end:g} s'}"
