@@ -13,7 +13,8 @@ from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config, load_config
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
-from mqslam.errors import DataError, to_path, untrusted
+from mqslam.errors import DataError, Remedy, to_path, untrusted
+from mqslam.execution.folders import CHECKPOINT
 from mqslam.formats.covariances import StampedCovariances, read_covariances
 from mqslam.formats.trajectories import read_trajectory
 from mqslam.results.compare_results import tabulate
@@ -183,7 +184,7 @@ def read_result(folder: Path | str) -> Result:
         `MergeResult`, or a plain `Result` (of a batch).
 
     Raises:
-        DataError: the folder holds no result, or its summary is damaged.
+        DataError: the folder does not exist, holds no result or one that is not finished, or its summary is damaged.
         ConfigError: no path is given.
 
     Example:
@@ -199,10 +200,24 @@ def read_result(folder: Path | str) -> Result:
         with untrusted.blame_file(folder / "compare.json"):
             return CompareResult(folder, summary, *tabulate(summary))
     if not (folder / "summary.json").is_file():
-        raise DataError(folder, "holds no result (summary.json, audit.json, compare.json or batch.json)", _REMEDY)
+        raise _explain_missing(folder)
     summary = _read_summary(folder / "summary.json", ("warnings",))
     kinds = {"recordings": MergeResult, "median_sigma": LocaliseResult}
     return next((kind for key, kind in kinds.items() if key in summary), RunResult)(folder, summary)
+
+
+def _explain_missing(folder: Path) -> DataError:
+    """Returns the error that says why there is no result in a folder."""
+    if not folder.exists():
+        return DataError(folder, "does not exist", "check the path")
+    if not folder.is_dir():
+        return DataError(folder, "is a file", _REMEDY)
+    if (folder / CHECKPOINT).is_dir():
+        problem = "holds work that is not finished, and no result yet"
+        return DataError(folder, problem, f"wait until the work has ended, or repeat its command and {Remedy.RESUME}")
+    inner = next((path.parent.name for path in sorted(folder.glob("*/summary.json"))), None)
+    remedy = _REMEDY if inner is None else f"give a folder in it that holds a result, such as {inner}"
+    return DataError(folder, "holds no result (summary.json, audit.json, compare.json or batch.json)", remedy)
 
 
 def _read_summary(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:

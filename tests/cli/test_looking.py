@@ -16,6 +16,7 @@ from mqslam.commands.result import AuditResult, CompareResult, LocaliseResult, M
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
+from mqslam.execution.checkpoint import FOLDER
 from mqslam.formats.tum import read_tum, write_tum
 
 
@@ -85,6 +86,21 @@ def test_a_damaged_summary_is_refused(text: str, tmp_path: Path) -> None:
 def test_a_folder_without_a_result_is_refused(command: str, tmp_path: Path) -> None:
     shown = mqslam(command, tmp_path)
     assert shown.code == 2 and "holds no result (summary.json" in shown.err
+
+
+def test_show_says_why_there_is_no_result(finished: Path, tmp_path: Path) -> None:
+    def refuse(path: Path) -> str:
+        shown = mqslam("show", path)
+        assert shown.code == 2
+        return shown.err
+
+    assert f"{tmp_path / 'none'}: does not exist; check the path" in refuse(tmp_path / "none")
+    assert "summary.json: is a file; give the folder of a result" in refuse(finished / "summary.json")
+    assert f"{finished.parent}: holds no result (" in refuse(finished.parent)
+    assert f"; give a folder in it that holds a result, such as {finished.name}" in refuse(finished.parent)
+    (tmp_path / "unfinished" / FOLDER).mkdir(parents=True)
+    remedy = "wait until the work has ended, or repeat its command and continue with --resume"
+    assert f"unfinished: holds work that is not finished, and no result yet; {remedy}" in refuse(tmp_path / "unfinished")
 
 
 def test_show_prints_what_the_run_printed(finished: Path) -> None:
