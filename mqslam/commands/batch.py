@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -15,7 +17,7 @@ from mqslam.commands.inputs import Inputs, read_extrinsics
 from mqslam.commands.result import Result
 from mqslam.commands.run import Job, execute, open_job
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Section, list_shipped, load_config
+from mqslam.config import Section, change_config, list_shipped, load_config
 from mqslam.config.yaml_file import parse_yaml
 from mqslam.core import frontend as frontends
 from mqslam.errors import ClusterError, ConfigError, MqslamError, describe_error, raise_interrupt, untrusted
@@ -34,7 +36,11 @@ class PlannedRun(Section):
     """One entry of RUNS.yaml; its paths are relative to that file."""
 
     data: Path = Field(description="the recording")
-    name: str | None = Field(None, description="folder of its results; null takes the recording's own name")
+    name: str | None = Field(
+        None,
+        description="folder of its results; null takes the recording's own name, after the names of folders above it where "
+        "other recordings have the same name",
+    )
     frontend: str = Field("psi", description="name of the front end")
     odometry: str = Field("auto", description="auto (the recording's own, if it has one), none, or a file")
     imu: str = Field("auto", description="gyroscope: auto (the recording's own, if it has one), none, or a file")
@@ -42,6 +48,9 @@ class PlannedRun(Section):
     extrinsics: str = Field("auto", description="pose of the radar: auto (as the recording states), none, or X,Y,YAW")
     frame: Literal["radar", "vehicle"] = Field("radar", description="whose poses are written: radar or vehicle")
     config: str | None = Field(None, description="a YAML file of settings, or the name of one that ships")
+    set: dict[str, Any] = Field({}, description="settings that differ from these, as SECTION.NAME: VALUE")
+    start: float | None = Field(None, description="scans that begin earlier are left out [s since the recording's start]")
+    end: float | None = Field(None, description="scans that begin then or later are left out [s since its start]")
 
 
 class Plan(Section):
@@ -63,28 +72,50 @@ def read_plan(path: Path) -> tuple[list[Order], str]:
         raise ConfigError(f"{path}: cannot be read ({reason}); give a YAML file with the runs") from error
     plan = parse_yaml(Plan, path, text)
     orders: list[Order] = []
-    for number, run in enumerate(plan.runs):
+    folder = path.absolute().parent
+    for number, (run, name) in enumerate(zip(plan.runs, _name_runs(plan.runs, folder), strict=True)):
         try:
-            orders.append(_prepare_order(run, path.absolute().parent, {order.name for order in orders}))
+            orders.append(_prepare_order(run, name, folder, {order.name for order in orders}))
         except ConfigError as error:
             raise ConfigError(f"{path}: runs.{number}: {error}") from error
     return orders, text
 
 
-def _prepare_order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
+def _name_runs(runs: Sequence[PlannedRun], folder: Path) -> list[str]:
+    """Returns a name for each entry of RUNS.yaml: the given one, or the recording's own name.
+
+    Recordings of the same name in different folders are named after as many folders above them as it takes to tell them
+    apart, such as `monday-drive` and `friday-drive`.
+    """
+    paths = [(folder / run.data).parts[1:] for run in runs]
+    names = []
+    for run, path in zip(runs, paths, strict=True):
+        rivals = [other for one, other in zip(runs, paths, strict=True) if one.name is None and other != path]
+        shared = max((_count_shared(path, other) for other in rivals), default=0)
+        names.append("-".join(path[-1 - shared :]) if run.name is None else run.name)
+    return names
+
+
+def _count_shared(path: Sequence[str], other: Sequence[str]) -> int:
+    """Returns how many of their last parts two paths share."""
+    pairs = zip(reversed(path), reversed(other), strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
+
+
+def _prepare_order(run: PlannedRun, name: str, folder: Path, taken: set[str]) -> Order:
     """Converts an entry of RUNS.yaml to an order, which holds its settings and full paths.
 
     Args:
         run: the entry.
+        name: its name.
         folder: folder of RUNS.yaml, to which the paths of the entry are relative.
         taken: names of the other runs.
 
     Raises:
         ConfigError: the name of the run cannot be the name of a folder or is that of another run, its front end or settings
-            are unknown, or its extrinsics are not a pose.
+            are unknown, its extrinsics are not a pose, or it ends before it starts.
     """
     data = folder / run.data
-    name = run.name if run.name is not None else data.name
     if not re.fullmatch(r"\w[\w. -]*", name):
         raise ConfigError(f"name {name!r}: cannot be the name of a folder; choose a name of letters and digits")
     if name in taken:
@@ -96,7 +127,25 @@ def _prepare_order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
     odometry, imu, gnss = (
         choice if choice in _CHOICES else str(folder / choice) for choice in (run.odometry, run.imu, run.gnss)
     )
-    return Order(name, data, run.frontend, load_config(config), odometry, imu, gnss, run.extrinsics, run.frame)
+    settings, span = change_config(load_config(config), _nest(run.set)), (run.start, run.end)
+    if not (-math.inf if run.start is None else run.start) < (math.inf if run.end is None else run.end):
+        raise ConfigError(f"start {run.start} and end {run.end}: are no span of time; give two times in seconds, or one")
+    return Order(name, data, run.frontend, settings, odometry, imu, gnss, run.extrinsics, run.frame, span)
+
+
+def _nest(changes: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Returns settings that are named SECTION.NAME as a tree.
+
+    Raises:
+        ConfigError: a name has another form.
+    """
+    tree: dict[str, dict[str, Any]] = {}
+    for setting, value in changes.items():
+        section, dot, name = setting.partition(".")
+        if not (section and dot and name):
+            raise ConfigError(f"set {setting}: give SECTION.NAME: VALUE, such as detector.threshold: 60")
+        tree.setdefault(section, {})[name] = value
+    return tree
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,4 +252,4 @@ def _open_order(order: Order) -> Job:
         MqslamError: the recording, its odometry, its sensors or its front end cannot be used.
     """
     inputs = Inputs(order.odometry, order.imu, order.gnss, order.extrinsics, order.frame)
-    return open_job(order.data, order.settings, order.frontend, inputs)
+    return open_job(order.data, order.settings, order.frontend, inputs, span=order.span)

@@ -30,6 +30,7 @@ class Order:
         gnss: `auto`, `none` or a file for the GNSS fixes.
         extrinsics: `auto`, `none` or X,Y,YAW of the radar on the vehicle [m, m, degrees].
         frame: whose poses are written: `radar` or `vehicle`.
+        span: begin and end of the part that is used [s since the recording's start]; None takes the recording's own.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Order:
     gnss: str = "auto"
     extrinsics: str = "auto"
     frame: str = RADAR
+    span: tuple[float | None, float | None] = (None, None)
 
 
 @dataclass(frozen=True, slots=True)

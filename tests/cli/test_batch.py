@@ -13,6 +13,8 @@ import pytest
 from support.clusters import cluster
 from support.commands import INSTALLED, Result, list_processes, mqslam, read_contents, run_in_this_process
 
+from mqslam.commands.batch import read_plan
+from mqslam.config import load_config
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.simulator import SensorModel, simulate
 
@@ -84,6 +86,29 @@ def test_the_numbers_of_all_runs_stand_together(work: Path) -> None:
     assert float(rows[list(runs).index("drive")]["ate_rmse_m"]) == runs["drive"]["ate_rmse_m"]
 
 
+def test_recordings_of_one_name_are_named_after_their_folders_too(tmp_path: Path) -> None:
+    data = ("mon/am/drive", "mon/pm/drive", "fri/pm/drive", "fri/other", "drive")
+    named = ({"data": path} for path in data)
+    (tmp_path / "runs.yaml").write_text(json.dumps({"runs": [*named, {"data": "drive", "name": "again"}]}))
+    names = [order.name for order in read_plan(tmp_path / "runs.yaml")[0]]
+    assert names == ["am-drive", "mon-pm-drive", "fri-pm-drive", "other", f"{tmp_path.name}-drive", "again"]
+
+
+def test_an_entry_may_take_a_part_of_the_recording_and_set_settings(work: Path, tmp_path: Path) -> None:
+    part = {"data": str(work / "drive"), "frontend": "odometry", "config": str(work / "quick.yaml"), "start": 1, "end": 4.0}
+    (tmp_path / "runs.yaml").write_text(
+        json.dumps({"runs": [part | {"set": {"detector.threshold": 35, "map.cell_m": 0.5}}]})
+    )
+    with run_in_this_process():
+        assert batch(tmp_path, tmp_path / "out", "--quiet").code == 0
+    (run,) = json.loads((tmp_path / "out" / "batch.json").read_text())["runs"]
+    assert (run["revolutions"], run["duration_s"]) == (6, pytest.approx(3.0, abs=0.01))
+    settings = load_config(tmp_path / "out" / "drive" / "config.yaml")
+    assert (settings.detector.threshold, settings.map.cell_m, settings.sensor.doppler_beta) == (35.0, 0.5, 0.0)
+    with run_in_this_process():
+        assert json.loads(batch(tmp_path, tmp_path / "out", "--json").out)["kept"] == 1
+
+
 def test_the_report_shows_every_run_and_leads_to_its_own(work: Path) -> None:
     page = (work / "out" / "report.html").read_text()
     for name in ("wheels/report.html", "drive/report.html", "radar%20only/report.html"):
@@ -124,7 +149,6 @@ def test_results_of_other_settings_are_neither_kept_nor_replaced_unasked(work: P
 def test_a_run_that_was_killed_goes_on_where_it_stopped(work: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from mqslam import slam
     from mqslam.commands import batch as batch_module
-    from mqslam.commands.batch import read_plan
 
     orders, _ = read_plan(work / "runs.yaml")
     terms = batch_module.Terms(tmp_path, 1, False)
