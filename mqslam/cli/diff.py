@@ -35,22 +35,20 @@ def diff(terminal: Terminal, *, first: Path, second: Path) -> None:
     """
     from mqslam.commands.diff import diff_results
 
-    differences = diff_results(first, second, _read_options)
+    differences = diff_results(first, second, _parse_options)
     terminal.print_results(differences, lambda: echo(_format(differences)))
 
 
-def _read_options(folder: Path) -> dict[str, Any] | None:
-    """Reads the options of the command that has written a result from its run.log, by their names.
+def _parse_options(line: str) -> dict[str, Any] | None:
+    """Returns the options in a line of the command line by their names; None if it is no command of mqslam.
 
-    Settings, which a result holds itself, and options that change no result are left out. Returns None if the folder has
-    no run.log or the result was not made by the command line.
+    Settings, which a result holds itself, and options that change no result are left out.
     """
     from mqslam.cli import app
-    from mqslam.results.files import read_origin
 
     commands = typer.main.get_group(app).commands
     try:
-        words = shlex.split(dict(read_origin(folder)).get("command", ""))
+        words = shlex.split(line)
     except ValueError:  # the line is cut or was edited
         return None
     if len(words) < 2 or words[1] not in commands:

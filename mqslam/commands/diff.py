@@ -15,6 +15,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.evaluation import align_positions, pair_poses
 from mqslam.formats.tum import read_tum
+from mqslam.results.files import read_origin
 
 _PASSING: Final = frozenset({"run_key", "runtime_s", "peak_rss_mb"})  # entries that differ whenever a command is repeated
 _REMEDY: Final = "give the folders of two results of one command"
@@ -28,14 +29,14 @@ Given = Mapping[str, Any]
 
 
 def diff_results(
-    first: Path | str, second: Path | str, read_options: Callable[[Path], Given | None] = lambda folder: None
+    first: Path | str, second: Path | str, parse_options: Callable[[str], Given | None] = lambda line: None
 ) -> dict[str, Any]:
     """Compares two results of the same kind.
 
     Args:
         first: folder of a result.
         second: folder of another result.
-        read_options: returns the options by which a result was made, by their names; None where they are not known.
+        parse_options: returns the options in the command that made a result, by their names; None if it is no command.
 
     Returns:
         `options`, `settings` and `figures` hold the names whose values differ, each with both values as [first, second].
@@ -52,7 +53,7 @@ def diff_results(
     kinds = [type(result).__name__ for result in results]
     if kinds[0] != kinds[1]:
         raise DataError(Path(second), f"is the result of another command than {first} ({kinds[1]}, not {kinds[0]})", _REMEDY)
-    given = [read_options(result.folder) for result in results]
+    given = [parse_options(dict(read_origin(result.folder)).get("command", "")) for result in results]
     options = None if given[0] is None or given[1] is None else _list_changes(given[0], given[1])
     settings = _list_settings(*results)
     obstacle = _find_other_returns(results, settings, options or {})
