@@ -254,8 +254,8 @@ def _list_worst(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Section 
     notes = (
         "Torn places come first, the largest correction at the top." if torn else "No place is torn.",
         "The windows with the largest inflation follow. All listed places are well apart.",
-        "A correction moves the end of a window or span relative to its begin, the scans after a jump, or the later pass of "
-        "a revisit. Its directions are as seen from the sensor.",
+        "A correction moves the end of a window, span or sum relative to its begin, the scans after a jump, or the later "
+        "pass of a revisit. Its directions are as seen from the sensor.",
         f"{' and '.join(BAD_PLACES)} next to this page list all places that are torn or undecided.",
     )
     tables = [

@@ -11,6 +11,7 @@ from typing import Any, Final
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.revisits import pick_passes
 from mqslam.auditing.spans.measured import pick_ends
+from mqslam.auditing.spans.sums import find_bends
 from mqslam.auditing.steps import pick_sides
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.windows.windows import WindowAudit
@@ -34,17 +35,17 @@ _FRAME: Final = "x and y [m] in the frame of the trajectory that was audited, no
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """A place of a map as a page shows it: a window, a jump, a torn span or a torn revisit.
+    """A place of a map as a page shows it: a window, a jump, a torn span, a torn sum of spans or a torn revisit.
 
     Args:
-        kind: `window`, `jump`, `span` or `revisit`.
+        kind: `window`, `jump`, `span`, `sum` or `revisit`.
         time: time of the place, in words.
         t0, t1: begin and end of a window, or times of the earlier and the later stretch [s] since the recording's start.
         pose: (3,) pose of the sensor at the window's middle, or at the later stretch, world frame.
         sweep: number of the sweep at that pose.
         stretches: numbers of the sweeps of a window, or of the earlier and of the later stretch.
         off_m: how far the correction moves the points of a window or after a jump (root mean square), or the end of a span
-            or the later pass of a revisit [m].
+            or sum, or the later pass of a revisit [m].
         correction: (3,) correction in the frame of the pose [m, m, rad].
         inflation: squared size of the correction in units of its covariance; None for a jump, which is judged against other
             steps.
@@ -138,7 +139,7 @@ def spot_of_window(window: WindowAudit) -> Spot:
 
 
 def spots_of_torn_pairs(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[Spot]:
-    """Returns the jumps, the torn spans and the torn revisits as spots.
+    """Returns the jumps, the torn spans, the torn sums of spans and the torn revisits as spots.
 
     Args:
         sweeps: the points that were judged.
@@ -158,6 +159,12 @@ def spots_of_torn_pairs(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> 
         off = span.distance_m, span.offset, inflation
         text = _describe_fit("The end of the span", span.distance_m, span.offset)
         spots.append(_spot_of_pair(sweeps, "span", pair, pick_ends(pair), off, text, span.registration.matched))
+    for bend in find_bends(audit.sums):
+        pair = bend.earlier, bend.later
+        inflation = float(se2.normalise(bend.offset[None], bend.covariance[None])[0])
+        off = bend.distance_m, bend.offset, inflation
+        text = _describe_fit(f"The end of these {bend.path_m:.0f} m of path", bend.distance_m, bend.offset)
+        spots.append(_spot_of_pair(sweeps, "sum", pair, pick_ends(pair), off, text))
     for revisit in (one for one in audit.revisits if one.torn):
         pair, off = (revisit.earlier, revisit.later), (revisit.distance_m, revisit.offset, revisit.inflation)
         text = _describe_fit("The later pass", revisit.distance_m, revisit.offset)
@@ -178,22 +185,24 @@ def _spot_of_pair(
     stretches: tuple[Sequence[int], Sequence[int]],
     off: tuple[float, se2.Array, float | None],
     text: str,
-    matched: float,
+    matched: float | None = None,
 ) -> Spot:
     """Returns a torn pair of stretches as a spot.
 
     Args:
         sweeps: the points that were judged.
-        kind: `jump`, `span` or `revisit`.
+        kind: `jump`, `span`, `sum` or `revisit`.
         pair: the earlier and the later sweep, in whose frames the stretches are given.
         stretches: numbers of the sweeps of the earlier and of the later stretch.
         off: size of the later stretch's correction [m], the correction (3,), and its inflation, which is None for a jump.
         text: where the later stretch fits, in words.
-        matched: share of the later stretch's points that lie on the earlier one after the correction.
+        matched: share of the later stretch's points that lie on the earlier one after the correction; None for a sum, whose
+            two ends are not registered on each other.
     """
     t0, t1 = sweeps.times[list(pair)].tolist()
-    time = {"jump": f"at {t1:.1f} s", "span": f"{t0:.1f} s to {t1:.1f} s", "revisit": f"{t0:.1f} s and {t1:.1f} s"}[kind]
-    fit = f"{text}; {100.0 * matched:.0f} % of its points then lie on what was seen before."
+    time = {"jump": f"at {t1:.1f} s", "revisit": f"{t0:.1f} s and {t1:.1f} s"}.get(kind, f"{t0:.1f} s to {t1:.1f} s")
+    seen = "" if matched is None else f"; {100.0 * matched:.0f} % of its points then lie on what was seen before"
+    fit = f"{text}{seen}."
     last = "" if off[2] is None else f" Inflation {format_three_digits(off[2])}."
     return Spot(kind, time, t0, t1, sweeps.poses[pair[1]], pair[1], stretches, *off, True, fit + last)
 

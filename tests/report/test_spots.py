@@ -11,6 +11,7 @@ import numpy as np
 from support.reported import audit_of, judged_revisit, judged_walls, judged_window, swept_walls
 
 from mqslam.auditing.registration import Registration
+from mqslam.auditing.spans.sums import SumAudit
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.windows.windows import Undecided, WindowAudit
@@ -124,6 +125,20 @@ def test_jumps_and_spans_are_among_the_worst_places_with_what_would_mend_them() 
     assert sum(map(len, before)) and sum(map(len, after))
     np.testing.assert_array_equal(before[0], after[0])
     assert not np.array_equal(before[1], after[1])
+
+
+def test_a_torn_sum_of_spans_is_a_bad_place_with_its_begin_end_and_size(tmp_path: Path) -> None:
+    torn = SumAudit(8, 20, 2.0, 5.0, 60.0, np.array([0.3, -0.4, 0.01]), np.diag([0.01, 0.01, 1e-4]), 1e-9, True)
+    fine = replace(torn, earlier=32, later=44, t0=8.0, t1=11.0, torn=False)
+    audit = replace(audit_of([], []), sums=[torn, fine])
+    (spot,) = find_worst_spots(WALLS, audit, SETTINGS)
+    assert spot.cells == ("sum", "2.0 s to 5.0 s", "(100, 0) m", "0.50 m", *spot.cells[4:6], "torn")
+    assert spot.text.startswith("The end of these 60 m of path fits 0.50 m from where the trajectory has it, moved 0.30 m ")
+    write_bad_places(tmp_path, list_bad_places(WALLS, audit, SETTINGS))
+    (row,) = csv.DictReader((tmp_path / "bad_places.csv").read_text(encoding="utf-8").splitlines())
+    assert [row["kind"], *map(float, (row["t0"], row["t1"], row["off_m"]))] == ["sum", 2.0, 5.0, 0.5]
+    before, after = make_crop(WALLS, spot)
+    assert len(before) == len(after) == 2
 
 
 def test_directions_are_said_as_a_driver_would() -> None:

@@ -31,7 +31,8 @@ class SumAudit:
     """The judgement of a sum of successive spans.
 
     Args:
-        t0, t1: times at which the first span begins and the last one ends [s] since the recording's start.
+        earlier, later: numbers of the sweeps at which the first span begins and the last one ends.
+        t0, t1: times of these sweeps [s] since the recording's start.
         path_m: length of the path from the begin of the first span to the end of the last one [m].
         offset: (3,) pose of the end by psi relative to its pose by the trajectory, in the frame of the end [m, m, rad].
         covariance: (3, 3) covariance of the offset, with the drift of psi itself.
@@ -39,6 +40,8 @@ class SumAudit:
         torn: whether the end is off by more than chance explains and by more than is tolerated.
     """
 
+    earlier: int
+    later: int
     t0: float
     t1: float
     path_m: float
@@ -74,6 +77,8 @@ def audit_sums(spans: Sequence[SpanAudit], sweeps: Sweeps, settings: AuditConfig
     torn = is_large & (p_values < share_of_false_alarms(limits))
     return [
         SumAudit(
+            earlier=chain[0].registration.earlier,
+            later=chain[-1].registration.later,
             t0=chain[0].t0,
             t1=chain[-1].t1,
             path_m=_measure_path(chain, sweeps.travelled),
