@@ -22,7 +22,7 @@ from mqslam.core.sensors import Gyroscope
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import ConfigError, DataError, Remedy
-from mqslam.formats.covariances import holds_covariances, read_covariances
+from mqslam.formats.covariances import StampedCovariances, holds_covariances, read_covariances
 from mqslam.psi.place import Beam
 
 _TRAJECTORY, _COVARIANCES = "trajectory.tum", "covariances.csv"  # a run writes both into one folder
@@ -30,9 +30,26 @@ _SLACK_SWEEPS: Final = 2.0  # a covariance farther in time from a sweep, in swee
 _REMEDY: Final = "give the covariances that were written together with the trajectory"
 
 
-def find_relative_covariances(
-    covariances: Path | str | None, origin: Trajectory | Path | str, given: Trajectory | None, offset_us: int, sweeps: Sweeps
-) -> tuple[RelativeCovariances | None, list[str]]:
+@dataclass(frozen=True)
+class StatedCovariances:
+    """The covariances that a trajectory states of its poses, as they were read.
+
+    Args:
+        path: file that they were read from.
+        read: the covariances.
+        given: the trajectory.
+        is_needed: whether the audit is impossible without them; if not, covariances that do not fit are left out.
+    """
+
+    path: Path
+    read: StampedCovariances
+    given: Trajectory
+    is_needed: bool
+
+
+def read_stated_covariances(
+    covariances: Path | str | None, origin: Trajectory | Path | str, given: Trajectory | None
+) -> tuple[StatedCovariances | None, list[str]]:
     """Returns the covariances that a trajectory states of its poses, or None if it states none, and notes for the user.
 
     Args:
@@ -40,42 +57,46 @@ def find_relative_covariances(
             the file beside a run's own trajectory.tum.
         origin: the trajectory as the user named it: poses, a file, or the name of a trajectory that the recording carries.
         given: the trajectory; None if the recording carries it.
-        offset_us: time that was added to the trajectory's stamps [us]; it is added to those of the covariances, too.
-        sweeps: points under the trajectory to judge.
 
     Raises:
         ConfigError: covariances are given for a trajectory that the recording carries.
-        DataError: the given file cannot be used, or does not fit the trajectory.
+        DataError: the given file cannot be read.
     """
     if covariances is not None:
         if given is None:
             raise ConfigError("covariances can be given only together with a trajectory from a file", Remedy.GIVE_TRAJECTORY)
-        return _read_covariances(Path(covariances), given, offset_us, sweeps), []
+        return StatedCovariances(Path(covariances), read_covariances(Path(covariances)), given, True), []
     if given is None or isinstance(origin, Trajectory):
         return None, []
     path = Path(origin)
     poses = path / _TRAJECTORY if path.is_dir() else path
     if holds_covariances(poses):
-        return _read_covariances(poses, given, offset_us, sweeps), []
-    if poses.name != _TRAJECTORY:
-        return None, []
+        return StatedCovariances(poses, read_covariances(poses), given, True), []
     beside = poses.with_name(_COVARIANCES)
-    if not beside.is_file():
+    if poses.name != _TRAJECTORY or not beside.is_file():
         return None, []
     try:
-        return _read_covariances(beside, given, offset_us, sweeps), []
+        return StatedCovariances(beside, read_covariances(beside), given, False), []
     except DataError as error:
-        return None, [f"revisits are not compared with the covariances of the trajectory: {error}"]
+        return None, [_explain_unused(error)]
 
 
-def _read_covariances(path: Path, given: Trajectory, offset_us: int, sweeps: Sweeps) -> RelativeCovariances:
-    """Reads the covariances of a trajectory's poses; each sweep takes the covariance with the nearest stamp.
+def fit_covariances(
+    stated: StatedCovariances | None, offset_us: int, sweeps: Sweeps
+) -> tuple[RelativeCovariances | None, list[str]]:
+    """Returns the covariances of the poses of sweeps, and notes for the user; each sweep takes those of the nearest stamp.
+
+    Args:
+        stated: the covariances of the trajectory's poses; None gives None.
+        offset_us: time that was added to the trajectory's stamps [us]; it is added to those of the covariances, too.
+        sweeps: points under the trajectory to judge.
 
     Raises:
-        DataError: the file cannot be read, or has no covariance near some sweep.
+        DataError: needed covariances have none near some sweep.
     """
-    read = read_covariances(path)
-    track = sweeps.track
+    if stated is None:
+        return None, []
+    read, given, track = stated.read, stated.given, sweeps.track
     assert track is not None  # a trajectory was given
     times = track.times[0] + 1e-6 * (read.stamps_us + offset_us - given.stamps_us[0])
     after = np.clip(np.searchsorted(times, sweeps.times), 1, max(len(times) - 1, 1))
@@ -86,10 +107,17 @@ def _read_covariances(path: Path, given: Trajectory, offset_us: int, sweeps: Swe
     without = np.count_nonzero(np.abs(times[nearest] - sweeps.times) > slack_s)
     if without:
         total = count_of(len(sweeps), "scan")
-        raise DataError(path, f"has no covariance within {slack_s:.2g} s of {without} of {total}", _REMEDY)
+        error = DataError(stated.path, f"has no covariance within {slack_s:.2g} s of {without} of {total}", _REMEDY)
+        if stated.is_needed:
+            raise error
+        return None, [_explain_unused(error)]
     turns = ((given.poses[0, 2] if read.of_first_pose else 0.0) - sweeps.poses[:, 2]).tolist()
     own = [se2.rotate_covariance(c, yaw) for c, yaw in zip(read.covariances[nearest], turns, strict=True)]
-    return SingleCovariances(np.array(own), sweeps.poses)
+    return SingleCovariances(np.array(own), sweeps.poses), []
+
+
+def _explain_unused(error: DataError) -> str:
+    return f"revisits are not compared with the covariances of the trajectory: {error}"
 
 
 # A cloud with at least this many points per stamp is taken to have one stamp per scan.

@@ -19,11 +19,12 @@ from mqslam.auditing.revisits import judge_honesty
 from mqslam.auditing.sources import (
     Source,
     divide_cloud,
-    find_relative_covariances,
+    fit_covariances,
     is_cloud,
     make_lidar_source,
     move_cloud,
     place_source,
+    read_stated_covariances,
 )
 from mqslam.auditing.sweeps import Sweeps, require_covered
 from mqslam.auditing.table import MapTest
@@ -41,7 +42,7 @@ from mqslam.core.recording import LidarRecording, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import left_or_right
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
-from mqslam.errors import ConfigError, DataError, Remedy, find_near, to_path
+from mqslam.errors import ConfigError, DataError, Remedy, find_near, to_path, untrusted
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.clouds import read_cloud
@@ -145,6 +146,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         given, understood = _read_given(
             trajectory, None if times is None else Path(times), topic, frame, time_offset_s, mount
         )
+        of_poses, missing = (None, []) if mount is not None else read_stated_covariances(covariances, trajectory, given)
         name = "given" if isinstance(trajectory, Trajectory) else str(trajectory)
         if of_cloud and mend and given is None:
             raise ConfigError(f"{data}: a cloud without its trajectory cannot be mended", Remedy.GIVE_TRAJECTORY)
@@ -165,10 +167,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         if given is not None and sweeps.track is not None and not of_cloud:  # the points of a cloud are placed already
             sat = np.zeros(3) if mount is None else mount
             sweeps = replace(sweeps, track=replace(sweeps.track, extrinsics=sat, time_offset_s=time_offset_s))
-        relative = None
-        if mount is None:
-            relative, missing = find_relative_covariances(covariances, trajectory, given, round(1e6 * time_offset_s), sweeps)
-            notes += missing
+        relative, unfit = fit_covariances(of_poses, round(1e6 * time_offset_s), sweeps)
+        notes += [*missing, *unfit]
         for line in (*notes, *warnings):
             work.tell(line)
         settings = _set_limits(settings, false_alarms, tolerance)
@@ -218,6 +218,8 @@ def _read_baseline(folder: Path) -> dict[str, Any]:
     result = read_result(folder)
     if not isinstance(result, AuditResult) or not {"verdict", "tests"} <= result.summary.keys():
         raise DataError(folder, "holds no result of an audit that can be a baseline", "give the folder of an earlier audit")
+    with untrusted.blame_file(folder / "audit.json"):
+        list_worse(result.summary, result.summary)  # raises for damaged findings before anything is judged
     return result.summary
 
 

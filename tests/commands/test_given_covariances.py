@@ -11,8 +11,9 @@ from support.reported import swept_walls
 
 import mqslam
 from mqslam.auditing.revisits import RevisitAudit, judge_honesty
-from mqslam.auditing.sources import find_relative_covariances
+from mqslam.auditing.sources import fit_covariances, read_stated_covariances
 from mqslam.auditing.sweeps import Sweeps
+from mqslam.backend.marginals import RelativeCovariances
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError
@@ -45,6 +46,15 @@ def written(folder: Path, stamps_us: np.ndarray, poses: np.ndarray, along_m: flo
     rows = np.array([se2.rotate_covariance(own, yaw) for yaw in yaws.tolist()])
     write_covariances(folder / "covariances.csv", StampedCovariances(stamps_us, rows))
     return folder / "covariances.csv"
+
+
+def find_relative_covariances(
+    covariances: Path | None, origin: Trajectory | Path | str, given: Trajectory | None, offset_us: int, sweeps: Sweeps
+) -> tuple[RelativeCovariances | None, list[str]]:
+    """Reads the covariances of a trajectory and fits them to sweeps, as an audit does."""
+    stated, notes = read_stated_covariances(covariances, origin, given)
+    relative, unfit = fit_covariances(stated, offset_us, sweeps)
+    return relative, [*notes, *unfit]
 
 
 def test_covariances_are_those_of_the_poses_own_frames(tmp_path: Path) -> None:
@@ -154,3 +164,11 @@ def test_covariances_of_a_sensor_are_not_those_of_what_extrinsics_move(tmp_path:
     path = written(tmp_path, given.stamps_us, given.poses)
     with pytest.raises(ConfigError, match="covariances are of the sensor's poses"):
         mqslam.audit(tmp_path / "drive", tmp_path / "out", trajectory=given, covariances=path, extrinsics=(1.0, 0.0, 0.0))
+
+
+def test_covariances_and_a_baseline_that_cannot_be_read_are_refused_before_the_recording_is_read(tmp_path: Path) -> None:
+    _, given = turned_walls()
+    with pytest.raises(DataError, match=r"none\.csv: does not exist"):
+        mqslam.audit(tmp_path / "drive", tmp_path / "out", trajectory=given, covariances=tmp_path / "none.csv")
+    with pytest.raises(DataError, match="old: holds no result"):
+        mqslam.audit(tmp_path / "drive", tmp_path / "out", trajectory=given, baseline=tmp_path / "old")
