@@ -32,7 +32,7 @@ from mqslam.auditing.windows.windows import Undecided, WindowAudit, share_torn
 from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.statistics import correct_for_places, find_smallest
-from mqslam.core.wording import count_of, is_or_are, join_words, left_or_right
+from mqslam.core.wording import count_of, describe_times, is_or_are, join_words, left_or_right
 from mqslam.errors import Remedy
 
 # A map with a larger share of torn revisits than this is worth a look; a few torn revisits may join places that only look
@@ -76,7 +76,7 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int) -> list[Finding]:
     p_value = find_smallest(window.p_value for window in windows)
     worst = max((window for window in windows if window.torn), key=lambda window: window.bend.size_m, default=None)
     if worst is not None:
-        reason += f", the worst by {worst.bend.size_m:.2f} m from {worst.t0:.1f} s to {worst.t1:.1f} s"
+        reason += f", the worst by {worst.bend.size_m:.2f} m {describe_times(worst.t0, worst.t1)}"
     findings = [Finding(status, reason, p_value=p_value)]
     blind = Share(sum(w.undecided is Undecided.APART for w in windows), len(windows))
     if blind.is_above(WINDOWS_FAIL):
@@ -238,7 +238,7 @@ def judge_pooled(
         turned = float(-find_bias(pooled, limits)[_SIDE])
         mends_mount = f"; {Remedy.GIVE_EXTRINSICS} {_name_extrinsics(extrinsics, turned, lever)}"
     if delay is not None and time_offset_s is not None:
-        mends_stamps = f"; {Remedy.GIVE_TIME_OFFSET} {time_offset_s - delay.seconds:.3f}"
+        mends_stamps = f"; {Remedy.GIVE_TIME_OFFSET} {time_offset_s - delay.seconds:z.3f}"
     explanation = f"{reasons[-1]}{mends_stamps}" if delay is not None else f"{' and '.join(reasons)}{mends_mount}"
     reason = f"{', and '.join(reasons)}{mends_mount}{mends_stamps}"
     return Finding(VerdictStatus.WARN, reason, p_value=p_value, cause=cause, explanation=explanation)
@@ -263,9 +263,9 @@ def find_delay(pooled: Pooled, limits: VerdictConfig) -> Delay | None:
 def _name_extrinsics(given: se2.Array, turned: float, lever: Lever | None) -> str:
     """Returns the extrinsics that would mend a wrong mount, as text: x [m], y [m] and yaw [degrees]."""
     if lever is None:
-        return f"{given[0]:g},{given[1]:g},{np.degrees(given[2] + turned):.2f}"
+        return f"{given[0]:zg},{given[1]:zg},{np.degrees(given[2] + turned):z.2f}"
     x, y, yaw = se2.compose(given, [*lever.arm, turned])
-    return f"{x:.2f},{y:.2f},{np.degrees(yaw):.2f}"
+    return f"{x:z.2f},{y:z.2f},{np.degrees(yaw):z.2f}"
 
 
 def find_biases(pooled: Pooled, limits: VerdictConfig) -> list[int]:
@@ -351,7 +351,7 @@ def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: Verdi
 
 def _describe_span(span: SpanAudit) -> str:
     """Returns by how much and where a span is off, in words."""
-    where = f"from {span.t0:.1f} s to {span.t1:.1f} s"
+    where = describe_times(span.t0, span.t1)
     if span.distance_m < np.sqrt(0.5) * span.size_m:
         turn = f"{np.degrees(abs(span.offset[2])):.1f} deg to the {left_or_right(-span.offset[2])}"
         return f"turned by {turn} {where}, which moves points by {span.size_m:.2f} m"
@@ -395,7 +395,7 @@ def judge_sums(sums: Sequence[SumAudit], path_m: float, settings: AuditConfig, l
 
 def _describe_sum(one: SumAudit, tolerated_rad: float) -> str:
     """Returns by how much and where a long stretch is off, in words."""
-    where = f"over {one.path_m:.0f} m from {one.t0:.1f} s to {one.t1:.1f} s"
+    where = f"over {one.path_m:.0f} m {describe_times(one.t0, one.t1)}"
     if abs(one.offset[2]) > tolerated_rad:
         turn = f"{np.degrees(abs(one.offset[2])):.1f} deg (± {np.degrees(np.sqrt(one.covariance[2, 2])):.1f})"
         side = left_or_right(-one.offset[2])

@@ -21,7 +21,7 @@ from mqslam.core.scans import Scans
 from mqslam.core.sensors import Gyroscope
 from mqslam.core.statistics import SIGMAS_PER_DEVIATION
 from mqslam.core.trajectory import Trajectory
-from mqslam.core.wording import left_or_right
+from mqslam.core.wording import describe_times, left_or_right
 
 # Error of the scale that data sheets of cheap gyroscopes allow: an audit does not call a smaller one a fault.
 _LIKELY_SCALE = 0.03
@@ -155,7 +155,7 @@ def _find_kink(times: NDArray[np.float64], residuals: NDArray[np.float64]) -> li
         return []
     _, turn, begin, end = max(kinks)
     side = left_or_right(turn)
-    return [f"from {begin:.1f} s to {end:.1f} s the trajectory turns {np.degrees(abs(turn)):.1f} deg farther to the {side}"]
+    return [f"{describe_times(begin, end)} the trajectory turns {np.degrees(abs(turn)):.1f} deg farther to the {side}"]
 
 
 def _describe_bias(rotation: Rotation) -> str:

@@ -16,7 +16,7 @@ from mqslam.auditing.sizes import WINDOW
 from mqslam.auditing.verdict import Cause, Finding, VerdictStatus
 from mqslam.config import AuditConfig
 from mqslam.core import se2
-from mqslam.core.wording import count_of
+from mqslam.core.wording import count_of, describe_times
 from mqslam.errors import Remedy
 
 # A single step of a trajectory is a jump only if it takes a larger acceleration than this [m/s^2]: tyres give a vehicle
@@ -257,8 +257,8 @@ def _judge_cover(track: Track) -> list[Finding]:
         return []
     begin, end = float(track.times[0]), float(track.times[-1])
     reason = (
-        f"the trajectory covers only {track.scans - track.uncovered} of {count_of(track.scans, 'scan')}, from {begin:.1f} s "
-        f"to {end:.1f} s: the other scans were not judged, and its stamps may not fit the recording's"
+        f"the trajectory covers only {track.scans - track.uncovered} of {count_of(track.scans, 'scan')}, "
+        f"{describe_times(begin, end)}: the other scans were not judged, and its stamps may not fit the recording's"
     )
     too_few = track.scans - track.uncovered < WINDOW
     status = VerdictStatus.NOT_JUDGED if too_few else VerdictStatus.WARN
@@ -272,14 +272,14 @@ def judge_part(track: Track) -> list[Finding]:
     begin, end = float(track.times[0]), float(track.times[-1])
     reason = (
         f"the trajectory covers only a part of the recording, {track.scans - track.uncovered} of "
-        f"{count_of(track.scans, 'scan')} from {begin:.1f} s to {end:.1f} s: the other scans were not judged"
+        f"{count_of(track.scans, 'scan')} {describe_times(begin, end)}: the other scans were not judged"
     )
     return [Finding(VerdictStatus.WARN, reason, cause=Cause.PART, explanation=reason)]
 
 
 def _list_spans(spans: Sequence[tuple[float, float]], last: float) -> str:
     """Describes stretches of time [s] in words; a stretch that reaches to the last scan is named by its begin alone."""
-    return _join([f"from {a:.1f} s on" if b >= last else f"from {a:.1f} s to {b:.1f} s" for a, b in spans])
+    return _join([f"from {a:.1f} s on" if b >= last else describe_times(a, b) for a, b in spans])
 
 
 def _describe_jump(jump: Jump) -> str:

@@ -41,7 +41,9 @@ class Contribution:
     def describe(self, name: str) -> str:
         """Describes the contribution in a sentence; `name` is the sensor's key in `SensorUse.contributions`."""
         turned = math.degrees(self.turned_rad)
-        return f"{_SUBJECTS[name]} moves the trajectory by {self.moved_m:.2g} m (RMS) and turns its end by {turned:+.2g} deg"
+        return (
+            f"{_SUBJECTS[name]} moves the trajectory by {self.moved_m:.2g} m (RMS) and turns its end by {turned:+z.2g} deg"
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -174,10 +174,10 @@ def _list_worst(summary: dict[str, Any]) -> list[tuple[str, str]]:
     rows = [("torn window", f"{_place(w, w['t0'], w['t1'])}: bent by {w['size_m']:.2f} m") for w in windows]
     revisits = [r for r in summary["per_revisit"] if r["torn"]]
     for r in sorted(revisits, key=lambda r: -(r["dx"] ** 2 + r["dy"] ** 2))[:_LISTED]:
-        off = f"off by {r['dx']:.2f} m, {r['dy']:.2f} m, {57.29578 * r['dyaw']:.2f} deg"
+        off = f"off by {r['dx']:z.2f} m, {r['dy']:z.2f} m, {57.29578 * r['dyaw']:z.2f} deg"
         rows.append(("torn revisit", f"{_place(r, r['t_earlier'], r['t_later'])}: {off}"))
     return rows
 
 
 def _place(row: dict[str, Any], begin: float, end: float) -> str:
-    return f"{begin:.1f} to {end:.1f} s at ({row['x']:.1f}, {row['y']:.1f}) m"
+    return f"{begin:.1f} to {end:.1f} s at ({row['x']:z.1f}, {row['y']:z.1f}) m"

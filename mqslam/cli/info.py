@@ -103,5 +103,5 @@ def _describe_mount(mount: dict[str, Any] | None) -> str:
     """Describes the pose of the radar on the vehicle in words."""
     if mount is None:
         return "not stated"
-    place = f"{mount['x_m']:.3g} m forward, {mount['y_m']:.3g} m to the left, {mount['yaw_deg']:.3g} deg to the left"
+    place = f"{mount['x_m']:z.3g} m forward, {mount['y_m']:z.3g} m to the left, {mount['yaw_deg']:z.3g} deg to the left"
     return f"{place}, from {mount['source']}"

@@ -118,8 +118,8 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
     table.add_column("optimised", justify="right")
     psi = summary["psi"]
     for key, label, form in (
-        ("across_passes", "psi per point across passes", "{:.4f}"),
-        ("per_point", "psi per point", "{:.4f}"),
+        ("across_passes", "psi per point across passes", "{:z.4f}"),
+        ("per_point", "psi per point", "{:z.4f}"),
         ("matched", "matched points", "{:.1%}"),
     ):
         if key == "across_passes" and psi[f"{key}_optimised"] is None:

@@ -27,6 +27,12 @@ def is_or_are(number: int) -> str:
     return "is" if number == 1 else "are"
 
 
+def describe_times(begin_s: float, end_s: float) -> str:
+    """Returns two times [s] in words, such as `from 2.0 s to 3.5 s`, or `at 2.0 s` if both are written alike."""
+    begin, end = f"{begin_s:z.1f} s", f"{end_s:z.1f} s"
+    return f"at {begin}" if begin == end else f"from {begin} to {end}"
+
+
 def left_or_right(value: float) -> str:
     """Returns `left` for a value of zero or more, else `right`."""
     return "left" if value >= 0.0 else "right"

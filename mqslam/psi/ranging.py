@@ -82,7 +82,7 @@ class RangeErrors(NamedTuple):
             used: range offset in use [m], which has been added to the ranges of the returns.
         """
         sigma, sigma_beta = self.sigmas.tolist()
-        offset = f"a range offset of {used + self.offset:.2f} ± {sigma:.2f} m where {used:.2f} m is used"
+        offset = f"a range offset of {used + self.offset:z.2f} ± {sigma:.2f} m where {used:z.2f} m is used"
         shown = f"psi shows {offset}, and a Doppler shift of {self.beta:.3f} ± {sigma_beta:.3f} s"
         share = abs(self.lengthening * (self.offset if self.contradicts else sigma))  # of all lengths
         if not self.contradicts:

@@ -128,7 +128,7 @@ def _tabulate_changes(summary: Mapping[str, Any]) -> Section:
             str(n),
             f"recording {change['shown_by']}",
             f"recording {change['missed_by']}",
-            f"({change['x']:.1f}, {change['y']:.1f}) m",
+            f"({change['x']:z.1f}, {change['y']:z.1f}) m",
             f"{change['size_x']:.1f} m × {change['size_y']:.1f} m",
             format_value(change["seen"]),
             format_value(change["looks"]),
@@ -142,7 +142,7 @@ def _tabulate_changes(summary: Mapping[str, Any]) -> Section:
 def _show_changes(merged: Merged) -> Section | None:
     maps, cards = _split_points(merged), []
     for n, change in enumerate(merged.changes[:_SHOWN], 1):
-        title = f"{n}. shown by recording {change.shown_by + 1} at ({change.place[0]:.1f}, {change.place[1]:.1f}) m"
+        title = f"{n}. shown by recording {change.shown_by + 1} at ({change.place[0]:z.1f}, {change.place[1]:z.1f}) m"
         both = (change.shown_by, change.missed_by)
         pictures = zip(both, draw_change([maps[k] for k in both], change, merged.unit_m), strict=True)
         names = [(f"recording {k + 1}", picture) for k, picture in pictures]

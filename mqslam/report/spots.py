@@ -17,7 +17,7 @@ from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.config import AuditConfig
 from mqslam.core import se2
-from mqslam.core.wording import count_of
+from mqslam.core.wording import count_of, describe_times
 from mqslam.execution.files import write_json, write_text
 from mqslam.report.words import ABSENT, describe_motion, describe_place, format_length, format_three_digits
 from mqslam.results.files import format_csv, format_numbers
@@ -122,7 +122,7 @@ def spot_of_window(window: WindowAudit) -> Spot:
     known = "" if window.torn else ", not torn" if window.undecided is None else f", undecided: {window.undecided}"
     return Spot(
         kind="window",
-        time=f"{window.t0:.1f} s to {window.t1:.1f} s",
+        time=_describe_stretch(window.t0, window.t1),
         t0=window.t0,
         t1=window.t1,
         pose=window.pose,
@@ -173,6 +173,11 @@ def spots_of_torn_pairs(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> 
     return spots
 
 
+def _describe_stretch(t0: float, t1: float) -> str:
+    """Returns begin and end [s] of a stretch in words, such as `2.0 s to 3.5 s`, or `at 2.0 s` if both are written alike."""
+    return describe_times(t0, t1).removeprefix("from ")
+
+
 def _describe_fit(what: str, off_m: float, correction: se2.Array) -> str:
     """Returns in words how far and in which direction the later of two stretches, named by `what`, must move to fit."""
     return f"{what} fits {format_length(off_m)} from where the trajectory has it, moved {describe_motion(correction)}"
@@ -200,7 +205,7 @@ def _spot_of_pair(
             two ends are not registered on each other.
     """
     t0, t1 = sweeps.times[list(pair)].tolist()
-    time = {"jump": f"at {t1:.1f} s", "revisit": f"{t0:.1f} s and {t1:.1f} s"}.get(kind, f"{t0:.1f} s to {t1:.1f} s")
+    time = {"jump": f"at {t1:.1f} s", "revisit": f"{t0:.1f} s and {t1:.1f} s"}.get(kind) or _describe_stretch(t0, t1)
     seen = "" if matched is None else f"; {100.0 * matched:.0f} % of its points then lie on what was seen before"
     fit = f"{text}{seen}."
     last = "" if off[2] is None else f" Inflation {format_three_digits(off[2])}."
@@ -249,7 +254,7 @@ def list_unmatched(sweeps: Sweeps, audit: Audit) -> list[tuple[str, ...]]:
         longest = sorted(range(len(groups)), key=lambda k: -len(groups[k]))[:_MOST]
         for k in sorted(longest):
             (why, begin, _, _), (_, _, end, _) = groups[k][0], groups[k][-1]
-            time = f"at {begin:.1f} s" if begin == end else f"{begin:.1f} s to {end:.1f} s"
+            time = _describe_stretch(begin, end)
             where = describe_place(groups[k][len(groups[k]) // 2][3])
             rows.append((count_of(len(groups[k]), noun), time, where, str(why), look))
         left = sum(len(group) for k, group in enumerate(groups) if k not in longest)

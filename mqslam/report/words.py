@@ -128,7 +128,7 @@ def format_value(value: Any, unit: str = "") -> str:
     if isinstance(value, int):
         return f"{value:,}{unit}"
     if isinstance(value, float):
-        digits = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+        digits = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:z.3g}"
         return f"{digits}{unit}"
     return f"{value}{unit}"
 
@@ -145,7 +145,7 @@ def format_change(before: Any, after: Any) -> str:
     """Returns as text by how many percent a value changed; a dash where a value is None or `before` is zero."""
     if before is None or after is None or before == 0:
         return ABSENT
-    return f"{100.0 * (after - before) / abs(before):+.1f} %".replace("-", "−")
+    return f"{100.0 * (after - before) / abs(before):+z.1f} %".replace("-", "−")
 
 
 def format_length(metres: float) -> str:
@@ -162,7 +162,7 @@ def format_p_value(p_value: float | None) -> str:
 
 def format_three_digits(value: float) -> str:
     """Returns a number as text with three significant digits, thousands separated."""
-    return f"{float(f'{value:.3g}'):,.10g}"
+    return f"{float(f'{value:.3g}'):z,.10g}"
 
 
 def describe_place(position: NDArray[np.float64]) -> str:

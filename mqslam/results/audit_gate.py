@@ -47,14 +47,14 @@ def write_gate(folder: Path, summary: Mapping[str, Any]) -> None:
 def format_markdown(summary: Mapping[str, Any]) -> str:
     """Returns an audit as Markdown: the verdict, what got worse, and a table of the tests."""
     verdict, baseline = summary["verdict"], summary.get("baseline")
-    lines = [f"## mqslam audit: {verdict['status']}", "", _plain(verdict["diagnosis"]), ""]
+    blocks = [[f"## mqslam audit: {verdict['status']}"], [_plain(verdict["diagnosis"])]]
     if baseline is not None:
-        lines += [f"Compared with `{_plain(baseline['path'])}`: {'' if baseline['worse'] else 'nothing is worse.'}", ""]
-        lines += [*(f"- {sentence}" for sentence in baseline["worse"]), ""]
-    lines += ["| test | status | finding |", "|---|---|---|"]
-    for name, test in summary.get("tests", {}).items():
-        lines.append(f"| {name} | {test['status']} | {_plain('; '.join(test['reasons']))} |")
-    return "\n".join(lines) + "\n"
+        what = "this is worse:" if baseline["worse"] else "nothing is worse."
+        blocks += [[f"Compared with {_plain(baseline['path'])}, {what}"]]
+        blocks += [[f"- {_plain(sentence)}" for sentence in baseline["worse"]]] if baseline["worse"] else []
+    rows = [(name, test["status"], _plain("; ".join(test["reasons"]))) for name, test in summary.get("tests", {}).items()]
+    blocks.append(["| test | status | finding |", "|---|---|---|", *(f"| {' | '.join(row)} |" for row in rows)])
+    return "\n\n".join("\n".join(block) for block in blocks) + "\n"
 
 
 def _plain(text: str) -> str:

@@ -23,7 +23,7 @@ from mqslam.auditing.verdict import CONFIDENCE, Finding, Share, VerdictStatus, v
 from mqslam.auditing.windows.windows import Undecided, share_torn
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
 from mqslam.core.statistics import find_smallest
-from mqslam.core.wording import count_of
+from mqslam.core.wording import count_of, describe_times
 from mqslam.execution.files import write_json, write_text
 from mqslam.results.audit_gate import write_gate
 from mqslam.results.files import format_csv, format_log, format_numbers, list_notes, list_verdict
@@ -281,8 +281,8 @@ def _list_uncovered(sweeps: Sweeps) -> list[str]:
     missing = []
     if track.uncovered * sweeps.revolution_s > span_s:
         scans = f"{track.uncovered} of {count_of(track.scans, 'scan')}"
-        missing.append(f"{scans}: the trajectory has poses from {begin:.1f} s to {end:.1f} s only")
-    parts = [f"from {a:.1f} s to {b:.1f} s" for a, b in ((begin, first), (last, end)) if b - a > span_s]
+        missing.append(f"{scans}: the trajectory has poses {describe_times(begin, end)} only")
+    parts = [describe_times(a, b) for a, b in ((begin, first), (last, end)) if b - a > span_s]
     if parts:
         missing.append(f"poses {' and '.join(parts)}: the data hold no points from that time")
     return missing

@@ -57,7 +57,7 @@ _COLUMNS: Final = (
     _Column("rpe_v_rms", "speed error [m/s]", "{:.3f}", "↓"),
     _Column("odometry_drift_percent", "before back end [%]", "{:.3f}", "↓"),
     _Column("nees_per_degree", "NEES/3", "{:.2f}", "→ 1"),
-    _Column("psi_across_passes", "psi across passes", "{:.4f}", "↓"),
+    _Column("psi_across_passes", "psi across passes", "{:z.4f}", "↓"),
     _Column("psi_over_best", "psi over its best", "{:.2f}", "↓"),
     _Column("matched", "matched", "{:.1%}", "↑"),
     _Column("lost", "lost", "{:.1%}", "↓"),

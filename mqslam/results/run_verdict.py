@@ -17,7 +17,7 @@ from mqslam.backend.sensors.gnss import FixUse
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.recording import Recording
 from mqslam.core.sensors import RADAR
-from mqslam.core.wording import join_words
+from mqslam.core.wording import describe_times, join_words
 from mqslam.detection.stage import warn_of_unread
 from mqslam.errors import Remedy
 from mqslam.mapping.render import select_moving
@@ -89,7 +89,7 @@ def list_warnings(run: Run, recording: Recording) -> list[str]:
     if run.refined.refused:
         warnings.append("the refinement made psi between passes larger: the poses from before the refinement are kept")
     who, holds = f"the {recording.sensor_name} stood still", "the map holds only the first scan of that time"
-    warnings += [f"{who} from {begin:.1f} s to {end:.1f} s: {holds}" for begin, end in find_stops(run, recording)]
+    warnings += [f"{who} {describe_times(begin, end)}: {holds}" for begin, end in find_stops(run, recording)]
     return warnings
 
 
@@ -141,7 +141,7 @@ def _warn_of_stretches(what: str, spans: Sequence[tuple[float, float]]) -> list[
             groups.append([span])
     warnings = []
     for group in groups:
-        place = f"from {group[0][0]:.1f} s to {group[-1][1]:.1f} s"
+        place = describe_times(group[0][0], group[-1][1])
         lasted_s = sum(end - begin for begin, end in group)
         several = f"in {len(group)} stretches {place}, {lasted_s:.1f} s in all"
         warnings.append(f"{what} {place if len(group) == 1 else several}")

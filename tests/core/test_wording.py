@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import pytest
 
-from mqslam.core.wording import count_of, is_or_are, join_words, list_sensor_notes
+from mqslam.core.wording import count_of, describe_times, is_or_are, join_words, list_sensor_notes
 
 
 @pytest.mark.parametrize(("number", "text"), [(0, "0 scans are"), (1, "1 scan is"), (2, "2 scans are")])
 def test_one_is_singular_and_all_else_plural(number: int, text: str) -> None:
     assert f"{count_of(number, 'scan')} {is_or_are(number)}" == text
+
+
+def test_times_that_are_written_alike_are_one_time() -> None:
+    assert describe_times(51.0, 51.04) == "at 51.0 s" and describe_times(51.0, 51.2) == "from 51.0 s to 51.2 s"
+    assert describe_times(-0.01, 0.04) == "at 0.0 s"
 
 
 USED = {"used": True, "statements": ["the sensor is used"]}

@@ -19,7 +19,7 @@ from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.report.crops import make_crop
 from mqslam.report.spots import find_worst_spots, list_bad_places, list_unmatched, write_bad_places
-from mqslam.report.words import describe_motion
+from mqslam.report.words import describe_motion, format_change, format_three_digits, format_value
 
 SETTINGS = Config().audit
 WALLS = swept_walls()
@@ -144,3 +144,8 @@ def test_a_torn_sum_of_spans_is_a_bad_place_with_its_begin_end_and_size(tmp_path
 def test_directions_are_said_as_a_driver_would() -> None:
     assert describe_motion((1.5, -0.02, 0.01)) == "1.50 m ahead, 20 mm right, turned 0.57° left"
     assert describe_motion((0.0, 0.0, 0.0)) == "nowhere"
+
+
+def test_no_figure_is_a_negative_zero() -> None:
+    assert (format_value(-0.0, " m"), format_three_digits(-0.0)) == ("0 m", "0")
+    assert format_change(0.2, 0.19999) == "+0.0 %" and format_change(0.2, 0.19) == "−5.0 %"

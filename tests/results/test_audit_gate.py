@@ -35,6 +35,12 @@ def test_markdown_has_a_row_per_test_and_nothing_active() -> None:
     assert lines[0] == "## mqslam audit: warn" and "a \\*bold\\* " in lines[2] and "\x1b" not in lines[2]
     assert "- steps is warn and was pass" in lines and r"| spans | pass | \<spans\> \| said |" in lines
     assert "nothing is worse" in format_markdown(audited(worse | {"worse": []}, verdict="pass"))
+    assert "Compared with my\\_old, this is worse:\n\n- steps" in format_markdown(
+        audited(worse | {"path": "my_old"}, verdict="warn")
+    )
+    for given in (worse, worse | {"worse": []}, None):
+        text = format_markdown(audited(given, verdict="warn", steps="warn"))
+        assert " \n" not in text and "\n\n\n" not in text and "\n\n| test |" in text and not text.endswith("\n\n")
     assert "Compared" not in format_markdown(audited(verdict="pass"))
 
 

@@ -152,6 +152,7 @@ def test_psi_per_point_says_that_it_hardly_sees_drift_and_psi_across_passes_lead
 
 
 def test_stretches_that_are_near_each_other_are_one_warning() -> None:
+    assert _warn_of_stretches("lost track", [(51.0, 51.03)]) == ["lost track at 51.0 s"]
     spans = [(1.0, 2.0), (13.8, 14.3), (14.5, 15.0), (19.9, 20.4), (25.4, 26.0)]
     assert _warn_of_stretches("lost track", spans) == [
         "lost track from 1.0 s to 2.0 s",

@@ -88,7 +88,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
     odometry = robot_odometry and robot_odometry.attach(mount)
     notes += [*clipped, *chaining]
     if np.any(mount != 0.0):
-        notes.append(f"the lidar's pose on the robot is {mount[0]:.3g} m, {mount[1]:.3g} m, {mount[2]:.3g} rad")
+        notes.append(f"the lidar's pose on the robot is {mount[0]:z.3g} m, {mount[1]:z.3g} m, {mount[2]:z.3g} rad")
     if odometry is not None and _is_same_motion(trajectory, odometry):
         notes.append("the poses in the scan lines are the odometry: no SLAM system has corrected them")
     return LidarRecording.of(path, "carmen", stamp_scans(stamps, returns), trajectory, odometry, tuple(notes))
