@@ -32,6 +32,8 @@ _PANELS: Final = {
 """Headings in the help, under which options that several commands have are listed."""
 OF_WORK: Final = frozenset(f"{_PANELS['Settings']} {_PANELS['Work and output']} out plan".split())
 """Names of the options that say nothing about a result besides its settings."""
+_FAIL_ON: Final = {"warn": "the verdict is warn or fail", "fail": "the verdict is fail"}
+"""When a verdict makes a command fail, by the words of --fail-on."""
 _TOPICS: Final = {"radar": "radar_topic", "odometry": "odometry_topic", "truth": "truth_topic"}
 
 
@@ -112,6 +114,20 @@ def choose_exit_code(status: VerdictStatus, fail_on: Literal["warn", "fail"]) ->
     if status is VerdictStatus.NOT_JUDGED:
         return 3
     return int(status is VerdictStatus.FAIL or (status is VerdictStatus.WARN and fail_on == "warn"))
+
+
+def _check_fail_on(word: str | None) -> str | None:
+    """Returns the word that is given with --fail-on.
+
+    Raises:
+        ConfigError: there is no such word.
+    """
+    if word is not None and word not in _FAIL_ON:
+        from mqslam.errors import ConfigError
+
+        choices = " or ".join(f"{name} (exits with 1 if {when})" for name, when in _FAIL_ON.items())
+        raise ConfigError(f"--fail-on {word}: give {choices}; both exit with 3 if the map could not be judged")
+    return word
 
 
 def change_settings(config: str | None, changes: Sequence[str]) -> Config | dict[str, dict[str, Any]]:
@@ -300,10 +316,13 @@ OPTIONS: Final[Options] = {
     ),
     "strict": flag("Stop at the first scan that cannot be read, instead of leaving it out with a warning.", "--strict"),
     "fail_on": option(
-        Literal["warn", "fail"] | None,
+        str | None,
         None,
         "Exit with 1 if the verdict is this or worse (in an audit, on the trajectory as it is given), and with 3 if "
         "the map could not be judged.",
+        metavar="|".join(_FAIL_ON),
+        callback=_check_fail_on,
+        autocompletion=lambda incomplete: [word for word in _FAIL_ON if word.startswith(incomplete)],
     ),
     "resume": flag("Continue the unfinished work at --out, if there is any.", "--resume"),
     "tolerance": option(

@@ -40,6 +40,10 @@ SMALL = "simulate drive --duration 1.5 --azimuths 90 --range-resolution 0.5 --ma
 KEPT = {"kept.bag": "kept", "kept/mine": "kept"}
 GRAPHS = {"poses.tum": "# a trajectory\n1600000000.022921 0 0 0 0 0 0 1\n", "table.txt": "1 2 3\n", "prose.txt": "Poses.\n"}
 DAMAGED = '{"warnings": [], "verdict": {"status": "good"}, "tests": {}}'
+FAIL_ON = (
+    "give warn (exits with 1 if the verdict is warn or fail) or fail (exits with 1 if the verdict is fail); both exit with "
+    "3 if the map could not be judged"
+)
 FROM_FILE = "can be given only together with a trajectory from a file"
 
 # the words of a command, in which OXFORD is a small recording and STREET a simulated one, what it says, and files beside it
@@ -86,6 +90,8 @@ MISTAKES: list[tuple[str, str, dict[str, str]]] = [
     ("audit STREET --out out -t odometry --frame base_link", f"{FROM_FILE}; give --trajectory", {}),
     ("audit STREET --out out --covariances c.csv", FROM_FILE, {}),
     ("audit STREET --out out -t ground_truth --covariances c.csv", FROM_FILE, {}),
+    ("run STREET --out out --fail-on pass", FAIL_ON, {}),
+    ("audit STREET --out out --fail-on WARN", f"--fail-on WARN: {FAIL_ON}", {}),
     ("audit STREET --out out -t TRUTH --covariances c.csv", "c.csv: does not begin with the columns", {"c.csv": "t,x\n"}),
     ("audit STREET --out out -t TRUTH --baseline old", "old: holds no result", {}),
     ("audit STREET --out out -t TRUTH --baseline old", "old/audit.json: ", {"old/audit.json": DAMAGED}),
