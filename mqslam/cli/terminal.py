@@ -86,7 +86,7 @@ class Terminal:
 
         tell = ignore if self.quiet else lambda note: self.print_notes([note])
         with choose_engine(self._cluster, self.jobs) as engine, self.show_progress() as shown:
-            yield Work(engine, shown, tell, watch)
+            yield Work(engine, shown, tell, watch, name_options)
 
     def show_progress(self) -> AbstractContextManager[Progress]:
         """Yields a callable (stage, done, total) that shows how far a stage has come."""

@@ -198,7 +198,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             )
             summary["mended"] = summarise_mended(mended, summary, settings)
         with write_folder_aside(out) as folder:
-            write_audit(folder, settings, summary)
+            write_audit(folder, settings, summary, work.word)
             if mended is not None:
                 write_tum(folder / "mended.tum", _convert_back(mended.result.trajectory, time_offset_s, mount))
             after = None if mended is None else mended.result

@@ -26,6 +26,7 @@ class Work:
         engine: where the work is done; no result depends on it.
         progress: called with a stage, the number of steps done and their total, as stages go on.
         tell: called with every note for the user about the data, as soon as it is known.
+        word: returns a text of an audit's run.log, audit.md or junit.xml with its remedies in the words of whoever asked.
         watch: called by a run with every scan once its motion is measured.
     """
 
@@ -33,6 +34,7 @@ class Work:
     progress: Progress = ignore_progress
     tell: Tell = ignore
     watch: Watch | None = None
+    word: Callable[[str], str] = str
 
 
 QUIET = Work()

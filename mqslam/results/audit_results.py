@@ -31,6 +31,7 @@ from mqslam.version import __version__
 
 # entries that audit.json holds only once, since they are the same for the given and for the mended trajectory
 _OF_BOTH: Final = ("mqslam_version", "dataset", "trajectory", "threshold", "bend_m", "extrinsics", "warnings", "baseline")
+_READ: Final = ("verdict", "tests", "not_judged", "notes", "warnings", "baseline")  # entries that people read as text
 _POSE, _OFFSET = ("x", "y", "yaw"), ("dx", "dy", "dyaw")  # metres, metres, radians
 _SIGMAS, _STATED = ("sigma_x", "sigma_y", "sigma_yaw"), ("claimed_sigma_x", "claimed_sigma_y", "claimed_sigma_yaw")
 
@@ -376,13 +377,14 @@ def _summarise_findings(findings: Sequence[Finding]) -> dict[str, Any]:
     return {"status": judged, "p_value": p_value, "reasons": reasons}
 
 
-def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> None:
+def write_audit(folder: Path, config: Config, summary: Mapping[str, Any], word: Callable[[str], str] = str) -> None:
     """Writes every result file of an audit except its pictures and its page into an existing folder.
 
     Args:
         folder: the folder.
         config: all settings.
         summary: content of audit.json.
+        word: returns a text of run.log, audit.md or junit.xml with its remedies in other words.
 
     Raises:
         OutputError: a file cannot be written.
@@ -393,7 +395,17 @@ def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> Non
     dataset, trajectory = summary["dataset"], summary["trajectory"]
     under = "" if trajectory is None else f" under {trajectory}"
     title = f"mqslam {summary['mqslam_version']}: audit of {dataset['path']} ({dataset['format']}){under}"
-    lines = [*list_notes(summary, summary.get("notes", ())), *list_verdict(summary)]
+    worded = {key: _word_texts(value, word) for key, value in summary.items() if key in _READ}
+    lines = [*list_notes(worded, worded.get("notes", ())), *list_verdict(worded)]
     write_text(folder / "run.log", format_log(title, lines))
-    write_gate(folder, summary)
+    write_gate(folder, worded)
     write_json(folder / "audit.json", summary)
+
+
+def _word_texts(value: Any, word: Callable[[str], str]) -> Any:
+    """Returns a part of a summary with every text in other words."""
+    if isinstance(value, Mapping):
+        return {key: _word_texts(one, word) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_word_texts(one, word) for one in value]
+    return word(value) if type(value) is str else value

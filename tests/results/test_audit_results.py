@@ -16,8 +16,11 @@ from support.reported import judged_walls, swept_walls
 from mqslam.auditing.findings import judge_windows
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.windows import Undecided, state_p_values
+from mqslam.cli.remedies import name_options
 from mqslam.config import Config
+from mqslam.errors import Remedy
 from mqslam.results.audit_results import summarise, write_audit
 
 CONFIG = Config()
@@ -76,6 +79,22 @@ def test_without_a_trajectory_there_is_no_path_and_no_revisit(tmp_path: Path) ->
     bare = replace(sweeps, track=None)
     content, _, revisits = written(tmp_path / "without", replace(judged_walls(sweeps), revisits=[]), bare)
     assert content["dataset"]["length_m"] is None and content["revisits"] is None and revisits == []
+
+
+def test_the_log_and_the_forms_for_build_servers_name_remedies_in_the_words_of_who_asked(tmp_path: Path) -> None:
+    late = f"the stamps are 0.179 s late; {Remedy.GIVE_TIME_OFFSET} -0.179"
+    summary = {
+        **{"per_window": [], "per_revisit": [], "per_step": [], "per_span": [], "not_judged": [], "warnings": []},
+        **{"mqslam_version": "1", "dataset": {"path": "drive", "format": "native"}, "trajectory": None},
+        "verdict": {"status": VerdictStatus.WARN, "diagnosis": late, "reasons": [late]},
+        "tests": {"pooled": {"status": VerdictStatus.WARN, "p_value": 1e-9, "reasons": [late]}},
+        "notes": [f"an offset of 0.3 m is assumed: {Remedy.OVERRIDE_RANGE_OFFSET}"],
+    }
+    write_audit(tmp_path, CONFIG, summary, name_options)
+    log, *gates = ((tmp_path / name).read_text() for name in ("run.log", "audit.md", "junit.xml"))
+    assert "note: an offset of 0.3 m is assumed: --set sensor.range_offset_m=METRES overrides it\n" in log
+    assert all("late; give --time-offset -0.179" in text and "give a time offset" not in text for text in (log, *gates))
+    assert json.loads((tmp_path / "audit.json").read_text())["verdict"]["diagnosis"] == late
 
 
 def test_a_table_without_rows_still_names_its_columns(tmp_path: Path) -> None:
