@@ -149,7 +149,7 @@ def _show_trajectories(comparison: Comparison) -> Section | None:
     if truth is not None:
         caption = "each aligned with the ground truth by the best rigid motion"
     trajectories = Figure(draw_overlay(rows, truth, opaque=False), "Trajectories", caption)
-    moved = f"the windows in which the {comparison.recording.sensor_name} moved"
+    moved = f"the decided windows in which the {comparison.recording.sensor_name} moved"
     caption = f"running median over {moved}: how far a window's map is from its own best"
     charts = [Figure(draw_chart(_chart_inflation(comparison)), "Inflation of the windows", caption)]
     curves = []
@@ -204,7 +204,7 @@ def _find_common_frame(tracks: Sequence[Trajectory], truth: Trajectory | None) -
 
 
 def _chart_inflation(comparison: Comparison) -> Chart:
-    """Returns a chart of the running median of each row's inflation over time, from windows in which the sensor moved."""
+    """Returns a chart of the running median of each row's inflation over time, from decided windows with motion."""
     rows, curves = list(comparison.judged.values()), []
     for k, (row, windows) in enumerate(zip(rows, select_moving_windows(rows, comparison.recording.start_us), strict=True)):
         if windows:
@@ -219,7 +219,7 @@ def smooth_inflation(windows: Sequence[WindowAudit]) -> Points:
 
 
 def select_moving_windows(rows: Sequence[JudgedRow], start_us: int) -> list[list[WindowAudit]]:
-    """Returns for each row the windows in which its own trajectory moves or rotates.
+    """Returns for each row the decided windows in which its own trajectory moves or rotates.
 
     Args:
         rows: rows that ran.
@@ -227,7 +227,7 @@ def select_moving_windows(rows: Sequence[JudgedRow], start_us: int) -> list[list
     """
     selected = []
     for row in rows:
-        windows = list(row.audit.windows)
+        windows = [window for window in row.audit.windows if window.undecided is None]  # else inflation means nothing
         if row.row.trajectory is not None and windows:
             moves = _are_moving(row.row.trajectory, [(window.t0, window.t1) for window in windows], start_us)
             windows = [window for window, moved in zip(windows, moves, strict=True) if moved]

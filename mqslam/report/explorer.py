@@ -204,7 +204,8 @@ def explain_torn(settings: AuditConfig) -> str:
     """Returns in words when a window is torn, since dots beyond the threshold need not be torn."""
     return (
         f"A window is torn where its inflation is above {TORN_INFLATION:.1f} and its correction moves its "
-        f"points by more than {format_length(settings.bend_m)}. Torn places are red triangles, "
+        f"points by more than {format_length(settings.bend_m)}, or where the scans contradict its speed, whatever its "
+        "inflation. Torn places are red triangles, "
         "undecided places are grey squares, and all other places are blue dots."
     )
 

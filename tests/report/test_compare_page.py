@@ -25,6 +25,7 @@ from support.reported import (
     swept_walls,
 )
 
+from mqslam.auditing.windows.windows import Undecided
 from mqslam.comparison.judgement import JudgedRow, Place
 from mqslam.comparison.rows import Row
 from mqslam.core.point_map import PointMap
@@ -156,6 +157,8 @@ def test_windows_and_places_of_a_standstill_are_left_out() -> None:
     row = JudgedRow(Row("psi", None, track, track), None, None, audit, None, None, None, (), PointMap.empty())
     (windows,) = select_moving_windows([row], START_US)
     assert [window.t0 for window in windows] == [6.0, 7.5, 9.0, 10.5, 12.0, 13.5]
+    audit.windows[5] = replace(audit.windows[5], undecided=Undecided.APART)  # its inflation means nothing
+    assert [window.t0 for window in select_moving_windows([row], START_US)[0]] == [6.0, 9.0, 10.5, 12.0, 13.5]
     places = [Place(0, 6, 1.5, 3.0, 0.0), Place(24, 30, 6.0, 7.5, 0.1)]
     assert select_moving_places([row], places, START_US) == [1]
     turning = Trajectory(stamps, np.c_[np.zeros((len(seconds), 2)), 0.1 * seconds])
