@@ -27,6 +27,7 @@ BLUE, ORANGE, GREEN, RED, VIOLET, PURPLE = "#1d5fd1", "#d9620d", "#16803c", "#c8
 GREY, TRUTH_GREY = "#7b8594", "#9aa3af"
 OUTERMOST = 0.005  # share of a map's points that may lie beyond each edge of its picture
 MAP_SHAPE, PATH_SHAPE, SQUARE = (0.5, 1.3), (1.0, 1.2), (1.0, 1.0)  # least and greatest ratio of height to width
+_SHEET_SHAPE = (0.3, 1.3)  # the same for a figure for print, which need not match other pictures
 DPI = 200  # pixels per inch
 _SOFT = "#8a94a3"
 _WIDTH_IN, _SMALL_IN = 6.4, 2.6  # width of a figure and of a small one
@@ -35,6 +36,12 @@ _ENOUGH = 300_000  # points that are counted at a time, and most points that set
 _FAINTEST = 0.35  # opacity of a pixel with a single point
 _LINE_IN, _LETTER_IN, _KEY_IN, _ACROSS_IN = 0.19, 0.075, 0.5, 5.7  # legend: line height; letter, key, total width
 _CHART_IN = 1.7  # height of a chart below a map
+_PAD_IN = 0.06  # margin around all that is drawn in a figure for print, so that no label is cut
+_LEFT_OUT: Final = {  # metadata that would differ between two drawings of the same data, by the form of the file
+    ".svg": ("Date", "Creator"),
+    ".pdf": ("CreationDate", "Creator", "Producer"),
+    ".png": ("Software",),
+}
 _LARGEST_ELLIPSE = 0.015  # largest radius of an ellipse, as a share of the path's side
 _ELLIPSES = 150  # most ellipses that are shown, so that a long path is not covered by them
 _CORNERS = 24  # corners of an ellipse
@@ -268,7 +275,7 @@ def draw_sheet(drawing: Drawing, charts: Sequence[Chart], suffix: str) -> bytes:
 
     view = find_common_view(
         [*(points for points, _ in drawing.maps), *(curve.points for curve in drawing.curves)],
-        MAP_SHAPE,
+        _SHEET_SHAPE,
         OUTERMOST if drawing.maps else 0.0,
     )
     names = [curve.name for curve in drawing.curves if curve.name]
@@ -291,12 +298,12 @@ def draw_sheet(drawing: Drawing, charts: Sequence[Chart], suffix: str) -> bytes:
     _put_legend(world, names)
     for axes, chart in zip(panels[1:], charts, strict=True):
         _fill(axes, chart)
-    if suffix == ".png":
-        return encode_png(figure, opaque=True)
     file = io.BytesIO()
-    left_out = ("Date", "Creator") if suffix == ".svg" else ("CreationDate", "Creator", "Producer")  # for the same bytes
+    metadata = dict.fromkeys(_LEFT_OUT[suffix])
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "mqslam", "pdf.fonttype": 42}):
-        figure.savefig(file, format=suffix[1:], facecolor="white", metadata=dict.fromkeys(left_out))
+        figure.savefig(
+            file, format=suffix[1:], dpi=DPI, facecolor="white", metadata=metadata, bbox_inches="tight", pad_inches=_PAD_IN
+        )
     return file.getvalue()
 
 

@@ -190,6 +190,9 @@ def test_plot_draws_map_error_and_covariance(suffix: str, begin: bytes, finished
     if suffix == ".png":
         with Image.open(first) as image:
             assert image.height > image.width and np.asarray(image.convert("L")).std() > 10.0
+            rows, columns = np.nonzero(np.asarray(image.convert("L")) < 250)
+            margins = [rows.min(), columns.min(), image.height - 1 - rows.max(), image.width - 1 - columns.max()]
+        assert min(margins) > 0 and max(margins) < 30  # pixels, 200 of which are an inch: no label is cut, no space is empty
 
 
 def test_plot_leaves_out_what_is_not_there(finished: Path, tmp_path: Path) -> None:
