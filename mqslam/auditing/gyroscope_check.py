@@ -12,13 +12,14 @@ from mqslam.auditing.verdict import Cause, Finding, VerdictStatus
 from mqslam.backend.sensors.calibration import FEWEST_MOTIONS, SCALE_TOLERANCE, TOLD_SIGMAS
 from mqslam.backend.sensors.gyroscope import (
     DELAY_TOLERANCE_S,
+    LONGEST_DELAY_S,
     Rotation,
     Turns,
     calibrate,
     find_start,
 )
 from mqslam.core.scans import Scans
-from mqslam.core.sensors import Gyroscope
+from mqslam.core.sensors import Gyroscope, Turning
 from mqslam.core.statistics import SIGMAS_PER_DEVIATION
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import describe_times, left_or_right
@@ -33,6 +34,14 @@ _KINK_RAD: Final = 0.0087
 _KINK_SIGMAS: Final = 8.0
 # Numbers of steps over which turns are added up. A difference that lasts longer may be the bias of the gyroscope.
 _KINK_STEPS: Final = (1, 4, 16)
+
+# A turn by the gyroscope within this time [s] that exceeds this angle [rad], and this many standard deviations of its noise,
+# is sure if no bias up to this rate [rad/s] explains it: no slope or bump tilts a vehicle as far.
+_TURN_S: Final = 4.0
+_TURN_RAD: Final = 0.175
+_TURN_SIGMAS: Final = 8.0
+_LARGEST_BIAS: Final = 0.05
+_MISSED: Final = 0.5  # a trajectory that nowhere turns by this share of such a turn has missed it
 
 _SPARSE: Final = 0.7  # with fewer poses per scan than this (1.5 revolutions apart), a trajectory is interpolated
 _LEAST_VARIANCE: Final = 1e-12  # numerical: variance [rad^2] of the turns of a trajectory that agrees exactly
@@ -78,6 +87,9 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory) 
     turns = Turns(times[:-1], times[1:], yaws, variances, np.ones(len(yaws), dtype=np.bool_), 0.0)
     start = find_start(gyroscope, scans.start_us, turns)
     if start is None or not start.is_convincing():
+        missed = _find_missed_turn(gyroscope, scans.start_us, times, yaws)
+        if missed:
+            return GyroscopeCheck(source, f"the gyroscope ({source}) contradicts the trajectory: {missed}", False)
         turned = float(np.sum(np.abs(yaws)))
         what = f"it shows no turn of the trajectory, which turns by {np.degrees(turned):.0f} deg in all"
         return GyroscopeCheck(source, f"the gyroscope ({source}) cannot be compared with the trajectory: {what}", None)
@@ -156,6 +168,42 @@ def _find_kink(times: NDArray[np.float64], residuals: NDArray[np.float64]) -> li
     _, turn, begin, end = max(kinks)
     side = left_or_right(turn)
     return [f"{describe_times(begin, end)} the trajectory turns {np.degrees(abs(turn)):.1f} deg farther to the {side}"]
+
+
+def _find_missed_turn(gyroscope: Gyroscope, start_us: int, times: NDArray[np.float64], yaws: NDArray[np.float64]) -> str:
+    """Returns in words a turn that the gyroscope surely made and the trajectory makes nowhere; an empty text if none is.
+
+    Turns near the ends of the trajectory do not count, since the two clocks may differ.
+
+    Args:
+        gyroscope: readings of the gyroscope.
+        start_us: stamp [us] of the recording's time zero.
+        times: (N + 1,) times between which the turns are compared [s].
+        yaws: (N,) turns of the trajectory [rad].
+    """
+    if len(gyroscope) < 2:
+        return ""
+    steps = min(max(round(_TURN_S / float(np.median(np.diff(times)))), 1), len(yaws))
+    inside = (times[:-steps] >= times[0] + LONGEST_DELAY_S) & (times[steps:] <= times[-1] - LONGEST_DELAY_S)
+    reading_s = 1e-6 * float(np.median(np.diff(gyroscope.stamps_us)))
+    angles, missed = np.r_[0.0, np.cumsum(yaws)], (0.0, "")
+    most = float(np.max(np.abs(angles[steps:] - angles[:-steps])))
+    for axis, name in enumerate("xyz"):
+        turned = Turning.integrate(gyroscope, start_us, axis).between(times[:-steps], times[steps:])
+        lasted_s = times[steps:] - times[:-steps]
+        known = np.isfinite(turned) & inside
+        if not known.any():
+            continue
+        bias = float(np.clip(np.median(turned[known] / lasted_s[known]), -_LARGEST_BIAS, _LARGEST_BIAS))
+        off = np.where(known, np.abs(turned - bias * lasted_s), 0.0)
+        worst = int(np.argmax(off))
+        changes = np.abs(np.diff(gyroscope.rates[:, axis]))
+        noise = SIGMAS_PER_DEVIATION * float(np.median(changes)) / np.sqrt(2.0) * np.sqrt(reading_s * lasted_s[worst])
+        if off[worst] > max(_TURN_RAD, _TURN_SIGMAS * noise, most / _MISSED, missed[0]):
+            turn = f"it turns by {np.degrees(off[worst]):.0f} deg about its {name} axis"
+            nowhere = f"the trajectory nowhere turns by more than {np.degrees(most):.1f} deg in as long a time"
+            missed = off[worst], f"{turn} {describe_times(times[worst], times[worst + steps])}, but {nowhere}"
+    return missed[1]
 
 
 def _describe_bias(rotation: Rotation) -> str:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from support.bends import START_US, TURN_S, Unit, read, yaw_at
 
-from mqslam.auditing.gyroscope_check import GyroscopeCheck, check_gyroscope
+from mqslam.auditing.gyroscope_check import GyroscopeCheck, check_gyroscope, judge_gyroscope
+from mqslam.auditing.verdict import VerdictStatus
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 
@@ -85,6 +86,34 @@ def test_a_difference_that_the_scale_of_a_gyroscope_may_explain_is_told_and_cont
     assert (
         "the trajectory turns 2.0% farther than the gyroscope, which the scale of a gyroscope may explain" in check.statement
     )
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+@pytest.mark.parametrize("speed", [0.0, 8.0])
+def test_a_trajectory_that_misses_the_turns_of_the_gyroscope_is_contradicted(speed: float, noise: float) -> None:
+    """The trajectory stands still or is straight; the gyroscope sits on its side, and its bias is that of a cheap one."""
+    yaws = np.random.default_rng(4).normal(0.0, noise, COUNT)
+    straight = Trajectory(
+        START_US + np.round(1e6 * TURN_S * np.arange(COUNT)).astype(np.int64),
+        np.column_stack((speed * TURN_S * np.arange(COUNT), np.zeros(COUNT), yaws)),
+    )
+    check = checked(straight, Unit(bias=0.03, axes=(2, 0, 1)))
+    said = re.search(
+        r"contradicts the trajectory: it turns by (\d+) deg about its x axis from ([\d.]+) s to ([\d.]+) s, but the "
+        r"trajectory nowhere turns by more than 0\.\d deg in as long a time$",
+        check.statement,
+    )
+    assert check.agrees is False and said is not None, check.statement
+    begin, end = float(said[2]), float(said[3])
+    turned = np.degrees(np.abs(np.diff(yaw_at(np.array([begin, end])))[0]))
+    assert end - begin == pytest.approx(4.0) and float(said[1]) == pytest.approx(turned, abs=8.0)
+    assert judge_gyroscope(check).status is VerdictStatus.WARN
+
+
+def test_noise_and_a_bias_of_a_gyroscope_are_no_turns_that_a_straight_trajectory_misses() -> None:
+    straight = Trajectory(trajectory().stamps_us, np.column_stack((2.0 * np.arange(COUNT), np.zeros((COUNT, 2)))))
+    for unit in (Unit(scale=0.0, bias=0.05), Unit(scale=0.0, walk=1e-3), Unit(scale=0.0, wild=1.0)):
+        assert checked(straight, unit).agrees is None, checked(straight, unit).statement
 
 
 def test_noise_and_too_few_poses_tell_nothing() -> None:
