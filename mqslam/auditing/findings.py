@@ -50,12 +50,13 @@ LEAST_MATCHED = 0.15
 _APART_FAIL = 0.5
 
 
-def judge_windows(windows: Sequence[WindowAudit], scans: int) -> list[Finding]:
+def judge_windows(windows: Sequence[WindowAudit], scans: int, *, is_of_run: bool = False) -> list[Finding]:
     """Returns the findings that the windows of a map give, in a run as in an audit.
 
     Args:
         windows: the windows that were checked.
         scans: number of scans of the map.
+        is_of_run: whether a run made the trajectory, so that its poses are of this recording.
     """
     if not windows:
         reason = f"no window of {WINDOW} scans could be checked, so that nothing shows how good the map is"
@@ -87,7 +88,8 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int) -> list[Finding]:
     if apart.is_above(_APART_FAIL):
         matched = float(np.median([w.bend.matched for w in known]))
         reason = f"only {matched:.0%} of the points are seen twice"
-        explanation = "the poses belong to another recording or are far off, since nothing overlaps"
+        strange = "" if is_of_run else "belong to another recording or "
+        explanation = f"the poses {strange}are far off, since nothing overlaps"
         findings.append(Finding(VerdictStatus.FAIL, reason, cause=Cause.RECORDING, explanation=explanation))
     return findings
 
@@ -198,6 +200,8 @@ def judge_pooled(
     limits: VerdictConfig,
     extrinsics: se2.Array | None = None,
     time_offset_s: float | None = None,
+    *,
+    is_of_run: bool = False,
 ) -> Finding:
     """Returns the finding on errors of the whole map that no single place shows: scale, mount, drift of yaw and stamps.
 
@@ -209,6 +213,7 @@ def judge_pooled(
         extrinsics: (3,) x, y [m], yaw [rad] of the sensor in the frame whose poses the given trajectory holds; None where
             the user cannot choose them.
         time_offset_s: time that was added to the stamps of the given trajectory [s]; None where the user cannot choose it.
+        is_of_run: whether a run made the trajectory, so that its stamps are the recording's own.
     """
     if pooled is None:
         reason = (
@@ -226,7 +231,7 @@ def judge_pooled(
     if lever is not None:
         reasons.append(_describe_lever(lever))
     if delay is not None:
-        reasons.append(_describe_delay(delay))
+        reasons.append(_describe_delay(delay, is_of_run=is_of_run))
     if not reasons:
         reason = "scale (against the sensor's own ranges), direction of travel and yaw rate fit what the sensor sees"
         return Finding(VerdictStatus.PASS, reason, p_value=p_value)
@@ -305,7 +310,12 @@ def _describe_lever(lever: Lever) -> str:
     return f"in turns the sensor moves as if it sat {places} {sigma} of where the trajectory has it"
 
 
-def _describe_delay(delay: Delay) -> str:
+def _describe_delay(delay: Delay, *, is_of_run: bool) -> str:
+    if is_of_run:
+        behind = "behind" if delay.seconds > 0.0 else "ahead of"
+        return (
+            f"the motions of the front end are {abs(delay.seconds):.3f} s (± {delay.sigma:.3f}) {behind} those of the scans"
+        )
     late = "late" if delay.seconds > 0.0 else "early"
     return f"the stamps of the trajectory are {abs(delay.seconds):.3f} s (± {delay.sigma:.3f}) {late}"
 

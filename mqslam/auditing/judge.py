@@ -118,12 +118,14 @@ class Known(NamedTuple):
             reading is tried.
         sensors: findings of other sensors about the trajectory.
         own: further tests of the map, which the user added.
+        is_of_run: whether a run made the trajectory, so that its stamps are the recording's own.
     """
 
     stated: RelativeCovariances | None = None
     place: Place | None = None
     sensors: Sequence[Finding] = ()
     own: Sequence[MapTest] = ()
+    is_of_run: bool = False
 
 
 UNKNOWN: Final = Known()
@@ -170,8 +172,8 @@ def audit(
     track = sweeps.track
     tests = {
         "trajectory": _judge_trajectory(sweeps, settings),
-        "speeds": judge_speeds(speeds, capture),
-        "windows": judge_windows(windows, len(sweeps)),
+        "speeds": judge_speeds(speeds, capture, is_of_run=known.is_of_run),
+        "windows": judge_windows(windows, len(sweeps), is_of_run=known.is_of_run),
         "steps": [judge_steps(steps, jumps, settings, limits)],
     }
     spans: list[SpanAudit] = []
@@ -193,7 +195,7 @@ def audit(
             "frame": _judge_frame(sweeps, windows, known.place, settings, estimator, engine),
             "spans": [judge_spans(spans, settings, limits)],
             "sums": [judge_sums(sums, path_m, settings, limits)],
-            "pooled": [judge_pooled(pooled, limits, track.extrinsics, track.time_offset_s)],
+            "pooled": [judge_pooled(pooled, limits, track.extrinsics, track.time_offset_s, is_of_run=known.is_of_run)],
             "shaking": [judge_shaking(sweeps, windows, settings, estimator, limits, engine)],
             "revisits": [judge_revisits(revisits, settings, limits, path_m if sums and not find_bends(sums) else None)],
             "sensors": list(known.sensors),
@@ -230,7 +232,8 @@ def audit_trajectory(
     sweeps, inside = place_sweeps(scans, trajectory, beam)
     stated = None if optimum is None else GraphCovariances(*optimum, inside, sweeps.poses)
     sections = config.audit, config.estimator, config.verdict
-    return audit(sweeps, *sections, runner.engine, runner.progress, _SAMPLED_WINDOWS, Known(stated, sensors=sensors))
+    known = Known(stated, sensors=sensors, is_of_run=True)
+    return audit(sweeps, *sections, runner.engine, runner.progress, _SAMPLED_WINDOWS, known)
 
 
 def _expect(

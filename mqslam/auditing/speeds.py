@@ -217,7 +217,7 @@ def contradicts(check: SpeedCheck | None, capture: CaptureRange) -> bool:
     return check is not None and check.sure and check.error_mps > capture.speed_mps
 
 
-def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange) -> list[Finding]:
+def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange, *, is_of_run: bool = False) -> list[Finding]:
     """Returns the finding that the speeds of a map give; an empty list if no speed is sure.
 
     The share of wrong speeds has the same limits as the share of torn windows.
@@ -225,6 +225,7 @@ def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange) -> 
     Args:
         checks: the speed checks of all windows.
         capture: the capture range of the windows' test.
+        is_of_run: whether a run made the trajectory, so that its stamps are the recording's own.
     """
     sure = [check for check in checks if check is not None and check.sure]
     if not sure:
@@ -247,7 +248,9 @@ def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange) -> 
     explanation = f"the trajectory's speed is wrong by {median:.1f} m/s at {count_of(share.count, 'place')}"
     if share.is_above(WINDOWS_FAIL):
         status = VerdictStatus.FAIL
-        if 2 * share.count >= share.total:
+        if 2 * share.count >= share.total and is_of_run:
+            explanation = f"the front end measured most motions wrongly: {explanation}"
+        elif 2 * share.count >= share.total:
             explanation = (
                 "the trajectory belongs to another recording, or its clock, its scale or the frame of its poses (the mount "
                 "of the sensor, the order of quaternions) is wrong"

@@ -164,6 +164,12 @@ def test_a_clock_that_is_off_is_measured_and_told(late: float) -> None:
     assert said is not None and float(said[1]) == pytest.approx(abs(late), rel=0.2)
     assert float(said[2]) == pytest.approx(0.5 - late, abs=0.2 * abs(late))
     assert "give" not in judge_pooled(found, CONFIG.verdict).reason  # the recording's own trajectory
+    reason = judge_pooled(found, CONFIG.verdict, is_of_run=True).reason  # whose stamps are the recording's own
+    side = "behind" if late > 0.0 else "ahead of"
+    assert (
+        re.search(rf"motions of the front end are 0\.\d+ s \(.*\) {side} those of the scans", reason)
+        and "stamps" not in reason
+    )
 
 
 def test_neither_a_mount_nor_a_scale_that_is_off_looks_like_a_clock_that_is_off() -> None:

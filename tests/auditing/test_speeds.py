@@ -138,6 +138,11 @@ def test_speeds_need_evidence() -> None:
         assert ("another recording" in finding.explanation) is (
             status is VerdictStatus.FAIL
         )  # where most places contradict it
+    (finding,) = judge_speeds([check(9.0)] * 5, CAPTURE, is_of_run=True)  # a run's stamps are the recording's own
+    assert (
+        finding.explanation.startswith("the front end measured most motions wrongly: ")
+        and "clock" not in finding.explanation
+    )
 
 
 def test_scans_half_of_which_are_noise_still_tell_a_wrong_speed() -> None:
