@@ -93,7 +93,7 @@ MISTAKES: list[tuple[str, str, dict[str, str]]] = [
     ("run STREET --out out --fail-on pass", FAIL_ON, {}),
     ("audit STREET --out out --fail-on WARN", f"--fail-on WARN: {FAIL_ON}", {}),
     ("audit STREET --out out -t TRUTH --covariances c.csv", "c.csv: does not begin with the columns", {"c.csv": "t,x\n"}),
-    ("audit STREET --out out -t TRUTH --baseline old", "old: holds no result", {}),
+    ("audit STREET --out out -t TRUTH --baseline old", "old: does not exist", {}),
     ("audit STREET --out out -t TRUTH --baseline old", "old/audit.json: ", {"old/audit.json": DAMAGED}),
     ("audit STREET --out out -t ground_truth --config nothing", "no such configuration", {}),
     ("audit STREET --out out -t ground_truth --false-alarms 0", "a rate of false alarms of 0 is not between 0 and 0.5", {}),

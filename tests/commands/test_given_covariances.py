@@ -170,5 +170,5 @@ def test_covariances_and_a_baseline_that_cannot_be_read_are_refused_before_the_r
     _, given = turned_walls()
     with pytest.raises(DataError, match=r"none\.csv: does not exist"):
         mqslam.audit(tmp_path / "drive", tmp_path / "out", trajectory=given, covariances=tmp_path / "none.csv")
-    with pytest.raises(DataError, match="old: holds no result"):
+    with pytest.raises(DataError, match="old: does not exist"):
         mqslam.audit(tmp_path / "drive", tmp_path / "out", trajectory=given, baseline=tmp_path / "old")
